@@ -1,0 +1,67 @@
+"""The one clock: the only module that asks what time it is or waits.
+
+Times are seconds on a monotonic clock of arbitrary origin. A clock is handed to whoever needs one, so tests and
+replays step it and nothing sleeps.
+"""
+
+from __future__ import annotations
+
+import select
+import time
+from collections.abc import Iterable
+from typing import Protocol
+
+_POLL_S = 0.001  # how often a link that select cannot wait on is looked at
+
+
+class Waitable(Protocol):
+    """What a clock can wait for; a `Link` is one."""
+
+    def fileno(self) -> int | None: ...
+    def ready(self) -> bool: ...
+
+
+class Clock(Protocol):
+    def now(self) -> float:
+        """Seconds."""
+
+    def wait(self, deadline: float, links: Iterable[Waitable] = ()) -> None:
+        """Return at `deadline`, or earlier as soon as one of `links` has something to read."""
+
+
+class RealClock:
+    """Real time; `speed` > 1 makes it run faster than the wall's, for a demonstration."""
+
+    def __init__(self, speed: float = 1.0) -> None:
+        self._speed = speed
+        self._start = time.monotonic()
+
+    def now(self) -> float:
+        return (time.monotonic() - self._start) * self._speed
+
+    def wait(self, deadline: float, links: Iterable[Waitable] = ()) -> None:
+        links = list(links)
+        fds = [fd for fd in (link.fileno() for link in links) if fd is not None]
+        polled = [link for link in links if link.fileno() is None]
+        while (left := (deadline - self.now()) / self._speed) > 0:
+            if any(link.ready() for link in polled):
+                return
+            pause = min(left, _POLL_S) if polled else left
+            if not fds:
+                time.sleep(pause)
+            elif select.select(fds, [], [], pause)[0]:
+                return
+
+
+class StepClock:
+    """A clock that jumps: waiting takes no time at all."""
+
+    def __init__(self, start: float = 0.0) -> None:
+        self._now = start
+
+    def now(self) -> float:
+        return self._now
+
+    def wait(self, deadline: float, links: Iterable[Waitable] = ()) -> None:
+        if not any(link.ready() for link in links):
+            self._now = max(self._now, deadline)

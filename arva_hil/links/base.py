@@ -1,0 +1,48 @@
+"""What every way for bytes to travel has in common: the `Link`, and the one error it raises."""
+
+from __future__ import annotations
+
+import select
+from abc import ABC, abstractmethod
+
+
+class LinkError(Exception):
+    """A link that could not be opened or was lost. `str()` is the whole message: what, where and the cure."""
+
+    def __init__(self, link: str, what: str, hint: str = "") -> None:
+        self.link = link
+        self.what = what
+        self.hint = hint
+        super().__init__(f"{link}: {what}" + (f"; {hint}" if hint else ""))
+
+
+class Link(ABC):
+    """A two-way byte stream that never blocks.
+
+    `name` is the connection string a person knows it by. `dropped` counts the writes that were dropped whole
+    because nobody empties the far end.
+    """
+
+    name: str
+    dropped: int = 0
+
+    @abstractmethod
+    def read(self) -> bytes:
+        """All that is there now, b"" when nothing is. Raises LinkError when the link is lost."""
+
+    @abstractmethod
+    def write(self, data: bytes) -> bool:
+        """Send `data` whole, or drop it whole, count it and return False. Raises LinkError when lost."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give everything back; a second call does nothing."""
+
+    def fileno(self) -> int | None:
+        """What `select` can wait on; None where there is no such thing, and `ready` is polled instead."""
+        return None
+
+    def ready(self) -> bool:
+        """True when `read` has something to give or an error to raise."""
+        fd = self.fileno()
+        return fd is not None and bool(select.select([fd], [], [], 0)[0])
