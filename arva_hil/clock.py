@@ -35,6 +35,7 @@ class RealClock:
     def __init__(self, speed: float = 1.0) -> None:
         self._speed = speed
         self._start = time.monotonic()
+        self.epoch_us = time.time_ns() // 1000  # microseconds since 1970 when this clock read 0
 
     def now(self) -> float:
         return (time.monotonic() - self._start) * self._speed

@@ -1,0 +1,201 @@
+"""A small multirotor's motion: no bytes, no clock, plain floats, 10 ms a step.
+
+The velocity loop wants an acceleration, within limits; it comes through two equal first-order lags. The
+attitude is the one whose thrust gives that acceleration against gravity and drag, with the yaw flown beside it
+(differential flatness: Mellinger and Kumar, "Minimum snap trajectory generation and control for quadrotors",
+ICRA 2011). Between two steps the acceleration and the body rates are constant, so that velocity is exactly the
+derivative of position, and the rates are exactly those of the quaternion, at any instant.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Final, NamedTuple
+
+__all__ = ["STEP_US", "Motion", "Multirotor", "Vector"]
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+STEP_US: Final = 10_000
+_STEP: Final = STEP_US * 1e-6
+_HISTORY: Final = 1000  # steps that `at` can look back
+
+_GRAVITY: Final = 9.80665
+_SPEED: Final = 10.0  # horizontal, m/s
+_CLIMB: Final = 2.5
+_SINK: Final = 1.5
+_FLARE: Final = 0.2  # m/s, the sink rate wanted at the ground; it grows by 1 m/s with each metre above
+_ACCELERATION: Final = 3.0  # horizontal, m/s²
+_LIFT: Final = 2.5  # vertical, m/s²
+_GAIN: Final = 2.0  # 1/s, of the velocity loop
+_LAG: Final = 1 - math.exp(-_STEP / 0.12)  # of each of the two
+_DRAG: Final = 0.2  # 1/s: acceleration per metre per second of air speed
+_YAW_RATE: Final = math.radians(90)
+_YAW_LAG: Final = 1 - math.exp(-_STEP / 0.2)
+_LEAN_LAG: Final = 1 - math.exp(-_STEP / 0.3)  # how fast it leans once off the ground
+_LEGS: Final = 20.0  # 1/s: sink rate allowed per metre of height, the give of the landing gear
+_CONTACT: Final = 0.02  # m
+
+# What one step leaves behind: position, velocity, thrust direction reversed (not to scale), yaw.
+_Node = tuple[float, float, float, float, float, float, float, float, float, float]
+
+
+class Motion(NamedTuple):
+    """Where a vehicle is and how it moves, at one instant."""
+
+    position: Vector  # NED from home, m
+    velocity: Vector  # NED, m/s
+    quaternion: Quaternion  # (w, x, y, z), body FRD to NED
+    rates: Vector  # about the body axes, rad/s
+
+
+class Multirotor:
+    """Remembers the vehicle's motion over flat ground at down = 0, which it never sinks into.
+
+    `wind`: where the air goes, NED, m/s; the vehicle leans against it and is not carried away while powered.
+    """
+
+    def __init__(self, wind: Vector = (0.0, 0.0, 0.0)) -> None:
+        self.north = self.east = self.down = 0.0
+        self.yaw = 0.0  # radians, never wrapped
+        self.steps = 0
+        self._velocity = (0.0, 0.0, 0.0)
+        self._wind = wind
+        self._lagged = (0.0, 0.0, 0.0)  # acceleration between the two lags
+        self._acceleration = (0.0, 0.0, 0.0)
+        self._yaw_rate = 0.0
+        self._lean = 0.0  # 0 standing upright on the ground … 1 flying
+        self._nodes: deque[_Node] = deque([(0, 0, 0, 0, 0, 0, 0, 0, _GRAVITY, 0)], maxlen=_HISTORY + 1)
+
+    @property
+    def contact(self) -> bool:
+        return self.down > -_CONTACT
+
+    def step(self, velocity: Vector, yaw_rate: float, powered: bool) -> None:
+        """10 ms of flight towards a velocity (NED, m/s) and yaw rate (rad/s); unpowered, of fall or rest."""
+        vn, ve, vd = self._velocity
+        wind_n, wind_e, wind_d = self._wind
+        if powered:
+            cn, ce, cd = velocity
+            an, ae = _within(cn, ce, _SPEED)
+            an, ae = _within(_GAIN * (an - vn), _GAIN * (ae - ve), _ACCELERATION)
+            cd = max(-_CLIMB, min(cd, _SINK, _FLARE - self.down))
+            ad = max(-_LIFT, min(_GAIN * (cd - vd), _LIFT))
+        elif self.contact:
+            an, ae, ad = -_GAIN * vn, -_GAIN * ve, _GRAVITY
+        else:
+            an, ae = _DRAG * (wind_n - vn), _DRAG * (wind_e - ve)
+            ad = _GRAVITY + _DRAG * (wind_d - vd)
+        ln, le, ld = self._lagged
+        fn, fe, fd = self._acceleration
+        ln, le, ld = ln + (an - ln) * _LAG, le + (ae - le) * _LAG, ld + (ad - ld) * _LAG
+        fn, fe, fd = fn + (ln - fn) * _LAG, fe + (le - fe) * _LAG, fd + (ld - fd) * _LAG
+
+        new_n, new_e, new_d = vn + fn * _STEP, ve + fe * _STEP, vd + fd * _STEP
+        # On the ground sink rate ≤ _LEGS · height, at both ends of the trapezoid.
+        allowed = _LEGS * (-self.down - vd * (_STEP / 2)) / (1 + _LEGS * (_STEP / 2))
+        if new_d > allowed:
+            new_d = allowed
+            ld = fd = (new_d - vd) / _STEP
+        self.north += (vn + new_n) * (_STEP / 2)
+        self.east += (ve + new_e) * (_STEP / 2)
+        self.down = min(self.down + (vd + new_d) * (_STEP / 2), 0.0)
+        self._velocity = new_n, new_e, new_d
+        self._lagged = ln, le, ld
+        self._acceleration = fn, fe, fd
+
+        yaw_rate = max(-_YAW_RATE, min(yaw_rate, _YAW_RATE)) if powered else 0.0
+        self._yaw_rate += (yaw_rate - self._yaw_rate) * _YAW_LAG
+        self.yaw += self._yaw_rate * _STEP
+
+        lean = self._lean + ((powered and not self.contact) - self._lean) * _LEAN_LAG
+        self._lean = lean
+        self._nodes.append(
+            (
+                *(self.north, self.east, self.down),
+                *self._velocity,
+                lean * (_DRAG * (wind_n - new_n) - fn),
+                lean * (_DRAG * (wind_e - new_e) - fe),
+                _GRAVITY + lean * (_DRAG * (wind_d - new_d) - fd),
+                self.yaw,
+            )
+        )
+        self.steps += 1
+
+    def at(self, time_us: int) -> Motion:
+        """The motion at an instant, µs since the start, before the newest step.
+
+        Raises ValueError for one that is not remembered, or still to come.
+        """
+        index, rest = divmod(time_us, STEP_US)
+        back = index - self.steps - 1
+        if not -len(self._nodes) <= back <= -2:
+            raise ValueError(f"the motion at {time_us * 1e-6:.3f} s is not known")
+        a, b = self._nodes[back], self._nodes[back + 1]
+        s = rest * 1e-6
+        half = s * s / (2 * _STEP)
+        q, rates = _turn(_quaternion(a), _quaternion(b), rest / STEP_US)
+        return Motion(
+            (
+                a[0] + a[3] * s + (b[3] - a[3]) * half,
+                a[1] + a[4] * s + (b[4] - a[4]) * half,
+                a[2] + a[5] * s + (b[5] - a[5]) * half,
+            ),
+            (
+                a[3] + (b[3] - a[3]) * s / _STEP,
+                a[4] + (b[4] - a[4]) * s / _STEP,
+                a[5] + (b[5] - a[5]) * s / _STEP,
+            ),
+            q,
+            rates,
+        )
+
+
+def _within(north: float, east: float, limit: float) -> tuple[float, float]:
+    length = math.hypot(north, east)
+    if length <= limit:
+        return north, east
+    return north * (limit / length), east * (limit / length)
+
+
+def _quaternion(node: _Node) -> Quaternion:
+    """The attitude whose body z axis is the node's direction, at the node's yaw."""
+    down_n, down_e, down_d, yaw = node[6:]
+    sin, cos = math.sin(yaw), math.cos(yaw)
+    x, y = down_n * cos + down_e * sin, down_e * cos - down_n * sin
+    pitch = math.atan2(x, down_d)
+    roll = math.atan2(-y, math.hypot(x, down_d))
+    sr, cr = math.sin(roll / 2), math.cos(roll / 2)
+    sp, cp = math.sin(pitch / 2), math.cos(pitch / 2)
+    sy, cy = math.sin(yaw / 2), math.cos(yaw / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def _turn(a: Quaternion, b: Quaternion, share: float) -> tuple[Quaternion, Vector]:
+    """The attitude on the way from a to b, and the constant body rates of that turn in one step."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    w = aw * bw + ax * bx + ay * by + az * bz
+    x = aw * bx - ax * bw - ay * bz + az * by
+    y = aw * by + ax * bz - ay * bw - az * bx
+    z = aw * bz - ax * by + ay * bx - az * bw
+    sin = math.sqrt(x * x + y * y + z * z)
+    if sin < 1e-12:
+        return a, (0.0, 0.0, 0.0)
+    half = math.atan2(sin, w)
+    per_rate = 2 * half / (_STEP * sin)
+    c, k = math.cos(half * share), math.sin(half * share) / sin
+    q = (
+        aw * c - (ax * x + ay * y + az * z) * k,
+        ax * c + (aw * x + ay * z - az * y) * k,
+        ay * c + (aw * y - ax * z + az * x) * k,
+        az * c + (aw * z + ax * y - ay * x) * k,
+    )
+    return q, (x * per_rate, y * per_rate, z * per_rate)

@@ -1,0 +1,330 @@
+"""The session with one vehicle: which one, what it streams, its clock and its pose. Bytes in, bytes out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from arva_hil.autopilot.clockmap import ClockMap
+from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
+from arva_hil.autopilot.pose import AttitudeSample, PoseTrack, PositionSample, VehicleState
+from arva_hil.autopilot.streams import Streams
+from arva_hil.model import LocalFrame, rotation
+from arva_hil.notice import Notice
+
+COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
+_HEARTBEAT_S: Final = 1.0
+_LOST_S: Final = 5.0  # without a heartbeat
+_REORDER_S: Final = 0.5  # boot time further back than this is a reboot, not a late packet
+_MOST_SOURCES: Final = 32  # remembered of those heard; a hostile link has 65,536
+_POLL_S: Final = 0.1  # how often requests and time-outs are looked at
+_NOT_VEHICLES: Final = {
+    dialect.MAV_TYPE_GCS,
+    dialect.MAV_TYPE_GIMBAL,
+    dialect.MAV_TYPE_ADSB,
+    dialect.MAV_TYPE_CAMERA,
+    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+    dialect.MAV_TYPE_ANTENNA_TRACKER,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The autopilot that is followed."""
+
+    system: int
+    component: int
+    autopilot: int  # MAV_AUTOPILOT
+    kind: int  # MAV_TYPE
+    armed: bool
+    version: int  # of MAVLink, as its heartbeats come
+
+    def __str__(self) -> str:
+        return (
+            f"{_short('MAV_AUTOPILOT', self.autopilot)} {_short('MAV_TYPE', self.kind)} "
+            f"{self.system}/{self.component}"
+        )
+
+
+class Session:
+    """Remembers one vehicle: chosen by its first heartbeat, followed by its system and component ids.
+
+    `target_system`, `target_component`: follow only these (default: the first autopilot, component 1).
+    `rate_hz`: of the pose streams wanted. `passive`: never sends, for a log.
+    Times are host seconds from the caller's clock. What other systems send changes nothing.
+    """
+
+    def __init__(
+        self,
+        *,
+        target_system: int | None = None,
+        target_component: int | None = None,
+        rate_hz: float = 50.0,
+        passive: bool = False,
+    ) -> None:
+        self.parser = Parser()
+        self.encoder = Encoder(target_system or 1, COMPONENT)
+        self.vehicle: Vehicle | None = None
+        self.track = PoseTrack()
+        self.clock = ClockMap()
+        self.home: tuple[float, float, float] | None = None  # degrees, degrees, metres AMSL
+        self.reboots = 0
+        self.refused = 0  # messages of the vehicle whose values are no pose
+        self.ignored = 0  # packets of other systems and components
+        self.unpositioned = 0  # position messages that came before the first fix
+        self.bytes = 0
+        self.next_due = -math.inf
+        self._target = (target_system, target_component)
+        self._rate_hz = rate_hz
+        self._passive = passive
+        self._streams: Streams | None = None
+        self._heard: dict[tuple[int, int, str], int] = {}
+        self._notices: list[Notice] = []
+        self._last_heartbeat = -math.inf
+        self._lost = False
+        self._next_heartbeat = -math.inf
+        self._last_boot: float | None = None
+        self._handlers: dict[int, Callable[[Any, float], None]] = {
+            dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
+            dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
+            dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
+            dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._on_quaternion,
+            dialect.MAVLINK_MSG_ID_HOME_POSITION: self._on_home,
+            dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
+        }
+
+    # -- bytes in ------------------------------------------------------------------------------------------
+
+    def feed(self, chunk: bytes, now: float) -> list[Packet]:
+        """Take what came at `now`; gives back every packet in it, whoever sent it. Never raises."""
+        self.bytes += len(chunk)
+        packets = self.parser.feed(chunk)
+        for packet in packets:
+            vehicle = self.vehicle
+            if vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self._look_around(packet, now)
+            elif packet.system != vehicle.system or packet.component != vehicle.component:
+                self.ignored += 1
+            elif handler := self._handlers.get(packet.msgid):
+                message = self.parser.decode(packet)
+                if message is not None:
+                    handler(message, now)
+        return packets
+
+    def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
+        """The vehicle's pose at host time `now` in the NED frame `frame`, None when it is unknown."""
+        boot = self.clock.boot(now)
+        return None if boot is None else self.track.at(boot, frame)
+
+    def rates(self, now: float) -> dict[str, float]:
+        """Measured rates [Hz] of the pose streams."""
+        return self._streams.rates(now) if self._streams else {}
+
+    def take_notices(self) -> list[Notice]:
+        """What there is to say since the last call."""
+        notices, self._notices = self._notices, []
+        if self._streams:
+            notices += self._streams.take_notices()
+        return notices
+
+    # -- bytes out -----------------------------------------------------------------------------------------
+
+    def poll(self, now: float) -> bytes:
+        """What is due to be sent: the onboard computer's heartbeat, requests for streams. Sets `next_due`."""
+        self._watch_vehicle(now)
+        if self._passive:
+            self.next_due = math.inf
+            return b""
+        out = b""
+        if now >= self._next_heartbeat:
+            self._next_heartbeat = max(self._next_heartbeat + _HEARTBEAT_S, now)
+            out += self.encoder.pack(
+                dialect.MAVLink_heartbeat_message(
+                    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
+                    dialect.MAV_AUTOPILOT_INVALID,
+                    0,
+                    0,
+                    dialect.MAV_STATE_ACTIVE,
+                    3,
+                )
+            )
+        if self.vehicle and self._streams and not self._lost:
+            self._streams.home_wanted = self.home is None
+            for message in self._streams.poll(now, self.vehicle.system, self.vehicle.component):
+                out += self.encoder.pack(message)
+        self.next_due = now + _POLL_S
+        return out
+
+    # -- for a person --------------------------------------------------------------------------------------
+
+    def heard(self) -> str:
+        """What was heard, when no vehicle was found, with the likely cure."""
+        if not self.bytes:
+            return "nothing was heard at all: is the autopilot powered, and sending MAVLink on this link?"
+        if not self.parser.packets:
+            return (
+                f"{self.bytes} bytes were heard but no MAVLink packet in them: is the baud rate right, "
+                "and the port's protocol MAVLink?"
+            )
+        sources = ", ".join(f"{kind} from {s}/{c} ×{n}" for (s, c, kind), n in self._heard.items())
+        return f"{self.parser.packets} packets were heard, but no autopilot's heartbeat: {sources}"
+
+    def why_no_pose(self) -> str:
+        """Why there is no pose though there is a vehicle."""
+        if self._streams is None:
+            return "no vehicle yet"
+        lacking = []
+        for stream in self._streams.wanted:
+            if not any(stream.seen.values()):
+                lacking.append(f"no {stream.name} ({stream.said or 'not asked for yet'})")
+        if not lacking and self.track.first_position is None:
+            return "the position is all zeros or out of range: no GPS fix yet"
+        return ", ".join(lacking) or "the streams have stopped"
+
+    # -- the vehicle ---------------------------------------------------------------------------------------
+
+    def _look_around(self, packet: Packet, now: float) -> None:
+        """A heartbeat, or any packet before the vehicle is known."""
+        if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            self._note_source(packet, "packets")
+            return
+        message = self.parser.decode(packet)
+        if message is None:
+            return
+        if self.vehicle:
+            if (packet.system, packet.component) == (self.vehicle.system, self.vehicle.component):
+                self._on_heartbeat(message, now)
+            else:
+                self.ignored += 1
+                if self._could_be_ours(packet, message) and self._note_source(packet, "autopilot"):
+                    text = f"another autopilot {packet.system}/{packet.component} on this link is ignored"
+                    self._notices.append(Notice("info", f"{text}; --target-system chooses"))
+        elif self._could_be_ours(packet, message):
+            self._choose(packet, message, now)
+        else:
+            self._note_source(packet, f"heartbeats of {_short('MAV_TYPE', message.type)}")
+
+    def _could_be_ours(self, packet: Packet, message: Any) -> bool:
+        system, component = self._target
+        return (packet.system == system if system is not None else packet.system != 0) and self._is_autopilot(
+            packet, message, component
+        )
+
+    def _is_autopilot(self, packet: Packet, message: Any, component: int | None) -> bool:
+        wanted = dialect.MAV_COMP_ID_AUTOPILOT1 if component is None else component
+        return (
+            packet.component == wanted
+            and message.autopilot != dialect.MAV_AUTOPILOT_INVALID
+            and message.type not in _NOT_VEHICLES
+        )
+
+    def _note_source(self, packet: Packet, kind: str) -> bool:
+        """Count a source; True when it is new."""
+        key = (packet.system, packet.component, kind)
+        if key not in self._heard and len(self._heard) >= _MOST_SOURCES:
+            return False
+        self._heard[key] = self._heard.get(key, 0) + 1
+        return self._heard[key] == 1
+
+    def _choose(self, packet: Packet, message: Any, now: float) -> None:
+        self.vehicle = Vehicle(
+            packet.system, packet.component, message.autopilot, message.type, False, packet.version
+        )
+        self.encoder.system = packet.system
+        self.encoder.version = packet.version
+        self._streams = Streams(self._rate_hz, now)
+        self._notices.append(Notice("info", f"vehicle {self.vehicle}, MAVLink {packet.version}"))
+        self._on_heartbeat(message, now)
+
+    def _on_heartbeat(self, message: Any, now: float) -> None:
+        assert self.vehicle is not None
+        self._last_heartbeat = now
+        armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        if armed != self.vehicle.armed:
+            self.vehicle = replace(self.vehicle, armed=armed)
+        if self._lost:
+            self._lost = False
+            self._notices.append(Notice("info", f"vehicle {self.vehicle} is back"))
+
+    def _watch_vehicle(self, now: float) -> None:
+        if self.vehicle and not self._lost and now - self._last_heartbeat > _LOST_S:
+            self._lost = True
+            self._notices.append(Notice("warning", f"no heartbeat from vehicle {self.vehicle} for {_LOST_S:g} s"))
+
+    # -- the pose ------------------------------------------------------------------------------------------
+
+    def _on_position(self, message: Any, now: float) -> None:
+        boot = self._stamp(message, now)
+        lat, lon, alt = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
+        if message.lat == 0 and message.lon == 0:
+            self.unpositioned += 1
+        elif abs(lat) > 90 or abs(lon) > 180:
+            self.refused += 1
+        else:
+            velocity = (message.vx / 100, message.vy / 100, message.vz / 100)
+            self.track.add_position(PositionSample(boot, lat, lon, alt, velocity))
+
+    def _on_attitude(self, message: Any, now: float) -> None:
+        boot = self._stamp(message, now)
+        angles = (message.roll, message.pitch, message.yaw)
+        self._add_attitude(boot, angles, message, rotation.from_euler)
+
+    def _on_quaternion(self, message: Any, now: float) -> None:
+        boot = self._stamp(message, now)
+        quaternion = (message.q1, message.q2, message.q3, message.q4)
+        if not 0.9 < sum(q * q for q in quaternion) < 1.1:  # NaN included
+            self.refused += 1
+            return
+        self._add_attitude(boot, quaternion, message, lambda *q: np.array(q))
+
+    def _add_attitude(
+        self, boot: float, values: tuple[float, ...], message: Any, quaternion: Callable[..., Any]
+    ) -> None:
+        rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
+        if not all(map(math.isfinite, (*values, *rates))):
+            self.refused += 1
+            return
+        self.track.add_attitude(AttitudeSample(boot, quaternion(*values), rates))
+
+    def _stamp(self, message: Any, now: float) -> float:
+        """The message's boot time [s], entered into the clock map; notices a reboot."""
+        boot: float = message.time_boot_ms / 1e3
+        if self._last_boot is not None and boot < self._last_boot - _REORDER_S:
+            self._on_reboot(now)
+        self._last_boot = boot if self._last_boot is None else max(boot, self._last_boot)
+        self.clock.add(now, boot)
+        assert self._streams is not None
+        self._streams.note(message.get_msgId(), now)
+        return boot
+
+    def _on_reboot(self, now: float) -> None:
+        self.reboots += 1
+        self.track = PoseTrack()
+        self.clock = ClockMap()
+        self.home = None
+        self._last_boot = None
+        self._streams = Streams(self._rate_hz, now)
+        self._notices.append(Notice("warning", f"vehicle {self.vehicle} has rebooted: a new session"))
+
+    def _on_home(self, message: Any, now: float) -> None:
+        lat, lon = message.latitude / 1e7, message.longitude / 1e7
+        if (message.latitude, message.longitude) == (0, 0) or abs(lat) > 90 or abs(lon) > 180:
+            self.refused += 1
+            return
+        self.home = (lat, lon, message.altitude / 1e3)
+
+    def _on_ack(self, message: Any, now: float) -> None:
+        ours = (self.encoder.system, COMPONENT)
+        addressee = (message.target_system, message.target_component)
+        if self._streams and addressee in (ours, (0, 0)):
+            self._streams.acknowledged(message.command, message.result)
+
+
+def _short(enum: str, value: int) -> str:
+    """An enum entry's name without the enum's own, e.g. 'quadrotor'."""
+    entry = dialect.enums[enum].get(value)
+    return entry.name.removeprefix(enum + "_").lower() if entry else f"{enum} {value}"

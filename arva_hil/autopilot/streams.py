@@ -1,0 +1,167 @@
+"""The streams a pose needs: asked for, measured, asked for again while they are too slow."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from arva_hil.autopilot.mavlink import dialect
+from arva_hil.notice import Notice
+
+_MEASURE_S: Final = 2.0  # the window of a rate
+_JUDGE_S: Final = 1.0  # a rate seen for less than this is not judged yet,
+_SILENT_S: Final = 0.3  # unless nothing came at all for this long
+_ENOUGH: Final = 0.7  # of what was asked for: below it the stream is asked for again
+_ACK_S: Final = 1.0
+_AGAIN_S: Final = (2.0, 4.0, 8.0, 16.0, 30.0)
+_PATIENCE: Final = 3  # requests of one kind that change nothing, before the other kind is tried
+_SLOWEST_HZ: Final = 4.0
+
+_SET_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+_RESULTS: Final = {value: entry.name for value, entry in dialect.enums["MAV_RESULT"].items()}
+
+
+@dataclass
+class Stream:
+    """One wanted kind of message: what is known of it, and how it has been asked for."""
+
+    name: str
+    request: int  # the message id to ask for
+    ids: frozenset[int]  # the message ids that serve
+    group: int  # the MAV_DATA_STREAM it belongs to
+    want_hz: float
+    said: str = ""  # what the vehicle answered to the last request, for a person
+    seen: dict[int, deque[float]] = field(default_factory=dict)
+    tries: int = 0
+    by_group: bool = False
+    next_ask: float = 0.0
+
+    def rate(self, now: float, since: float) -> float:
+        """Messages per second lately, of the id that comes fastest."""
+        span = max(min(_MEASURE_S, now - since), 0.1)
+        for times in self.seen.values():
+            while times and times[0] < now - _MEASURE_S:
+                times.popleft()
+        return max((len(times) / span for times in self.seen.values()), default=0.0)
+
+
+class Streams:
+    """Remembers which streams flow from one vehicle, and what was asked of it and answered.
+
+    A stream is asked for with SET_MESSAGE_INTERVAL, one request at a time since its acknowledgement does not name
+    the message. A rate denied is halved; a command unknown or without effect gives way to REQUEST_DATA_STREAM.
+    Streams that already flow fast enough are left as they are, and nothing else is asked for.
+    """
+
+    def __init__(self, rate_hz: float, now: float) -> None:
+        self._since = now
+        self._notices: list[Notice] = []
+        self._pending: tuple[Stream, float] | None = None
+        self._home_next = now
+        self._home_asks = 0
+        self.home_wanted = True
+        self.wanted = (
+            Stream(
+                "GLOBAL_POSITION_INT",
+                dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+                frozenset({dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT}),
+                dialect.MAV_DATA_STREAM_POSITION,
+                rate_hz,
+            ),
+            Stream(
+                "ATTITUDE",
+                dialect.MAVLINK_MSG_ID_ATTITUDE,
+                frozenset({dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION}),
+                dialect.MAV_DATA_STREAM_EXTRA1,
+                rate_hz,
+            ),
+        )
+
+    def note(self, msgid: int, now: float) -> None:
+        """A message came from the vehicle."""
+        for stream in self.wanted:
+            if msgid in stream.ids:
+                stream.seen.setdefault(msgid, deque(maxlen=2048)).append(now)
+
+    def rates(self, now: float) -> dict[str, float]:
+        """Measured rates [Hz] by message name."""
+        return {stream.name: stream.rate(now, self._since) for stream in self.wanted}
+
+    def take_notices(self) -> list[Notice]:
+        notices, self._notices = self._notices, []
+        return notices
+
+    def poll(self, now: float, system: int, component: int) -> list[Any]:
+        """The requests that are due, as messages."""
+        messages = []
+        if self.home_wanted and now >= self._home_next:
+            messages.append(self._ask_home(system, component))
+            self._home_next = now + _AGAIN_S[0]
+        if self._pending and now - self._pending[1] > _ACK_S:
+            stream, _ = self._pending
+            stream.said = "SET_MESSAGE_INTERVAL: no answer"
+            self._pending = None
+        for stream in self.wanted:
+            if self._pending:
+                break
+            if now >= stream.next_ask and self._too_slow(stream, now):
+                messages.append(self._ask(stream, now, system, component))
+        return messages
+
+    def acknowledged(self, command: int, result: int) -> None:
+        """A COMMAND_ACK of the vehicle to us."""
+        if command != _SET_INTERVAL or not self._pending or result == dialect.MAV_RESULT_IN_PROGRESS:
+            return
+        stream, _ = self._pending
+        self._pending = None
+        answer = _RESULTS.get(result, f"result {result}")
+        stream.said = f"SET_MESSAGE_INTERVAL to {stream.want_hz:g} Hz: {answer}"
+        if result == dialect.MAV_RESULT_DENIED and stream.want_hz > _SLOWEST_HZ:
+            stream.want_hz = max(stream.want_hz / 2, _SLOWEST_HZ)
+            stream.next_ask = 0.0
+            self._say(f"{stream.name}: {stream.said}; asking for {stream.want_hz:g} Hz")
+        elif result not in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_TEMPORARILY_REJECTED):
+            self._change_kind(stream)
+
+    def _too_slow(self, stream: Stream, now: float) -> bool:
+        rate = stream.rate(now, self._since)
+        return rate < _ENOUGH * stream.want_hz and now - self._since >= (_JUDGE_S if rate else _SILENT_S)
+
+    def _ask(self, stream: Stream, now: float, system: int, component: int) -> Any:
+        if stream.tries and stream.tries % _PATIENCE == 0:
+            self._change_kind(stream)
+        stream.next_ask = now + _AGAIN_S[min(stream.tries, len(_AGAIN_S) - 1)]
+        stream.tries += 1
+        if stream.by_group:
+            stream.said = f"REQUEST_DATA_STREAM at {stream.want_hz:g} Hz: never acknowledged"
+            return dialect.MAVLink_request_data_stream_message(
+                system, component, stream.group, round(stream.want_hz), 1
+            )
+        self._pending = (stream, now)
+        interval_us = 1e6 / stream.want_hz
+        return _command(system, component, _SET_INTERVAL, stream.request, interval_us)
+
+    def _ask_home(self, system: int, component: int) -> Any:
+        """REQUEST_MESSAGE and the older GET_HOME_POSITION in turn."""
+        self._home_asks += 1
+        if self._home_asks % 2:
+            home = dialect.MAVLINK_MSG_ID_HOME_POSITION
+            return _command(system, component, dialect.MAV_CMD_REQUEST_MESSAGE, home)
+        return _command(system, component, dialect.MAV_CMD_GET_HOME_POSITION)
+
+    def _change_kind(self, stream: Stream) -> None:
+        was = stream.said
+        stream.by_group = not stream.by_group
+        if stream.tries <= _PATIENCE:  # once; what follows is only repetition
+            rate = "REQUEST_DATA_STREAM" if stream.by_group else "SET_MESSAGE_INTERVAL"
+            self._say(f"{stream.name} is slower than the {stream.want_hz:g} Hz wanted ({was}); trying {rate}")
+        stream.next_ask = 0.0
+
+    def _say(self, text: str) -> None:
+        self._notices.append(Notice("warning", text))
+
+
+def _command(system: int, component: int, command: int, *params: float) -> Any:
+    padded = [*params, *[0.0] * (7 - len(params))]
+    return dialect.MAVLink_command_long_message(system, component, command, 0, *padded)

@@ -1,0 +1,52 @@
+"""Slow work on a thread of its own, so that a full disk or a stopped terminal never holds the loop."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable
+from typing import Final
+
+_MOST_JOBS: Final = 10_000
+
+
+class Background:
+    """Runs jobs in order on one thread; remembers the first error, after which it runs no more.
+
+    The thread never dies unseen: `error` tells, and every later `put` is refused.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.error: Exception | None = None
+        self.refused = 0
+        self._jobs: queue.Queue[Callable[[], None] | None] = queue.Queue(_MOST_JOBS)
+        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
+        self._thread.start()
+
+    def put(self, job: Callable[[], None], *, wait: bool = False) -> bool:
+        """Queue a job; with `wait`, until there is room. False: refused and counted, the work is too slow."""
+        if self.error is None:
+            try:
+                self._jobs.put(job, block=wait)
+                return True
+            except queue.Full:
+                pass
+        self.refused += 1
+        return False
+
+    def close(self, timeout_s: float = 5.0) -> bool:
+        """Finish what is queued; False when that takes longer than `timeout_s`."""
+        try:
+            self._jobs.put(None, timeout=timeout_s)
+        except queue.Full:
+            return False
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _work(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            if self.error is None:
+                try:
+                    job()
+                except Exception as error:
+                    self.error = error

@@ -1,0 +1,29 @@
+"""Validate scenario files: every mistake at its line and column."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from arva_hil.cli.options import Parser
+from arva_hil.cli.outcome import OK, USAGE
+
+
+def add_options(parser: Parser) -> None:
+    parser.add_argument("files", nargs="+", metavar="FILE", help="scenario (YAML)")
+
+
+def main(options: argparse.Namespace) -> int:
+    from arva_hil.scenario import ScenarioError, load
+
+    code = OK
+    for name in options.files:
+        try:
+            chosen = load(name)
+        except ScenarioError as error:
+            print(error, file=sys.stderr)
+            code = USAGE
+        else:
+            ids = ", ".join(str(t.id) for t in chosen.transmitters)
+            print(f"{name}: ok: transmitters {ids}; {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}")
+    return code

@@ -1,0 +1,106 @@
+"""Decode and print frames, like a consumer: from a port, or from a file of them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Final
+
+from arva_hil.cli import options as opt
+from arva_hil.cli import shared
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
+from arva_hil.clock import RealClock
+from arva_hil.console import text
+from arva_hil.links import Link, LinkError
+from arva_hil.loop import run
+from arva_hil.output import MAVLINK_FORMATS, MavlinkDecoder
+from firmware_proto import DECODERS, Frame, FrameDecoder
+from firmware_proto.frame import PAUSE_S
+
+_WATCHDOG_S: Final = 2.0  # a consumer calls a receiver "not working" after this long without a frame
+
+
+def add_options(parser: opt.Parser) -> None:
+    parser.add_argument("url", metavar="URL", help="a port, or a file such as a record's frames.bin")
+    parser.option("--format", choices=opt.FORMATS, default="binary", help="of the frames; default binary")
+    parser.option("--count", type=opt.whole(1, 2**31), default=math.inf, metavar="N", help="end after N frames")
+    parser.option("--duration", type=opt.number(0.001, math.inf, " of s"), default=math.inf, metavar="S",
+                  help="end after this long")
+    parser.option("--json", action="store_true", help="one JSON object a frame on stdout")
+
+
+def main(options: argparse.Namespace) -> int:
+    decoder = MavlinkDecoder(options.format) if options.format in MAVLINK_FORMATS else DECODERS[options.format]()
+    listener = Listener(decoder, as_json=options.json, count=options.count)
+    path = Path(options.url)
+    if path.is_file() and path.suffix != ".tlog":
+        listener.take(_contents(path), 0.0)
+        listener.take(b"", PAUSE_S * 2)  # what is not whole by now never will be
+        listener.finish()
+        return OK
+    clock, signals = RealClock(), shared.Signals()
+    with closing(shared.open_or_fail(options.url, clock)) as link, signals:
+        print(f"listening at {link.name}", file=sys.stderr)
+        listener.links = [link]
+        try:
+            done = lambda: listener.enough or signals.caught is not None  # noqa: E731
+            run([listener], clock, until=options.duration, stopped=done)
+        except LinkError as error:
+            listener.finish()
+            raise Failure(FAILED, error) from None
+    listener.finish()
+    return INTERRUPTED if signals.caught else OK
+
+
+class Listener:
+    """A consumer: remembers its decoder, how many frames came and when the last did."""
+
+    def __init__(self, decoder: FrameDecoder, *, as_json: bool, count: float) -> None:
+        self.links: Sequence[Link] = []
+        self.enough = False
+        self._decoder = decoder
+        self._as_json = as_json
+        self._left = count
+        self._alive_until = _WATCHDOG_S
+
+    def service(self, now: float) -> float:
+        """Print what has come; say once when nothing comes any more."""
+        for link in self.links:
+            self.take(link.read(), now)
+        if now > self._alive_until:
+            self._alive_until = math.inf
+            print(f"no frame for {_WATCHDOG_S:g} s", file=sys.stderr)
+        return now + PAUSE_S
+
+    def take(self, chunk: bytes, now: float) -> None:
+        """Decode and print."""
+        for frame in self._decoder.feed(chunk, now):
+            if self._left > 0:
+                print(self._line(frame), flush=True)
+            self._left -= 1
+            self._alive_until = now + _WATCHDOG_S
+        self.enough = self._left <= 0
+
+    def finish(self) -> None:
+        """The sum."""
+        d = self._decoder
+        print(
+            f"{d.good} frames, {d.lost} lost, {d.bad_crc} bad checksums, {d.dropped} bytes dropped", file=sys.stderr
+        )
+
+    def _line(self, frame: Frame) -> str:
+        if self._as_json:
+            return json.dumps(text.frame_json(frame))
+        return f"{frame.sequence:3d}  {text.reading(frame.channels)}"
+
+
+def _contents(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None

@@ -1,0 +1,76 @@
+"""`arva-hil`: finds the command, runs it, turns what went wrong into one message and an exit code."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import Final
+
+from arva_hil import __version__
+from arva_hil.cli.options import Parser
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
+
+COMMANDS: Final = {
+    "run": "emulate the receiver: autopilot in, frames out (the default command)",
+    "replay": "the same from a recorded flight (.tlog), as fast as wanted",
+    "demo": "a simulated vehicle flies past a transmitter; no hardware",
+    "listen": "decode and print frames, like a consumer",
+    "check": "validate scenario files",
+    "ports": "what is plugged in",
+}
+HELP: Final = """\
+usage: arva-hil [COMMAND] [OPTIONS]
+
+Emulates an avalanche transceiver (ARVA) receiver on a drone: reads the autopilot's
+MAVLink position and attitude, sends the frames a real receiver would send there.
+
+commands:
+{commands}
+
+examples:
+  arva-hil --port /dev/ttyUSB0                      frames to a serial port, the USB autopilot found
+  arva-hil --port pty:/tmp/arva0 --autopilot udpin:127.0.0.1:14550
+  arva-hil replay flight.tlog --out frames.bin
+  arva-hil demo
+
+`arva-hil COMMAND --help` shows a command's options. Each is also read from the environment
+as ARVA_HIL_<OPTION>. Exit codes: 0 ok, 1 failed while running, 2 usage or configuration,
+3 no link or no heartbeat in time, 130 interrupted."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; gives back the exit code."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        return _command(arguments)
+    except Failure as failure:
+        print(f"arva-hil: {failure}", file=sys.stderr)
+        return failure.code
+    except BrokenPipeError:  # whoever read our stdout has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except KeyboardInterrupt:
+        return INTERRUPTED
+
+
+def _command(arguments: list[str]) -> int:
+    if arguments[:1] in (["-h"], ["--help"], ["help"]):
+        print(HELP.format(commands="\n".join(f"  {name:<8} {what}" for name, what in COMMANDS.items())))
+        return OK
+    if arguments[:1] == ["--version"]:
+        print(f"arva-hil {__version__}")
+        return OK
+    name = "run"
+    if arguments and not arguments[0].startswith("-"):
+        name = arguments.pop(0)
+        if name not in COMMANDS:
+            near = difflib.get_close_matches(name, COMMANDS, 1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
+            raise UsageError(f"no command {name!r}; {hint}")
+    module = importlib.import_module(f"arva_hil.cli.{name}")
+    parser = Parser(prog=f"arva-hil {name}", description=module.__doc__)
+    module.add_options(parser)
+    return int(module.main(parser.parse(arguments)))

@@ -1,0 +1,114 @@
+"""Options: groups that commands share, their twins in the environment, and what they accept."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, NoReturn
+
+from arva_hil.cli.outcome import UsageError
+
+PREFIX: Final = "ARVA_HIL_"
+FORMATS: Final = ("binary", "nmea", "text", "tunnel", "named", "debug_vect")
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that reads the environment too: `--rate` is also ARVA_HIL_RATE, weaker than the option."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **kwargs)
+        self._environment: dict[str, argparse.Action] = {}
+
+    def option(self, *flags: str, **kwargs: Any) -> None:
+        """`add_argument` for an option, with its twin in the environment."""
+        action = self.add_argument(*flags, **kwargs)
+        self._environment[PREFIX + action.dest.upper()] = action
+
+    def parse(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> argparse.Namespace:
+        """The options. Raises UsageError."""
+        environment = os.environ if environment is None else environment
+        weaker: list[str] = []
+        for name, action in self._environment.items():
+            if value := environment.get(name):
+                weaker += self._from_environment(name, value, action)
+        return self.parse_args([*weaker, *arguments])
+
+    def _from_environment(self, name: str, value: str, action: argparse.Action) -> list[str]:
+        flag = action.option_strings[0]
+        if action.nargs == 0:
+            if value.lower() not in ("0", "1", "no", "yes", "false", "true"):
+                raise UsageError(f"{name}={value}: expected 1 or 0")
+            return [flag] if value.lower() in ("1", "yes", "true") else []
+        try:
+            self._get_values(action, [value])
+        except argparse.ArgumentError as error:
+            raise UsageError(f"{name}={value}: {error.message}") from None
+        return [f"{flag}={value}"]
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}\nsee {self.prog} --help")
+
+
+def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
+    """A converter for a finite number from `low` to `high`, both included."""
+
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r}: expected a number{unit} {_range(low, high)}")
+        return value
+
+    return convert
+
+
+def whole(low: int, high: int) -> Callable[[str], int]:
+    """A converter for a whole number from `low` to `high`, both included."""
+
+    def convert(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number {low}…{high}")
+        return value
+
+    return convert
+
+
+def _range(low: float, high: float) -> str:
+    return f"of at least {low:g}" if high == math.inf else f"{low:g}…{high:g}"
+
+
+def speed(text: str) -> float:
+    """A converter for how much faster than real time; `max` is infinity."""
+    return math.inf if text == "max" else number(0.01, 1000)(text)
+
+
+def add_scenario(parser: Parser) -> None:
+    """Options that say what is emulated."""
+    parser.option("--scenario", metavar="FILE", help="scenario (YAML); default: one transmitter 20 m N, 5 m E of home")
+    parser.option("--format", choices=FORMATS, help="of the frames; default: the scenario's")
+    parser.option("--rate", type=number(0.1, 50, " of Hz"), metavar="HZ", help="of the frames, 0.1…50")
+    parser.option("--seed", type=whole(0, 2**63 - 1), metavar="N", help="of the noise")
+
+
+def add_vehicle(parser: Parser) -> None:
+    """Options that say which vehicle is followed."""
+    parser.option("--target-system", type=whole(1, 255), metavar="N", help="follow only this MAVLink system id")
+    parser.option("--target-component", type=whole(1, 255), metavar="N", help="… and component id; default 1")
+    parser.option(
+        "--max-age", type=number(0.05, 60, " of s"), default=2.0, metavar="S", help="older poses are no pose; default 2"
+    )
+
+
+def add_common(parser: Parser) -> None:
+    """Options of nearly every command."""
+    parser.option("--record", metavar="DIR", help="record what came in, what went out, what was read, into DIR")
+    parser.option("--json", action="store_true", help="one JSON object a frame on stdout")
+    parser.option("-v", "--verbose", action="count", default=0, help="a line for every frame")

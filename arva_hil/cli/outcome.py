@@ -1,0 +1,26 @@
+"""How a command ends: its exit code, and the message when it did not go well."""
+
+from __future__ import annotations
+
+from typing import Final
+
+OK: Final = 0
+FAILED: Final = 1  # while running
+USAGE: Final = 2  # or configuration
+NO_LINK: Final = 3  # or no heartbeat in time
+INTERRUPTED: Final = 130
+
+
+class Failure(Exception):
+    """The end of a command: `str()` says what was wrong, where, and what to do."""
+
+    def __init__(self, code: int, why: object) -> None:
+        self.code = code
+        super().__init__(str(why))
+
+
+class UsageError(Failure):
+    """The command line, the environment or a file it names is wrong."""
+
+    def __init__(self, why: object) -> None:
+        super().__init__(USAGE, why)

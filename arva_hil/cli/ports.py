@@ -1,0 +1,28 @@
+"""What is plugged in: serial ports, and which of them look like an autopilot."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from arva_hil.cli.options import Parser
+from arva_hil.cli.outcome import OK
+
+
+def add_options(parser: Parser) -> None:
+    parser.option("--json", action="store_true", help="one JSON object a port")
+
+
+def main(options: argparse.Namespace) -> int:
+    from arva_hil.links.ports import list_ports
+
+    ports = list_ports()
+    for port in ports:
+        if options.json:
+            print(json.dumps({**port._asdict(), "usb": port.usb}))
+        else:
+            what = " | ".join(filter(None, [port.description, port.usb, port.by_id]))
+            print(f"{port.device}  {'AUTOPILOT  ' if port.autopilot else ''}{what}")
+    if not ports and not options.json:
+        print("no serial ports; a USB adapter shows up as /dev/ttyUSB0 or /dev/ttyACM0, COM3 on Windows")
+    return OK

@@ -1,0 +1,102 @@
+"""Emulate the receiver: the autopilot's MAVLink stream in, ARVA frames out."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from contextlib import ExitStack, closing
+
+from arva_hil.autopilot.session import Session
+from arva_hil.cli import options as opt
+from arva_hil.cli import shared
+from arva_hil.cli.outcome import UsageError
+from arva_hil.clock import RealClock
+from arva_hil.emulator import Emulator
+from arva_hil.links.ports import find_autopilot, list_ports
+from arva_hil.loop import run
+from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
+
+DEFAULT_AUTOPILOT = "udpin:127.0.0.1:14550"
+
+
+def add_options(parser: opt.Parser) -> None:
+    parser.option("--port", metavar="URL", help="where frames go: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:…, tcp:…, -")
+    parser.option(
+        "--autopilot",
+        "--master",
+        metavar="URL",
+        help=f"where the autopilot is; default: the one on USB, else {DEFAULT_AUTOPILOT}",
+    )
+    opt.add_scenario(parser)
+    opt.add_vehicle(parser)
+    parser.option("--stream-rate", type=opt.number(1, 200, " of Hz"), default=50.0, metavar="HZ",
+                  help="of the position and attitude asked for; default 50")
+    parser.option("--duration", type=opt.number(0.001, math.inf, " of s"), default=math.inf, metavar="S",
+                  help="end after this long")
+    parser.option("--timeout", type=opt.number(0.1, math.inf, " of s"), default=10.0, metavar="S",
+                  help="give up without a heartbeat for this long; default 10")
+    opt.add_common(parser)
+
+
+def main(options: argparse.Namespace) -> int:
+    chosen = shared.scenario(options)
+    over_mavlink = chosen.output_format in MAVLINK_FORMATS
+    _check(options, chosen.output_format, over_mavlink)
+    clock = RealClock()
+    address = options.autopilot or _find_autopilot(options.port)
+    session = Session(
+        target_system=options.target_system,
+        target_component=options.target_component,
+        rate_hz=options.stream_rate,
+    )
+    with ExitStack() as stack:
+        print(f"autopilot: {address}", file=sys.stderr)
+        link = stack.enter_context(closing(shared.open_or_fail(address, clock)))
+        port: Port
+        if over_mavlink:
+            port = MavlinkPort(link, session, chosen.output_format)
+        else:
+            out = stack.enter_context(closing(shared.open_or_fail(options.port, clock)))
+            port = WirePort(out, chosen.output_format)
+            print(f"frames to: {out.name}", file=sys.stderr)
+        surroundings = shared.Run(options, chosen, clock.epoch_us)
+        start = clock.now()
+        emulator = Emulator(
+            chosen,
+            session,
+            link,
+            port,
+            start=start,
+            timeout_s=options.timeout,
+            max_age_s=options.max_age,
+            observers=surroundings.observers,
+        )
+        until = start + options.duration
+        return surroundings.drive(
+            emulator, lambda: run([emulator], clock, until=until, stopped=surroundings.stopped)
+        )
+
+
+def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None:
+    if over_mavlink and options.port:
+        raise UsageError(
+            f"--format {format} goes over the autopilot's own link: leave out --port, or choose "
+            "--format binary, nmea or text"
+        )
+    if not over_mavlink and not options.port:
+        raise UsageError(
+            "--port is missing: where do the frames go? e.g. --port /dev/ttyUSB0, --port pty, "
+            "or --format tunnel to send them inside MAVLink"
+        )
+    if options.json and options.port == "-":
+        raise UsageError("--json and --port - both want stdout: choose one")
+
+
+def _find_autopilot(port: str | None) -> str:
+    """The one autopilot on USB, else the port where ground stations listen. Raises UsageError for several."""
+    found = find_autopilot(list_ports(), exclude=[port.partition(",")[0]] if port else [])
+    if len(found) > 1:
+        names = ", ".join(p.device for p in found)
+        raise UsageError(f"several autopilots are plugged in ({names}): choose one with --autopilot")
+    return found[0].device if found else DEFAULT_AUTOPILOT

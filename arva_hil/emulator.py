@@ -1,0 +1,226 @@
+"""The one loop that owns time: state at t, reading, frame, port."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from arva_hil.autopilot.pose import VehicleState
+from arva_hil.autopilot.session import Session
+from arva_hil.datum import Datum
+from arva_hil.links import Link
+from arva_hil.model import LocalFrame
+from arva_hil.notice import Level, Notice
+from arva_hil.observer import Observer, Pose, Snapshot, Status
+from arva_hil.output import Port, frame_of
+from arva_hil.scenario import Scenario
+from arva_hil.scene import receiver, transmitters
+
+_STATUS_S: Final = 0.25
+_LOOK_AHEAD_S: Final = 1.0  # how far a log is read past a frame's instant, to interpolate
+_BLIND_S: Final = 8.0  # with a vehicle but without a pose, before that is worth a line
+_WORST_BACKLOG_S: Final = 1.0  # behind by more than this, frames are skipped instead of sent in a burst
+
+
+class NoHeartbeatError(Exception):
+    """No autopilot was heard in time; `str()` says what was heard instead."""
+
+
+class Schedule:
+    """Absolute deadlines: n / rate after `start`, each up to `jitter` late. Lateness never adds up."""
+
+    def __init__(self, start: float, rate_hz: float, jitter_s: float, seed: int) -> None:
+        self.number = 0
+        self._start = start
+        self._rate = rate_hz
+        self._jitter = jitter_s
+        self._random = random.Random(seed)
+        self.deadline = self._at(0)
+
+    def advance(self) -> None:
+        self.number += 1
+        self.deadline = self._at(self.number)
+
+    def _at(self, number: int) -> float:
+        late = self._jitter * self._random.random() if self._jitter else 0.0
+        return self._start + number / self._rate + late
+
+
+@dataclass
+class Counters:
+    """What became of every frame."""
+
+    frames: int = 0
+    dropped: int = 0  # nobody took it
+    no_pose: int = 0  # said no signal because the pose was unknown or too old
+    skipped: int = 0  # not made because the loop was held up for more than a second
+    latest_s: float = 0.0  # the worst lateness
+
+
+class Emulator:
+    """A receiver on one vehicle: remembers its schedule, its datum, and what it has said to whom.
+
+    It does no waiting. `service(now)` does what is due and returns when it wants to be called again; any number of
+    emulators can be serviced by one `run`. Times are seconds of the caller's clock.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        session: Session,
+        link: Link | None,
+        port: Port,
+        *,
+        start: float,
+        timeout_s: float = math.inf,
+        max_age_s: float = 2.0,
+        observers: Sequence[Observer] = (),
+    ) -> None:
+        self.session = session
+        self.datum = Datum(scenario)
+        self.counters = Counters()
+        self.schedule = Schedule(start, scenario.receiver.rate_hz, scenario.receiver.jitter_s, scenario.seed)
+        self.links: Sequence[Link] = [link] if link else []
+        self._link = link
+        self._port = port
+        self._scenario = scenario
+        self._receiver = receiver(scenario)
+        self._observers = observers
+        self._start = start
+        self._timeout_s = timeout_s
+        self._max_age_s = max_age_s
+        self._next_status = start
+        self._last: Snapshot | None = None
+        self._had_pose = False
+        self._blind_since: float | None = None
+        self._dropping = False
+        if self.datum.frame:
+            self._place(self.datum.frame)
+
+    def service(self, now: float) -> float:
+        """Send the frames that are due, take what came, send what the session wants; the next time to call."""
+        while now >= self.schedule.deadline:
+            self.emit(self.schedule.deadline, now)
+        self.take(self._link.read() if self._link else b"", now)
+        if self.session.vehicle is None and now - self._start > self._timeout_s:
+            raise NoHeartbeatError(self.session.heard())
+        return min(self.schedule.deadline, self.session.next_due, self._next_status)
+
+    def take(self, chunk: bytes, now: float) -> None:
+        """Bytes of the autopilot, received at `now`; answer them, and tell those who watch."""
+        if chunk:
+            packets = self.session.feed(chunk, now)
+            for observer in self._observers:
+                observer.packets(now, packets)
+        if (out := self.session.poll(now)) and self._link:
+            self._link.write(out)
+        if self.datum.update(self.session, now):
+            assert self.datum.frame is not None
+            self._place(self.datum.frame)
+            self._say("info", f"datum: {self.datum}")
+        for notice in self.session.take_notices():
+            self._say(*notice)
+        if now >= self._next_status:
+            self._next_status = now + _STATUS_S
+            self._report(now)
+
+    def emit(self, t: float, now: float) -> None:
+        """Make the frame whose instant is `t` and send it; `now` is when that is done."""
+        frame = self.datum.frame
+        state = self.session.state_at(t, frame) if frame else None
+        fresh = state is not None and state.age_s <= self._max_age_s
+        self._say_pose(fresh, state, now)
+        pose = None
+        if fresh and state is not None:
+            pose = Pose(*self._receiver.pose(state.position, state.attitude))
+            reading = self._receiver.read(pose.position, pose.rotation)
+        else:
+            self.counters.no_pose += 1
+            reading = self._receiver.nothing()
+        boot = self.session.clock.boot(t)
+        made = frame_of(reading, self.counters.frames % 256)
+        boot_ms = 0 if boot is None else max(0, round(boot * 1e3)) % 2**32
+        data, sent = self._port.send(made, boot_ms)
+        self._count(sent, now - t)
+        snapshot = Snapshot(
+            self.schedule.number,
+            t - self._start,
+            boot,
+            pose,
+            state.age_s if state else None,
+            reading,
+            made,
+            data,
+            sent,
+            now - t,
+        )
+        self._last = snapshot
+        for observer in self._observers:
+            observer.frame(snapshot)
+        self.schedule.advance()
+        while now - self.schedule.deadline > _WORST_BACKLOG_S:
+            self.counters.skipped += 1
+            self.schedule.advance()
+
+    def ready_for(self, t: float, heard: float) -> bool:
+        """In a replay, read up to `heard`: whether the frame of instant `t` can be made."""
+        if heard - t >= _LOOK_AHEAD_S:
+            return True
+        boot, newest = self.session.clock.boot(t), self.session.track.newest
+        return heard >= t and (boot is None or newest is None or newest >= boot)
+
+    def _place(self, frame: LocalFrame) -> None:
+        self._receiver.transmitters = transmitters(self._scenario, frame)
+
+    def _count(self, sent: bool, late: float) -> None:
+        counters = self.counters
+        counters.frames += 1
+        counters.latest_s = max(counters.latest_s, late)
+        counters.dropped += not sent
+        if self._dropping == sent and (self.session.vehicle or sent):
+            self._dropping = not sent
+            if self._dropping:
+                self._say("warning", "nobody takes the frames: they are dropped until somebody does")
+            else:
+                self._say("info", f"frames are taken; {counters.dropped} were dropped so far")
+
+    def _say_pose(self, fresh: bool, state: VehicleState | None, now: float) -> None:
+        """One line when the pose is lost or does not come, one when it is there."""
+        if fresh != self._had_pose:
+            self._had_pose = fresh
+            self._blind_since = math.inf
+            if fresh:
+                self._say("info", "there is a pose: readings are real from here on")
+            else:
+                why = f"the newest is {state.age_s:.1f} s old" if state else self._why_no_pose()
+                self._say("warning", f"no pose: frames say no signal until there is one ({why})")
+        elif not fresh and self.session.vehicle:
+            if self._blind_since is None:
+                self._blind_since = now
+            elif now - self._blind_since > _BLIND_S:
+                self._blind_since = math.inf
+                self._say("warning", f"still no pose, frames say no signal: {self._why_no_pose()}")
+
+    def _why_no_pose(self) -> str:
+        waiting = self.datum.frame is None and self.session.track.newest is not None
+        return "waiting for HOME_POSITION" if waiting else self.session.why_no_pose()
+
+    def _say(self, level: Level, text: str) -> None:
+        for observer in self._observers:
+            observer.notice(Notice(level, text))
+
+    def _report(self, now: float) -> None:
+        vehicle = self.session.vehicle
+        status = Status(
+            now - self._start,
+            str(vehicle) if vehicle else "",
+            self.session.rates(now),
+            self._last,
+            self.counters.frames,
+            self.counters.dropped,
+        )
+        for observer in self._observers:
+            observer.status(status)

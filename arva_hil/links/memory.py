@@ -1,0 +1,53 @@
+"""Two links in one process, each the other's far end: for tests and the built-in vehicle."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from arva_hil.links.base import Link, LinkError
+
+
+class MemoryLink(Link):
+    """One end of a `pair`. It is polled: `ready` is true when bytes wait or the far end closed."""
+
+    def __init__(self, name: str, capacity: int | None) -> None:
+        self.name = name
+        self._capacity = capacity
+        self._inbox: deque[bytes] = deque()
+        self._far: MemoryLink = self
+        self._open = True
+
+    def read(self) -> bytes:
+        self._check_open()
+        data = b"".join(self._inbox.popleft() for _ in range(len(self._inbox)))
+        if not data and not self._far._open:
+            raise LinkError(self.name, "lost: closed by the far end")
+        return data
+
+    def write(self, data: bytes) -> bool:
+        self._check_open()
+        if not self._far._open:
+            raise LinkError(self.name, "lost: closed by the far end")
+        inbox = self._far._inbox
+        if self._capacity is not None and sum(map(len, inbox)) + len(data) > self._capacity:
+            self.dropped += 1
+            return False
+        inbox.append(bytes(data))
+        return True
+
+    def close(self) -> None:
+        self._open = False
+
+    def ready(self) -> bool:
+        return self._open and (bool(self._inbox) or not self._far._open)
+
+    def _check_open(self) -> None:
+        if not self._open:
+            raise LinkError(self.name, "is closed")
+
+
+def pair(capacity: int | None = None) -> tuple[MemoryLink, MemoryLink]:
+    """Two ends. `capacity` (bytes each way) makes an end that nobody reads drop what does not fit."""
+    a, b = MemoryLink("memory:a", capacity), MemoryLink("memory:b", capacity)
+    a._far, b._far = b, a
+    return a, b

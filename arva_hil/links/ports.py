@@ -1,0 +1,115 @@
+"""Which serial ports there are, which of them look like an autopilot, and who holds one."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections.abc import Collection, Iterable
+from typing import Final, NamedTuple
+
+# USB vendors that make nothing but flight controllers, and single products of others; from the lists in
+# QGroundControl (USBBoardInfo.json) and ArduPilot.
+_VENDORS: Final = {
+    0x26AC: "3DR, PX4",
+    0x2DAE: "CubePilot",
+    0x3162: "Holybro",
+    0x3163: "CUAV",
+    0x3185: "ARK, Auterion",
+    0x3643: "PX4 FMU V6X-RT",
+    0x35A7: "ThePeach",
+}
+_PRODUCTS: Final = {
+    (0x1209, 0x5740): "ArduPilot",
+    (0x1209, 0x5741): "ArduPilot",
+    (0x1B8C, 0x0036): "PX4 FMU V6U",
+    (0x1FC9, 0x001C): "PX4 FMUK66",
+    (0x0483, 0xA32F): "ModalAI FC1",
+    (0x0483, 0xA330): "ModalAI FC2",
+}
+_WORDS: Final = re.compile(
+    r"\bardu(?!ino)|px4|pixhawk|pixracer|fmu|\bcube(?!mx)|holybro|cuav|\bmro|matek|kakute|durandal|speedybee",
+    re.IGNORECASE,
+)
+_NOT: Final = re.compile(r"flow", re.IGNORECASE)  # PX4FLOW is a sensor
+
+
+class Port(NamedTuple):
+    """A serial port. `by_id` is its name wherever it is plugged in, "" when it has none."""
+
+    device: str
+    by_id: str = ""
+    description: str = ""
+    vid: int | None = None
+    pid: int | None = None
+    manufacturer: str = ""
+    product: str = ""
+    location: str = ""  # USB bus and socket, "1-2:1.0"; behind the colon the interface of the one plug
+    autopilot: bool = False  # a guess
+
+    @property
+    def usb(self) -> str:
+        """Vendor and product as in `1209:5740`, "" when it is not on USB."""
+        return "" if self.vid is None or self.pid is None else f"{self.vid:04x}:{self.pid:04x}"
+
+
+def list_ports() -> list[Port]:
+    """Every serial port of this machine, by device name."""
+    from serial.tools.list_ports import comports
+
+    stable = {os.path.realpath(path): path for path in sorted(glob.glob("/dev/serial/by-id/*"))}
+    return [
+        Port(
+            device=info.device,
+            by_id=stable.get(os.path.realpath(info.device), ""),
+            description="" if info.description in (None, "n/a") else info.description,
+            vid=info.vid,
+            pid=info.pid,
+            manufacturer=info.manufacturer or "",
+            product=info.product or "",
+            location=info.location or "",
+            autopilot=_is_autopilot(
+                info.vid, info.pid, f"{info.manufacturer} {info.product} {info.description}"
+            ),
+        )
+        for info in sorted(comports(), key=lambda info: _natural(info.device))
+    ]
+
+
+def find_autopilot(ports: Iterable[Port], exclude: Collection[str] = ()) -> list[Port]:
+    """The ports that look like an autopilot, one a plug: the first interface, where a board has several.
+
+    `exclude` names ports in use for something else, as devices, stable names or symlinks to them.
+    """
+    taken = {*exclude, *map(os.path.realpath, exclude)}
+    plugs: dict[str, Port] = {}
+    for port in sorted(ports, key=lambda port: (port.location, _natural(port.device))):
+        if port.autopilot and not taken & {port.device, os.path.realpath(port.device), port.by_id}:
+            plugs.setdefault(port.location.partition(":")[0] or port.device, port)
+    return list(plugs.values())
+
+
+def holders(device: str) -> list[str]:
+    """Each process seen to have a device open, as `1234 (command)`. Linux; others' processes only as root."""
+    real, found = os.path.realpath(device), []
+    for process in sorted(glob.glob("/proc/[0-9]*"), key=_natural):
+        try:
+            if not any(os.readlink(entry.path) == real for entry in os.scandir(f"{process}/fd")):
+                continue
+            with open(f"{process}/cmdline", "rb") as file:
+                command = file.read(200).replace(b"\0", b" ").decode(errors="replace").strip()
+        except OSError:  # another user's, or it has ended
+            continue
+        found.append(f"{os.path.basename(process)} ({command[:60]})")
+    return found
+
+
+def _is_autopilot(vid: int | None, pid: int | None, words: str) -> bool:
+    if _NOT.search(words) or (vid, pid) == (0x26AC, 0x0015):
+        return False
+    return vid in _VENDORS or (vid, pid) in _PRODUCTS or bool(_WORDS.search(words))
+
+
+def _natural(name: str) -> list[str | int]:
+    """Sorts ttyUSB2 before ttyUSB10."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"([0-9]+)", name)]

@@ -1,0 +1,143 @@
+"""Serial ports through pyserial, opened exclusively; and every other thing pyserial has a URL for."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import stat
+import sys
+from typing import TYPE_CHECKING
+
+from arva_hil.links.base import Link, LinkError
+from arva_hil.links.ports import holders, list_ports
+from arva_hil.links.stream import CHUNK, FdLink, StreamLink
+
+if TYPE_CHECKING:
+    from serial import Serial
+
+
+def open_serial(device: str, baud: int = 115200) -> Link:
+    """Open a serial port at `baud` bit/s, 8N1, no flow control, for this program alone.
+
+    Raises LinkError: no such port, no permission, busy, no serial port at all; each with its cure.
+    """
+    import serial
+
+    with contextlib.suppress(OSError):
+        if sys.platform != "win32" and not stat.S_ISCHR(mode := os.stat(device).st_mode):
+            what = "is a directory" if stat.S_ISDIR(mode) else "is a file, not a serial port"
+            raise LinkError(device, what, _existing())
+    try:
+        port = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
+    except Exception as error:  # OSError, ValueError, termios.error, whatever pyserial lets through
+        raise _open_error(device, error) from error
+    if sys.platform == "win32":
+        return PyserialLink(device, port)
+    with contextlib.suppress(OSError, ValueError, NotImplementedError):  # USB adapters keep bytes up to 16 ms
+        port.set_low_latency_mode(True)
+    return SerialLink(device, port)
+
+
+def open_url(url: str, baud: int = 115200) -> Link:
+    """Open one of pyserial's URLs: rfc2217://, socket://, loop://, spy://, hwgrep://, alt://; or raise LinkError."""
+    import serial
+
+    patient = url.lower().startswith("loop:")  # it would refuse any write that takes longer than the timeout
+    try:
+        port = serial.serial_for_url(
+            url, baud, timeout=0, write_timeout=None if patient else 0, exclusive=True
+        )
+    except Exception as error:
+        raise LinkError(url, f"cannot be opened: {error}") from error
+    return PyserialLink(url, port)
+
+
+class SerialLink(FdLink):
+    """An open serial port on POSIX: pyserial sets it up, the bytes go through its file descriptor."""
+
+    hint = "was it unplugged, or did the program behind it end?"
+
+    def __init__(self, name: str, port: Serial) -> None:
+        super().__init__(name, port.fileno())
+        self._port = port
+
+    def _shut(self) -> None:
+        with contextlib.suppress(OSError):
+            self._port.close()
+
+
+class PyserialLink(StreamLink):
+    """Anything pyserial opened that is no POSIX device: a port on Windows, a URL. It is polled where it must be."""
+
+    hint = "was it unplugged, or did the program behind it end?"
+
+    def __init__(self, name: str, port: Serial) -> None:
+        super().__init__(name)
+        self._port = port
+        try:
+            self._fd: int | None = port.fileno()
+        except (AttributeError, OSError):
+            self._fd = None
+        self._socket = getattr(port, "_socket", None)  # rfc2217 waits up to 5 s when this one is full
+
+    def fileno(self) -> int | None:
+        return self._fd if self._open else None
+
+    def ready(self) -> bool:
+        try:
+            return self._open and bool(self._port.in_waiting)
+        except OSError:  # not only SerialException: after a hang-up it is a bare OSError
+            return True
+
+    def _receive(self) -> bytes:
+        data = self._port.read(CHUNK)
+        if not data:
+            raise BlockingIOError
+        return bytes(data)
+
+    def _send(self, data: bytes) -> int:
+        far = self._socket if self._fd is None else self._fd
+        if far is not None and not select.select([], [far], [], 0)[1]:
+            return 0
+        return self._port.write(data) or 0
+
+    def _shut(self) -> None:
+        with contextlib.suppress(OSError):
+            self._port.close()
+
+
+def _open_error(device: str, error: Exception) -> LinkError:
+    """Why a port could not be opened, and the cure."""
+    number, text = getattr(error, "errno", None), str(error)
+    if number == errno.ENOENT or "FileNotFoundError" in text:  # Windows has only the text
+        return LinkError(device, "no such port", _existing())
+    if number in (errno.EBUSY, errno.EAGAIN) or "PermissionError" in text:
+        who = ", ".join(holders(device))
+        return LinkError(device, "busy" + (f": held by {who}" if who else ""), "close the other program")
+    if number in (errno.EACCES, errno.EPERM):
+        return LinkError(device, "permission denied", _permission_hint(device))
+    if number in (errno.ENXIO, errno.ENODEV, errno.EIO) or "Input/output error" in text:
+        return LinkError(device, "there is no hardware behind this port", _existing())
+    if "Could not configure port" in text:
+        return LinkError(device, "is not a serial port", _existing())
+    return LinkError(device, f"cannot be opened: {text}")
+
+
+def _existing() -> str:
+    devices = [port.device for port in list_ports()]
+    return f"there is {', '.join(devices[:10])}" if devices else "there is none on this machine"
+
+
+def _permission_hint(device: str) -> str:
+    try:
+        import grp
+
+        status = os.stat(device)
+        group = grp.getgrgid(status.st_gid).gr_name
+    except (ImportError, OSError, KeyError):
+        return "may another user open it?"
+    if status.st_mode & 0o060 != 0o060 or group == "root":
+        return f"only its owner may open it: ls -l {device}"
+    return f"add yourself to group {group}: sudo usermod -aG {group} $USER, then log in again"

@@ -1,0 +1,165 @@
+"""Connection strings: `parse` turns what a person typed into an `Address`, or says what is wrong with it."""
+
+from __future__ import annotations
+
+import re
+from typing import Final, Literal, NamedTuple
+
+Kind = Literal["serial", "pty", "udpin", "udpout", "tcp", "tcpin", "tlog", "stdout", "pyserial"]
+
+_LOOPBACK: Final = "127.0.0.1"
+_NETWORK: Final[dict[str, Kind]] = {
+    "udpin": "udpin",
+    "udpout": "udpout",
+    "tcp": "tcp",
+    "tcpout": "tcp",
+    "tcpin": "tcpin",
+}
+_USUAL_PORT: Final[dict[str, int]] = {"udpin": 14550, "udpout": 14550, "tcp": 5760, "tcpin": 5760}
+_PYSERIAL: Final = re.compile(r"(?:rfc2217|socket|loop|spy|hwgrep|alt)://.*", re.IGNORECASE)
+_DEVICE: Final = re.compile(r"(?:\.{0,2}/.*[^/]|(?:\\\\\.\\)?COM[0-9]+)", re.IGNORECASE)
+_SCHEME: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):(.*)")  # two letters at least: C:\ is a drive
+_HOST_PORT: Final = re.compile(r"(?:(\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\s:/\[\]]*):)?([^\s:/\[\]]*)")
+_BARE_HOST_PORT: Final = re.compile(r"(?:\[.*\]|[^\s:/\\]*):[0-9]+")
+_EXAMPLES: Final = (
+    "/dev/ttyACM0,57600",
+    "COM5",
+    "pty",
+    "udpin:127.0.0.1:14550",
+    "tcp:127.0.0.1:5760",
+    "log.tlog",
+)
+
+
+class AddressError(ValueError):
+    """A connection string that cannot be read; `str()` says what was found and what to write instead."""
+
+
+class Address(NamedTuple):
+    """Where a link goes. `path` is a device, a file, a symlink to make (pty) or one of pyserial's URLs.
+
+    `baud` (bit/s) is None when the string names none. `str()` is a spelling that `parse` reads back.
+    """
+
+    kind: Kind
+    host: str = ""
+    port: int = 0
+    path: str = ""
+    baud: int | None = None
+
+    def __str__(self) -> str:
+        if self.kind in _USUAL_PORT:
+            return f"{self.kind}:{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
+        if self.kind == "serial":
+            return self.path + (f",{self.baud}" if self.baud else "")
+        if self.kind == "pty":
+            return f"pty:{self.path}" if self.path else "pty"
+        if self.kind == "tlog" and not _is_log(self.path):
+            return f"file:{self.path}"
+        return "-" if self.kind == "stdout" else self.path
+
+
+def parse(text: str) -> Address:
+    """Read a connection string. Raises AddressError, with examples, for one that is wrong or ambiguous."""
+    text = text.strip()
+    if not text:
+        raise _refused(text, "is empty", *_EXAMPLES)
+    if text == "-":
+        return Address("stdout")
+    if text.lower() == "pty":
+        return Address("pty")
+    if _PYSERIAL.fullmatch(text):
+        return Address("pyserial", path=text)
+    scheme, rest = _split_scheme(text)
+    if scheme in _NETWORK:
+        return _network(text, scheme, rest)
+    if scheme == "serial":
+        return _serial(text, rest, colon=True)
+    if scheme in ("pty", "file"):
+        if not rest:
+            raise _refused(text, "has no path", "pty:/tmp/arva0" if scheme == "pty" else "file:log.tlog")
+        return Address("pty" if scheme == "pty" else "tlog", path=rest)
+    if scheme == "udp":
+        target = _target(rest)
+        raise _refused(text, "does not say which side listens", f"udpin:{target}", f"udpout:{target}")
+    if _BARE_HOST_PORT.fullmatch(text) and not _DEVICE.fullmatch(text.partition(":")[0]):
+        target = _target(text)
+        examples = f"udpin:{target}", f"udpout:{target}", f"tcp:{target}"
+        raise _refused(text, "could be UDP or TCP", *examples)
+    if scheme:
+        raise _refused(text, f"starts with {scheme!r}, which is no kind of link", *_EXAMPLES)
+    if _is_log(text):
+        return Address("tlog", path=text)
+    if _DEVICE.match(text):
+        return _serial(text, text, colon=False)
+    if re.fullmatch(r"(tty|cu\.|rfcomm)\w+(,[0-9]+)?", text):
+        raise _refused(text, "is no connection", f"/dev/{text}")
+    raise _refused(text, "is no connection", *_EXAMPLES)
+
+
+def _split_scheme(text: str) -> tuple[str, str]:
+    """('udpin', 'host:port') of both udpin:host:port and udpin://host:port; ('', text) without a scheme."""
+    match = _SCHEME.fullmatch(text)
+    if not match or _DEVICE.fullmatch(match[1]):
+        return "", text
+    return match[1].lower(), match[2].removeprefix("//")
+
+
+def _network(text: str, scheme: str, rest: str) -> Address:
+    kind = _NETWORK[scheme]
+    usual = _USUAL_PORT[kind]
+    rest = rest.removesuffix("/")
+    match = _HOST_PORT.fullmatch(rest)
+    if not match:
+        if re.fullmatch(r"\[[^\]]*\]", rest):
+            raise _refused(text, "has no port", f"{scheme}:{rest}:{usual}")
+        if "[" not in rest and ("::" in rest or rest.count(":") > 2):
+            host, _, port = rest.rpartition(":")
+            raise _refused(text, "has an IPv6 address without brackets", f"{scheme}:[{host}]:{port or usual}")
+        raise _refused(text, "is not a host and a port", f"{scheme}:{_LOOPBACK}:{usual}")
+    host, port = match[1], match[2]
+    if host is None and not port.isdecimal():
+        host, port = port, ""
+    if not port:
+        raise _refused(text, "has no port", f"{scheme}:{host or _LOOPBACK}:{usual}")
+    if not re.fullmatch("[0-9]{1,5}", port) or not 1 <= int(port) <= 65535:
+        what = f"has the port {port!r}, which is not a number 1…65535"
+        raise _refused(text, what, f"{scheme}:{host or _LOOPBACK}:{usual}")
+    if not host and kind not in ("udpin", "tcpin"):
+        raise _refused(text, "has no host", f"{scheme}:{_LOOPBACK}:{port}")
+    return Address(kind, host=(host or _LOOPBACK).strip("[]"), port=int(port))
+
+
+def _serial(text: str, rest: str, *, colon: bool) -> Address:
+    """A device and the baud rate that may follow it: after a comma, or a colon where the scheme is written."""
+    path, comma, baud = rest.rpartition(",")
+    if not comma:
+        path, baud = rest, ""
+        if behind := re.fullmatch("(.*):([0-9]{2,})", rest):  # names in /dev/serial/by-path have colons too
+            path, baud = behind.groups()
+            if not colon:
+                raise _refused(text, "has a colon before the baud rate", f"{path},{baud}", f"serial:{rest}")
+    if not _DEVICE.fullmatch(path):
+        raise _refused(text, f"has the device {path!r}", "/dev/ttyACM0,57600", "serial:/dev/ttyACM0", "COM5")
+    if not baud and not comma:
+        return Address("serial", path=path)
+    if not re.fullmatch("[0-9]{2,8}", baud) or int(baud) < 50:
+        raise _refused(text, f"has the baud rate {baud!r}, which is not a number of bit/s", f"{path},57600")
+    return Address("serial", path=path, baud=int(baud))
+
+
+def _is_log(path: str) -> bool:
+    return path.lower().endswith(".tlog")
+
+
+def _target(rest: str) -> str:
+    """What was typed as host:port, completed so that it makes an example."""
+    host, _, port = rest.rpartition(":")
+    if not port.isdecimal():
+        host, port = host or port, "14550"
+    return f"{host or _LOOPBACK}:{port}"
+
+
+def _refused(text: str, found: str, *examples: str) -> AddressError:
+    *first, last = examples
+    return AddressError(f"{text!r} {found}: write {', '.join(first)}{' or ' if first else ''}{last}")

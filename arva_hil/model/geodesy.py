@@ -1,0 +1,69 @@
+"""WGS-84, exact: latitude, longitude and altitude to local north, east, down and back.
+
+Degrees and metres; any leading shape (...). Altitudes are above mean sea level for the datum and the vehicle
+alike, where WGS-84 wants them above its ellipsoid: the geoid's undulation cancels in their difference to
+second order (at most 1 mm in 60 m).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["LocalFrame", "to_ecef"]
+
+Array = NDArray[np.float64]
+
+_A = 6378137.0  # semi-major axis
+_F = 1 / 298.257223563  # flattening
+_B = _A * (1 - _F)
+_E2 = _F * (2 - _F)  # first eccentricity squared; the second is _E2 / (1 − _F)²
+
+
+def to_ecef(lat_deg: ArrayLike, lon_deg: ArrayLike, alt_m: ArrayLike) -> Array:
+    """Earth-centred, Earth-fixed position (..., 3), metres."""
+    lat, lon, alt = np.radians(lat_deg), np.radians(lon_deg), np.asarray(alt_m, float)
+    normal = _A / np.sqrt(1 - _E2 * np.sin(lat) ** 2)
+    across = (normal + alt) * np.cos(lat)
+    up = (normal * (1 - _E2) + alt) * np.sin(lat)
+    return np.stack(np.broadcast_arrays(across * np.cos(lon), across * np.sin(lon), up), axis=-1)
+
+
+def _from_ecef(ecef: Array) -> tuple[Array, Array, Array]:
+    """(lat_deg, lon_deg, alt_m) each (...), by Bowring's iteration: near the ground it converges at once."""
+    x, y, z = ecef[..., 0], ecef[..., 1], ecef[..., 2]
+    p = np.hypot(x, y)
+    sin, cos = z, p * (1 - _F)  # of the reduced latitude, not yet to scale
+    for _ in range(3):
+        scale = np.hypot(sin, cos)
+        up = z + _E2 / (1 - _F) ** 2 * _B * (sin / scale) ** 3
+        out = p - _E2 * _A * (cos / scale) ** 3
+        sin, cos = (1 - _F) * up, out
+    lat = np.arctan2(up, out)
+    alt = p * np.cos(lat) + z * np.sin(lat) - _A * np.sqrt(1 - _E2 * np.sin(lat) ** 2)
+    return np.degrees(lat), np.degrees(np.arctan2(y, x)), alt
+
+
+class LocalFrame:
+    """North, east, down, metres, in the plane that touches the ellipsoid's parallel surface at the datum."""
+
+    def __init__(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
+        self._origin = to_ecef(lat_deg, lon_deg, alt_m)
+        lat, lon = np.radians(lat_deg), np.radians(lon_deg)
+        sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+        self._ned_to_ecef = np.array(
+            [
+                [-sin_lat * cos_lon, -sin_lon, -cos_lat * cos_lon],
+                [-sin_lat * sin_lon, cos_lon, -cos_lat * sin_lon],
+                [cos_lat, 0.0, -sin_lat],
+            ]
+        )
+
+    def ned(self, lat_deg: ArrayLike, lon_deg: ArrayLike, alt_m: ArrayLike) -> Array:
+        """Position (..., 3) in this frame."""
+        ned: Array = (to_ecef(lat_deg, lon_deg, alt_m) - self._origin) @ self._ned_to_ecef
+        return ned
+
+    def lla(self, ned: ArrayLike) -> tuple[Array, Array, Array]:
+        """(lat_deg, lon_deg, alt_m), each (...), of positions (..., 3); to 1e-9 degrees and 1 µm."""
+        return _from_ecef(self._origin + np.asarray(ned, float) @ self._ned_to_ecef.T)

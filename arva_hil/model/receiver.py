@@ -1,0 +1,175 @@
+"""The receiver: antennas and noise (eq. 3, 4, 5), the integers it puts out (eq. 6, 7, 8), its slots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .field import Transmitters, dipole_field
+from .reading import ChannelReading, Reading, Zone
+from .rotation import to_matrix
+
+__all__ = ["Antennas", "NoiseKind", "Receiver", "draw_noise", "noise_bound", "outputs", "receive"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+NoiseKind = Literal["uniform", "gaussian", "off"]
+
+_INNER_M: Final = 3.0
+_MID_M: Final = 50.0
+_FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
+_NORMAL: Final = NormalDist()
+
+
+@dataclass(frozen=True)
+class Antennas:
+    """What sets one receiver apart from another. Raises ValueError when a value is out of range."""
+
+    sensitivity: tuple[float, float, float] = (1.0, 0.8, 0.6)  # diagonal of Q; the paper gives none
+    kappa_eq: float = 1.542  # mean of √(1 + 3cos²θ) over a circle
+    floor_range_m: float = _FLOOR_RANGE_M  # the noise is at most the reference transmitter's field from there
+    noise: NoiseKind = "uniform"
+
+    def __post_init__(self) -> None:
+        if len(self.sensitivity) != 3 or not all(0 < q <= 1 for q in self.sensitivity):
+            raise ValueError(f"sensitivity {self.sensitivity}: expected three values in (0, 1]")
+        if not 0 < self.kappa_eq < math.inf:
+            raise ValueError(f"kappa_eq {self.kappa_eq}: expected above 0")
+        if not 0 < self.floor_range_m < math.inf:
+            raise ValueError(f"floor_range_m {self.floor_range_m}: expected above 0")
+        if self.noise not in get_args(NoiseKind):
+            raise ValueError(f"noise {self.noise!r}: expected one of {', '.join(get_args(NoiseKind))}")
+
+
+def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
+    """The largest ‖w‖ (eq. 5), for the reference transmitter: κ‖m‖ = 1."""
+    return 1 / (2 * math.pi * max(sensitivity) * floor_range_m**3)
+
+
+def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) -> Array:
+    """Noise w (m, 3) in NED: direction uniform on the sphere, ‖w‖ ≤ bound.
+
+    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, cut at the bound. Takes 3 doubles for
+    each of the m (z, azimuth, magnitude) whatever comes out; `off` is 0 and takes none.
+    """
+    if kind == "off":
+        return np.zeros((m, 3))
+    u = rng.random((m, 3))
+    z, azimuth, magnitude = 2 * u[:, 0] - 1, 2 * np.pi * u[:, 1], u[:, 2]
+    if kind == "gaussian":
+        magnitude = np.array([min(1.0, -_NORMAL.inv_cdf(tail / 2) / 3) for tail in (1 - magnitude).tolist()])
+    across = np.sqrt(1 - z * z)
+    w = np.empty((m, 3))
+    w[:, 0], w[:, 1], w[:, 2] = across * np.cos(azimuth), across * np.sin(azimuth), z
+    w *= (bound * magnitude)[:, None]
+    return w
+
+
+def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
+    """What the antennas read (eq. 3): h_r = R_rᵀ h + Q R_rᵀ w, (..., M, 3) in the receiver's frame.
+
+    h and w (..., M, 3) in NED, R_r (..., 3, 3) receiver → NED, Q (3,) the diagonal.
+    """
+    return h @ R_r + Q * (w @ R_r)
+
+
+def outputs(h_r: ArrayLike, kappa_eq: float) -> tuple[Ints, Ints, Ints]:
+    """(d in cm, δ in degrees, `Zone`), each (...), of what the antennas read (..., 3) (eq. 6, 7, 8).
+
+    OUTER is (−1, −1). h_x = 0 is δ = ±89, by the sign of h_y. In the inner zone it does not matter whether
+    L_xy h_r is 0.
+    """
+    h_r = np.asarray(h_r, float)
+    x, y, z = h_r[..., 0], h_r[..., 1], h_r[..., 2]
+    flat = np.hypot(x, y)
+    d_full, d_xy = _distance(np.hypot(flat, z), kappa_eq), _distance(flat, kappa_eq)
+    inner = d_full <= _INNER_M
+    mid = ~inner & (d_xy <= _MID_M)
+    d_cm = _rounded(100 * np.where(inner, d_full, np.where(mid, d_xy, -0.01)))
+    delta = _rounded(np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x))))
+    delta_deg = np.where(mid, np.minimum(np.maximum(delta, -89), 89), inner - 1)
+    return d_cm.astype(np.int64), delta_deg.astype(np.int64), 2 * inner + mid.astype(np.int64)
+
+
+def _distance(h: Array, kappa_eq: float) -> Array:
+    """Eq. 6, 8; where h is 0 a length beyond every zone, yet finite."""
+    return math.cbrt(kappa_eq / (4 * math.pi)) / np.cbrt(np.maximum(h, 1e-200))
+
+
+def _rounded(x: Array) -> Array:
+    """To whole numbers, half away from zero, exactly."""
+    whole = np.trunc(x)
+    return whole + np.trunc(2 * (x - whole))
+
+
+class Receiver:
+    """The receiver on its vehicle; remembers its random generator, and where the transmitters are.
+
+    `transmitters` may be set anew, as many in the same order, when their places change. `channels`: slots. `no_signal`: (d, δ) of an empty one. `mount_position` (3,): metres, body frame FRD;
+    `mount_attitude` (4,): quaternion, receiver → body. Noise is drawn for every transmitter in its order and
+    for every frame, so that it depends on the seed and the frame's number alone.
+    """
+
+    def __init__(
+        self,
+        transmitters: Transmitters,
+        antennas: Antennas,
+        channels: int = 4,
+        no_signal: tuple[int, int] = (-1, -1),
+        mount_position: ArrayLike = (0.0, 0.0, 0.0),
+        mount_attitude: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+        seed: int = 0,
+    ) -> None:
+        if channels < 1:
+            raise ValueError(f"{channels} channels: expected 1 or more")
+        self.transmitters = transmitters
+        self._antennas = antennas
+        self._q = np.array(antennas.sensitivity)
+        self._bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
+        self._limit = noise_bound(antennas.sensitivity, _FLOOR_RANGE_M)
+        self._mount = np.asarray(mount_position, float)
+        self._R_mount = to_matrix(mount_attitude)
+        self._empty = (ChannelReading(None, Zone.OUTER, *no_signal, None),) * channels
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+
+    def pose(self, position: ArrayLike, attitude: ArrayLike) -> tuple[Array, Array]:
+        """The receiver's own p_r (..., 3) in NED, metres, and R_r (..., 3, 3), receiver → NED.
+
+        From the vehicle's position (..., 3) in NED, metres, and its attitude (..., 4), body → NED.
+        """
+        R_body = to_matrix(attitude)
+        return position + R_body @ self._mount, R_body @ self._R_mount
+
+    def read(self, p_r: Array, R_r: Array) -> Reading:
+        """One frame at a pose: p_r (3,) in NED, metres, and R_r (3, 3), receiver → NED."""
+        w, interference = self._draw()
+        t = self.transmitters
+        h_r = receive(dipole_field(p_r, t.positions, t.rotations, t.strengths), R_r, self._q, w)
+        columns = (column.tolist() for column in outputs(h_r, self._antennas.kappa_eq))
+        heard = [
+            (d_cm, id_, index, delta_deg, zone)
+            for index, (id_, d_cm, delta_deg, zone) in enumerate(zip(t.ids, *columns, strict=True))
+            if zone
+        ]
+        heard.sort()
+        at, positions = p_r.tolist(), t.positions.tolist()
+        slots = tuple(
+            ChannelReading(id_, zone, d_cm, delta_deg, math.dist(at, positions[index]))
+            for d_cm, id_, index, delta_deg, zone in heard[: len(self._empty)]
+        )
+        return Reading(slots + self._empty[len(slots) :], interference, len(heard) > len(self._empty))
+
+    def nothing(self) -> Reading:
+        """One frame without a pose: every slot empty, the noise drawn all the same."""
+        return Reading(self._empty, self._draw()[1], False)
+
+    def _draw(self) -> tuple[Array, bool]:
+        """Noise (M, 3) for one frame, and whether it exceeds the floor that the receiver is made for."""
+        w = draw_noise(self._rng, len(self.transmitters.ids), self._antennas.noise, self._bound)
+        return w, self._bound > self._limit and bool((np.linalg.norm(w, axis=1) > self._limit).any())

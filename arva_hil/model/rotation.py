@@ -1,0 +1,102 @@
+"""Rotations: quaternions (w, x, y, z) that take body coordinates to the world's, as MAVLink has them.
+
+Angles in radians. Every function takes any leading shape (...). Quaternions come in at any length but 0 and
+go out at length 1; one of length 0, or not finite, is a ValueError.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["from_euler", "from_rotation_vector", "multiply", "slerp", "to_euler", "to_matrix"]
+
+Array = NDArray[np.float64]
+
+
+def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
+    """Quaternion (..., 4) of yaw about z, then pitch about the new y, then roll about the new x."""
+    r, p, y = (np.asarray(angle, float) / 2 for angle in (roll, pitch, yaw))
+    cr, sr, cp, sp, cy, sy = np.cos(r), np.sin(r), np.cos(p), np.sin(p), np.cos(y), np.sin(y)
+    return _stack(
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def to_euler(rotation: ArrayLike) -> Array:
+    """(roll, pitch, yaw) (..., 3) of quaternions (..., 4) or matrices (..., 3, 3); pitch in [−π/2, π/2].
+
+    Holds at pitch ±π/2 too, where only roll ∓ yaw is defined: the yaw returned goes with the roll returned.
+    """
+    rotation = np.asarray(rotation, float)
+    m = to_matrix(rotation) if rotation.shape[-1] == 4 else rotation
+    roll = np.arctan2(m[..., 2, 1], m[..., 2, 2])
+    pitch = np.arctan2(-m[..., 2, 0], np.hypot(m[..., 0, 0], m[..., 1, 0]))
+    c, s = np.cos(roll), np.sin(roll)
+    yaw = np.arctan2(s * m[..., 0, 2] - c * m[..., 0, 1], c * m[..., 1, 1] - s * m[..., 1, 2])
+    return _stack(roll, pitch, yaw)
+
+
+def to_matrix(q: ArrayLike) -> Array:
+    """Rotation matrix (..., 3, 3), body → world, of a quaternion (..., 4)."""
+    q = _unit(q)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    m = np.empty((*q.shape[:-1], 3, 3))
+    m[..., 0, 0] = 1 - 2 * (y * y + z * z)
+    m[..., 0, 1] = 2 * (x * y - w * z)
+    m[..., 0, 2] = 2 * (x * z + w * y)
+    m[..., 1, 0] = 2 * (x * y + w * z)
+    m[..., 1, 1] = 1 - 2 * (x * x + z * z)
+    m[..., 1, 2] = 2 * (y * z - w * x)
+    m[..., 2, 0] = 2 * (x * z - w * y)
+    m[..., 2, 1] = 2 * (y * z + w * x)
+    m[..., 2, 2] = 1 - 2 * (x * x + y * y)
+    return m
+
+
+def multiply(a: ArrayLike, b: ArrayLike) -> Array:
+    """The rotation b followed by a, (..., 4): to_matrix(multiply(a, b)) = to_matrix(a) @ to_matrix(b)."""
+    a, b = _unit(a), _unit(b)
+    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+    return _stack(
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def slerp(q0: ArrayLike, q1: ArrayLike, u: ArrayLike) -> Array:
+    """From q0 (u = 0) to q1 (u = 1) the shortest way at a constant rate, (..., 4); u has the shape (...)."""
+    q0, q1, u = _unit(q0), _unit(q1), np.asarray(u, float)[..., None]
+    q1 = np.where(np.sum(q0 * q1, axis=-1, keepdims=True) < 0, -q1, q1)
+    turn = 2 * np.arctan2(_length(q1 - q0), _length(q1 + q0)) / np.pi  # 0 … 0.5: sinc never reaches 0
+    return _unit((1 - u) * np.sinc((1 - u) * turn) * q0 + u * np.sinc(u * turn) * q1)
+
+
+def from_rotation_vector(v: ArrayLike) -> Array:
+    """Quaternion (..., 4) of a turn by ‖v‖ radians about v (..., 3); v = 0 is no turn."""
+    v = np.asarray(v, float)
+    angle = _length(v)
+    return np.concatenate([np.cos(angle / 2), v / 2 * np.sinc(angle / (2 * np.pi))], axis=-1)
+
+
+def _stack(*parts: Array) -> Array:
+    return np.stack(np.broadcast_arrays(*parts), axis=-1)
+
+
+def _length(v: Array) -> Array:
+    length: Array = np.sqrt(np.add.reduce(v * v, axis=-1, keepdims=True))
+    return length
+
+
+def _unit(q: ArrayLike) -> Array:
+    q = np.asarray(q, float)
+    length = _length(q)
+    if not ((length > 0) & (length < np.inf)).all():
+        raise ValueError("a quaternion of length 0, or not finite, is no rotation")
+    return q / length

@@ -1,0 +1,5 @@
+"""The record of a run, for the tools that others use: QGroundControl, PlotJuggler, a spreadsheet."""
+
+from .recorder import COLUMNS, Recorder, RecordError
+
+__all__ = ["COLUMNS", "RecordError", "Recorder"]

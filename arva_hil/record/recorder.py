@@ -1,0 +1,125 @@
+"""The record of a run: what came in, what went out, what was read and from where, how it ended."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+
+from arva_hil.autopilot.mavlink import Packet
+from arva_hil.background import Background
+from arva_hil.links.tlog import tlog_record
+from arva_hil.model import rotation
+from arva_hil.observer import Observer, Snapshot
+
+COLUMNS: Final = (
+    "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
+    "slot id zone d_cm delta_deg true_range_m"
+).split()
+TLOG, FRAMES, READINGS, RUN = FILES = ("autopilot.tlog", "frames.bin", "readings.csv", "run.json")
+_BATCH_BYTES: Final = 1 << 16
+
+
+class RecordError(Exception):
+    """The record could not be made or went wrong; `str()` says where and why."""
+
+
+class Recorder(Observer):
+    """Writes `autopilot.tlog`, `frames.bin`, `readings.csv` and `run.json` into a folder of its own.
+
+    `epoch_us`: microseconds since 1970 at the loop's time 0. `patient`: the loop may be held up while the disk
+    catches up, as a replay may and a live run may not. Raises RecordError when the folder cannot be written or
+    holds a record already.
+    """
+
+    def __init__(self, folder: Path, epoch_us: int, *, patient: bool = False) -> None:
+        self._folder = folder
+        self._epoch_us = epoch_us
+        self._patient = patient
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            there = [name for name in FILES if (folder / name).exists()]
+            if there:
+                raise RecordError(f"{folder}: holds a record already ({', '.join(there)}); name another folder")
+            self._files = {name: (folder / name).open("wb") for name in FILES}
+        except OSError as error:
+            raise RecordError(_why(folder, error)) from None
+        self._pending: dict[str, bytearray] = {name: bytearray() for name in FILES}
+        self._pending[READINGS] += (",".join(COLUMNS) + "\n").encode()
+        self._background = Background("record")
+
+    @property
+    def error(self) -> str:
+        """Why recording has stopped, "" while it goes on."""
+        if self._background.error is not None:
+            return _why(self._folder, self._background.error)
+        if self._background.refused:
+            return f"{self._folder}: the disk is too slow, the record has {self._background.refused} gaps"
+        return ""
+
+    def packets(self, now: float, packets: Sequence[Packet]) -> None:
+        time_us = self._epoch_us + round(now * 1e6)
+        pending = self._pending[TLOG]
+        for packet in packets:
+            pending += tlog_record(time_us, packet.raw)
+        if len(pending) > _BATCH_BYTES:
+            self._flush()
+
+    def frame(self, snapshot: Snapshot) -> None:
+        self._pending[FRAMES] += snapshot.data
+        self._pending[READINGS] += rows(snapshot).encode()
+        if not self._patient or len(self._pending[READINGS]) > _BATCH_BYTES:
+            self._flush()
+
+    def close(self, run: Mapping[str, Any]) -> None:
+        """Write `run` as run.json and close all files. Raises RecordError when anything went wrong."""
+        self._pending[RUN] += json.dumps(run, indent=2).encode() + b"\n"
+        self._flush()
+        for file in self._files.values():
+            self._background.put(file.close, wait=True)
+        finished = self._background.close()
+        if self.error:
+            raise RecordError(self.error)
+        if not finished:
+            raise RecordError(f"{self._folder}: the disk does not take the record in time")
+
+    def _flush(self) -> None:
+        for name, pending in self._pending.items():
+            if pending:
+                self._pending[name] = bytearray()
+                self._background.put(_writing(self._files[name], pending), wait=self._patient)
+
+
+def rows(snapshot: Snapshot) -> str:
+    """The lines of readings.csv for one frame, one a slot; what is unknown is empty."""
+    pose = [""] * 6
+    if snapshot.pose is not None:
+        angles = np.degrees(rotation.to_euler(snapshot.pose.rotation)).tolist()
+        pose = [repr(value) for value in (*snapshot.pose.position.tolist(), *angles)]
+    boot_ms = "" if snapshot.boot_s is None else repr(snapshot.boot_s * 1e3)
+    age_ms = "" if snapshot.age_s is None else repr(snapshot.age_s * 1e3)
+    head = ",".join([str(snapshot.frame.sequence), repr(snapshot.time_s), boot_ms, *pose, age_ms])
+    lines = []
+    for slot, c in enumerate(snapshot.reading.channels, 1):
+        id_ = "" if c.id is None else str(c.id)
+        true_range = "" if c.true_range_m is None else repr(c.true_range_m)
+        lines.append(f"{head},{slot},{id_},{int(c.zone)},{c.d_cm},{c.delta_deg},{true_range}\n")
+    return "".join(lines)
+
+
+def _writing(file: BinaryIO, data: bytes | bytearray) -> Callable[[], None]:
+    def write() -> None:
+        file.write(data)
+        file.flush()
+
+    return write
+
+
+def _why(folder: Path, error: Exception) -> str:
+    if isinstance(error, OSError):
+        where = error.filename or folder
+        return f"{where}: cannot record: {error.strerror or error}"
+    return f"{folder}: cannot record: {error!r}"

@@ -1,0 +1,41 @@
+"""The scenario as the model wants it: degrees to radians, places to NED, keys to arguments."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from arva_hil import scenario as config
+from arva_hil.model import Antennas, LocalFrame, Receiver, Transmitters, rotation
+
+
+def transmitters(scenario: config.Scenario, frame: LocalFrame) -> Transmitters:
+    """The scenario's transmitters in the NED frame `frame`."""
+    every = scenario.transmitters
+    positions = [
+        t.ned if t.ned is not None else frame.ned(t.lla.lat, t.lla.lon, t.lla.alt)  # type: ignore[union-attr]
+        for t in every
+    ]
+    return Transmitters(
+        tuple(t.id for t in every),
+        np.array(positions),
+        np.array([rotation.to_matrix(_quaternion(t.attitude)) for t in every]),
+        np.array([t.strength for t in every]),
+    )
+
+
+def receiver(scenario: config.Scenario) -> Receiver:
+    """The scenario's receiver, its transmitters not yet in their places when the datum is the vehicle's home."""
+    r = scenario.receiver
+    return Receiver(
+        transmitters(scenario, LocalFrame(0.0, 0.0, 0.0)),
+        Antennas(r.sensitivity, r.kappa_eq, r.noise.floor_range_m, r.noise.kind),
+        r.channels,
+        r.no_signal,
+        r.mount.position,
+        _quaternion(r.mount.attitude),
+        scenario.seed,
+    )
+
+
+def _quaternion(degrees: tuple[float, float, float]) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    return rotation.from_euler(*np.radians(degrees))
