@@ -101,15 +101,13 @@ class Reader:
         self.note(at, found, expected)
         raise ScenarioError(self.problems)
 
-    def mapping(
-        self, node: yaml.Node | None, keys: str, need: Sequence[str] = (), what: str = "a mapping"
-    ) -> dict[str, yaml.Node]:
-        """The values by key, `keys` being the valid ones. Of the keys in each of `need` exactly one is due."""
+    def mapping(self, node: yaml.Node | None, keys: str, need: Sequence[str] = ()) -> dict[str, yaml.Node]:
+        """The values by key. `keys` are the valid ones; of those in each of `need` exactly one is due."""
         if node is None:
             return {}
         names = keys.split()
         if not isinstance(node, yaml.MappingNode):
-            self.wrong(node, _describe(node), f"{what} with {', '.join(names)}")
+            self.wrong(node, _describe(node), f"a mapping with {', '.join(names)}")
             return {}
         seen: dict[str, tuple[yaml.Node, yaml.Node]] = {}
         for key, value in node.value:
@@ -123,7 +121,7 @@ class Reader:
                 seen[name] = key, value
         for group in map(str.split, need):
             given = [name for name in seen if name in group]
-            exactly = f"{what} with {'exactly one of ' if len(group) > 1 else ''}{', '.join(group)}"
+            exactly = f"a mapping with {'exactly one of ' if len(group) > 1 else ''}{', '.join(group)}"
             if not given:
                 self.wrong(node, f"no {' or '.join(group)}", exactly)
             for name in given[1:]:

@@ -57,8 +57,9 @@ class RealClock:
 class StepClock:
     """A clock that jumps: waiting takes no time at all."""
 
-    def __init__(self, start: float = 0.0) -> None:
+    def __init__(self, start: float = 0.0, epoch_us: int = 0) -> None:
         self._now = start
+        self.epoch_us = epoch_us
 
     def now(self) -> float:
         return self._now

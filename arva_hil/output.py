@@ -62,9 +62,7 @@ class MavlinkPort:
         assert vehicle is not None
         payload = firmware_proto.encode(frame)
         padded = list(payload.ljust(128, b"\0"))
-        return [
-            dialect.MAVLink_tunnel_message(vehicle.system, vehicle.component, TUNNEL_TYPE, len(payload), padded)
-        ]
+        return [dialect.MAVLink_tunnel_message(vehicle.system, vehicle.component, TUNNEL_TYPE, len(payload), padded)]
 
 
 def _named(frame: Frame, boot_ms: int) -> list[Any]:

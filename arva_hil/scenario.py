@@ -166,13 +166,14 @@ def load(path: str | os.PathLike[str]) -> Scenario:
 
 
 def parse(text: str, source: str) -> Scenario:
-    """The scenario in `text`; `source` names it in messages. Raises ScenarioError with every mistake in it."""
+    """The scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
     r = Reader(text, source)
     f = r.mapping(r.root, "spec datum transmitters receiver output seed", need=["transmitters"])
     spec = f.get("spec")
     if spec is not None and (newer := whole(spec) or 0) > SPEC:
         r.problems.clear()  # what looks wrong may be right in that version
-        r.wrong(spec, f"spec {newer} is newer than this program reads ({SPEC}): upgrade arva-hil", f"spec {SPEC}")
+        found = f"spec {newer} is newer than this program reads ({SPEC}): upgrade arva-hil"
+        r.wrong(spec, found, f"spec {SPEC}")
         r.finish()
     r.integer(spec, SPEC, Range(SPEC, SPEC, "spec"))
     transmitters = _transmitters(r, f.get("transmitters"))

@@ -1,10 +1,10 @@
 """A small multirotor's motion: no bytes, no clock, plain floats, 10 ms a step.
 
 The velocity loop wants an acceleration, within limits; it comes through two equal first-order lags. The
-attitude is the one whose thrust gives that acceleration against gravity and drag, with the yaw flown beside it
-(differential flatness: Mellinger and Kumar, "Minimum snap trajectory generation and control for quadrotors",
-ICRA 2011). Between two steps the acceleration and the body rates are constant, so that velocity is exactly the
-derivative of position, and the rates are exactly those of the quaternion, at any instant.
+attitude is the one whose thrust gives that acceleration against gravity and drag, with the yaw flown beside
+it (differential flatness: Mellinger and Kumar, "Minimum snap trajectory generation and control for
+quadrotors", ICRA 2011). Between two steps the acceleration and the body rates are constant, so that velocity
+is exactly the derivative of position, and the rates are exactly those of the quaternion, at any instant.
 """
 
 from __future__ import annotations

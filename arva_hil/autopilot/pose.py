@@ -31,11 +31,17 @@ class PositionSample(NamedTuple):
 
 
 class AttitudeSample(NamedTuple):
-    """Quaternion (w, x, y, z) body FRD → NED; body rates in rad/s; boot time in seconds."""
+    """Roll, pitch, yaw in radians or a quaternion (w, x, y, z), body FRD → NED; body rates in rad/s; boot time in
+    seconds. Most samples are never looked at, so they are kept as they came.
+    """
 
     boot: float
-    quaternion: Vector
+    angles: tuple[float, ...]
     rates: tuple[float, float, float]
+
+    @property
+    def quaternion(self) -> Vector:
+        return rotation.from_euler(*self.angles) if len(self.angles) == 3 else np.array(self.angles)
 
 
 @dataclass(frozen=True, slots=True)

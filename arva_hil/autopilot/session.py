@@ -7,13 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-import numpy as np
-
 from arva_hil.autopilot.clockmap import ClockMap
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.pose import AttitudeSample, PoseTrack, PositionSample, VehicleState
 from arva_hil.autopilot.streams import Streams
-from arva_hil.model import LocalFrame, rotation
+from arva_hil.model import LocalFrame
 from arva_hil.notice import Notice
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
@@ -269,26 +267,22 @@ class Session:
             self.track.add_position(PositionSample(boot, lat, lon, alt, velocity))
 
     def _on_attitude(self, message: Any, now: float) -> None:
-        boot = self._stamp(message, now)
-        angles = (message.roll, message.pitch, message.yaw)
-        self._add_attitude(boot, angles, message, rotation.from_euler)
+        self._add_attitude(message, (message.roll, message.pitch, message.yaw), now)
 
     def _on_quaternion(self, message: Any, now: float) -> None:
-        boot = self._stamp(message, now)
         quaternion = (message.q1, message.q2, message.q3, message.q4)
-        if not 0.9 < sum(q * q for q in quaternion) < 1.1:  # NaN included
+        if 0.9 < sum(q * q for q in quaternion) < 1.1:
+            self._add_attitude(message, quaternion, now)
+        else:  # NaN included
             self.refused += 1
-            return
-        self._add_attitude(boot, quaternion, message, lambda *q: np.array(q))
 
-    def _add_attitude(
-        self, boot: float, values: tuple[float, ...], message: Any, quaternion: Callable[..., Any]
-    ) -> None:
+    def _add_attitude(self, message: Any, angles: tuple[float, ...], now: float) -> None:
+        boot = self._stamp(message, now)
         rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
-        if not all(map(math.isfinite, (*values, *rates))):
+        if math.isfinite(sum(angles) + sum(rates)):
+            self.track.add_attitude(AttitudeSample(boot, angles, rates))
+        else:
             self.refused += 1
-            return
-        self.track.add_attitude(AttitudeSample(boot, quaternion(*values), rates))
 
     def _stamp(self, message: Any, now: float) -> float:
         """The message's boot time [s], entered into the clock map; notices a reboot."""

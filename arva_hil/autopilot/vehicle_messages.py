@@ -109,7 +109,8 @@ def read_set_point(m: Message, motion: Multirotor) -> SetPoint | None:
     yaw_rate = 0.0 if mask & dialect.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else m.yaw_rate
     body = frame in (dialect.MAV_FRAME_BODY_NED, dialect.MAV_FRAME_BODY_OFFSET_NED)
     local = frame in (dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_LOCAL_OFFSET_NED)
-    if not (body or local) or not all(map(math.isfinite, (*(position or ()), *velocity, yaw or 0.0, yaw_rate))):
+    used = *(position or ()), *velocity, yaw or 0.0, yaw_rate
+    if not (body or local) or not all(map(math.isfinite, used)):
         return None
     if body:
         velocity = _turned(velocity, motion.yaw)
@@ -146,8 +147,9 @@ def _sys_status(r: Report) -> Message:
 
 def _gps_raw_int(r: Report) -> Message:
     if not r.pilot.ready:
-        no_fix = dialect.GPS_FIX_TYPE_NO_FIX
-        return dialect.MAVLink_gps_raw_int_message(r.boot_ms * 1000, no_fix, 0, 0, 0, 65535, 65535, 65535, 65535, 0)
+        unknown = [0xFFFF] * 4
+        fix = dialect.GPS_FIX_TYPE_NO_FIX
+        return dialect.MAVLink_gps_raw_int_message(r.boot_ms * 1000, fix, 0, 0, 0, *unknown, 0)
     lat, lon, alt = r.home.lla_fast(r.position)
     north, east, _ = r.motion.velocity
     return dialect.MAVLink_gps_raw_int_message(
@@ -225,8 +227,8 @@ def _extended_sys_state(r: Report) -> Message:
 def _autopilot_version(r: Report) -> Message:
     can = dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
     can |= dialect.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
-    none = [0] * 8
-    return dialect.MAVLink_autopilot_version_message(can, 4 << 24 | 7 << 16, 0, 0, 0, none, none, none, 0, 0, 0)
+    version, none = 4 << 24 | 7 << 16, [0] * 8
+    return dialect.MAVLink_autopilot_version_message(can, version, 0, 0, 0, none, none, none, 0, 0, 0)
 
 
 def _yaw(motion: Motion) -> float:

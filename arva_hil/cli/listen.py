@@ -29,8 +29,13 @@ def add_options(parser: opt.Parser) -> None:
     parser.add_argument("url", metavar="URL", help="a port, or a file such as a record's frames.bin")
     parser.option("--format", choices=opt.FORMATS, default="binary", help="of the frames; default binary")
     parser.option("--count", type=opt.whole(1, 2**31), default=math.inf, metavar="N", help="end after N frames")
-    parser.option("--duration", type=opt.number(0.001, math.inf, " of s"), default=math.inf, metavar="S",
-                  help="end after this long")
+    parser.option(
+        "--duration",
+        type=opt.number(0.001, math.inf, " of s"),
+        default=math.inf,
+        metavar="S",
+        help="end after this long",
+    )
     parser.option("--json", action="store_true", help="one JSON object a frame on stdout")
 
 
@@ -89,9 +94,7 @@ class Listener:
     def finish(self) -> None:
         """The sum."""
         d = self._decoder
-        print(
-            f"{d.good} frames, {d.lost} lost, {d.bad_crc} bad checksums, {d.dropped} bytes dropped", file=sys.stderr
-        )
+        print(f"{d.good} frames, {d.lost} lost, {d.bad_crc} bad checksums, {d.dropped} bytes dropped", file=sys.stderr)
 
     def _line(self, frame: Frame) -> str:
         if self._as_json:

@@ -41,9 +41,7 @@ def main(options: argparse.Namespace) -> int:
     if options.json and "-" in (options.out, options.port):
         raise UsageError("--json and the frames both want stdout: choose one")
     chosen = shared.scenario(options)
-    session = Session(
-        target_system=options.target_system, target_component=options.target_component, passive=True
-    )
+    session = Session(target_system=options.target_system, target_component=options.target_component, passive=True)
     with ExitStack() as stack:
         try:
             log = stack.enter_context(closing(read_tlog(options.log)))

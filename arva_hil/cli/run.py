@@ -30,12 +30,27 @@ def add_options(parser: opt.Parser) -> None:
     )
     opt.add_scenario(parser)
     opt.add_vehicle(parser)
-    parser.option("--stream-rate", type=opt.number(1, 200, " of Hz"), default=50.0, metavar="HZ",
-                  help="of the position and attitude asked for; default 50")
-    parser.option("--duration", type=opt.number(0.001, math.inf, " of s"), default=math.inf, metavar="S",
-                  help="end after this long")
-    parser.option("--timeout", type=opt.number(0.1, math.inf, " of s"), default=10.0, metavar="S",
-                  help="give up without a heartbeat for this long; default 10")
+    parser.option(
+        "--stream-rate",
+        type=opt.number(1, 200, " of Hz"),
+        default=50.0,
+        metavar="HZ",
+        help="of the position and attitude asked for; default 50",
+    )
+    parser.option(
+        "--duration",
+        type=opt.number(0.001, math.inf, " of s"),
+        default=math.inf,
+        metavar="S",
+        help="end after this long",
+    )
+    parser.option(
+        "--timeout",
+        type=opt.number(0.1, math.inf, " of s"),
+        default=10.0,
+        metavar="S",
+        help="give up without a heartbeat for this long; default 10",
+    )
     opt.add_common(parser)
 
 
@@ -73,9 +88,7 @@ def main(options: argparse.Namespace) -> int:
             observers=surroundings.observers,
         )
         until = start + options.duration
-        return surroundings.drive(
-            emulator, lambda: run([emulator], clock, until=until, stopped=surroundings.stopped)
-        )
+        return surroundings.drive(emulator, lambda: run([emulator], clock, until=until, stopped=surroundings.stopped))
 
 
 def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None:

@@ -97,7 +97,8 @@ class Run:
     """One run's surroundings: printer, lines on stdout, recorder and signals, around the loop and gone after it.
 
     `patient`: a replay, which may wait for a slow disk or terminal, and shows a progress bar for a status.
-    `lines`: print a line a frame on stdout, unless JSON is wanted there. `stopped()` is what a loop asks.
+    `lines`: print a line a frame on stdout, unless JSON is wanted there. `live`: a live status line, on a terminal.
+    `stopped()` is what a loop asks.
     """
 
     def __init__(
@@ -108,6 +109,7 @@ class Run:
         *,
         patient: bool = False,
         lines: bool = False,
+        live: bool = True,
     ) -> None:
         self._scenario = chosen
         self._signals = Signals()
@@ -118,7 +120,7 @@ class Run:
                 self._recorder = Recorder(Path(options.record), epoch_us, patient=patient)
             except RecordError as error:
                 raise UsageError(error) from None
-        self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient)
+        self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live)
         render = as_json if options.json else plain if lines else None
         self._lines = Lines(sys.stdout, render, patient=patient) if render else None
         every = (self.printer, self._lines, self._recorder)

@@ -24,9 +24,9 @@ class Printer(Observer):
     print a line for every frame too. `status`: whether there is one.
     """
 
-    def __init__(self, stream: TextIO, *, frames: bool = False, status: bool = True) -> None:
+    def __init__(self, stream: TextIO, *, frames: bool = False, status: bool = True, live: bool = True) -> None:
         self._stream = stream
-        self._live = stream.isatty()
+        self._live = live and stream.isatty()
         self._colour = text.wants_colour(stream)
         self._frames = frames
         self._status = status

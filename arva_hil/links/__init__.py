@@ -5,9 +5,13 @@ Every kind of link is its own small module, imported when it is first opened.
 
 from __future__ import annotations
 
-from arva_hil.clock import Clock
+from typing import TYPE_CHECKING
+
 from arva_hil.links.base import Link, LinkError
 from arva_hil.links.url import Address, AddressError, parse
+
+if TYPE_CHECKING:
+    from arva_hil.clock import Clock
 
 __all__ = ["Address", "AddressError", "Link", "LinkError", "open_link", "parse"]
 

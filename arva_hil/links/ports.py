@@ -6,32 +6,38 @@ import glob
 import os
 import re
 from collections.abc import Collection, Iterable
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
-# USB vendors that make nothing but flight controllers, and single products of others; from the lists in
-# QGroundControl (USBBoardInfo.json) and ArduPilot.
-_VENDORS: Final = {
-    0x26AC: "3DR, PX4",
-    0x2DAE: "CubePilot",
-    0x3162: "Holybro",
-    0x3163: "CUAV",
-    0x3185: "ARK, Auterion",
-    0x3643: "PX4 FMU V6X-RT",
-    0x35A7: "ThePeach",
-}
-_PRODUCTS: Final = {
-    (0x1209, 0x5740): "ArduPilot",
-    (0x1209, 0x5741): "ArduPilot",
-    (0x1B8C, 0x0036): "PX4 FMU V6U",
-    (0x1FC9, 0x001C): "PX4 FMUK66",
-    (0x0483, 0xA32F): "ModalAI FC1",
-    (0x0483, 0xA330): "ModalAI FC2",
-}
+if TYPE_CHECKING:
+    from serial.tools.list_ports_common import ListPortInfo
+
+# USB vendors that make flight controllers, and single products of others. Sources: QGroundControl's
+# USBBoardInfo.json, ArduPilot's bootloaders.
+_VENDORS: Final = frozenset(
+    (
+        0x26AC,  # 3DR, PX4
+        0x2DAE,  # CubePilot
+        0x3162,  # Holybro
+        0x3163,  # CUAV
+        0x3185,  # ARK, Auterion
+        0x3643,  # PX4 FMU V6X-RT
+        0x35A7,  # ThePeach
+    )
+)
+_PRODUCTS: Final = frozenset(
+    (
+        (0x1209, 0x5740),  # ArduPilot
+        (0x1209, 0x5741),  # ArduPilot
+        (0x1B8C, 0x0036),  # PX4 FMU V6U
+        (0x1FC9, 0x001C),  # PX4 FMUK66
+        (0x0483, 0xA32F),  # ModalAI
+        (0x0483, 0xA330),  # ModalAI
+    )
+)
 _WORDS: Final = re.compile(
     r"\bardu(?!ino)|px4|pixhawk|pixracer|fmu|\bcube(?!mx)|holybro|cuav|\bmro|matek|kakute|durandal|speedybee",
     re.IGNORECASE,
 )
-_NOT: Final = re.compile(r"flow", re.IGNORECASE)  # PX4FLOW is a sensor
 
 
 class Port(NamedTuple):
@@ -68,9 +74,7 @@ def list_ports() -> list[Port]:
             manufacturer=info.manufacturer or "",
             product=info.product or "",
             location=info.location or "",
-            autopilot=_is_autopilot(
-                info.vid, info.pid, f"{info.manufacturer} {info.product} {info.description}"
-            ),
+            autopilot=_is_autopilot(info),
         )
         for info in sorted(comports(), key=lambda info: _natural(info.device))
     ]
@@ -81,7 +85,7 @@ def find_autopilot(ports: Iterable[Port], exclude: Collection[str] = ()) -> list
 
     `exclude` names ports in use for something else, as devices, stable names or symlinks to them.
     """
-    taken = {*exclude, *map(os.path.realpath, exclude)}
+    taken = {name for path in exclude if path for name in (path, os.path.realpath(path))}
     plugs: dict[str, Port] = {}
     for port in sorted(ports, key=lambda port: (port.location, _natural(port.device))):
         if port.autopilot and not taken & {port.device, os.path.realpath(port.device), port.by_id}:
@@ -104,10 +108,11 @@ def holders(device: str) -> list[str]:
     return found
 
 
-def _is_autopilot(vid: int | None, pid: int | None, words: str) -> bool:
-    if _NOT.search(words) or (vid, pid) == (0x26AC, 0x0015):
+def _is_autopilot(info: ListPortInfo) -> bool:
+    words = f"{info.manufacturer} {info.product} {info.description}"
+    if "flow" in words.lower():  # PX4FLOW is a sensor
         return False
-    return vid in _VENDORS or (vid, pid) in _PRODUCTS or bool(_WORDS.search(words))
+    return info.vid in _VENDORS or (info.vid, info.pid) in _PRODUCTS or bool(_WORDS.search(words))
 
 
 def _natural(name: str) -> list[str | int]:

@@ -41,14 +41,13 @@ def open_serial(device: str, baud: int = 115200) -> Link:
 
 
 def open_url(url: str, baud: int = 115200) -> Link:
-    """Open one of pyserial's URLs: rfc2217://, socket://, loop://, spy://, hwgrep://, alt://; or raise LinkError."""
+    """Open a pyserial URL: rfc2217://, socket://, loop://, spy://, hwgrep://, alt://. Raises LinkError."""
     import serial
 
     patient = url.lower().startswith("loop:")  # it would refuse any write that takes longer than the timeout
     try:
-        port = serial.serial_for_url(
-            url, baud, timeout=0, write_timeout=None if patient else 0, exclusive=True
-        )
+        timeout = None if patient else 0
+        port = serial.serial_for_url(url, baud, timeout=0, write_timeout=timeout, exclusive=True)
     except Exception as error:
         raise LinkError(url, f"cannot be opened: {error}") from error
     return PyserialLink(url, port)
@@ -69,7 +68,7 @@ class SerialLink(FdLink):
 
 
 class PyserialLink(StreamLink):
-    """Anything pyserial opened that is no POSIX device: a port on Windows, a URL. It is polled where it must be."""
+    """What pyserial opened that is no POSIX device: a port on Windows, a URL. Polled where it must be."""
 
     hint = "was it unplugged, or did the program behind it end?"
 

@@ -10,7 +10,7 @@ from arva_hil.links.base import Link, LinkError
 
 
 class StdoutLink(Link):
-    """Writes whole to `file` and drops nothing: this one link waits for a slow reader. It never has data to read.
+    """Writes whole to `file`, drops nothing: this one link waits for a slow reader. It reads nothing.
 
     `write` raises LinkError when the reader went away or the disk is full. `close` leaves `file` open.
     """

@@ -1,4 +1,4 @@
-"""What links to a byte stream share: reading all there is, and writing without blocking or tearing a write."""
+"""What links to a byte stream share: reading all there is, writing without blocking or tearing a write."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ AT_ONCE: Final = 1 << 20  # bytes one `read` returns at most, so that a flood ca
 
 
 class StreamLink(Link):
-    """A byte stream. Remembers the rest of a write that the system took in part, and sends it before the next.
+    """A byte stream. Remembers the rest of a write that the system took in part; it goes before the next.
 
     A subclass gives `_receive`, `_send` and `_shut`. They raise BlockingIOError for "not now", any other
     OSError for "lost"; `_receive` returns b"" when the far end closed.

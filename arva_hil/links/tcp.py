@@ -27,9 +27,7 @@ class TcpLink(StreamLink):
         except ConnectionRefusedError as error:
             raise LinkError(name, "connection refused", self.hint) from error
         except TimeoutError as error:
-            raise LinkError(
-                name, f"no answer in {timeout:g} s", "are the address and the network right?"
-            ) from error
+            raise LinkError(name, f"no answer in {timeout:g} s", "is the address right?") from error
         except OSError as error:
             raise LinkError(name, f"cannot connect: {error.strerror or error}") from error
         super().__init__(name)
@@ -51,8 +49,9 @@ class TcpLink(StreamLink):
 class TcpServerLink(StreamLink):
     """Listens at `host:port` for one client at a time; a second one waits until the first has left.
 
-    Without a client nothing is read, and writes are dropped and counted. A client that closes its sending side
-    has left. Port 0 takes a free one, see `port`. Raises LinkError when the address cannot be listened at.
+    Without a client nothing is read, and writes are dropped and counted. A client that closes its sending
+    side has left. Port 0 takes a free one, see `port`. Raises LinkError when the address cannot be listened
+    at.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -143,9 +142,7 @@ def listen_error(name: str, error: OSError, port: int, ss: str) -> LinkError:
     if error.errno == errno.EADDRINUSE:
         return LinkError(name, "another program listens there", f"to see which: ss {ss} 'sport = :{port}'")
     if error.errno == errno.EADDRNOTAVAIL:
-        return LinkError(
-            name, "is not an address of this machine", "0.0.0.0 is all of them, 127.0.0.1 only itself"
-        )
+        return LinkError(name, "is no address of this machine", "0.0.0.0 is all of them")
     if error.errno == errno.EACCES:
         return LinkError(name, "permission denied", "take a port above 1023")
     return LinkError(name, f"cannot listen: {error.strerror or error}")

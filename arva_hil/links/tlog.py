@@ -53,12 +53,12 @@ class TlogReader(Iterator[Record]):
     """The records of a log, once, in the file's order, whatever else is in the file; memory stays flat.
 
     Counters, right at any moment of the iteration: `records`; `skipped`, bytes of garbage between records;
-    `torn`, bytes of a last record that the file's end cuts; `consumed` of `size` bytes. `first_us` and `last_us`
-    are the times of the first and the latest record, None before the first.
+    `torn`, bytes of a last record that the file's end cuts; `consumed` of `size` bytes. `first_us` and
+    `last_us` are the times of the first and the latest record, None before the first.
 
     A record's time is within a day of the one before, the first one's in 2001…2100. Behind garbage a record
-    counts only when another one or the file's end follows it; a record that another one starts inside of was cut
-    and counts as garbage.
+    counts only when another one or the file's end follows it; a record that another one starts inside of was
+    cut and counts as garbage.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -131,8 +131,8 @@ class TlogReader(Iterator[Record]):
 class TlogLink(Link):
     """A log as if it came from a vehicle: each packet at its time behind the first one, which comes at once.
 
-    Time is `clock`'s, counted from when the link was opened. Writes go nowhere. `read` raises LinkError behind
-    the last record. `reader` has the counters.
+    Time is `clock`'s, counted from when the link was opened. Writes go nowhere. `read` raises LinkError
+    behind the last record. `reader` has the counters.
     """
 
     def __init__(self, path: str | os.PathLike[str], clock: Clock) -> None:
@@ -181,7 +181,7 @@ def _open_regular(path: str) -> BinaryIO:
 
 
 def _look(buffer: bytes, at: int, near: int | None) -> tuple[int, int]:
-    """Length in bytes and time of the record at `at`; (0, 0) when none starts there, by its time or its magic."""
+    """Length [bytes] and time of the record at `at`; (0, 0) when by its time or magic none starts there."""
     if at + _HEAD.size > len(buffer):
         return 0, 0
     time_us, magic, payload, flags = _HEAD.unpack_from(buffer, at)

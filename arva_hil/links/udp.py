@@ -98,9 +98,9 @@ class UdpOutLink(_UdpLink):
 class UdpInLink(_UdpLink):
     """Listens at `host:port`; its peer is whoever sends the first datagram, for good.
 
-    `peer` is that address, None before; `strangers` counts the datagrams of others, which are ignored. A write
-    before the first datagram is dropped and counted. Port 0 takes a free one, see `port`. Raises LinkError when
-    the address cannot be listened at.
+    `peer` is that address, None before; `strangers` counts the datagrams of others, which are ignored. A
+    write before the first datagram is dropped and counted. Port 0 takes a free one, see `port`. Raises
+    LinkError when the address cannot be listened at.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:

@@ -16,11 +16,12 @@ _NETWORK: Final[dict[str, Kind]] = {
     "tcpin": "tcpin",
 }
 _USUAL_PORT: Final[dict[str, int]] = {"udpin": 14550, "udpout": 14550, "tcp": 5760, "tcpin": 5760}
-_PYSERIAL: Final = re.compile(r"(?:rfc2217|socket|loop|spy|hwgrep|alt)://.*", re.IGNORECASE)
-_DEVICE: Final = re.compile(r"(?:\.{0,2}/.*[^/]|(?:\\\\\.\\)?COM[0-9]+)", re.IGNORECASE)
-_SCHEME: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]+):(.*)")  # two letters at least: C:\ is a drive
-_HOST_PORT: Final = re.compile(r"(?:(\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\s:/\[\]]*):)?([^\s:/\[\]]*)")
-_BARE_HOST_PORT: Final = re.compile(r"(?:\[.*\]|[^\s:/\\]*):[0-9]+")
+# Patterns are compiled when they are first used: it would take a third of this package's import time.
+_PYSERIAL: Final = r"(?i:rfc2217|socket|loop|spy|hwgrep|alt)://.*"
+_DEVICE: Final = r"\.{0,2}/.*[^/]|(?i:(?:\\\\\.\\)?COM[0-9]+)"
+_SCHEME: Final = r"([A-Za-z][A-Za-z0-9+.-]+):(.*)"  # two letters at least: C:\ is a drive
+_HOST_PORT: Final = r"(?:(\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\s:/\[\]]*):)?([^\s:/\[\]]*)"
+_BARE_HOST_PORT: Final = r"(?:\[.*\]|[^\s:/\\]*):[0-9]+"
 _EXAMPLES: Final = (
     "/dev/ttyACM0,57600",
     "COM5",
@@ -68,7 +69,7 @@ def parse(text: str) -> Address:
         return Address("stdout")
     if text.lower() == "pty":
         return Address("pty")
-    if _PYSERIAL.fullmatch(text):
+    if re.fullmatch(_PYSERIAL, text):
         return Address("pyserial", path=text)
     scheme, rest = _split_scheme(text)
     if scheme in _NETWORK:
@@ -82,7 +83,7 @@ def parse(text: str) -> Address:
     if scheme == "udp":
         target = _target(rest)
         raise _refused(text, "does not say which side listens", f"udpin:{target}", f"udpout:{target}")
-    if _BARE_HOST_PORT.fullmatch(text) and not _DEVICE.fullmatch(text.partition(":")[0]):
+    if re.fullmatch(_BARE_HOST_PORT, text) and not re.fullmatch(_DEVICE, text.partition(":")[0]):
         target = _target(text)
         examples = f"udpin:{target}", f"udpout:{target}", f"tcp:{target}"
         raise _refused(text, "could be UDP or TCP", *examples)
@@ -90,7 +91,7 @@ def parse(text: str) -> Address:
         raise _refused(text, f"starts with {scheme!r}, which is no kind of link", *_EXAMPLES)
     if _is_log(text):
         return Address("tlog", path=text)
-    if _DEVICE.match(text):
+    if re.match(_DEVICE, text):
         return _serial(text, text, colon=False)
     if re.fullmatch(r"(tty|cu\.|rfcomm)\w+(,[0-9]+)?", text):
         raise _refused(text, "is no connection", f"/dev/{text}")
@@ -99,8 +100,8 @@ def parse(text: str) -> Address:
 
 def _split_scheme(text: str) -> tuple[str, str]:
     """('udpin', 'host:port') of both udpin:host:port and udpin://host:port; ('', text) without a scheme."""
-    match = _SCHEME.fullmatch(text)
-    if not match or _DEVICE.fullmatch(match[1]):
+    match = re.fullmatch(_SCHEME, text)
+    if not match or re.fullmatch(_DEVICE, match[1]):
         return "", text
     return match[1].lower(), match[2].removeprefix("//")
 
@@ -109,7 +110,7 @@ def _network(text: str, scheme: str, rest: str) -> Address:
     kind = _NETWORK[scheme]
     usual = _USUAL_PORT[kind]
     rest = rest.removesuffix("/")
-    match = _HOST_PORT.fullmatch(rest)
+    match = re.fullmatch(_HOST_PORT, rest)
     if not match:
         if re.fullmatch(r"\[[^\]]*\]", rest):
             raise _refused(text, "has no port", f"{scheme}:{rest}:{usual}")
@@ -131,7 +132,7 @@ def _network(text: str, scheme: str, rest: str) -> Address:
 
 
 def _serial(text: str, rest: str, *, colon: bool) -> Address:
-    """A device and the baud rate that may follow it: after a comma, or a colon where the scheme is written."""
+    """A device and the baud rate behind it: after a comma, or a colon where the scheme is written."""
     path, comma, baud = rest.rpartition(",")
     if not comma:
         path, baud = rest, ""
@@ -139,7 +140,7 @@ def _serial(text: str, rest: str, *, colon: bool) -> Address:
             path, baud = behind.groups()
             if not colon:
                 raise _refused(text, "has a colon before the baud rate", f"{path},{baud}", f"serial:{rest}")
-    if not _DEVICE.fullmatch(path):
+    if not re.fullmatch(_DEVICE, path):
         raise _refused(text, f"has the device {path!r}", "/dev/ttyACM0,57600", "serial:/dev/ttyACM0", "COM5")
     if not baud and not comma:
         return Address("serial", path=path)

@@ -90,11 +90,12 @@ def outputs(h_r: ArrayLike, kappa_eq: float) -> tuple[Ints, Ints, Ints]:
     flat = np.hypot(x, y)
     d_full, d_xy = _distance(np.hypot(flat, z), kappa_eq), _distance(flat, kappa_eq)
     inner = d_full <= _INNER_M
-    mid = ~inner & (d_xy <= _MID_M)
-    d_cm = _rounded(100 * np.where(inner, d_full, np.where(mid, d_xy, -0.01)))
+    d = np.where(inner, d_full, d_xy)
+    zone = inner.astype(np.int64) + (d <= _MID_M)
+    d_cm = np.where(zone > 0, _rounded(100 * d), -1)
     delta = _rounded(np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x))))
-    delta_deg = np.where(mid, np.minimum(np.maximum(delta, -89), 89), inner - 1)
-    return d_cm.astype(np.int64), delta_deg.astype(np.int64), 2 * inner + mid.astype(np.int64)
+    delta_deg = np.where(zone == Zone.MID, np.minimum(np.maximum(delta, -89), 89), zone // 2 - 1)
+    return d_cm.astype(np.int64), delta_deg.astype(np.int64), zone
 
 
 def _distance(h: Array, kappa_eq: float) -> Array:
@@ -111,9 +112,10 @@ def _rounded(x: Array) -> Array:
 class Receiver:
     """The receiver on its vehicle; remembers its random generator, and where the transmitters are.
 
-    `transmitters` may be set anew, as many in the same order, when their places change. `channels`: slots. `no_signal`: (d, δ) of an empty one. `mount_position` (3,): metres, body frame FRD;
-    `mount_attitude` (4,): quaternion, receiver → body. Noise is drawn for every transmitter in its order and
-    for every frame, so that it depends on the seed and the frame's number alone.
+    `transmitters` may be set anew, as many in the same order, when their places change. `channels`: slots.
+    `no_signal`: (d, δ) of an empty one. `mount_position` (3,): metres, body frame FRD. `mount_attitude` (4,):
+    quaternion, receiver → body. Noise is drawn for every transmitter in its order and for every frame, so that
+    it depends on the seed and the frame's number alone.
     """
 
     def __init__(
