@@ -17,6 +17,7 @@ __all__ = ["Problem", "Range", "Reader", "ScenarioError", "whole"]
 
 _DEEPEST: Final = 20
 _REFUSED: Final = "refused"  # the tag of a node that stands for one already complained about
+_START: Final = yaml.Mark("", 0, 0, 0, None, 0)
 _FLOAT: Final = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _WHOLE: Final = re.compile(r"[-+]?(0|[1-9][0-9]{0,18})")
 
@@ -188,7 +189,7 @@ class Reader:
         try:
             root = loader.get_node() if loader.check_node() else None
             if root is None:
-                self.fail(loader.get_mark(), "an empty file", "a mapping with transmitters")
+                self.fail(_START, "an empty file", "a mapping with transmitters")
             if loader.check_node():
                 second = loader.peek_event()  # type: ignore[no-untyped-call]
                 self.note(second.start_mark, "a second document", "one")

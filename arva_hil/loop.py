@@ -58,18 +58,19 @@ def replay(
     heard = 0.0
 
     def emit(everything: bool) -> None:
-        while (t := schedule.deadline) <= heard and (everything or emulator.ready_for(t, heard)):
+        while (t := schedule.deadline) <= heard and (everything or emulator.ready_for(t, heard)) and not stopped():
             while clock is not None and clock.now() < t and not stopped():
                 clock.wait(min(t, clock.now() + _LONGEST_WAIT_S))
             emulator.emit(t, t)
 
     for record in records:
-        if stopped():
-            return
         if start_us is None:
             start_us = record.time_us
         heard = max(heard, (record.time_us - start_us) / 1e6)
-        emit(False)
+        if schedule.deadline <= heard:
+            emit(False)
+            if stopped():
+                return
         emulator.take(record.raw, heard)
     emit(True)
     if emulator.session.vehicle is None:

@@ -69,8 +69,8 @@ def _named(frame: Frame, boot_ms: int) -> list[Any]:
     """The valid channels, and always channel 1."""
     messages = []
     for slot, channel in enumerate(frame.channels, 1):
-        if slot > 1 and channel.id is None:
-            break
+        if slot > 1 and not channel.valid:
+            continue
         id_ = 255 if channel.id is None else channel.id
         for suffix, value in (("D", channel.d), ("DIR", channel.delta), ("ID", id_)):
             name = f"ARVA{slot}_{suffix}".encode()

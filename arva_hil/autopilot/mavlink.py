@@ -24,6 +24,13 @@ _SIGNED: Final = 0x01  # the one incompatibility flag there is; a packet with an
 _SIGNATURE_BYTES: Final = 13
 _CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
 
+# messages of numbers alone; decoded without pymavlink's second look at header and checksum, which costs most of its time
+_PLAIN: Final = {
+    msgid: (kind, kind.unpacker, kind.orders)
+    for msgid, kind in dialect.mavlink_map.items()
+    if not any(kind.array_lengths) and "char" not in kind.fieldtypes
+}
+
 
 class Packet(NamedTuple):
     """One whole packet as it came, its checksum verified when the dialect knows the message id."""
@@ -116,6 +123,12 @@ class Parser:
         """The message in a packet; None when the dialect cannot read it."""
         if not packet.known:
             return None
+        if plain := _PLAIN.get(packet.msgid):
+            header = 10 if packet.version == 2 else 6
+            kind, layout, order = plain
+            payload = packet.raw[header : header + packet.raw[1]]
+            values = layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))
+            return kind(*[values[at] for at in order])
         try:
             return self._codec.decode(bytearray(packet.raw))
         except dialect.MAVError:

@@ -98,7 +98,7 @@ class Multirotor:
         allowed = _LEGS * (-self.down - vd * (_STEP / 2)) / (1 + _LEGS * (_STEP / 2))
         if new_d > allowed:
             new_d = allowed
-            ld = fd = (new_d - vd) / _STEP
+            ld = fd = 0.0
         self.north += (vn + new_n) * (_STEP / 2)
         self.east += (ve + new_e) * (_STEP / 2)
         self.down = min(self.down + (vd + new_d) * (_STEP / 2), 0.0)

@@ -124,9 +124,11 @@ class Session:
 
     def take_notices(self) -> list[Notice]:
         """What there is to say since the last call."""
-        notices, self._notices = self._notices, []
         if self._streams:
-            notices += self._streams.take_notices()
+            self._notices += self._streams.take_notices()
+        notices = self._notices
+        if notices:
+            self._notices = []
         return notices
 
     # -- bytes out -----------------------------------------------------------------------------------------
@@ -292,7 +294,7 @@ class Session:
         self._last_boot = boot if self._last_boot is None else max(boot, self._last_boot)
         self.clock.add(now, boot)
         assert self._streams is not None
-        self._streams.note(message.get_msgId(), now)
+        self._streams.note(message.id, now)
         return boot
 
     def _on_reboot(self, now: float) -> None:

@@ -12,6 +12,7 @@ from arva_hil.notice import Notice
 _MEASURE_S: Final = 2.0  # the window of a rate
 _JUDGE_S: Final = 1.0  # a rate seen for less than this is not judged yet,
 _SILENT_S: Final = 0.3  # unless nothing came at all for this long
+_MOST_SEEN: Final = 1024
 _ENOUGH: Final = 0.7  # of what was asked for: below it the stream is asked for again
 _ACK_S: Final = 1.0
 _AGAIN_S: Final = (2.0, 4.0, 8.0, 16.0, 30.0)
@@ -32,10 +33,13 @@ class Stream:
     group: int  # the MAV_DATA_STREAM it belongs to
     want_hz: float
     said: str = ""  # what the vehicle answered to the last request, for a person
-    seen: dict[int, deque[float]] = field(default_factory=dict)
+    seen: dict[int, deque[float]] = field(default_factory=dict)  # when each of the ids came lately
     tries: int = 0
     by_group: bool = False
     next_ask: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.seen = {msgid: deque(maxlen=_MOST_SEEN) for msgid in self.ids}
 
     def rate(self, now: float, since: float) -> float:
         """Messages per second lately, of the id that comes fastest."""
@@ -43,7 +47,7 @@ class Stream:
         for times in self.seen.values():
             while times and times[0] < now - _MEASURE_S:
                 times.popleft()
-        return max((len(times) / span for times in self.seen.values()), default=0.0)
+        return max((len(times) / span for times in self.seen.values()))
 
 
 class Streams:
@@ -78,11 +82,11 @@ class Streams:
             ),
         )
 
+        self._seen = {msgid: times for stream in self.wanted for msgid, times in stream.seen.items()}
+
     def note(self, msgid: int, now: float) -> None:
-        """A message came from the vehicle."""
-        for stream in self.wanted:
-            if msgid in stream.ids:
-                stream.seen.setdefault(msgid, deque(maxlen=2048)).append(now)
+        """One of the wanted messages came from the vehicle."""
+        self._seen[msgid].append(now)
 
     def rates(self, now: float) -> dict[str, float]:
         """Measured rates [Hz] by message name."""

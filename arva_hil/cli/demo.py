@@ -104,7 +104,7 @@ class Consumer:
 
     def _take(self, frame: Frame) -> None:
         for channel in frame.channels:
-            if channel.id is not None and (self._nearest is None or channel.d < self._nearest):
+            if channel.valid and (self._nearest is None or channel.d < self._nearest):
                 self._nearest = channel.d
 
 

@@ -10,8 +10,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 
-from tqdm import tqdm
-
 from arva_hil.autopilot.session import Session
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
@@ -23,6 +21,8 @@ from arva_hil.links.stdout import StdoutLink
 from arva_hil.links.tlog import Record, TlogReader, read_tlog
 from arva_hil.loop import replay
 from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
+
+_BAR_STEP_BYTES = 1 << 16
 
 
 def add_options(parser: opt.Parser) -> None:
@@ -96,7 +96,15 @@ def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
 
 def _progress(log: TlogReader, first: Record) -> Iterator[Record]:
     """The log's records, with a progress bar on a terminal."""
-    with tqdm(total=log.size, unit="B", unit_scale=True, leave=False, disable=not sys.stderr.isatty()) as bar:
+    if not sys.stderr.isatty():
+        yield from itertools.chain([first], log)
+        return
+    from tqdm import tqdm  # slow to import
+
+    with tqdm(total=log.size, unit="B", unit_scale=True, leave=False) as bar:
+        shown = 0
         for record in itertools.chain([first], log):
-            bar.update(log.consumed - bar.n)
+            if log.consumed - shown > _BAR_STEP_BYTES:
+                bar.update(log.consumed - shown)
+                shown = log.consumed
             yield record

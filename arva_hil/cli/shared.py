@@ -9,7 +9,6 @@ import platform
 import signal
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final
@@ -170,6 +169,8 @@ class Run:
         return code
 
     def _as_dict(self, emulator: Emulator, how: str, code: int) -> dict[str, Any]:
+        from importlib.metadata import version  # slow, and for the record only
+
         session = emulator.session
         return {
             "ended": how,

@@ -14,16 +14,9 @@ _COLOURS: Final = {"warning": "\x1b[33m", "error": "\x1b[31m"}
 
 
 def reading(channels: Iterable[Channel]) -> str:
-    """The heard channels of a frame, e.g. '#1 mid 1046 cm +12°', or 'no signal'."""
-    heard = [
-        f"#{'?' if c.id is None else c.id} {_zone(c.zone)} {c.d} cm {c.delta:+d}°" for c in channels if heard_in(c)
-    ]
+    """The channels of a frame that hear, e.g. '#1 mid 1046 cm +12°', or 'no signal'."""
+    heard = [f"#{'?' if c.id is None else c.id} {_zone(c.zone)} {c.d} cm {c.delta:+d}°" for c in channels if c.valid]
     return ", ".join(heard) or "no signal"
-
-
-def heard_in(channel: Channel) -> bool:
-    """Whether a channel hears a transmitter; an empty slot may say d = 0."""
-    return channel.valid and (channel.d > 0 or channel.id is not None or channel.zone > 0)
 
 
 def frame_json(frame: Frame) -> dict[str, Any]:

@@ -91,11 +91,11 @@ def outputs(h_r: ArrayLike, kappa_eq: float) -> tuple[Ints, Ints, Ints]:
     d_full, d_xy = _distance(np.hypot(flat, z), kappa_eq), _distance(flat, kappa_eq)
     inner = d_full <= _INNER_M
     d = np.where(inner, d_full, d_xy)
-    zone = inner.astype(np.int64) + (d <= _MID_M)
-    d_cm = np.where(zone > 0, _rounded(100 * d), -1)
+    heard = d <= _MID_M
+    d_cm = np.where(heard, _rounded(100 * d), -1)
     delta = _rounded(np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x))))
-    delta_deg = np.where(zone == Zone.MID, np.minimum(np.maximum(delta, -89), 89), zone // 2 - 1)
-    return d_cm.astype(np.int64), delta_deg.astype(np.int64), zone
+    delta_deg = np.where(heard & ~inner, np.minimum(np.maximum(delta, -89), 89), inner - 1)
+    return d_cm.astype(np.int64), delta_deg.astype(np.int64), inner.astype(np.int64) + heard
 
 
 def _distance(h: Array, kappa_eq: float) -> Array:

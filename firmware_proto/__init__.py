@@ -1,0 +1,57 @@
+"""The wire between an ARVA receiver and its host, as a codec. One table of truth: PROTOCOL.md."""
+
+from collections.abc import Callable
+from typing import Final
+
+from firmware_proto.binary import MAX_FRAME_BYTES, Decoder, encode
+from firmware_proto.frame import (
+    INNER,
+    INTERFERENCE,
+    MAX_CHANNELS,
+    MID,
+    MORE_TRANSMITTERS,
+    NO_SIGNAL,
+    OUTER,
+    SELF_TEST_FAULT,
+    SYNTHETIC,
+    Channel,
+    Frame,
+    FrameDecoder,
+)
+from firmware_proto.nmea import NmeaDecoder, encode_nmea
+from firmware_proto.text import TextDecoder, encode_text
+
+DECODERS: Final[dict[str, type[FrameDecoder]]] = {
+    "binary": Decoder,
+    "nmea": NmeaDecoder,
+    "text": TextDecoder,
+}
+ENCODERS: Final[dict[str, Callable[[Frame], bytes]]] = {
+    "binary": encode,
+    "nmea": encode_nmea,
+    "text": encode_text,
+}
+
+__all__ = [
+    "DECODERS",
+    "ENCODERS",
+    "INNER",
+    "INTERFERENCE",
+    "MAX_CHANNELS",
+    "MAX_FRAME_BYTES",
+    "MID",
+    "MORE_TRANSMITTERS",
+    "NO_SIGNAL",
+    "OUTER",
+    "SELF_TEST_FAULT",
+    "SYNTHETIC",
+    "Channel",
+    "Decoder",
+    "Frame",
+    "FrameDecoder",
+    "NmeaDecoder",
+    "TextDecoder",
+    "encode",
+    "encode_nmea",
+    "encode_text",
+]

@@ -1,0 +1,97 @@
+"""The binary frame: A4 57, version, length, payload, CRC. Layout and rules: PROTOCOL.md."""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Final
+
+from fastcrc import crc16
+
+from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Frame, FrameDecoder, check
+
+VERSION: Final = 1
+MAX_FRAME_BYTES: Final = 9 + 6 * MAX_CHANNELS
+
+_NO_ID: Final = 255
+_HEAD: Final = struct.Struct("<HBBBBB")  # sync, version, length, sequence, status, n
+_CHANNEL: Final = struct.Struct("<BBhh")  # id, zone, d, δ
+_SYNC: Final = 0x57A4
+
+_LENGTHS: Final = re.escape(bytes(3 + 6 * n for n in range(1, MAX_CHANNELS + 1)))
+# A head as far as the length, or the beginning of one where the bytes end.
+_CANDIDATE: Final = re.compile(rb"\xa4(?:\Z|\x57(?:\Z|\x01(?:\Z|[" + _LENGTHS + rb"])))")
+
+
+def encode(frame: Frame) -> bytes:
+    """The 9 + 6·n bytes of a frame. Raises ValueError naming the field that does not fit."""
+    check(frame)
+    n = len(frame.channels)
+    raw = bytearray(_HEAD.pack(_SYNC, VERSION, 3 + 6 * n, frame.sequence, frame.status, n))
+    for id, zone, d, delta, marked in frame.channels:
+        raw += _CHANNEL.pack(_NO_ID if id is None else id, zone | (MARKED if marked else 0), d, delta)
+    return bytes(raw) + crc16.mcrf4xx(bytes(raw[2:])).to_bytes(2, "little")
+
+
+class Decoder(FrameDecoder):
+    """Incremental decoder of binary frames; remembers the candidate that is not whole yet and when it came.
+
+    A false candidate costs one byte, never the bytes behind it: every frame that comes without a pause is
+    delivered, unless a false candidate that overlaps it has a right CRC by chance. It is delivered at once,
+    or, behind the head of a longer false candidate, when that fills up or is 100 ms old; an empty `feed`
+    tells the time to a silent line.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._tail = b""  # at most MAX_FRAME_BYTES − 1
+        self._arrived: list[float] = []  # one a byte of the tail
+
+    def feed(self, chunk: bytes, now: float) -> list[Frame]:
+        """The frames completed by `chunk`, or by the end of a false candidate's 100 ms. See FrameDecoder."""
+        frames: list[Frame] = []
+        tail, arrived = self._tail, self._arrived
+        while tail and now - arrived[0] >= PAUSE_S:
+            self.dropped += 1
+            at = self._scan(tail, 1, frames)
+            tail, arrived = tail[at:], arrived[at:]
+        if chunk:
+            data = tail + chunk
+            at = self._scan(data, 0, frames)
+            arrived = arrived[at:] + [now] * (len(data) - max(at, len(tail)))
+            tail = data[at:]
+        self._tail, self._arrived = tail, arrived
+        return frames
+
+    def _scan(self, data: bytes, at: int, frames: list[Frame]) -> int:
+        """Append the frames in `data[at:]`; where the candidate that is not whole begins, or the end."""
+        end = len(data)
+        while found := _CANDIDATE.search(data, at):
+            self.dropped += found.start() - at
+            at = found.start()
+            if end - at < _HEAD.size:
+                return at
+            size = data[at + 3] + 6
+            if data[at + 6] * 6 + 9 == size:
+                if end - at < size:
+                    return at
+                stop = at + size - 2
+                if crc16.mcrf4xx(data[at + 2 : stop]) == data[stop] | data[stop + 1] << 8:
+                    frames.append(self._frame(data, at, stop))
+                    at += size
+                    continue
+                self.bad_crc += 1
+            self.dropped += 1
+            at += 1
+        self.dropped += end - at
+        return end
+
+    def _frame(self, data: bytes, at: int, stop: int) -> Frame:
+        channels = tuple(
+            [
+                Channel(None if id == _NO_ID else id, zone & ~MARKED, d, delta, zone >= MARKED)
+                for id, zone, d, delta in _CHANNEL.iter_unpack(data[at + _HEAD.size : stop])
+            ]
+        )
+        self._count(data[at + 4])
+        return Frame(data[at + 4], data[at + 5], channels)

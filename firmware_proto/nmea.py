@@ -1,0 +1,104 @@
+"""The NMEA 0183 form: one `$PARVA` sentence a channel. Layout and rules: PROTOCOL.md."""
+
+from __future__ import annotations
+
+import re
+from functools import reduce
+from operator import xor
+from typing import Final
+
+from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Frame, FrameDecoder, check
+
+_MAX_SENTENCE: Final = 82  # bytes from `$` to the line feed, as in NMEA 0183
+_SENTENCE: Final = re.compile(rb"\$([^$*]{0,76})\*([0-9A-Fa-f]{2})\r?")
+_PARVA: Final = re.compile(
+    rb"PARVA,(\d{1,3}),(\d{1,3}),(\d{1,2}),(\d{1,2}),(\d{0,3}),(\d{1,3}),(-?\d{1,5}),(-?\d{1,5})"
+)
+
+
+def encode_nmea(frame: Frame) -> bytes:
+    """The sentences of a frame, one a channel. Raises ValueError naming the field that does not fit."""
+    check(frame)
+    n = len(frame.channels)
+    sentences = []
+    for slot, (id, zone, d, delta, marked) in enumerate(frame.channels, 1):
+        who, where = "" if id is None else id, zone | (MARKED if marked else 0)
+        body = f"PARVA,{frame.sequence},{frame.status},{n},{slot},{who},{where},{d},{delta}".encode()
+        sentences.append(b"$%b*%02X\r\n" % (body, reduce(xor, body)))
+    return b"".join(sentences)
+
+
+class NmeaDecoder(FrameDecoder):
+    """Incremental decoder of `$PARVA` sentences; remembers the sentence and the frame that are not whole yet.
+
+    A frame is its sentences 1…n in order, less than 100 ms from one to the next; anything else costs the
+    sentences that were already there. Other sentences on the line are dropped.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._part = b""  # at most _MAX_SENTENCE
+        self._head = (0, 0, 0)  # sequence, status, n of the frame that is not whole
+        self._channels: list[Channel] = []
+        self._bytes = 0  # its sentences so far
+        self._since = 0.0  # and when the last one came
+
+    def feed(self, chunk: bytes, now: float) -> list[Frame]:
+        """The frames completed by `chunk`. See FrameDecoder."""
+        if now - self._since >= PAUSE_S:
+            self._give_up()
+        *lines, part = (self._part + chunk).split(b"\n")
+        frames = [frame for line in lines if (frame := self._line(line, now))]
+        start = part.rfind(b"$")
+        self._part = part[start:] if start >= 0 and len(part) - start <= _MAX_SENTENCE else b""
+        self.dropped += len(part) - len(self._part)
+        return frames
+
+    def _line(self, line: bytes, now: float) -> Frame | None:
+        start = max(line.rfind(b"$"), 0)
+        size = len(line) - start + 1
+        self.dropped += start
+        values = self._values(line[start:])
+        if values is None:
+            self.dropped += size
+            return None
+        sequence, status, n, slot, channel = values
+        if slot != len(self._channels) + 1 or (self._channels and (sequence, status, n) != self._head):
+            self._give_up()
+        if slot != len(self._channels) + 1:
+            self.dropped += size
+            return None
+        self._head = sequence, status, n
+        self._channels.append(channel)
+        self._bytes += size
+        self._since = now
+        if slot < n:
+            return None
+        frame = Frame(sequence, status, tuple(self._channels))
+        self._channels, self._bytes = [], 0
+        self._count(sequence)
+        return frame
+
+    def _values(self, line: bytes) -> tuple[int, int, int, int, Channel] | None:
+        """Sequence, status, n, slot and channel of a good sentence; None for anything else."""
+        sentence = _SENTENCE.fullmatch(line)
+        if not sentence:
+            return None
+        body, checksum = sentence.groups()
+        if reduce(xor, body, 0) != int(checksum, 16):
+            self.bad_crc += 1
+            return None
+        fields = _PARVA.fullmatch(body)
+        if not fields:
+            return None
+        id = int(fields[5]) if fields[5] else None
+        sequence, status, n, slot, zone, d, delta = (int(fields[k]) for k in (1, 2, 3, 4, 6, 7, 8))
+        if max(sequence, status, zone) > 255 or not 1 <= slot <= n <= MAX_CHANNELS or (id or 0) > 254:
+            return None
+        if min(d, delta) < -0x8000 or max(d, delta) > 0x7FFF:
+            return None
+        return sequence, status, n, slot, Channel(id, zone & ~MARKED, d, delta, zone >= MARKED)
+
+    def _give_up(self) -> None:
+        self.dropped += self._bytes
+        self._channels, self._bytes = [], 0

@@ -1,0 +1,286 @@
+"""What only UDP, TCP and standard output do."""
+
+from __future__ import annotations
+
+import io
+import os
+import socket
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from conftest import DEADLINE_S, receive, until
+
+from arva_hil.links import Link, LinkError
+from arva_hil.links.stdout import StdoutLink, open_stdout
+from arva_hil.links.tcp import TcpLink, TcpServerLink
+from arva_hil.links.udp import UdpInLink, UdpOutLink
+
+Keep = Callable[[Link], Link]
+
+
+@pytest.fixture
+def udpin(keep: Keep) -> UdpInLink:
+    link = keep(UdpInLink())
+    assert isinstance(link, UdpInLink)
+    return link
+
+
+@pytest.fixture
+def tcpin(keep: Keep) -> TcpServerLink:
+    link = keep(TcpServerLink())
+    assert isinstance(link, TcpServerLink)
+    return link
+
+
+# UDP
+
+
+def test_udpin_keeps_its_first_peer_and_counts_the_others(udpin: UdpInLink, keep: Keep) -> None:
+    first, second = (keep(UdpOutLink("127.0.0.1", udpin.port)) for _ in range(2))
+    first.write(b"first")
+    assert receive(udpin, 5) == b"first"
+    second.write(b"second")
+    until(udpin.ready, udpin)
+    assert udpin.read() == b""
+    assert udpin.strangers == 1
+    first.write(b"again")
+    assert receive(udpin, 5) == b"again"
+    assert udpin.write(b"answer")
+    assert receive(first, 6) == b"answer"
+    assert second.read() == b""
+
+
+def test_udpin_without_a_peer_drops(udpin: UdpInLink) -> None:
+    assert not udpin.write(b"to nobody")
+    assert udpin.dropped == 1
+    assert udpin.peer is None
+
+
+def test_one_write_is_one_datagram_and_several_are_read_joined(udpin: UdpInLink) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far:
+        far.settimeout(DEADLINE_S)
+        far.connect(("127.0.0.1", udpin.port))
+        for datagram in (b"a", b"", b"bb", b"c" * 60_000):  # an empty datagram is no end
+            far.send(datagram)
+        until(udpin.ready, udpin)
+        assert udpin.read() == b"abb" + b"c" * 60_000  # the loopback delivers at once
+        for data in (b"x" * 1000, b"y"):
+            assert udpin.write(data)
+        assert [far.recv(65536), far.recv(65536)] == [b"x" * 1000, b"y"]
+
+
+def test_udpout_does_not_mind_that_nobody_listens_yet(keep: Keep) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reserved:
+        reserved.bind(("127.0.0.1", 0))
+        port = reserved.getsockname()[1]
+    link = keep(UdpOutLink("127.0.0.1", port))
+    for _ in range(5):
+        assert link.write(b"lost")
+        assert link.read() == b""
+    late = keep(UdpInLink("127.0.0.1", port))
+    assert link.write(b"heard")  # the refusal of the one before costs no datagram
+    assert receive(late, 5) == b"heard"
+    assert link.dropped == 0
+
+
+def test_an_unreachable_network_is_counted(udpin: UdpInLink, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unreachable(data: bytes) -> None:
+        raise OSError(101, "Network is unreachable")
+
+    monkeypatch.setattr(udpin, "_transmit", unreachable)
+    assert not udpin.write(b"x")
+    assert udpin.dropped == 1
+
+
+@pytest.mark.parametrize("size", [70_000])
+def test_a_datagram_too_long_is_the_callers_mistake(keep: Keep, size: int) -> None:
+    link = keep(UdpOutLink("127.0.0.1", 14550))
+    with pytest.raises(ValueError, match="70000 bytes do not fit in one datagram"):
+        link.write(b"x" * size)
+
+
+def test_listening_is_on_the_loopback_unless_told(udpin: UdpInLink, tcpin: TcpServerLink) -> None:
+    assert udpin._socket.getsockname()[0] == "127.0.0.1"
+    assert tcpin._listener.getsockname()[0] == "127.0.0.1"
+    assert udpin.name == f"udpin:127.0.0.1:{udpin.port}"
+    assert tcpin.name == f"tcpin:127.0.0.1:{tcpin.port}"
+
+
+def test_an_address_in_use_says_how_to_find_who(udpin: UdpInLink, tcpin: TcpServerLink) -> None:
+    with pytest.raises(LinkError, match=f"another program listens there; .*ss -lunp 'sport = :{udpin.port}'"):
+        UdpInLink("127.0.0.1", udpin.port)
+    with pytest.raises(LinkError, match=f"another program listens there; .*ss -ltnp 'sport = :{tcpin.port}'"):
+        TcpServerLink("127.0.0.1", tcpin.port)
+
+
+@pytest.mark.parametrize("kind", [UdpInLink, TcpServerLink])
+def test_an_address_that_is_not_ours(kind: Callable[[str, int], Link]) -> None:
+    with pytest.raises(LinkError, match="is no address of this machine"):
+        kind("192.0.2.1", 14550)
+
+
+@pytest.mark.parametrize("kind", [UdpInLink, UdpOutLink, TcpServerLink, TcpLink])
+def test_an_unknown_host(kind: Callable[[str, int], Link], monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(*args: Any, **kwargs: Any) -> None:
+        raise socket.gaierror(-2, "Name or service not known")
+
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    with pytest.raises(LinkError, match="unknown host 'drone'; Name or service not known"):
+        kind("drone", 14550)
+
+
+@pytest.mark.skipif(not socket.has_ipv6, reason="no IPv6")
+@pytest.mark.parametrize(("server", "client"), [(UdpInLink, UdpOutLink), (TcpServerLink, TcpLink)])
+def test_ipv6(server: Any, client: Any, keep: Keep) -> None:
+    try:
+        near = keep(server("::1"))
+    except LinkError as error:
+        pytest.skip(str(error))
+    far = keep(client("::1", near.port))  # type: ignore[attr-defined]
+    assert far.write(b"six")
+    assert receive(near, 3) == b"six"
+    assert "[::1]:" in near.name
+
+
+# TCP
+
+
+def test_nobody_there() -> None:
+    with pytest.raises(LinkError, match=r"^tcp:127.0.0.1:1: connection refused; is the autopilot running\?$"):
+        TcpLink("127.0.0.1", 1)
+
+
+def test_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def silent(*args: Any) -> None:
+        asked.append(args)
+        raise TimeoutError("timed out")
+
+    monkeypatch.setattr(socket, "create_connection", silent)
+    with pytest.raises(LinkError, match="no answer in 5 s"):
+        TcpLink("192.0.2.1", 5760)
+    assert asked == [(("192.0.2.1", 5760), 5.0)]
+
+
+def test_small_writes_go_at_once(tcpin: TcpServerLink, keep: Keep) -> None:
+    client = keep(TcpLink("127.0.0.1", tcpin.port))
+    until(tcpin.ready, tcpin)
+    tcpin.read()
+    assert isinstance(client, TcpLink)
+    assert tcpin._client is not None
+    for sock in (client._socket, tcpin._client):
+        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
+def test_a_server_without_a_client_drops(tcpin: TcpServerLink) -> None:
+    assert tcpin.read() == b""
+    assert not tcpin.write(b"to nobody")
+    assert tcpin.dropped == 1
+
+
+def test_a_server_that_only_writes_finds_its_client(tcpin: TcpServerLink, keep: Keep) -> None:
+    client = keep(TcpLink("127.0.0.1", tcpin.port))
+    until(tcpin.ready, tcpin)
+    assert tcpin.write(b"frame")
+    assert receive(client, 5) == b"frame"
+    client.close()
+    for _ in range(1000):
+        if not tcpin.write(b"frame"):
+            break
+    assert tcpin.dropped == 1
+    second = keep(TcpLink("127.0.0.1", tcpin.port))
+    until(tcpin.ready, tcpin)
+    assert tcpin.write(b"again")
+    assert receive(second, 5) == b"again"
+
+
+def test_one_client_at_a_time(tcpin: TcpServerLink, keep: Keep) -> None:
+    first, second = (keep(TcpLink("127.0.0.1", tcpin.port)) for _ in range(2))
+    first.write(b"first")
+    assert receive(tcpin, 5) == b"first"
+    second.write(b"second")
+    assert tcpin.write(b"for the first")
+    assert receive(first, 13) == b"for the first"
+    assert tcpin.read() == b""
+    first.write(b"bye")
+    first.close()
+    assert receive(tcpin, 9) == b"byesecond"
+    assert tcpin.write(b"for the second")
+    assert receive(second, 14) == b"for the second"
+
+
+def test_the_next_client_gets_no_half_frame(tcpin: TcpServerLink, keep: Keep) -> None:
+    first = keep(TcpLink("127.0.0.1", tcpin.port))
+    until(tcpin.ready, tcpin)
+    while tcpin.write(b"x" * 99_991):
+        assert tcpin.dropped == 0
+    assert tcpin._rest
+    first.close()
+    second = keep(TcpLink("127.0.0.1", tcpin.port))
+    until(lambda: tcpin.read() == b"" and tcpin._client is None, tcpin)
+    until(lambda: tcpin.write(b"frame"), tcpin)
+    assert receive(second, 5) == b"frame"
+
+
+# Standard output
+
+
+def test_stdout_writes_everything_even_to_a_slow_non_blocking_pipe() -> None:
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    got = bytearray()
+
+    def drain() -> None:
+        while chunk := os.read(reader, 1000):
+            got.extend(chunk)
+
+    thread = threading.Thread(target=drain, daemon=True)
+    thread.start()
+    with open(writer, "wb", buffering=0) as file:
+        link = StdoutLink(file)
+        for _ in range(5):
+            assert link.write(bytes(range(256)) * 400)
+    thread.join(DEADLINE_S)
+    os.close(reader)
+    assert bytes(got) == bytes(range(256)) * 2000
+    assert link.dropped == 0
+
+
+@pytest.mark.parametrize("buffering", [0, -1])
+def test_stdout_whose_reader_went(buffering: int) -> None:
+    reader, writer = os.pipe()
+    file = open(writer, "wb", buffering=buffering)  # noqa: SIM115
+    link = StdoutLink(file)
+    assert link.write(b"x")
+    assert os.read(reader, 10) == b"x"  # it is not kept in a buffer
+    os.close(reader)
+    with pytest.raises(LinkError, match="the reader of this pipe went away"):
+        link.write(b"x")
+    try:
+        file.close()
+    except BrokenPipeError:
+        assert buffering
+
+
+def test_stdout_of_a_full_disk_and_of_a_closed_link() -> None:
+    with open("/dev/full", "wb", buffering=0) as file, pytest.raises(LinkError, match="No space left"):
+        StdoutLink(file).write(b"x")
+    link = StdoutLink(memory := io.BytesIO())
+    assert link.write(b"kept")
+    assert link.read() == b""
+    assert not link.ready()
+    link.close()
+    link.close()
+    with pytest.raises(LinkError, match="closed"):
+        link.write(b"x")
+    assert memory.getvalue() == b"kept"  # closing the link leaves the file open
+
+
+def test_open_stdout_has_no_buffer(monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = io.BytesIO()
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BufferedWriter(raw)))  # type: ignore[arg-type,type-var]
+    open_stdout().write(b"frame")
+    assert raw.getvalue() == b"frame"

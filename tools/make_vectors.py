@@ -1,0 +1,334 @@
+"""Write firmware_proto/vectors.json: what a codec in any language is checked with.
+
+Nothing here imports a codec. Bytes and CRCs are made by the code below, a bit at a time, and what a decoder
+must answer is written down with each stream, so the file cannot agree with a codec by construction.
+
+    python tools/make_vectors.py            write the file
+    python tools/make_vectors.py --check    exit 1 when the file is not what would be written
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+FILE = Path(__file__).parent.parent / "firmware_proto" / "vectors.json"
+ABOUT = [
+    "Made by tools/make_vectors.py; do not edit. The protocol is PROTOCOL.md.",
+    "crc: CRC-16/MCRF4XX of `hex`.",
+    "frames: encode gives `hex`, `nmea` and `text`; decoding `hex` gives the frame back. An id of null is 255",
+    "on the wire. decode_only: no encoder sends it, every decoder delivers it.",
+    "streams: a fresh binary decoder is fed each step's `hex` at time `t`, in seconds; `frames` names those it",
+    "delivers in that call. A decoder that takes one byte a call gets the bytes of a step at the same t.",
+    "An empty hex only tells the time. counters: after the last step. dropped: bytes that are in no frame and",
+    "no longer awaited; lost: frames missing from the sequence.",
+]
+
+Wire = dict[str, Any]  # a frame as JSON has it
+
+
+def crc(data: bytes) -> int:
+    """CRC-16/MCRF4XX, one bit at a time."""
+    register = 0xFFFF
+    for byte in data:
+        for bit in range(8):
+            carry = (register ^ byte >> bit) & 1
+            register = register >> 1 ^ 0x8408 * carry
+    return register
+
+
+def seal(body: bytes) -> bytes:
+    """Sync and a right CRC round anything, well formed or not."""
+    return b"\xa4\x57" + body + crc(body).to_bytes(2, "little")
+
+
+def int16(value: int) -> bytes:
+    return value.to_bytes(2, "little", signed=True)
+
+
+def slot(id: int | None = None, zone: int = 0, d: int = -1, delta: int = -1, marked: bool = False) -> Wire:
+    return {"id": id, "zone": zone, "marked": marked, "d": d, "delta": delta}
+
+
+def frame(sequence: int, status: int, *channels: Wire) -> Wire:
+    return {"sequence": sequence, "status": status, "channels": list(channels)}
+
+
+def binary(f: Wire) -> bytes:
+    n = len(f["channels"])
+    body = bytes([1, 3 + 6 * n, f["sequence"], f["status"], n])
+    for c in f["channels"]:
+        body += bytes([255 if c["id"] is None else c["id"], c["zone"] + 128 * c["marked"]])
+        body += int16(c["d"]) + int16(c["delta"])
+    return seal(body)
+
+
+def nmea(f: Wire) -> str:
+    text = ""
+    for k, c in enumerate(f["channels"]):
+        id = "" if c["id"] is None else str(c["id"])
+        fields = [f["sequence"], f["status"], len(f["channels"]), k + 1]
+        fields += [id, c["zone"] + 128 * c["marked"], c["d"], c["delta"]]
+        body = "PARVA," + ",".join(map(str, fields))
+        checksum = 0
+        for letter in body:
+            checksum ^= ord(letter)
+        text += f"${body}*{checksum:02X}\r\n"
+    return text
+
+
+def line(f: Wire) -> str:
+    c = min([c for c in f["channels"] if c["d"] > 0] or f["channels"][:1], key=lambda c: c["d"])
+    return f"{c['d']},{c['delta']}\r\n"
+
+
+FRAMES: dict[str, Wire] = {
+    "typical": frame(7, 1, slot(1, 1, 1250, -35), slot(2, 0, 4020, 170), slot(3, 2, 85, 4), slot()),
+    "silence": frame(0, 1, slot()),
+    "one": frame(1, 1, slot(1, 2, 300, 12)),
+    "two": frame(2, 1, slot(2, 1, 2200, -90)),
+    "three": frame(3, 1, slot(3, 0, 5600, 179, True)),
+    "seven": frame(7, 1, slot(7, 0, 7000, 0)),
+    "seq_254": frame(254, 1, slot(1, 0, 100, 1)),
+    "seq_255": frame(255, 1, slot(1, 0, 101, 2)),
+    "seq_0": frame(0, 1, slot(1, 0, 102, 3)),
+    "status_none": frame(10, 0, slot(1, 0, 1, 1)),
+    "status_interference": frame(11, 3, slot(1, 0, 1, 1)),
+    "status_more_transmitters": frame(12, 5, slot(1, 0, 1, 1)),
+    "status_self_test_fault": frame(13, 9, slot(1, 0, 1, 1)),
+    "status_unknown_bits": frame(14, 0xF1, slot(1, 0, 1, 1)),
+    "status_all": frame(15, 255, slot(1, 0, 1, 1)),
+    "zones": frame(20, 1, slot(1, 0, 1, 1), slot(2, 1, 2, 2), slot(3, 2, 3, 3)),
+    "zones_marked": frame(21, 1, *(slot(k, k, k, k, True) for k in range(3))),
+    "zone_3": frame(22, 1, slot(1, 3, 500, 0)),
+    "zone_127_marked": frame(23, 1, slot(1, 127, 500, 0, True)),
+    "ids": frame(24, 1, slot(0, 0, 1, 0), slot(254, 0, 2, 0), slot(None, 0, 3, 0)),
+    "d_delta_low": frame(25, 1, slot(1, 0, -32768, -32768)),
+    "d_delta_high": frame(26, 1, slot(1, 0, 32767, 32767)),
+    "d_delta_near_zero": frame(27, 1, slot(1, 0, 0, 0), slot(2, 0, 1, -1), slot(3, 0, -1, 1), slot(4, 0, 255, 256)),
+    "angles": frame(28, 1, slot(1, 0, 9, -180), slot(2, 0, 9, -179), slot(3, 0, 9, 180)),
+    "equal_distance": frame(29, 1, slot(1, 0, 700, 10), slot(2, 0, 700, -10)),
+    "no_signal_-1_0": frame(30, 1, slot(d=-1, delta=0), slot(2, 0, 700, 10)),
+    "no_signal_0_0": frame(32, 1, slot(d=0, delta=0), slot(2, 0, 700, 10)),
+    "lowest": frame(0, 0, slot(0, 0, -32768, -32768)),
+    "highest": frame(255, 255, *[slot(254, 2, 32767, 32767, True)] * 16),
+    "sync_inside": frame(31, 1, slot(0xA4, 0, 0x57A4, 0x0F01), slot(0x57, 1, 0x57A4, 0x6301)),
+}
+FRAMES |= {f"n_{n}": frame(100 + n, 1, *(slot(k, k % 3, 10 * k, -k) for k in range(n))) for n in range(1, 17)}
+DECODE_ONLY = ("zone_3", "zone_127_marked")
+BYTES = {name: binary(f) for name, f in FRAMES.items()}
+
+# A frame inside the channels of another: head of 7, then 15 of the 24 payload bytes.
+CARRIER = bytes([1, 27, 50, 1, 4]) + BYTES["one"] + bytes(9)
+FALSE = bytes.fromhex("A4570163")  # the head of a 105-byte frame
+FALSE_LONG = FALSE + bytes.fromhex("000010")  # and its n says so too
+JUNK = bytes(k for k in range(256) if k != 0xA4)
+
+
+class Stream:
+    """One stream as it is written down: steps with what comes out, then the final counters."""
+
+    def __init__(self, name: str, why: str) -> None:
+        self.value: dict[str, Any] = {"name": name, "why": why, "steps": []}
+        self.fed = 0
+        self.delivered: list[str] = []
+
+    def step(self, t: float, data: bytes = b"", *frames: str) -> Stream:
+        self.value["steps"].append({"t": t, "hex": data.hex(), "frames": list(frames)})
+        self.fed += len(data)
+        self.delivered += frames
+        return self
+
+    def end(self, bad_crc: int = 0, lost: int = 0, awaited: int = 0) -> dict[str, Any]:
+        """`awaited`: bytes that the decoder still holds."""
+        inside = sum(len(BYTES[name]) for name in self.delivered)
+        self.value["counters"] = {
+            "good": len(self.delivered),
+            "bad_crc": bad_crc,
+            "dropped": self.fed - inside - awaited,
+            "lost": lost,
+        }
+        return self.value
+
+
+def streams() -> list[dict[str, Any]]:
+    one, two, three, seven = (BYTES[name] for name in ("one", "two", "three", "seven"))
+    n_4, n_16 = BYTES["n_4"], BYTES["n_16"]
+    made = [
+        Stream("whole", "a frame in one piece").step(0, one, "one").end(),
+        Stream("glued", "frames without a byte between")
+        .step(0, one + n_16 + two, "one", "n_16", "two")
+        .end(lost=(116 - 1 - 1) + (2 - 116) % 256 - 1),
+        Stream("cut", "frames cut across calls")
+        .step(0, one + two[:1], "one")
+        .step(0.001, two[1:14])
+        .step(0.002, two[14:] + three, "two", "three")
+        .end(),
+        Stream("far_apart", "silence between frames is not a fault").step(0, one, "one").step(100000, two, "two").end(),
+        Stream("junk", "bytes before, between and after").step(0, JUNK + one + JUNK + two + JUNK, "one", "two").end(),
+        Stream("sync_pieces", "each beginning of a head, and then not one")
+        .step(0, b"\xa4" + one, "one")
+        .step(1, b"\xa4\x57" + two, "two")
+        .step(2, b"\xa4\x57\x01" + three, "three")
+        .step(3, b"\xa4\xa4\xa4\x57\xa4" + seven, "seven")
+        .end(lost=3),
+        Stream("sync_cut", "the two sync bytes in two calls, a lone first one before")
+        .step(0, b"\xa4")
+        .step(0.01, b"\xa4")
+        .step(0.02, one[1:], "one")
+        .end(),
+        Stream("sync_inside", "sync bytes and heads in the payload of a good frame")
+        .step(0, BYTES["sync_inside"] + one, "sync_inside", "one")
+        .end(lost=(1 - 31) % 256 - 1),
+        Stream("frame_inside_bad", "a whole frame inside one whose CRC fails: only one byte was dropped")
+        .step(0, seal(CARRIER)[:-1] + bytes([seal(CARRIER)[-1] ^ 1]), "one")
+        .end(bad_crc=1),
+        Stream("false_head", "A4 57 01 63 before a frame: byte 6 is not 16").step(0, FALSE + one, "one").end(),
+        Stream("false_head_1_hz", "the false head each second, alone; the frame 0.5 s later")
+        .step(0, FALSE)
+        .step(0.5, one, "one")
+        .step(1.0, FALSE)
+        .step(1.5, two, "two")
+        .step(2.0, FALSE)
+        .end(awaited=4),
+        Stream("false_long_head", "a false head with a right n hides the frame behind it for 100 ms")
+        .step(0, FALSE_LONG + one)
+        .step(0.099)
+        .step(0.101, b"", "one")
+        .end(),
+        Stream("false_long_head_then_frame", "the next call is told the time first, then the bytes")
+        .step(0, FALSE_LONG + one)
+        .step(1.0, two, "one", "two")
+        .end(),
+        Stream("false_long_head_fills", "98 bytes later it is whole, its CRC is wrong, and all in it comes out")
+        .step(0, FALSE_LONG + one * 6 + n_16[:7])
+        .step(0.01, n_16[7:8], *["one"] * 6)
+        .step(0.02, n_16[8:], "n_16")
+        .end(bad_crc=1, lost=114),
+        Stream("two_false_long_heads", "one expires, the other is as old and goes with it")
+        .step(0, FALSE_LONG + FALSE_LONG + one)
+        .step(0.101, b"", "one")
+        .end(),
+        Stream("second_false_head_is_younger", "each candidate has the age of its own first byte")
+        .step(0, FALSE_LONG)
+        .step(0.06, FALSE_LONG + one)
+        .step(0.11)
+        .step(0.159)
+        .step(0.161, b"", "one")
+        .end(),
+        Stream("pause_99_ms", "a frame that takes 99 ms is good").step(0, one[:8]).step(0.099, one[8:], "one").end(),
+        Stream("pause_101_ms", "one that takes 101 ms is not, though all its bytes come")
+        .step(0, one[:8])
+        .step(0.101, one[8:])
+        .end(),
+        Stream("age_of_the_first_byte", "more bytes do not make a candidate younger")
+        .step(0, one[:3])
+        .step(0.06, one[3:9])
+        .step(0.12, one[9:])
+        .end(),
+        Stream("behind_an_expired_head", "50 ms old when the false head goes, so it may still be completed")
+        .step(0, FALSE_LONG)
+        .step(0.06, one[:8])
+        .step(0.11, one[8:], "one")
+        .end(),
+        Stream("no_second_life", "the false head's end does not make the candidate behind it younger")
+        .step(0, FALSE_LONG)
+        .step(0.06, one[:8])
+        .step(0.11)
+        .step(0.165, one[8:])
+        .end(),
+        Stream("torn", "the head of a frame, then a whole shorter one, then silence")
+        .step(0, n_4[:10] + one)
+        .step(0.101, b"", "one")
+        .end(),
+        Stream("torn_busy", "the same with more frames behind: no need to wait")
+        .step(0, n_4[:10] + one + two + three, "one", "two", "three")
+        .end(bad_crc=1),
+        Stream("truncated", "a frame that never ends")
+        .step(0, n_16[:-1])
+        .step(0.05)
+        .step(0.101)
+        .step(1.0, one, "one")
+        .end(),
+        Stream("lost_byte", "one byte missing in the middle")
+        .step(0, n_4[:20] + n_4[21:] + one + two, "one", "two")
+        .end(bad_crc=1),
+        Stream("over_long", "one byte too many in the middle")
+        .step(0, n_4[:20] + b"\x00" + n_4[20:] + one, "one")
+        .end(bad_crc=1),
+        Stream("version", "versions 0 and 2 with a right CRC")
+        .step(0, seal(b"\x00" + one[3:-2]) + seal(b"\x02" + two[3:-2]))
+        .step(0.001, three, "three")
+        .end(),
+        Stream("n_0", "no channels, CRC right").step(0, seal(bytes([1, 3, 9, 1, 0])) + one, "one").end(),
+        Stream("n_17", "17 channels, length 105, CRC right")
+        .step(0, seal(bytes([1, 105, 9, 1, 17]) + bytes(102)) + one, "one")
+        .end(),
+        Stream("length", "a length that is not 3 + 6 n is refused with its own byte")
+        .step(0, b"\xa4\x57\x01\x0a" + one[:8])
+        .step(0.001, one[8:], "one")
+        .end(),
+        Stream("n_not_length", "n that is in range but not the length's, CRC right")
+        .step(0, seal(bytes([1, 15, 9, 1, 1]) + bytes(12)) + one, "one")
+        .end(),
+        Stream("crc_swapped", "the CRC with its bytes the wrong way round")
+        .step(0, n_4[:-2] + n_4[:-3:-1] + one, "one")
+        .end(bad_crc=1),
+        Stream("repeated", "the same frame twice is not a gap").step(0, one + one, "one", "one").end(),
+        Stream("wrap", "255 is followed by 0; then 2, 4, 5 and 6 are missing")
+        .step(0, BYTES["seq_254"] + BYTES["seq_255"], "seq_254", "seq_255")
+        .step(1, BYTES["seq_0"] + one, "seq_0", "one")
+        .step(2, three, "three")
+        .step(3, seven, "seven")
+        .end(lost=4),
+        Stream("unknown_zone", "a zone that is not known is no reason to drop a good frame")
+        .step(0, BYTES["zone_3"] + BYTES["zone_127_marked"], "zone_3", "zone_127_marked")
+        .end(),
+    ]
+    single = Stream("byte_by_byte", "one byte a call")
+    for k, byte in enumerate(one):
+        single.step(round(0.001 * k, 3), bytes([byte]), *(["one"] if k == 14 else []))
+    made.append(single.end())
+
+    flipped = Stream("flipped_bits", "every single bit of a frame, each followed by a good one")
+    for k in range(8 * len(one)):
+        bad = bytearray(one)
+        bad[k // 8] ^= 1 << k % 8
+        flipped.step(k, bytes(bad) + two, "two")
+    made.append(flipped.end(bad_crc=8 * (len(one) - 5)))  # sync, version, length and n are refused before
+    return made
+
+
+def vectors() -> str:
+    """The file as text, one value a line."""
+    frames = [
+        {"name": name, "hex": BYTES[name].hex(), "decode_only": name in DECODE_ONLY, **f}
+        | ({} if name in DECODE_ONLY else {"nmea": nmea(f), "text": line(f)})
+        for name, f in FRAMES.items()
+    ]
+    checks = [{"hex": data.hex(), "crc": crc(data)} for data in (b"123456789", b"", b"\x00", b"\xff", bytes(103))]
+    parts = {"about": ABOUT, "crc": checks, "frames": frames, "streams": streams()}
+    lists = (
+        f'"{key}": [\n' + ",\n".join(json.dumps(value, ensure_ascii=False) for value in values) + "\n]"
+        for key, values in parts.items()
+    )
+    return '{\n"version": 1,\n' + ",\n".join(lists) + "\n}\n"
+
+
+def main(arguments: list[str]) -> int:
+    if arguments not in ([], ["--check"]):
+        print(__doc__, file=sys.stderr)
+        return 2
+    text = vectors()
+    if not arguments:
+        FILE.write_text(text, encoding="utf-8")
+    elif not FILE.exists() or FILE.read_text(encoding="utf-8") != text:
+        print(f"{FILE.name} is out of date: run python tools/make_vectors.py", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
