@@ -1,0 +1,403 @@
+"""The emulator: frames at their instants, from the pose at their instants, whatever carries the bytes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from arva_hil.autopilot.mavlink import Encoder, dialect
+from arva_hil.autopilot.session import Session
+from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.clock import RealClock, StepClock
+from arva_hil.emulator import Emulator, NoHeartbeatError, Schedule
+from arva_hil.links import Link, memory, open_link
+from arva_hil.links.pty import PtyLink
+from arva_hil.loop import run
+from arva_hil.model import Antennas, Receiver, Transmitters
+from arva_hil.notice import Notice
+from arva_hil.observer import Observer, Snapshot, Status
+from arva_hil.output import MavlinkDecoder, MavlinkPort, WirePort
+from arva_hil.scenario import Scenario, parse
+from arva_hil.simulator import Simulator
+from firmware_proto import DECODERS, Decoder, Frame
+
+HOME = (46.0123, 7.7456, 1650.0)
+QUIET = "receiver: {noise: {kind: off}, rate_hz: %g}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]"
+
+
+class Diary(Observer):
+    """Keeps all it is told."""
+
+    def __init__(self) -> None:
+        self.snapshots: list[Snapshot] = []
+        self.notices: list[Notice] = []
+        self.statuses: list[Status] = []
+
+    def frame(self, snapshot: Snapshot) -> None:
+        self.snapshots.append(snapshot)
+
+    def notice(self, notice: Notice) -> None:
+        self.notices.append(notice)
+
+    def status(self, status: Status) -> None:
+        self.statuses.append(status)
+
+    def said(self, part: str) -> int:
+        return sum(part in notice.text for notice in self.notices)
+
+
+def quiet(rate_hz: float = 1.0) -> Scenario:
+    return parse(QUIET % rate_hz, "test")
+
+
+class Bench:
+    """A vehicle, an emulator and a consumer on memory links and a stepped clock."""
+
+    def __init__(self, scenario: Scenario, vehicle: SimulatedVehicle | None = None, **options: float) -> None:
+        self.clock = StepClock()
+        self.vehicle = vehicle or SimulatedVehicle(HOME)
+        autopilot, self.far = memory.pair()
+        port, self.consumer = memory.pair()
+        self.simulator = Simulator(self.vehicle, [self.far])
+        self.diary = Diary()
+        self.emulator = Emulator(
+            scenario,
+            Session(),
+            autopilot,
+            WirePort(port, scenario.output_format),
+            start=0.0,
+            observers=[self.diary],
+            **options,
+        )
+
+    def run(self, until: float, *, with_vehicle: bool = True) -> None:
+        tasks = [self.simulator, self.emulator] if with_vehicle else [self.emulator]
+        run(tasks, self.clock, until=until)
+
+    def frames(self) -> list[Frame]:
+        return Decoder().feed(self.consumer.read(), self.clock.now())
+
+    def fly(self, north: float, east: float) -> None:
+        """Arm, take off, then keep a velocity [m/s]."""
+        say = Encoder(255, 190)
+        for now in np.arange(self.clock.now(), self.clock.now() + 6, 0.5):
+            if now == self.clock.now():
+                self.far_say(say, dialect.MAV_CMD_DO_SET_MODE, 1, 4)
+            self.far_say(say, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+            self.far_say(say, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 3.0)
+            self.run(now + 0.5)
+        move = dialect.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, 1, 0b110111000111, 0, 0, 0, north, east, 0, 0, 0, 0, 0, 0
+        )
+        self.vehicle.feed(say.pack(move), self.clock.now())
+
+    def far_say(self, say: Encoder, command: int, *params: float) -> None:
+        padded = [*params, *[0.0] * (7 - len(params))]
+        message = dialect.MAVLink_command_long_message(1, 1, command, 0, *padded)
+        self.vehicle.feed(say.pack(message), self.clock.now())
+
+
+# -- the reading is that of the true pose at the frame's instant ------------------------------------------------
+
+
+def test_frames_say_what_a_receiver_at_the_vehicles_true_pose_reads() -> None:
+    bench = Bench(quiet(10))
+    bench.run(10.0)
+    bench.fly(1.5, 0.5)
+    truths = {}
+    for _ in range(60):
+        bench.run(bench.clock.now() + 0.1)
+        truths[round(bench.clock.now(), 6)] = bench.vehicle.truth(bench.clock.now())
+    rotations = np.eye(3)[None]
+    ideal = Receiver(
+        Transmitters((7,), np.array([[20.0, 5.0, 0.0]]), rotations, np.ones(1)), Antennas(noise="off"), seed=1
+    )
+    compared = 0
+    for snapshot in bench.diary.snapshots:
+        truth = truths.get(round(snapshot.time_s, 6))
+        if truth is None:
+            continue
+        wanted = ideal.read(*ideal.pose(truth.ned, truth.quaternion)).channels[0]
+        (read, *rest) = snapshot.reading.channels
+        assert all(channel.id is None for channel in rest)
+        assert (read.id, read.zone) == (7, wanted.zone)
+        assert abs(read.d_cm - wanted.d_cm) <= 5  # centimetres of position over the link
+        assert abs(read.delta_deg - wanted.delta_deg) <= 1
+        assert snapshot.pose is not None
+        assert np.linalg.norm(snapshot.pose.position - truth.ned) < 0.05
+        compared += 1
+    assert compared > 50
+
+
+def test_no_pose_is_from_the_future_and_none_older_than_its_age_says() -> None:
+    bench = Bench(quiet(50))
+    bench.run(10.0)
+    posed = [s for s in bench.diary.snapshots if s.pose is not None]
+    assert len(posed) > 400
+    for s in posed:
+        assert s.boot_s is not None
+        assert s.age_s is not None
+        assert 0 <= s.age_s < 0.05
+        assert s.time_s - 0.002 < s.boot_s <= s.time_s + 1e-9  # the vehicle booted at 0 on this clock
+
+
+def test_the_consumer_decodes_exactly_what_was_read() -> None:
+    bench = Bench(quiet(5))
+    bench.run(8.0)
+    frames = bench.frames()
+    assert [f.sequence for f in frames] == [s.frame.sequence for s in bench.diary.snapshots] == list(range(41))
+    for frame, snapshot in zip(frames, bench.diary.snapshots, strict=True):
+        assert frame == snapshot.frame
+        assert [(c.id, c.zone, c.d, c.delta) for c in frame.channels] == [
+            (c.id, c.zone, c.d_cm, c.delta_deg) for c in snapshot.reading.channels
+        ]
+
+
+# -- the schedule ------------------------------------------------------------------------------------------------
+
+
+@given(rate=st.floats(0.1, 50), start=st.floats(0, 1e6), share=st.floats(0, 0.49), seed=st.integers(0, 2**63 - 1))
+def test_deadlines_are_absolute_and_jitter_never_adds_up(rate: float, start: float, share: float, seed: int) -> None:
+    jitter = share / rate
+    schedule = Schedule(start, rate, jitter, seed)
+    previous = -math.inf
+    for n in range(200):
+        assert start + n / rate <= schedule.deadline <= start + n / rate + jitter + 1e-9
+        assert schedule.deadline > previous
+        previous = schedule.deadline
+        schedule.advance()
+
+
+def test_a_late_loop_sends_what_it_owes_but_after_a_long_stop_no_burst() -> None:
+    bench = Bench(quiet(10))
+    bench.run(5.0)
+    bench.diary.snapshots.clear()
+    bench.clock.wait(5.55)
+    bench.run(5.55)
+    assert [round(s.time_s, 9) for s in bench.diary.snapshots] == [5.1, 5.2, 5.3, 5.4, 5.5]
+    assert bench.emulator.counters.skipped == 0
+    bench.diary.snapshots.clear()
+    bench.clock.wait(60.0)
+    bench.run(60.0)
+    assert len(bench.diary.snapshots) <= 12
+    assert bench.diary.snapshots[-1].time_s == pytest.approx(60.0)
+    assert bench.emulator.counters.skipped == 545 - len(bench.diary.snapshots)
+    assert bench.emulator.counters.frames == bench.diary.snapshots[-1].frame.sequence + 1
+
+
+# -- no pose ------------------------------------------------------------------------------------------------------
+
+
+def test_frames_flow_before_there_is_a_vehicle_and_say_no_signal() -> None:
+    bench = Bench(quiet(2))
+    bench.run(3.0, with_vehicle=False)
+    frames = bench.frames()
+    assert len(frames) == 7
+    assert all((c.id, c.zone, c.d, c.delta) == (None, 0, -1, -1) for f in frames for c in f.channels)
+
+
+def test_an_old_pose_is_no_pose_said_once_and_it_recovers_by_itself() -> None:
+    bench = Bench(quiet(10))
+    bench.run(5.0)
+    assert bench.diary.snapshots[-1].pose is not None
+    bench.run(12.0, with_vehicle=False)
+    silent = [s for s in bench.diary.snapshots if s.time_s > 5.0]
+    for s in silent:
+        if abs(s.time_s - 7.0) > 0.05:  # the limit itself
+            assert (s.pose is None) == (s.time_s > 7.0), s.time_s
+        assert s.frame.channels[0].valid == (s.pose is not None)
+    assert bench.diary.said("no pose: frames say no signal") == 1
+    bench.run(14.0)
+    assert bench.diary.snapshots[-1].pose is not None
+    assert bench.diary.snapshots[-1].frame.channels[0].id == 7
+    assert bench.diary.said("there is a pose") == 2
+
+
+def test_the_noise_of_a_frame_does_not_depend_on_whether_others_had_a_pose() -> None:
+    noisy = parse("transmitters: [{id: 7, ned: [20, 5, 0]}]", "test")
+    with_gap, without = Bench(noisy), Bench(noisy)
+    without.run(30.0)
+    with_gap.run(10.0)
+    with_gap.run(20.0, with_vehicle=False)
+    with_gap.run(30.0)
+    assert with_gap.diary.snapshots[15].frame != without.diary.snapshots[15].frame
+    assert with_gap.diary.snapshots[25:] != []
+    for a, b in zip(with_gap.diary.snapshots[25:], without.diary.snapshots[25:], strict=True):
+        assert a.frame == b.frame
+
+
+def test_a_vehicle_without_a_fix_gets_one_line_that_says_why() -> None:
+    bench = Bench(quiet(1), SimulatedVehicle(HOME, fix_after=1e9))
+    bench.run(30.0)
+    assert bench.diary.said("still no pose") == 1
+    assert bench.diary.said("no GPS fix") == 1
+    assert all(s.pose is None for s in bench.diary.snapshots)
+
+
+def test_no_heartbeat_in_time_ends_it_and_says_what_was_heard() -> None:
+    bench = Bench(quiet(1), timeout_s=5.0)
+    bench.far.write(b"\x00" * 100)
+    with pytest.raises(NoHeartbeatError, match=r"100 bytes.*baud"):
+        bench.run(10.0, with_vehicle=False)
+    assert bench.clock.now() == pytest.approx(5.0, abs=0.2)
+
+
+# -- ports --------------------------------------------------------------------------------------------------------
+
+
+def test_a_port_that_nobody_empties_drops_whole_frames_and_holds_nothing_up() -> None:
+    clock, diary = StepClock(), Diary()
+    autopilot, far = memory.pair()
+    port, consumer = memory.pair(capacity=100)  # three frames of four channels
+    emulator = Emulator(quiet(10), Session(), autopilot, WirePort(port, "binary"), start=0.0, observers=[diary])
+    simulator = Simulator(SimulatedVehicle(HOME), [far])
+    run([simulator, emulator], clock, until=5.0)
+    assert (emulator.counters.frames, emulator.counters.dropped) == (51, 48)
+    assert [s.sent for s in diary.snapshots] == [True] * 3 + [False] * 48
+    assert diary.said("nobody takes the frames") == 1
+    decoder = Decoder()
+    assert len(decoder.feed(consumer.read(), 5.0)) == 3
+    run([simulator, emulator], clock, until=5.2)
+    assert [f.sequence for f in decoder.feed(consumer.read(), 5.2)] == [51, 52]
+    assert diary.said("frames are taken") == 1
+
+
+@pytest.mark.parametrize("format", ["binary", "nmea", "text"])
+def test_every_wire_format_carries_the_nearest_reading(format: str) -> None:
+    clock, diary = StepClock(), Diary()
+    autopilot, far = memory.pair()
+    port, consumer = memory.pair()
+    emulator = Emulator(quiet(2), Session(), autopilot, WirePort(port, format), start=0.0, observers=[diary])
+    run([Simulator(SimulatedVehicle(HOME), [far]), emulator], clock, until=6.0)
+    frames = DECODERS[format]().feed(consumer.read(), 6.0)
+    assert len(frames) == 13
+    for frame, snapshot in zip(frames, diary.snapshots, strict=True):
+        assert (frame.channels[0].d, frame.channels[0].delta) == (
+            snapshot.frame.channels[0].d,
+            snapshot.frame.channels[0].delta,
+        )
+    assert frames[-1].channels[0].valid
+
+
+@pytest.mark.parametrize("format", ["tunnel", "named", "debug_vect"])
+def test_one_port_frames_travel_inside_mavlink_on_the_autopilots_own_link(format: str) -> None:
+    clock, diary = StepClock(), Diary()
+    autopilot, far = memory.pair()
+    heard = bytearray()
+
+    class Ear(Simulator):
+        """The vehicle, and what came to it."""
+
+        def service(self, now: float) -> float:
+            heard.extend(chunk := far.read())
+            self.vehicle.feed(chunk, now)
+            far.write(self.vehicle.poll(now))
+            return self.vehicle.next_due
+
+    session = Session()
+    scenario = parse("receiver: {channels: 4, rate_hz: 2}\ntransmitters: [{id: 3, ned: [9, 5, 0]}, "
+                     "{id: 9, ned: [-20, 5, 0]}]", "test")  # fmt: skip
+    port = MavlinkPort(autopilot, session, format)
+    emulator = Emulator(scenario, session, autopilot, port, start=0.0, observers=[diary])
+    run([Ear(SimulatedVehicle(HOME), [far]), emulator], clock, until=10.0)
+    heard.extend(far.read())
+    decoder = MavlinkDecoder(format)
+    frames = decoder.feed(bytes(heard), 0.0)
+    assert decoder.bad_crc == 0
+    sent = [s.frame for s in diary.snapshots if s.sent]
+    assert len(sent) >= 20
+    assert len(frames) in (len(sent), len(sent) - 1)  # a named frame ends where the next begins
+    for frame, made in zip(frames, sent, strict=False):
+        wanted = [c for c in made.channels if c.valid] or [made.channels[0]]
+        read = [c for c in frame.channels if c.valid] or [frame.channels[0]]
+        assert [(c.d, c.delta, c.zone) for c in read] == [(c.d, c.delta, c.zone) for c in wanted]
+        if format != "debug_vect":
+            assert [c.id for c in read] == [c.id for c in wanted]
+        if format == "tunnel":
+            assert frame == made
+    assert len([c for c in frames[-1].channels if c.valid]) == 2
+
+
+# -- two at once, and every kind of link --------------------------------------------------------------------------
+
+
+def test_two_emulators_side_by_side_in_one_process_do_not_touch_each_other() -> None:
+    """Together they send, byte for byte, what each sends alone."""
+    first = parse("transmitters: [{id: 1, ned: [20, 5, 0]}]\nseed: 5", "first")
+    second = parse("receiver: {rate_hz: 7, channels: 2}\ntransmitters: [{id: 2, enu: [-8, 3, 1]}]\nseed: 6", "second")
+
+    def vehicles() -> Iterator[SimulatedVehicle]:
+        yield SimulatedVehicle(HOME, system=1)
+        yield SimulatedVehicle((-35.36, 149.165, 584.0), system=42, version=1, gps_noise_m=0.5)
+
+    alone = []
+    for scenario, vehicle in zip((first, second), vehicles(), strict=True):
+        bench = Bench(scenario, vehicle)
+        bench.run(20.0)
+        alone.append(bench.consumer.read())
+    together = [Bench(s, v) for s, v in zip((first, second), vehicles(), strict=True)]
+    tasks = [task for bench in together for task in (bench.simulator, bench.emulator)]
+    run(tasks, StepClock(), until=20.0)
+    assert [bench.consumer.read() for bench in together] == alone
+    assert [b.emulator.session.vehicle.system for b in together if b.emulator.session.vehicle] == [1, 42]
+
+
+@contextmanager
+def joined(kind: str, clock: RealClock) -> Iterator[tuple[Link, Link]]:
+    """Two ends of a link of one kind."""
+    with ExitStack() as stack:
+        ends: Sequence[Link]
+        if kind == "memory":
+            ends = memory.pair()
+        elif kind == "pty":
+            far = stack.enter_context(closing(PtyLink()))
+            ends = (open_link(far.path, clock=clock), far)
+        else:
+            listening, calling = {"udp": ("udpin", "udpout"), "tcp": ("tcpin", "tcp")}[kind]
+            port = free_port(kind)
+            near = open_link(f"{listening}:127.0.0.1:{port}", clock=clock)
+            stack.enter_context(closing(near))
+            ends = (near, open_link(f"{calling}:127.0.0.1:{port}", clock=clock))
+        for end in ends:
+            stack.enter_context(closing(end))
+        yield ends[0], ends[1]
+
+
+def free_port(kind: str) -> int:
+    import socket
+
+    with socket.socket(type=socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.mark.parametrize("receiver", ["memory", "pty", "udp", "tcp"])
+@pytest.mark.parametrize("autopilot", ["memory", "pty", "udp", "tcp"])
+def test_the_whole_chain_over_every_kind_of_link(autopilot: str, receiver: str) -> None:
+    clock, diary = RealClock(), Diary()
+    with joined(autopilot, clock) as (link, far), joined(receiver, clock) as (consumer, port):
+        port.write(b"")
+        emulator = Emulator(quiet(50), Session(), link, WirePort(port, "binary"), start=clock.now(), observers=[diary])
+        frames: list[Frame] = []
+        decoder = Decoder()
+
+        class Consumer:
+            links: Sequence[Link] = [consumer]
+
+            def service(self, now: float) -> float:
+                frames.extend(decoder.feed(consumer.read(), now))
+                return now + 0.1
+
+        enough = lambda: len(frames) > 20 and frames[-1].channels[0].id == 7  # noqa: E731
+        simulator = Simulator(SimulatedVehicle(HOME, boot_time=clock.now()), [far])
+        run([simulator, emulator, Consumer()], clock, until=clock.now() + 20, stopped=enough)
+    assert enough()
+    assert decoder.bad_crc == decoder.dropped == 0
+    sent = {s.frame.sequence: s.frame for s in diary.snapshots}
+    assert all(sent[frame.sequence] == frame for frame in frames)

@@ -1,0 +1,92 @@
+"""The house's map holds: who may import whom, and that only the clock asks what time it is."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+ROOMS = {  # a room → what of ours it may import
+    "firmware_proto": {"firmware_proto"},
+    "arva_hil/model": {"arva_hil.model"},
+    "arva_hil/scenario.py": {"arva_hil._yaml"},
+    "arva_hil/_yaml.py": set(),
+    "arva_hil/notice.py": set(),
+    "arva_hil/clock.py": set(),
+    "arva_hil/background.py": set(),
+    "arva_hil/links": {"arva_hil.links", "arva_hil.clock"},
+    "arva_hil/autopilot": {"arva_hil.autopilot", "arva_hil.model", "arva_hil.notice"},
+    "arva_hil/observer.py": {"arva_hil.autopilot", "arva_hil.model", "arva_hil.notice", "firmware_proto"},
+    "arva_hil/record": {
+        "arva_hil.record",
+        "arva_hil.observer",
+        "arva_hil.background",
+        "arva_hil.autopilot",
+        "arva_hil.model",
+        "arva_hil.links",
+    },
+    "arva_hil/console": {
+        "arva_hil.console",
+        "arva_hil.observer",
+        "arva_hil.background",
+        "arva_hil.notice",
+        "firmware_proto",
+    },
+}
+OF_OTHERS = {  # a room → the only packages it may import that are neither ours nor Python's
+    "firmware_proto": {"fastcrc"},
+    "arva_hil/model": {"numpy"},
+    "arva_hil/links": {"serial"},
+    "arva_hil/scenario.py": {"yaml"},
+}
+
+
+def files(room: str) -> list[Path]:
+    path = ROOT / room
+    return [path] if path.suffix == ".py" else sorted(path.rglob("*.py"))
+
+
+def imports(path: Path) -> set[str]:
+    """Absolute names of all that a file imports, wherever in it."""
+    package = ".".join(path.relative_to(ROOT).parent.parts)
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = package.rsplit(".", node.level - 1)[0] + "." if node.level else ""
+            found |= {f"{above}{node.module or ''}".rstrip(".")} - {"__future__"}
+    return found
+
+
+def within(name: str, allowed: set[str]) -> bool:
+    return any(name == room or name.startswith(room + ".") for room in allowed)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_imports_only_what_the_map_allows(room: str) -> None:
+    assert files(room)
+    for path in files(room):
+        ours = {name for name in imports(path) if within(name, {"arva_hil", "firmware_proto", "tools", "tests"})}
+        assert not {name for name in ours if not within(name, ROOMS[room])}, path
+
+
+@pytest.mark.parametrize("room", OF_OTHERS)
+def test_a_room_leans_on_few_others(room: str) -> None:
+    for path in files(room):
+        others = {name.partition(".")[0] for name in imports(path)} - set(sys.stdlib_module_names)
+        assert others - {"arva_hil", "firmware_proto"} <= OF_OTHERS[room], path
+
+
+def test_nothing_but_the_commands_imports_the_commands_and_only_they_import_the_loop() -> None:
+    for path in files("arva_hil"):
+        if "cli" not in path.parts and path.name != "__main__.py":
+            assert not {name for name in imports(path) if within(name, {"arva_hil.cli", "arva_hil.loop"})}, path
+
+
+def test_only_the_clock_asks_for_the_time() -> None:
+    askers = {path.name for path in files("arva_hil") if imports(path) & {"time", "datetime", "sched"}}
+    assert askers == {"clock.py"}
