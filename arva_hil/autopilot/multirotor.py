@@ -34,9 +34,10 @@ _LAG: Final = 1 - math.exp(-_STEP / 0.12)  # of each of the two
 _DRAG: Final = 0.2  # 1/s: acceleration per metre per second of air speed
 _YAW_RATE: Final = math.radians(90)
 _YAW_LAG: Final = 1 - math.exp(-_STEP / 0.2)
-_LEAN_LAG: Final = 1 - math.exp(-_STEP / 0.3)  # how fast it leans once off the ground
+_LEAN_LAG: Final = 1 - math.exp(-_STEP / 0.15)  # of each of two: how fast it leans once off the ground
 _LEGS: Final = 20.0  # 1/s: sink rate allowed per metre of height, the give of the landing gear
 _CONTACT: Final = 0.02  # m
+_SETTLE: Final = 1.0  # m/s², down, at rest
 
 # What one step leaves behind: position, velocity, thrust direction reversed (not to scale), yaw.
 _Node = tuple[float, float, float, float, float, float, float, float, float, float]
@@ -66,7 +67,7 @@ class Multirotor:
         self._lagged = (0.0, 0.0, 0.0)  # acceleration between the two lags
         self._acceleration = (0.0, 0.0, 0.0)
         self._yaw_rate = 0.0
-        self._lean = 0.0  # 0 standing upright on the ground … 1 flying
+        self._lean = self._lean_lagged = 0.0  # 0 standing upright on the ground … 1 flying
         self._nodes: deque[_Node] = deque([(0, 0, 0, 0, 0, 0, 0, 0, _GRAVITY, 0)], maxlen=_HISTORY + 1)
 
     @property
@@ -84,7 +85,7 @@ class Multirotor:
             cd = max(-_CLIMB, min(cd, _SINK, _FLARE - self.down))
             ad = max(-_LIFT, min(_GAIN * (cd - vd), _LIFT))
         elif self.contact:
-            an, ae, ad = -_GAIN * vn, -_GAIN * ve, _GRAVITY
+            an, ae, ad = -_GAIN * vn, -_GAIN * ve, _SETTLE
         else:
             an, ae = _DRAG * (wind_n - vn), _DRAG * (wind_e - ve)
             ad = _GRAVITY + _DRAG * (wind_d - vd)
@@ -98,7 +99,6 @@ class Multirotor:
         allowed = _LEGS * (-self.down - vd * (_STEP / 2)) / (1 + _LEGS * (_STEP / 2))
         if new_d > allowed:
             new_d = allowed
-            ld = fd = 0.0
         self.north += (vn + new_n) * (_STEP / 2)
         self.east += (ve + new_e) * (_STEP / 2)
         self.down = min(self.down + (vd + new_d) * (_STEP / 2), 0.0)
@@ -110,8 +110,9 @@ class Multirotor:
         self._yaw_rate += (yaw_rate - self._yaw_rate) * _YAW_LAG
         self.yaw += self._yaw_rate * _STEP
 
-        lean = self._lean + ((powered and not self.contact) - self._lean) * _LEAN_LAG
-        self._lean = lean
+        self._lean_lagged += ((powered and not self.contact) - self._lean_lagged) * _LEAN_LAG
+        self._lean += (self._lean_lagged - self._lean) * _LEAN_LAG
+        lean = self._lean
         self._nodes.append(
             (
                 *(self.north, self.east, self.down),

@@ -30,11 +30,11 @@ def to_ecef(lat_deg: ArrayLike, lon_deg: ArrayLike, alt_m: ArrayLike) -> Array:
 
 
 def _from_ecef(ecef: Array) -> tuple[Array, Array, Array]:
-    """(lat_deg, lon_deg, alt_m) each (...), by Bowring's iteration: near the ground it converges at once."""
+    """(lat_deg, lon_deg, alt_m) each (...), by Bowring's iteration: two rounds are enough near the ground."""
     x, y, z = ecef[..., 0], ecef[..., 1], ecef[..., 2]
     p = np.hypot(x, y)
     sin, cos = z, p * (1 - _F)  # of the reduced latitude, not yet to scale
-    for _ in range(3):
+    for _ in range(2):
         scale = np.hypot(sin, cos)
         up = z + _E2 / (1 - _F) ** 2 * _B * (sin / scale) ** 3
         out = p - _E2 * _A * (cos / scale) ** 3

@@ -130,7 +130,11 @@ def test_any_leading_shape() -> None:
 
 def test_the_antennas_weigh_the_noise_in_their_own_frame() -> None:
     rng = np.random.default_rng(3)
-    R, h, w = Rotation.random(5, rng=rng).as_matrix(), rng.normal(size=(5, 2, 3)), rng.normal(size=(5, 2, 3))
+    R, h, w = (
+        Rotation.from_quat(rng.normal(size=(5, 4))).as_matrix(),
+        rng.normal(size=(5, 2, 3)),
+        rng.normal(size=(5, 2, 3)),
+    )
     got = receive(h, R, np.array([1.0, 0.8, 0.6]), w)
     for i, m in itertools.product(range(5), range(2)):
         expected = R[i].T @ h[i, m] + np.diag([1.0, 0.8, 0.6]) @ R[i].T @ w[i, m]
@@ -176,7 +180,7 @@ def test_no_pose_reads_further_than_62_metres() -> None:
     away, w = rng.normal(size=(2, n, 3))
     away *= rng.uniform(62, 90, (n, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
     w *= noise_bound((1.0, 0.8, 0.6), 80) / np.linalg.norm(w, axis=1, keepdims=True)
-    h_r = receive(dipole_field(away, *ONE), Rotation.random(n, rng=rng).as_matrix(), q, w[:, None])
+    h_r = receive(dipole_field(away, *ONE), Rotation.from_quat(rng.normal(size=(n, 4))).as_matrix(), q, w[:, None])
     assert not outputs(h_r, K)[2].any()
 
 

@@ -35,7 +35,7 @@ def transmitters(*where: tuple[float, float, float], ids: tuple[int, ...] = ()) 
 
 
 def random_transmitters(rng: np.random.Generator, m: int) -> tuple[Transmitters, Rotation]:
-    rotations = Rotation.random(m, rng=rng)
+    rotations = Rotation.from_quat(rng.normal(size=(m, 4)))
     ids = tuple(rng.permutation(m).tolist())
     positions, strengths = rng.uniform(-15, 15, (m, 3)), rng.uniform(0.5, 3, m)
     return Transmitters(ids, positions, rotations.as_matrix(), strengths), rotations
@@ -81,12 +81,12 @@ def test_the_whole_chain_agrees_with_an_independent_one(kind: NoiseKind, floor: 
     rng = np.random.default_rng(1)
     t, R_t = random_transmitters(rng, m)
     antennas = Antennas(sensitivity=(0.9, 0.7, 0.5), kappa_eq=1.6, floor_range_m=floor, noise=kind)
-    mount, R_mount = np.array([0.3, -0.1, 0.2]), Rotation.random(rng=rng)
+    mount, R_mount = np.array([0.3, -0.1, 0.2]), Rotation.from_quat(rng.normal(size=4))
     receiver = Receiver(t, antennas, channels, (0, 0), mount, wxyz(R_mount), seed=42)
 
     away = rng.normal(size=(frames, 3))
     away *= 10 ** rng.uniform(-1.3, 1.9, (frames, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
-    p, R_body = t.positions[rng.integers(m, size=frames)] + away, Rotation.random(frames, rng=rng)
+    p, R_body = t.positions[rng.integers(m, size=frames)] + away, Rotation.from_quat(rng.normal(size=(frames, 4)))
     q = wxyz(R_body)
 
     p_r, R_r = p + R_body.apply(mount), R_body * R_mount
@@ -135,10 +135,10 @@ def test_turning_the_whole_world_changes_nothing() -> None:
     differ = total = 0
     for _ in range(4):
         t, R_t = random_transmitters(rng, 5)
-        G = Rotation.random(rng=rng)
+        G = Rotation.from_quat(rng.normal(size=4))
         turned = Transmitters(t.ids, G.apply(t.positions), (G * R_t).as_matrix(), t.strengths)
         ours, theirs = Receiver(t, QUIET, 5), Receiver(turned, QUIET, 5)
-        p, R = rng.normal(size=(500, 3)) * 15, Rotation.random(500, rng=rng)
+        p, R = rng.normal(size=(500, 3)) * 15, Rotation.from_quat(rng.normal(size=(500, 4)))
         poses, turned_poses = ours.pose(p, wxyz(R)), theirs.pose(G.apply(p), wxyz(G * R))
         for pose, turned_pose in zip(zip(*poses, strict=True), zip(*turned_poses, strict=True), strict=True):
             a, b = ours.read(*pose), theirs.read(*turned_pose)
