@@ -175,8 +175,8 @@ def play(motion: Motion, seconds: float, started: Any) -> None:
     packets = [(motion.beat() if n % STREAM_HZ == 0 else b"") + motion.packets(t) for n, t in enumerate(times)]
     clock = RealClock()
     with closing(PtyLink()) as link:
-        start = clock.now()
-        started.put((link.path, time.monotonic()))
+        start, began = clock.now(), time.monotonic()
+        started.put((link.path, began))
         for t, data in zip(times, packets, strict=True):
             clock.wait(start + t)
             link.read()

@@ -6,6 +6,8 @@ layouts, checksum seeds and encoding are pymavlink's. Protocol: https://mavlink.
 
 from __future__ import annotations
 
+import functools
+import itertools
 import re
 import struct
 from typing import Any, Final, NamedTuple
@@ -23,13 +25,6 @@ _MAGIC: Final = re.compile(b"[\xfd\xfe]")
 _SIGNED: Final = 0x01  # the one incompatibility flag there is; a packet with another must be dropped
 _SIGNATURE_BYTES: Final = 13
 _CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
-
-# messages of numbers alone; decoded without pymavlink's second look at header and checksum, which costs most of its time
-_PLAIN: Final = {
-    msgid: (kind, kind.unpacker, kind.orders)
-    for msgid, kind in dialect.mavlink_map.items()
-    if not any(kind.array_lengths) and "char" not in kind.fieldtypes
-}
 
 
 class Packet(NamedTuple):
@@ -123,12 +118,12 @@ class Parser:
         """The message in a packet; None when the dialect cannot read it."""
         if not packet.known:
             return None
-        if plain := _PLAIN.get(packet.msgid):
+        if numbers := _layout(packet.msgid):  # without pymavlink's second look at the checksum, most of its time
+            kind, packing, places = numbers
             header = 10 if packet.version == 2 else 6
-            kind, layout, order = plain
             payload = packet.raw[header : header + packet.raw[1]]
-            values = layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))
-            return kind(*[values[at] for at in order])
+            values = packing.unpack(payload[: packing.size].ljust(packing.size, b"\0"))
+            return kind(*[list(values[at]) if type(at) is slice else values[at] for at in places])
         try:
             return self._codec.decode(bytearray(packet.raw))
         except dialect.MAVError:
@@ -155,10 +150,21 @@ class Encoder:
         self._codec.srcSystem = system
 
     def pack(self, message: Message) -> bytes:
-        """The bytes of one packet. Raises ValueError when a field does not fit."""
+        """The bytes of one packet. Raises ValueError when a number or an array does not fit; longer texts are cut."""
         try:
             raw = message.pack(self._codec, force_mavlink1=self.version == 1 and message.id <= 255)
-        except (struct.error, dialect.MAVError) as error:
+        except (struct.error, OverflowError, IndexError, dialect.MAVError) as error:
             raise ValueError(f"{message.get_type()}: {error}") from error
         self._codec.seq = (self._codec.seq + 1) % 256
         return bytes(raw)
+
+
+@functools.cache
+def _layout(msgid: int) -> tuple[Any, Any, list[int | slice]] | None:
+    """The class of a message of numbers alone, how it is packed, and where each field lies among the numbers."""
+    kind = dialect.mavlink_map[msgid]
+    if "char" in kind.fieldtypes:
+        return None
+    ends = list(itertools.accumulate(kind.lengths))
+    places = [slice(end - n, end) if n > 1 else end - 1 for end, n in zip(ends, kind.lengths, strict=True)]
+    return kind, kind.unpacker, [places[at] for at in kind.orders]
