@@ -89,6 +89,7 @@ class Emulator:
         self._scenario = scenario
         self._receiver = receiver(scenario)
         self._observers = observers
+        self._packet_observers = [o for o in observers if type(o).packets is not Observer.packets]
         self._start = start
         self._timeout_s = timeout_s
         self._max_age_s = max_age_s
@@ -104,23 +105,27 @@ class Emulator:
         """Send the frames that are due, take what came, send what the session wants; the next time to call."""
         while now >= self.schedule.deadline:
             self.emit(self.schedule.deadline, now)
-        self.take(self._link.read() if self._link else b"", now)
+        if self._link and (chunk := self._link.read()):
+            self.hear(chunk, now)
+        self.tend(now)
         if self.session.vehicle is None and now - self._start > self._timeout_s:
             raise NoHeartbeatError(self.session.heard())
         return min(self.schedule.deadline, self.session.next_due, self._next_status)
 
-    def take(self, chunk: bytes, now: float) -> None:
-        """Bytes of the autopilot, received at `now`; answer them, and tell those who watch."""
-        if chunk:
-            packets = self.session.feed(chunk, now)
-            for observer in self._observers:
-                observer.packets(now, packets)
-        if (out := self.session.poll(now)) and self._link:
-            self._link.write(out)
+    def hear(self, chunk: bytes, now: float) -> None:
+        """Bytes of the autopilot, received at `now`."""
+        packets = self.session.feed(chunk, now)
+        for observer in self._packet_observers:
+            observer.packets(now, packets)
         if self.datum.update(self.session, now):
             assert self.datum.frame is not None
             self._place(self.datum.frame)
             self._say("info", f"datum: {self.datum}")
+
+    def tend(self, now: float) -> None:
+        """Answer the autopilot, and tell those who watch."""
+        if (out := self.session.poll(now)) and self._link:
+            self._link.write(out)
         for notice in self.session.take_notices():
             self._say(*notice)
         if now >= self._next_status:

@@ -55,7 +55,7 @@ def replay(
     """
     schedule = emulator.schedule
     start_us: int | None = None
-    heard = 0.0
+    heard = tend_at = 0.0
 
     def emit(everything: bool) -> None:
         while (t := schedule.deadline) <= heard and (everything or emulator.ready_for(t, heard)) and not stopped():
@@ -71,7 +71,11 @@ def replay(
             emit(False)
             if stopped():
                 return
-        emulator.take(record.raw, heard)
+        emulator.hear(record.raw, heard)
+        if heard >= tend_at:
+            emulator.tend(heard)
+            tend_at = heard + _LONGEST_WAIT_S
+    emulator.tend(heard)
     emit(True)
     if emulator.session.vehicle is None:
         raise NoHeartbeatError(emulator.session.heard())

@@ -49,70 +49,53 @@ class Parser:
         self.packets = 0
         self.bad_crc = 0
         self.skipped = 0
-        self._buffer = bytearray()
+        self._rest = b""
         self._codec = dialect.MAVLink(None)
 
     def feed(self, chunk: bytes) -> list[Packet]:
         """The packets completed by `chunk`, which may be cut anywhere. Never raises."""
-        buffer = self._buffer
-        buffer += chunk
+        data = self._rest + chunk
         packets: list[Packet] = []
-        at, end = 0, len(buffer)
+        at, end = 0, len(data)
         while at < end:
-            magic = buffer[at]
-            if magic == _MAGIC_V2:
-                if at + 10 > end:
-                    break
-                flags = buffer[at + 2]
-                size = buffer[at + 1] + (12 + _SIGNATURE_BYTES if flags & _SIGNED else 12)
-                if flags & ~_SIGNED:
-                    size = 0
-            elif magic == _MAGIC_V1:
-                if at + 6 > end:
-                    break
-                flags = 0
-                size = buffer[at + 1] + 8
-            else:
-                size = 0
-            if size and at + size > end:
+            size = _size(data, at)
+            if at + size > end:
                 break
-            following = buffer[at + size] if size and at + size < end else None
-            packet = self._packet(bytes(buffer[at : at + size]), flags, following) if size else None
+            packet = self._packet(data, at, size) if size else None
             if packet is not None:
                 packets.append(packet)
                 at += size
                 continue
-            found = _MAGIC.search(buffer, at + 1)
-            next_at = found.start() if found else end
-            self.skipped += next_at - at
-            at = next_at
-        del buffer[:at]
+            found = _MAGIC.search(data, at + 1)
+            following = found.start() if found else end
+            self.skipped += following - at
+            at = following
+        self._rest = data[at:]
         self.packets += len(packets)
         return packets
 
-    def _packet(self, raw: bytes, flags: int, following: int | None) -> Packet | None:
-        """The candidate as a packet, or None when it is a false one.
+    def _packet(self, data: bytes, at: int, size: int) -> Packet | None:
+        """The candidate at `at` as a packet, or None when it is a false one.
 
         The checksum of an unknown id cannot be verified: such a candidate counts only when the next byte,
         if there is one, starts a packet.
         """
+        raw = data[at : at + size]
         if raw[0] == _MAGIC_V2:
-            version, header = 2, 10
+            version, signed, crc_at = 2, bool(raw[2]), 10 + raw[1]
             system, component = raw[5], raw[6]
             msgid = raw[7] | raw[8] << 8 | raw[9] << 16
         else:
-            version, header = 1, 6
+            version, signed, crc_at = 1, False, 6 + raw[1]
             system, component, msgid = raw[3], raw[4], raw[5]
-        crc_at = header + raw[1]
         extra = _CRC_EXTRA.get(msgid)
         if extra is None:
-            if following not in (None, _MAGIC_V1, _MAGIC_V2):
+            if data[at + size : at + size + 1] not in (b"", b"\xfd", b"\xfe"):
                 return None
-            return Packet(raw, version, bool(flags), system, component, msgid, False)
-        if crc16.mcrf4xx(raw[1:crc_at] + extra) != raw[crc_at] | raw[crc_at + 1] << 8:
+        elif crc16.mcrf4xx(raw[1:crc_at] + extra) != raw[crc_at] | raw[crc_at + 1] << 8:
             self.bad_crc += 1
             return None
-        return Packet(raw, version, bool(flags), system, component, msgid, True)
+        return Packet(raw, version, signed, system, component, msgid, extra is not None)
 
     def decode(self, packet: Packet) -> Message | None:
         """The message in a packet; None when the dialect cannot read it."""
@@ -150,13 +133,28 @@ class Encoder:
         self._codec.srcSystem = system
 
     def pack(self, message: Message) -> bytes:
-        """The bytes of one packet. Raises ValueError when a number or an array does not fit; longer texts are cut."""
+        """The bytes of one packet. Raises ValueError when a value does not fit; text too long is cut."""
         try:
             raw = message.pack(self._codec, force_mavlink1=self.version == 1 and message.id <= 255)
         except (struct.error, OverflowError, IndexError, dialect.MAVError) as error:
             raise ValueError(f"{message.get_type()}: {error}") from error
         self._codec.seq = (self._codec.seq + 1) % 256
         return bytes(raw)
+
+
+def _size(data: bytes, at: int) -> int:
+    """Bytes of the packet that starts at `at`, 0 when none does; a header's worth while that is not whole."""
+    magic = data[at]
+    if magic == _MAGIC_V2:
+        if at + 3 > len(data):
+            return 12
+        flags = data[at + 2]
+        if flags & ~_SIGNED:
+            return 0
+        return data[at + 1] + (12 + _SIGNATURE_BYTES if flags else 12)
+    if magic == _MAGIC_V1:
+        return data[at + 1] + 8 if at + 2 <= len(data) else 8
+    return 0
 
 
 @functools.cache
