@@ -57,7 +57,7 @@ class TlogReader(Iterator[Record]):
     `last_us` are the times of the first and the latest record, None before the first.
 
     A record's time is within a day of the one before, the first one's in 2001…2100. Behind garbage a record
-    counts only when another one or the file's end follows it; a record that another one starts inside of was
+    counts only when another one or the file's end follows it. A record that another one starts inside of was
     cut and counts as garbage.
     """
 
@@ -96,7 +96,7 @@ class TlogReader(Iterator[Record]):
             if length:
                 following = _look(buffer, end, time_us)
                 good = following[0] or end == size
-                if not good and in_step and end < size:
+                if not good and in_step and end < size:  # garbage follows, unless this one was cut by another
                     good = _find(buffer, at + 1, end, self.last_us) is None
                 if good:
                     record = Record(time_us, buffer[at + 8 : end])
@@ -111,7 +111,7 @@ class TlogReader(Iterator[Record]):
                     continue
             found = _find(buffer, at, size, self.last_us)
             goal = (size if ended else size - _AHEAD // 2) if found is None else found
-            if ended and found is None and in_step and (end > size or size - at < _HEAD.size):
+            if ended and found is None and (end > size or size - at < _HEAD.size):
                 self.torn = size - at
             else:
                 self.skipped += goal - at

@@ -1,35 +1,28 @@
-"""What the tests of all links share: a deadline, and closing what was opened."""
+"""What the tests of all links share: none hangs, and what was opened is closed."""
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator
 
 import pytest
+from links_waiting import DEADLINE_S
 
-from arva_hil.clock import RealClock
 from arva_hil.links import Link
 
-DEADLINE_S = 10.0
 
+@pytest.fixture(autouse=True)
+def no_test_hangs() -> Iterator[None]:
+    """A link that blocks after all fails its test instead of stopping them all."""
 
-def receive(link: Link, size: int, writer: Link | None = None) -> bytes:
-    """Read until `size` bytes are there or the deadline is; reading the writer sends what it kept."""
-    clock = RealClock()
-    data = b""
-    while len(data) < size and clock.now() < DEADLINE_S:
-        if writer is not None:
-            writer.read()
-        clock.wait(clock.now() + 0.05, [link])
-        data += link.read()
-    return data
+    def alarm(number: int, frame: object) -> None:
+        pytest.fail("the test hangs")
 
-
-def until(condition: Callable[[], object], link: Link) -> None:
-    """Wait on a link, with a deadline, until a condition holds."""
-    clock = RealClock()
-    while not condition():
-        assert clock.now() < DEADLINE_S, "the deadline passed"
-        clock.wait(clock.now() + 0.01, [link])
+    before = signal.signal(signal.SIGALRM, alarm)
+    signal.setitimer(signal.ITIMER_REAL, 2 * DEADLINE_S)
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture

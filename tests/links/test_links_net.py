@@ -5,12 +5,14 @@ from __future__ import annotations
 import io
 import os
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from typing import Any
 
 import pytest
-from conftest import DEADLINE_S, receive, until
+from links_waiting import DEADLINE_S, receive, until
 
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink, open_stdout
@@ -279,8 +281,22 @@ def test_stdout_of_a_full_disk_and_of_a_closed_link() -> None:
     assert memory.getvalue() == b"kept"  # closing the link leaves the file open
 
 
-def test_open_stdout_has_no_buffer(monkeypatch: pytest.MonkeyPatch) -> None:
-    raw = io.BytesIO()
-    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BufferedWriter(raw)))  # type: ignore[arg-type,type-var]
+def test_a_program_whose_reader_went_chooses_its_own_exit_code() -> None:
+    program = (
+        "import sys; from arva_hil.links.stdout import *\n"
+        "try: open_stdout().write(b'x')\n"
+        "except LinkError: sys.exit(3)"  # what a buffer kept would fail once more now: exit code 120
+    )
+    reader, writer = os.pipe()
+    os.close(reader)
+    buffered = {**os.environ, "PYTHONUNBUFFERED": ""}
+    run = subprocess.run([sys.executable, "-c", program], stdout=writer, stderr=subprocess.PIPE, env=buffered)
+    os.close(writer)
+    assert (run.returncode, run.stderr) == (3, b"")
+
+
+def test_open_stdout_of_a_replaced_stdout(monkeypatch: pytest.MonkeyPatch) -> None:
+    buffer = io.BytesIO()
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(buffer))
     open_stdout().write(b"frame")
-    assert raw.getvalue() == b"frame"
+    assert buffer.getvalue() == b"frame"

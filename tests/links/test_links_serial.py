@@ -13,11 +13,10 @@ from typing import Any
 
 import pytest
 import serial as pyserial
-from conftest import receive, until
+from links_waiting import receive, until
 
 from arva_hil.clock import StepClock
 from arva_hil.links import Link, LinkError, open_link
-from arva_hil.links import pty as pty_module
 from arva_hil.links import serial as serial_module
 from arva_hil.links.ports import Port, find_autopilot, list_ports
 from arva_hil.links.pty import PtyLink
@@ -240,7 +239,7 @@ def test_a_symlink_a_killed_run_left_to_the_same_device(
     link = tmp_path / "arva0"
     pair = os.openpty()
     link.symlink_to(os.ttyname(pair[1]))
-    monkeypatch.setattr(pty_module.os, "openpty", lambda: pair)
+    monkeypatch.setattr(os, "openpty", lambda: pair)
     near = keep(PtyLink(str(link)))
     near.close()
     assert not link.is_symlink()

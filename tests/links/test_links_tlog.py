@@ -144,6 +144,20 @@ def test_a_false_magic_in_garbage(read: Read) -> None:
     assert reader.skipped == 5 + 11 + 20
 
 
+def test_garbage_that_looks_like_the_time_it_runs_into(read: Read) -> None:
+    wanted = [Record(0x00060A24FE202241 + i, packet(1, 9)) for i in range(3)]  # the fifth byte is a magic
+    assert read(encode(wanted[:1], b"\x00\x06\x0a\x24", wanted[1:]))[0] == wanted
+
+
+def test_a_false_magic_wherever_the_buffer_ends(read: Read, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Garbage is left behind in steps; where a step ends, a record is no likelier than elsewhere."""
+    monkeypatch.setattr(tlog_module, "_CHUNK", 1)
+    false = T0_US.to_bytes(8, "big") + b"\xfe\x00\x00"
+    found, reader = read((b"\xaa" * 6 + false) * 1000)
+    assert found == []
+    assert reader.skipped == reader.size
+
+
 def test_a_time_far_from_the_others_is_garbage(read: Read) -> None:
     wanted = records(20)
     for offset in (-DAY_US - 10_000_000, DAY_US + 10_000_000):
@@ -208,8 +222,8 @@ def ends_at_a_record(garbage: bytes, behind: bytes) -> bool:
 @given(st.lists(a_record | some_garbage.map(bytearray) | false_magic.map(bytearray), max_size=12))
 @example([packet(1, 9), bytearray(b"\xaa" * 30), packet(2, 0), packet(2, 0)])
 def test_records_survive_garbage(read: Read, parts: list[bytes | bytearray]) -> None:
-    """A bytearray is garbage. Each record must be found that has another one, or an end of the file, before or
-    behind it; nothing else may be found."""
+    """A bytearray is garbage. Each record must be found that has another one, or an end of the file, before
+    or behind it; nothing else may be found."""
     true, must = [], []
     encoded = [bytes(p) if isinstance(p, bytearray) else tlog_record(T0_US, p) for p in parts]
     for i, part in enumerate(parts):
