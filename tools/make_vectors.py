@@ -85,9 +85,9 @@ def line(f: Wire) -> str:
 
 
 FRAMES: dict[str, Wire] = {
-    "typical": frame(7, 1, slot(1, 1, 1250, -35), slot(2, 0, 4020, 170), slot(3, 2, 85, 4), slot()),
+    "typical": frame(7, 1, slot(3, 2, 85, 0), slot(1, 1, 1250, -35), slot(2, 1, 4020, 17), slot()),
     "silence": frame(0, 1, slot()),
-    "one": frame(1, 1, slot(1, 2, 300, 12)),
+    "one": frame(1, 1, slot(1, 1, 1234, 17)),
     "two": frame(2, 1, slot(2, 1, 2200, -90)),
     "three": frame(3, 1, slot(3, 0, 5600, 179, True)),
     "seven": frame(7, 1, slot(7, 0, 7000, 0)),

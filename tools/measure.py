@@ -82,8 +82,8 @@ def measure_replay(flight: Path) -> None:
         lengthen(flight, long, 4)
         peaks = [peak_memory([*COMMAND, "replay", str(log), "--out", os.devnull]) for log in (flight, long)]
     print(
-        f"{flight.name}: {seconds:.1f} s replayed and recorded in {median(runs):.2f} s (median of 5, one core, start-up "
-        f"included): {seconds / median(runs):.0f} × real time; peak memory {peaks[0]:.1f} MB, "
+        f"{flight.name}: {seconds:.1f} s replayed and recorded in {median(runs):.2f} s (median of 5, one core, "
+        f"start-up included): {seconds / median(runs):.0f} × real time; peak memory {peaks[0]:.1f} MB, "
         f"of the same four times over {peaks[1]:.1f} MB"
     )
 
@@ -170,7 +170,7 @@ class Motion:
 
 
 def play(motion: Motion, seconds: float, started: Any) -> None:
-    """The far end, in a process of its own: the motion on a new pty, in real time. Tells its path, and when it began."""
+    """The far end, in its own process: the motion on a new pty, in real time. Tells the path, and when it began."""
     times = np.arange(0, seconds, 1 / STREAM_HZ).round(3)
     packets = [(motion.beat() if n % STREAM_HZ == 0 else b"") + motion.packets(t) for n, t in enumerate(times)]
     clock = RealClock()

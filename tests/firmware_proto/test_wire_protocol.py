@@ -12,7 +12,6 @@ from firmware_proto import (
     INNER,
     MAX_FRAME_BYTES,
     MID,
-    OUTER,
     Channel,
     Decoder,
     Frame,
@@ -22,8 +21,8 @@ from firmware_proto import (
 )
 
 PAGE = (Path(firmware_proto.__file__).parent / "PROTOCOL.md").read_text(encoding="utf-8")
-ONE = Frame(1, 1, (Channel(1, INNER, 300, 12),))
-FOUR = Frame(7, 1, (Channel(1, MID, 1250, -35), Channel(2, OUTER, 4020, 170), Channel(3, INNER, 85, 4), Channel()))
+ONE = Frame(1, 1, (Channel(1, MID, 1234, 17),))
+FOUR = Frame(7, 1, (Channel(3, INNER, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17), Channel()))
 
 
 def section(title):
