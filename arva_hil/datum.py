@@ -16,12 +16,13 @@ class Datum:
 
     A fixed one stays. `home` is the vehicle's home and follows it until the vehicle arms, because autopilots move
     it by a metre while they settle; from then on it stays. Without a HOME_POSITION the first valid position serves
-    after 5 s.
+    after 5 s, and gives way to a home only on the ground: transmitters do not jump in flight.
     """
 
     def __init__(self, scenario: Scenario) -> None:
         fixed = scenario.datum
-        self._home: tuple[float, float, float] | None = None
+        self.lla: tuple[float, float, float] | None = None  # degrees, degrees, metres AMSL
+        self._provisional = False
         self._latched = fixed != "home"
         self._first_position_at: float | None = None
         self.frame: LocalFrame | None = None
@@ -35,6 +36,8 @@ class Datum:
         home = session.home
         if home is None:
             first = session.track.first_position
+            if first is None:  # not yet, or not since a reboot
+                self._first_position_at = None
             if self.frame is not None or first is None:
                 return False
             if self._first_position_at is None:
@@ -42,16 +45,20 @@ class Datum:
             if now - self._first_position_at < HOME_WAIT_S:
                 return False
             home = (first.lat, first.lon, first.alt)
+            self._provisional = True
         else:
             self._latched = session.vehicle is not None and session.vehicle.armed
-        if home == self._home:
+            if self._latched and self._provisional:
+                return False
+            self._provisional = False
+        if home == self.lla:
             return False
         self._set(home)
         return True
 
     def __str__(self) -> str:
-        return "unknown" if self._home is None else "{:.7f}, {:.7f}, {:.2f} m AMSL".format(*self._home)
+        return "unknown" if self.lla is None else "{:.7f}, {:.7f}, {:.2f} m AMSL".format(*self.lla)
 
     def _set(self, home: tuple[float, float, float]) -> None:
-        self._home = home
+        self.lla = home
         self.frame = LocalFrame(*home)

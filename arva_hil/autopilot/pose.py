@@ -127,9 +127,7 @@ def _around(samples: Iterable[S], boot: float) -> tuple[S, S | None] | None:
     return None
 
 
-def _position_at(
-    boot: float, a: PositionSample, b: PositionSample | None, frame: LocalFrame
-) -> tuple[Vector, Vector]:
+def _position_at(boot: float, a: PositionSample, b: PositionSample | None, frame: LocalFrame) -> tuple[Vector, Vector]:
     va = np.array(a.velocity)
     pa = frame.ned(a.lat, a.lon, a.alt)
     if b is None:

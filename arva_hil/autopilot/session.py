@@ -43,8 +43,7 @@ class Vehicle:
 
     def __str__(self) -> str:
         return (
-            f"{_short('MAV_AUTOPILOT', self.autopilot)} {_short('MAV_TYPE', self.kind)} "
-            f"{self.system}/{self.component}"
+            f"{_short('MAV_AUTOPILOT', self.autopilot)} {_short('MAV_TYPE', self.kind)} {self.system}/{self.component}"
         )
 
 
@@ -87,7 +86,6 @@ class Session:
         self._next_heartbeat = -math.inf
         self._last_boot: float | None = None
         self._handlers: dict[int, Callable[[Any, float], None]] = {
-            dialect.MAVLINK_MSG_ID_HEARTBEAT: self._on_heartbeat,
             dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
             dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._on_quaternion,
@@ -141,7 +139,8 @@ class Session:
             return b""
         out = b""
         if now >= self._next_heartbeat:
-            self._next_heartbeat = max(self._next_heartbeat + _HEARTBEAT_S, now)
+            due = self._next_heartbeat + _HEARTBEAT_S
+            self._next_heartbeat = due if due > now else now + _HEARTBEAT_S
             out += self.encoder.pack(
                 dialect.MAVLink_heartbeat_message(
                     dialect.MAV_TYPE_ONBOARD_CONTROLLER,
@@ -231,9 +230,7 @@ class Session:
         return self._heard[key] == 1
 
     def _choose(self, packet: Packet, message: Any, now: float) -> None:
-        self.vehicle = Vehicle(
-            packet.system, packet.component, message.autopilot, message.type, False, packet.version
-        )
+        self.vehicle = Vehicle(packet.system, packet.component, message.autopilot, message.type, False, packet.version)
         self.encoder.system = packet.system
         self.encoder.version = packet.version
         self._streams = Streams(self._rate_hz, now)

@@ -34,7 +34,7 @@ class Stream:
     want_hz: float
     said: str = ""  # what the vehicle answered to the last request, for a person
     seen: dict[int, deque[float]] = field(default_factory=dict)  # when each of the ids came lately
-    tries: int = 0
+    tries: int = 0  # since it was fast enough
     by_group: bool = False
     next_ask: float = 0.0
 
@@ -47,7 +47,7 @@ class Stream:
         for times in self.seen.values():
             while times and times[0] < now - _MEASURE_S:
                 times.popleft()
-        return max((len(times) / span for times in self.seen.values()))
+        return max(len(times) / span for times in self.seen.values())
 
 
 class Streams:
@@ -109,8 +109,12 @@ class Streams:
         for stream in self.wanted:
             if self._pending:
                 break
-            if now >= stream.next_ask and self._too_slow(stream, now):
+            if now < stream.next_ask:
+                continue
+            if self._too_slow(stream, now):
                 messages.append(self._ask(stream, now, system, component))
+            else:
+                stream.tries = 0
         return messages
 
     def acknowledged(self, command: int, result: int) -> None:
@@ -123,7 +127,7 @@ class Streams:
         stream.said = f"SET_MESSAGE_INTERVAL to {stream.want_hz:g} Hz: {answer}"
         if result == dialect.MAV_RESULT_DENIED and stream.want_hz > _SLOWEST_HZ:
             stream.want_hz = max(stream.want_hz / 2, _SLOWEST_HZ)
-            stream.next_ask = 0.0
+            stream.tries, stream.next_ask = 0, 0.0
             self._say(f"{stream.name}: {stream.said}; asking for {stream.want_hz:g} Hz")
         elif result not in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_TEMPORARILY_REJECTED):
             self._change_kind(stream)
@@ -157,9 +161,9 @@ class Streams:
     def _change_kind(self, stream: Stream) -> None:
         was = stream.said
         stream.by_group = not stream.by_group
-        if stream.tries <= _PATIENCE:  # once; what follows is only repetition
-            rate = "REQUEST_DATA_STREAM" if stream.by_group else "SET_MESSAGE_INTERVAL"
-            self._say(f"{stream.name} is slower than the {stream.want_hz:g} Hz wanted ({was}); trying {rate}")
+        if stream.by_group and stream.tries <= _PATIENCE:  # once; what follows is only repetition
+            slow = f"{stream.name} is slower than the {stream.want_hz:g} Hz wanted"
+            self._say(f"{slow} ({was}); trying REQUEST_DATA_STREAM")
         stream.next_ask = 0.0
 
     def _say(self, text: str) -> None:

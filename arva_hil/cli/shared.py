@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import os
 import platform
 import signal
 import sys
@@ -19,6 +18,7 @@ from arva_hil.clock import Clock
 from arva_hil.console import Lines, Printer, as_json, plain
 from arva_hil.emulator import Emulator, NoHeartbeatError
 from arva_hil.links import AddressError, Link, LinkError, open_link
+from arva_hil.links.stdout import open_stdout
 from arva_hil.notice import Notice
 from arva_hil.observer import Observer
 from arva_hil.record import Recorder, RecordError
@@ -121,7 +121,7 @@ class Run:
                 raise UsageError(error) from None
         self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live)
         render = as_json if options.json else plain if lines else None
-        self._lines = Lines(sys.stdout, render, patient=patient) if render else None
+        self._lines = Lines(open_stdout(), render, patient=patient) if render else None
         every = (self.printer, self._lines, self._recorder)
         self.observers: list[Observer] = [observer for observer in every if observer is not None]
         for line in describe(chosen):
@@ -147,6 +147,8 @@ class Run:
         return self._finish(emulator, failure)
 
     def _finish(self, emulator: Emulator, failure: Failure | None) -> int:
+        if self._lines and (why := self._lines.close()) and not failure and not self._signals.caught:
+            failure = Failure(FAILED, why)
         code = failure.code if failure else INTERRUPTED if self._signals.caught else OK
         how = str(failure) if failure else self._signals.caught.name if self._signals.caught else "finished"
         said = [Notice("error", how)] if failure else []
@@ -156,11 +158,6 @@ class Run:
             except RecordError as error:
                 code = code or FAILED
                 said.append(Notice("error", str(error)))
-        if self._lines:
-            self._lines.close()
-            if self._lines.error:
-                code = code or FAILED
-                silence_stdout()
         for line in sums(emulator):
             self.printer.say(line)
         for notice in said:
@@ -180,7 +177,7 @@ class Run:
             "scenario_source": self._scenario.source,
             "seed": self._scenario.seed,
             "vehicle": dataclasses.asdict(session.vehicle) if session.vehicle else None,
-            "datum": str(emulator.datum),
+            "datum": emulator.datum.lla,
             "counters": counters(emulator),
             "versions": {
                 "arva-hil": __version__,
@@ -189,11 +186,6 @@ class Run:
                 "platform": platform.platform(),
             },
         }
-
-
-def silence_stdout() -> None:
-    """Whoever read stdout has gone: let Python's own flush at exit go nowhere."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def counters(emulator: Emulator) -> dict[str, Any]:

@@ -1,0 +1,178 @@
+"""Where the scenario's origin lies: a place in the file, the vehicle's home, or its first position."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from arva_hil.autopilot.mavlink import Encoder, dialect
+from arva_hil.autopilot.session import Session
+from arva_hil.datum import HOME_WAIT_S, Datum
+from arva_hil.model import LocalFrame
+from arva_hil.scenario import DEFAULT, Lla
+
+Place = tuple[float, float, float]
+A, B, C = (46.5, 11.35, 1800.0), (46.5, 11.35, 1801.3), (46.6, 11.4, 1700.0)
+
+
+class Told:
+    """A session that is told what the test says, and the datum that looks at it after each."""
+
+    def __init__(self, fixed: Lla | None = None) -> None:
+        self.session = Session(passive=True)
+        self.datum = Datum(replace(DEFAULT, datum=fixed or "home"))
+
+    def _tell(self, message: Any, now: float) -> bool:
+        self.session.feed(Encoder(1, 1).pack(message), now)
+        return self.datum.update(self.session, now)
+
+    def heartbeat(self, now: float, *, armed: bool = False) -> bool:
+        return self._tell(dialect.MAVLink_heartbeat_message(2, 3, 128 if armed else 0, 0, 3, 3), now)
+
+    def home(self, place: Place, now: float) -> bool:
+        where = round(place[0] * 1e7), round(place[1] * 1e7), round(place[2] * 1e3)
+        return self._tell(dialect.MAVLink_home_position_message(*where, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0), now)
+
+    def position(self, place: Place, now: float, boot: float | None = None) -> bool:
+        where = round(place[0] * 1e7), round(place[1] * 1e7), round(place[2] * 1e3)
+        boot_ms = round((now if boot is None else boot) * 1e3)
+        return self._tell(dialect.MAVLink_global_position_int_message(boot_ms, *where, 0, 0, 0, 0, 0), now)
+
+    def lies_at(self, place: Place | None) -> bool:
+        frame = self.datum.frame
+        if frame is None or place is None:
+            return frame is None and place is None
+        return bool(abs(frame.ned(*place)).max() < 1e-6)
+
+
+@pytest.fixture
+def told() -> Told:
+    told = Told()
+    told.heartbeat(0.0)
+    return told
+
+
+def test_a_fixed_datum_stays_whatever_the_vehicle_says() -> None:
+    told = Told(Lla(*C))
+    assert told.lies_at(C)
+    changes = [told.heartbeat(0.0), told.home(A, 1.0), told.position(A, 2.0), told.position(A, 20.0)]
+    assert changes == [False] * 4
+    assert told.lies_at(C)
+
+
+def test_without_a_vehicle_there_is_none() -> None:
+    told = Told()
+    assert not told.datum.update(told.session, 100.0)
+    assert told.lies_at(None)
+    assert str(told.datum) == "unknown"
+
+
+def test_home_is_the_datum_at_once(told: Told) -> None:
+    assert told.home(A, 0.1)
+    assert told.lies_at(A)
+    assert str(told.datum) == "46.5000000, 11.3500000, 1800.00 m AMSL"
+    assert not told.home(A, 0.2)  # nothing new
+
+
+def test_home_is_followed_until_the_vehicle_arms_and_then_no_more(told: Told) -> None:
+    told.home(A, 0.1)
+    assert told.home(B, 1.0)
+    assert told.lies_at(B)
+    told.heartbeat(2.0, armed=True)
+    assert not told.home(C, 3.0)
+    assert told.lies_at(B)
+    told.heartbeat(4.0)
+    assert not told.home(C, 5.0)
+    assert told.lies_at(B)
+
+
+def test_the_home_of_a_vehicle_already_in_flight_is_the_datum(told: Told) -> None:
+    told.heartbeat(0.5, armed=True)
+    assert told.home(A, 1.0)
+    assert not told.home(B, 2.0)
+    assert told.lies_at(A)
+
+
+def test_without_home_the_first_position_serves_after_five_seconds(told: Told) -> None:
+    assert not told.position(A, 10.0)
+    assert not told.position(C, 10.0 + HOME_WAIT_S - 0.01)
+    assert told.lies_at(None)
+    assert told.position(C, 10.0 + HOME_WAIT_S)
+    assert told.lies_at(A)
+    assert HOME_WAIT_S == 5.0
+
+
+def test_it_does_not_follow_the_positions(told: Told) -> None:
+    changes = [told.position((46.5 + i * 1e-5, 11.35, 1800.0), float(i)) for i in range(1, 60)]
+    assert changes.count(True) == 1
+    assert told.lies_at((46.50001, 11.35, 1800.0))
+
+
+def test_the_wait_is_for_a_valid_position(told: Told) -> None:
+    for i in range(20):
+        assert not told.position((0.0, 0.0, 0.0), float(i))
+    assert not told.position(A, 20.0)
+    assert not told.position(A, 24.9)
+    assert told.position(A, 25.0)
+
+
+def test_a_home_that_comes_later_wins_while_disarmed(told: Told) -> None:
+    told.position(C, 1.0)
+    told.position(C, 7.0)
+    assert told.lies_at(C)
+    assert told.home(A, 8.0)
+    assert told.lies_at(A)
+    assert not told.position(C, 9.0)
+
+
+def test_a_reboot_on_the_ground_keeps_the_datum_until_there_is_a_new_home(told: Told) -> None:
+    told.home(A, 0.1)
+    told.position(A, 60.0)
+    assert not told.position(C, 61.0, boot=1.0)
+    assert told.session.reboots == 1
+    assert not told.position(C, 70.0, boot=10.0)
+    assert told.lies_at(A)
+    assert told.home(B, 71.0)
+    assert told.lies_at(B)
+
+
+def test_a_reboot_in_flight_keeps_the_datum(told: Told) -> None:
+    told.home(A, 0.1)
+    told.heartbeat(1.0, armed=True)
+    told.position(A, 60.0)
+    told.position(C, 61.0, boot=1.0)
+    told.heartbeat(62.0)
+    assert not told.home(C, 63.0)
+    assert not told.position(C, 70.0, boot=10.0)
+    assert told.session.reboots == 1
+    assert told.lies_at(A)
+
+
+def test_a_reboot_starts_the_wait_for_home_again(told: Told) -> None:
+    told.position(A, 60.0)
+    told.position((0.0, 0.0, 0.0), 64.0, boot=1.0)
+    assert not told.position(B, 66.0, boot=3.0)
+    assert told.lies_at(None)
+    assert told.home(C, 70.0)
+    assert told.lies_at(C)
+
+
+def test_the_frame_is_north_east_down_from_there(told: Told) -> None:
+    told.home(A, 0.1)
+    frame = told.datum.frame
+    assert isinstance(frame, LocalFrame)
+    north, east, down = frame.ned(46.501, 11.351, 1790.0)
+    assert (north, east) == pytest.approx((111.2, 76.8), abs=0.3)
+    assert down == pytest.approx(10.0, abs=0.01)
+
+
+def test_in_flight_a_home_that_comes_late_does_not_move_the_transmitters(told: Told) -> None:
+    told.position(C, 1.0)
+    told.position(C, 7.0)
+    told.heartbeat(8.0, armed=True)
+    assert not told.home(A, 9.0)
+    told.heartbeat(10.0)
+    assert not told.home(B, 11.0)
+    assert told.lies_at(C)
