@@ -8,7 +8,7 @@ demo: $(VENV)/.run
 	$(BIN)/arva-hil demo
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest --cov
+	$(BIN)/python -m pytest --numprocesses auto --cov
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

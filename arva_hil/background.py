@@ -19,11 +19,11 @@ class Background:
     def __init__(self, name: str) -> None:
         self.error: Exception | None = None
         self.refused = 0
-        self._jobs: queue.Queue[Callable[[], None] | None] = queue.Queue(_MOST_JOBS)
+        self._jobs: queue.Queue[Callable[[], object] | None] = queue.Queue(_MOST_JOBS)
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    def put(self, job: Callable[[], None], *, wait: bool = False) -> bool:
+    def put(self, job: Callable[[], object], *, wait: bool = False) -> bool:
         """Queue a job; with `wait`, until there is room. False: refused and counted, the work is too slow."""
         if self.error is None:
             try:

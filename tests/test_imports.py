@@ -32,6 +32,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.console",
         "arva_hil.observer",
         "arva_hil.background",
+        "arva_hil.links",
         "arva_hil.notice",
         "firmware_proto",
     },

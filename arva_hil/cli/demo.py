@@ -17,14 +17,15 @@ from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
+from arva_hil.cli.outcome import UsageError
 from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.emulator import Emulator
 from arva_hil.links import Link, memory
 from arva_hil.links.pty import PtyLink
 from arva_hil.loop import Task, run
-from arva_hil.output import WirePort
+from arva_hil.output import MAVLINK_FORMATS, WirePort
 from arva_hil.simulator import Simulator
-from firmware_proto import Decoder, Frame
+from firmware_proto import DECODERS, Frame, FrameDecoder
 
 HOME: Final = (46.0123, 7.7456, 1650.0)
 HEIGHT_M: Final = 2.0
@@ -44,6 +45,8 @@ def add_options(parser: opt.Parser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     chosen = shared.scenario(options)
+    if chosen.output_format in MAVLINK_FORMATS:
+        raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
@@ -60,7 +63,7 @@ def main(options: argparse.Namespace) -> int:
             timeout_s=10.0,
             observers=surroundings.observers,
         )
-        listener, pilot = Consumer(consumer), Pilot(pilot_link)
+        listener, pilot = Consumer(consumer, DECODERS[chosen.output_format]()), Pilot(pilot_link)
         tasks: list[Task] = [Simulator(vehicle, [fc, pilot_far]), pilot, emulator, listener]
         if not fast:
             surroundings.printer.say(f"vehicle at {autopilot.name}, frames at {consumer.name}")
@@ -86,10 +89,10 @@ def _ptys(stack: ExitStack, clock: Clock) -> tuple[Link, Link, Link, Link]:
 class Consumer:
     """What an onboard computer does: reads the port. Remembers the nearest reading."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: Link, decoder: FrameDecoder) -> None:
         self.links: Sequence[Link] = [link]
         self._link = link
-        self._decoder = Decoder()
+        self._decoder = decoder
         self._nearest: int | None = None
 
     def service(self, now: float) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -44,13 +45,18 @@ as ARVA_HIL_<OPTION>. Exit codes: 0 ok, 1 failed while running, 2 usage or confi
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; gives back the exit code."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal without ° is no reason to fail
     try:
-        return _command(arguments)
+        code = _command(arguments)
+        sys.stdout.flush()
+        return code
     except Failure as failure:
         print(f"arva-hil: {failure}", file=sys.stderr)
         return failure.code
-    except BrokenPipeError:  # whoever read our stdout has gone
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:  # links and files have their own: this is stdout, its reader gone or its disk full
+        print(f"arva-hil: stdout: {error}", file=sys.stderr)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's own flush at exit
         return FAILED
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -73,4 +79,8 @@ def _command(arguments: list[str]) -> int:
     module = importlib.import_module(f"arva_hil.cli.{name}")
     parser = Parser(prog=f"arva-hil {name}", description=module.__doc__)
     module.add_options(parser)
-    return int(module.main(parser.parse(arguments)))
+    try:
+        options = parser.parse(arguments)
+    except SystemExit:  # argparse has printed the help
+        return OK
+    return int(module.main(options))

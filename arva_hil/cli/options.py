@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NoReturn
 
 from arva_hil.cli.outcome import UsageError
+from arva_hil.links import AddressError, parse
 
 PREFIX: Final = "ARVA_HIL_"
 FORMATS: Final = ("binary", "nmea", "text", "tunnel", "named", "debug_vect")
@@ -88,6 +89,15 @@ def _range(low: float, high: float) -> str:
 def speed(text: str) -> float:
     """A converter for how much faster than real time; `max` is infinity."""
     return math.inf if text == "max" else number(0.01, 1000)(text)
+
+
+def address(text: str) -> str:
+    """A converter that refuses what is no connection string."""
+    try:
+        parse(text)
+    except AddressError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
 
 
 def add_scenario(parser: Parser) -> None:

@@ -27,7 +27,12 @@ _BAR_STEP_BYTES = 1 << 16
 
 def add_options(parser: opt.Parser) -> None:
     parser.add_argument("log", metavar="LOG.tlog", help="MAVLink telemetry log")
-    parser.option("--port", metavar="URL", help="send the frames there, in the log's rhythm unless --speed says else")
+    parser.option(
+        "--port",
+        type=opt.address,
+        metavar="URL",
+        help="send the frames there, in the log's rhythm unless --speed says else",
+    )
     parser.option("--out", metavar="FILE", help="write the frames to a file; - is stdout")
     parser.option("--speed", type=opt.speed, metavar="N|max", help="times real time; default 1 with --port, else max")
     opt.add_scenario(parser)
@@ -88,6 +93,8 @@ def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
     if options.port or options.out == "-":
         return shared.open_or_fail(options.port or "-", RealClock())
     path = options.out or os.devnull
+    if os.path.exists(path) and os.path.samefile(path, options.log):
+        raise UsageError(f"--out {path}: is the log itself: name another file")
     try:
         return StdoutLink(stack.enter_context(open(path, "wb", buffering=0)), path)
     except OSError as error:

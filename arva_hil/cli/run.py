@@ -21,10 +21,16 @@ DEFAULT_AUTOPILOT = "udpin:127.0.0.1:14550"
 
 
 def add_options(parser: opt.Parser) -> None:
-    parser.option("--port", metavar="URL", help="where frames go: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:…, tcp:…, -")
+    parser.option(
+        "--port",
+        type=opt.address,
+        metavar="URL",
+        help="where frames go: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:…, tcp:…, -",
+    )
     parser.option(
         "--autopilot",
         "--master",
+        type=opt.address,
         metavar="URL",
         help=f"where the autopilot is; default: the one on USB, else {DEFAULT_AUTOPILOT}",
     )
@@ -83,7 +89,7 @@ def main(options: argparse.Namespace) -> int:
             link,
             port,
             start=start,
-            timeout_s=options.timeout,
+            timeout_s=min(options.timeout, options.duration),
             max_age_s=options.max_age,
             observers=surroundings.observers,
         )

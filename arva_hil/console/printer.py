@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-import shutil
+import os
 from collections.abc import Callable
 from typing import Final, TextIO
 
 from arva_hil.background import Background
 from arva_hil.console import text
+from arva_hil.links import Link
 from arva_hil.notice import Notice
 from arva_hil.observer import Observer, Snapshot, Status
 
@@ -45,7 +46,7 @@ class Printer(Observer):
         if not self._status:
             return
         if self._live:
-            self._shown = status_line(status)[: shutil.get_terminal_size().columns - 1]
+            self._shown = status_line(status)[: _columns(self._stream) - 1]
             self._write(_CLEAR + self._shown)
         elif status.time_s >= self._next_plain:
             self._next_plain = status.time_s + _PLAIN_S
@@ -69,30 +70,30 @@ class Printer(Observer):
 
 
 class Lines(Observer):
-    """Prints one line a frame on `stream`: `render` makes it. `patient`: rather wait than leave one out."""
+    """Prints one line a frame on `link`: `render` makes it. `patient`: rather wait than leave one out."""
 
-    def __init__(self, stream: TextIO, render: Callable[[Snapshot], str], *, patient: bool) -> None:
-        self._stream = stream
+    def __init__(self, link: Link, render: Callable[[Snapshot], str], *, patient: bool) -> None:
+        self._link = link
         self._render = render
         self._patient = patient
         self._background = Background("lines")
 
     def frame(self, snapshot: Snapshot) -> None:
-        line = self._render(snapshot) + "\n"
-
-        def write() -> None:
-            self._stream.write(line)
-            self._stream.flush()
-
-        self._background.put(write, wait=self._patient)
+        line = (self._render(snapshot) + "\n").encode()
+        self._background.put(lambda: self._link.write(line), wait=self._patient)
 
     @property
     def error(self) -> Exception | None:
         """Why nothing more is printed: the reader has gone."""
         return self._background.error
 
-    def close(self) -> None:
-        self._background.close()
+    def close(self) -> str:
+        """Print what is left; gives back why not every line was printed, "" when all were."""
+        finished = self._background.close()
+        if self.error:
+            return str(self.error)
+        whole = finished and not self._background.refused
+        return "" if whole else f"{self._link.name}: its reader did not take every line"
 
 
 def plain(snapshot: Snapshot) -> str:
@@ -124,3 +125,10 @@ def status_line(status: Status) -> str:
         parts.append(text.reading(status.last.frame.channels))
     parts.append(f"{status.frames - status.dropped} sent, {status.dropped} dropped")
     return " | ".join(part for part in parts if part)
+
+
+def _columns(terminal: TextIO) -> int:
+    try:
+        return os.get_terminal_size(terminal.fileno()).columns or 80
+    except OSError:  # it has hung up
+        return 80

@@ -11,6 +11,7 @@ import numpy as np
 
 from arva_hil.autopilot.mavlink import Packet
 from arva_hil.background import Background
+from arva_hil.links.tlog import tlog_record
 from arva_hil.model import rotation
 from arva_hil.observer import Observer, Snapshot
 
@@ -60,10 +61,10 @@ class Recorder(Observer):
         return ""
 
     def packets(self, now: float, packets: Sequence[Packet]) -> None:
-        stamp = (self._epoch_us + round(now * 1e6)).to_bytes(8, "big")
+        time_us = self._epoch_us + round(now * 1e6)
         pending = self._pending[TLOG]
         for packet in packets:
-            pending += stamp + packet.raw
+            pending += tlog_record(time_us, packet.raw)
         if len(pending) > _BATCH_BYTES:
             self._flush()
 

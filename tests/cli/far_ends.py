@@ -1,0 +1,197 @@
+"""What the command line's tests stand on: the program as a process, and the far ends of its links."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
+from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.clock import RealClock
+from arva_hil.links import Link, LinkError
+from arva_hil.links.pty import PtyLink
+from arva_hil.loop import run
+from arva_hil.simulator import Simulator
+from firmware_proto import Decoder, Frame
+
+DEADLINE_S = 20.0
+HOME = (46.0123, 7.7456, 1650.0)
+PROGRAM = [sys.executable, "-m", "arva_hil"]
+
+# root reads and writes whatever it likes; without these two capabilities it is like everybody else
+ORDINARY = ["setpriv", "--bounding-set", "-dac_override,-dac_read_search"] if os.geteuid() == 0 else []
+
+
+class Program:
+    """`python -m arva_hil` as a process. Its stdout goes to a file unless told otherwise, its stderr to `err`."""
+
+    def __init__(self, *arguments: object, before: Sequence[str] = (), **options: Any) -> None:
+        self.err = ""
+        self._out = tempfile.TemporaryFile()  # noqa: SIM115 (closed in `close`)
+        options.setdefault("stdout", self._out)
+        options.setdefault("stderr", subprocess.PIPE)
+        self.process = subprocess.Popen([*before, *PROGRAM, *map(str, arguments)], stdin=subprocess.DEVNULL, **options)
+
+    @property
+    def out(self) -> bytes:
+        self._out.seek(0)
+        return self._out.read()
+
+    def says(self, pattern: str) -> re.Match[str]:
+        """Wait until stderr has said it."""
+        while not (found := re.search(pattern, self.err)):
+            assert self._listen(), f"{pattern!r} was not said before the end of:\n{self.err}"
+        return found
+
+    def send(self, number: signal.Signals) -> None:
+        self.process.send_signal(number)
+
+    def ends(self) -> int:
+        """Wait for its end; the exit code. Whatever happens, no command ends in a traceback."""
+        while self.process.stderr and self._listen():
+            pass
+        code = self.process.wait(DEADLINE_S)
+        assert "Traceback" not in self.err
+        assert "Exception ignored" not in self.err
+        return code
+
+    def close(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        if self.process.stderr:
+            self.process.stderr.close()
+        self._out.close()
+
+    def _listen(self) -> bool:
+        """Take what comes; False at the end."""
+        assert self.process.stderr is not None
+        fd = self.process.stderr.fileno()
+        assert select.select([fd], [], [], DEADLINE_S)[0], f"the deadline passed after:\n{self.err}"
+        chunk = os.read(fd, 65536)
+        self.err += chunk.decode()
+        return bool(chunk)
+
+
+class Autopilot:
+    """The built-in vehicle at its home, on a link, served by a thread. `heard` is all that was sent to it.
+
+    It is switched on when somebody speaks to it, so that its heartbeat comes at once; or now, if it `speaks_first`.
+    """
+
+    def __init__(self, link: Link, *, speaks_first: bool = False) -> None:
+        self.heard = bytearray()
+        self.link = link
+        self.address = link.path if isinstance(link, PtyLink) else link.name
+        self._stop = threading.Event()
+        self._speaks_first = speaks_first
+        self._thread = threading.Thread(target=self._fly)
+        read = link.read
+
+        def tapped() -> bytes:
+            self.heard += (data := read())
+            return data
+
+        link.read = tapped  # type: ignore[method-assign]
+        self._thread.start()
+
+    def _fly(self) -> None:
+        clock = RealClock()
+        while not (self._speaks_first or self.link.ready() or self._stop.is_set()):
+            clock.wait(clock.now() + 0.1, [self.link])
+        vehicle = SimulatedVehicle(HOME, boot_time=clock.now())
+        with contextlib.suppress(LinkError):  # the program has ended
+            run([Simulator(vehicle, [self.link])], clock, stopped=self._stop.is_set)
+
+    def pause(self) -> None:
+        """Say no more."""
+        self._stop.set()
+        self._thread.join(DEADLINE_S)
+
+    def close(self) -> None:
+        self.pause()
+        self.link.close()
+
+
+class Denier:
+    """An autopilot that says hello and refuses everything it is asked for: `result`. A task for `run`."""
+
+    def __init__(self, link: Link, result: int) -> None:
+        self.links = [link]
+        self._link = link
+        self._result = result
+        self._parser = Parser()
+        self._encoder = Encoder(1, 1)
+        self._next = 0.0
+
+    def service(self, now: float) -> float:
+        for packet in self._parser.feed(self._link.read()):
+            if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
+                message = self._parser.decode(packet)
+                assert message is not None
+                ack = dialect.MAVLink_command_ack_message(message.command, self._result)
+                self._link.write(self._encoder.pack(ack))
+        if now >= self._next:
+            self._next = now + 1.0
+            self._link.write(heartbeat(self._encoder))
+        return self._next
+
+
+def heartbeat(
+    encoder: Encoder, kind: int = dialect.MAV_TYPE_QUADROTOR, autopilot: int = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+) -> bytes:
+    return encoder.pack(dialect.MAVLink_heartbeat_message(kind, autopilot, 0, 0, dialect.MAV_STATE_STANDBY, 3))
+
+
+def free_port(kind: socket.SocketKind) -> int:
+    """A port of this machine that nobody listens at."""
+    with socket.socket(socket.AF_INET, kind) as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def until(condition: Callable[[], object]) -> None:
+    """Wait, with a deadline, until a condition holds."""
+    clock = RealClock()
+    while not condition():
+        assert clock.now() < DEADLINE_S, "the deadline passed"
+        clock.wait(clock.now() + 0.01)
+
+
+def read_frames(link: Link, least: int) -> list[Frame]:
+    """What a consumer reads: at least so many frames."""
+    clock, decoder, frames = RealClock(), Decoder(), list[Frame]()
+    while len(frames) < least:
+        assert clock.now() < DEADLINE_S, f"only {len(frames)} of {least} frames came"
+        clock.wait(clock.now() + 0.05, [link])
+        frames += decoder.feed(link.read(), clock.now())
+    assert (decoder.lost, decoder.bad_crc) == (0, 0)
+    return frames
+
+
+def frames_in(data: bytes) -> list[Frame]:
+    """The frames in a file; nothing else may be in it."""
+    decoder = Decoder()
+    frames = decoder.feed(data, 0.0) + decoder.feed(b"", 1.0)
+    assert (decoder.lost, decoder.bad_crc, decoder.dropped) == (0, 0, 0)
+    return frames
+
+
+def hears(frame: Frame) -> bool:
+    """Whether a frame hears the transmitter 20.6 m from home, as far as noise lets it say."""
+    channel = frame.channels[0]
+    return channel.id == 1 and 1000 < channel.d < 4000
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}

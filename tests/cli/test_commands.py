@@ -1,0 +1,246 @@
+"""The smaller commands: demo, listen, check, ports, help."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import signal
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from arva_hil.links.ports import list_ports
+from arva_hil.links.pty import PtyLink
+from firmware_proto import Channel, Frame, encode
+
+from .far_ends import PROGRAM, Program, frames_in, until
+
+ROOT = Path(__file__).parent.parent.parent
+DEFAULT = ROOT / "configs" / "default.yaml"
+LOG = ROOT / "tests" / "data" / "px4.tlog"
+FRAMES = [Frame(n, 1, (Channel(7, 1, 1234 + n, -15), Channel())) for n in range(5)]
+
+Start = Callable[..., Program]
+Arva = Callable[..., Any]
+
+
+# -- demo --------------------------------------------------------------------------------------------------
+
+
+def nearest_cm(err: str) -> int:
+    return int(re.search(r"at the nearest (\d+) cm", err)[1])  # type: ignore[index]
+
+
+@pytest.mark.parametrize("form", ["binary", "nmea"])
+def test_the_demo_flies_past_the_transmitter(arva: Arva, form: str, tmp_path: Path) -> None:
+    code, _, err = arva("demo", "--speed", "max", "--format", form, "--record", tmp_path)
+    assert code == 0
+    assert nearest_cm(err) < 300
+    assert json.loads((tmp_path / "run.json").read_bytes())["ended"] == "finished"
+
+
+def test_the_demo_at_full_speed_is_repeatable(arva: Arva, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        assert arva("demo", "--speed", "max", "--record", tmp_path / name).code == 0
+    assert (tmp_path / "a" / "frames.bin").read_bytes() == (tmp_path / "b" / "frames.bin").read_bytes()
+
+
+def test_the_demo_runs_over_real_terminals(start: Start) -> None:
+    program = start("demo", "--speed", 8, "--headless")
+    program.says(r"vehicle at /dev/\S+, frames at /dev/\S+")
+    assert program.ends() == 0
+    assert nearest_cm(program.err) < 300
+    assert "(0 lost, 0 bad)" in program.err
+
+
+def test_the_demo_has_a_port_and_no_use_for_frames_inside_mavlink(arva: Arva) -> None:
+    code, _, err = arva("demo", "--speed", "max", "--format", "tunnel")
+    assert code == 2
+    assert "--format tunnel" in err
+    assert "choose binary, nmea or text" in err
+
+
+# -- listen ------------------------------------------------------------------------------------------------
+
+
+def test_listen_prints_what_a_file_of_frames_says(arva: Arva, tmp_path: Path) -> None:
+    file = tmp_path / "frames.bin"
+    file.write_bytes(b"".join(map(encode, FRAMES)) + b"tail")
+    code, out, err = arva("listen", file)
+    assert code == 0
+    assert out.splitlines() == [f"{n:3d}  #7 mid {1234 + n} cm -15°" for n in range(5)]
+    assert "5 frames, 0 lost, 0 bad checksums, 4 bytes dropped" in err
+
+
+def test_listen_hears_a_port_until_it_has_heard_enough(start: Start, line: PtyLink) -> None:
+    program = start("listen", line.path, "--count", 3, "--json")
+    program.says(f"listening at {line.path}")
+    line.write(b"".join(map(encode, FRAMES)))
+    assert program.ends() == 0
+    objects = [json.loads(text) for text in program.out.splitlines()]
+    assert [said["seq"] for said in objects] == [0, 1, 2]
+    assert objects[0]["channels"][0] == {"id": 7, "zone": "mid", "d_cm": 1234, "delta_deg": -15, "marked": False}
+
+
+def test_listen_says_once_that_nothing_comes_and_ends_in_time(start: Start, line: PtyLink) -> None:
+    program = start("listen", line.path, "--duration", 2.5)
+    assert program.ends() == 0
+    assert program.err.count("no frame for 2 s") == 1
+
+
+def test_listen_fails_when_the_port_goes(start: Start) -> None:
+    line = PtyLink()
+    program = start("listen", line.path)
+    program.says("listening")
+    line.close()
+    assert program.ends() == 1
+    assert f"arva-hil: {line.path}: lost" in program.err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_listen_can_be_interrupted(start: Start, line: PtyLink, number: signal.Signals) -> None:
+    program = start("listen", line.path)
+    program.says("listening")
+    line.write(b"".join(map(encode, FRAMES)))
+    until(lambda: program.out.count(b"\n") == 5)
+    program.send(number)
+    assert program.ends() == 130
+    assert "5 frames, 0 lost" in program.err
+
+
+def test_the_demo_can_be_interrupted(start: Start) -> None:
+    program = start("demo", "--headless")
+    program.says("there is a pose")
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
+    assert "the consumer read" in program.err
+
+
+# -- check, ports, help ------------------------------------------------------------------------------------
+
+
+def test_check_accepts_every_scenario_that_comes_along(arva: Arva) -> None:
+    files = sorted((ROOT / "configs").glob("*.yaml"))
+    code, out, err = arva("check", *files)
+    assert (code, err) == (0, "")
+    assert [line.split(": ok: ")[0] for line in out.splitlines()] == list(map(str, files))
+
+
+def test_check_lists_every_mistake_of_every_file_at_its_place(arva: Arva, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("transmitters:\n  - {id: 300, enu: [0, 0, 0]}\nreciever: {}\n")
+    code, out, err = arva("check", bad, DEFAULT, tmp_path / "none.yaml")
+    assert code == 2
+    assert f"{DEFAULT}: ok" in out
+    first, second, third = err.splitlines()
+    assert first.startswith(f"{bad}:2:10: ")
+    assert "300" in first
+    assert second.startswith(f"{bad}:3:1: ")
+    assert second.endswith("did you mean 'receiver'?")
+    assert third.startswith(f"{tmp_path / 'none.yaml'}:1:1: No such file")
+
+
+def test_ports_lists_what_there_is(arva: Arva) -> None:
+    devices = [port.device for port in list_ports()]
+    code, out, _ = arva("ports", "--json")
+    assert code == 0
+    assert [json.loads(line)["device"] for line in out.splitlines()] == devices
+    code, out, _ = arva("ports")
+    assert code == 0
+    assert all(device in out for device in devices) if devices else "no serial ports" in out
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["help"]])
+def test_help_names_every_command(arva: Arva, arguments: list[str]) -> None:
+    code, out, err = arva(*arguments)
+    assert (code, err) == (0, "")
+    for command in ("run", "replay", "demo", "listen", "check", "ports"):
+        assert re.search(rf"^  {command} ", out, re.MULTILINE)
+
+
+@pytest.mark.parametrize("command", ["run", "replay", "demo", "listen", "check", "ports"])
+def test_every_command_has_help(arva: Arva, command: str) -> None:
+    code, out, err = arva(command, "--help")
+    assert (code, err) == (0, "")
+    assert out.startswith(f"usage: arva-hil {command} ")
+
+
+def test_run_is_the_default_command(arva: Arva) -> None:
+    assert arva("--port", "pty", "--help").out == arva("run", "--help").out
+
+
+def test_version_is_that_of_the_package() -> None:
+    done = subprocess.run([*PROGRAM, "--version"], capture_output=True, text=True, timeout=20)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert re.fullmatch(r"arva-hil \d+\.\d+\.\d+\n", done.stdout)
+
+
+def test_a_terminal_that_knows_only_ascii_is_no_reason_to_fail(start: Start) -> None:
+    program = start("run", "--help", env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert program.ends() == 0
+    assert program.out.isascii()
+
+
+# -- stdout that nobody takes ------------------------------------------------------------------------------
+
+
+def into_nothing(why: str) -> int:
+    """A descriptor that takes nothing."""
+    if why == "No space left on device":
+        return os.open("/dev/full", os.O_WRONLY)
+    reader, writer = os.pipe()
+    os.close(reader)
+    return writer
+
+
+@pytest.mark.parametrize("why", ["No space left on device", "Broken pipe"])
+@pytest.mark.parametrize("command", ["--help", "listen"])
+def test_stdout_that_takes_nothing_is_an_error_with_a_message(
+    start: Start, tmp_path: Path, command: str, why: str
+) -> None:
+    arguments = command.split()
+    if command == "listen":
+        arguments.append(str(tmp_path / "frames.bin"))
+        (tmp_path / "frames.bin").write_bytes(b"".join(map(encode, FRAMES)))
+    stdout = into_nothing(why)
+    program = start(*arguments, stdout=stdout)
+    os.close(stdout)
+    assert program.ends() == 1
+    assert re.search(rf"stdout: .*{why}\n$", program.err)
+
+
+@pytest.mark.parametrize(
+    ("why", "message"),
+    [("No space left on device", "cannot be written: No space"), ("Broken pipe", "the reader of this pipe went away")],
+)
+@pytest.mark.parametrize("option", ["--out=-", "--json"])
+def test_frames_that_stdout_does_not_take_are_an_error_with_a_message(
+    start: Start, option: str, why: str, message: str, tmp_path: Path
+) -> None:
+    stdout = into_nothing(why)
+    program = start("replay", LOG, option, "--record", tmp_path / "record", stdout=stdout)
+    os.close(stdout)
+    assert program.ends() == 1
+    assert f"error: -: {message}" in program.err
+    assert json.loads((tmp_path / "record" / "run.json").read_bytes())["exit_code"] == 1
+
+
+def test_listen_into_head_prints_one_line_and_no_traceback(tmp_path: Path) -> None:
+    file = tmp_path / "frames.bin"
+    file.write_bytes(b"".join(encode(Frame(n % 256, 1, (Channel(),))) for n in range(10_000)))
+    done = subprocess.run(
+        f"{shlex.join(PROGRAM)} listen {file} | head -n 1", shell=True, capture_output=True, text=True, timeout=20
+    )
+    assert done.stdout == "  0  no signal\n"
+    assert done.stderr == "arva-hil: stdout: [Errno 32] Broken pipe\n"
+
+
+def test_frames_of_a_record_are_what_listen_reads(arva: Arva, tmp_path: Path) -> None:
+    assert arva("replay", LOG, "--record", tmp_path).code == 0
+    frames = frames_in((tmp_path / "frames.bin").read_bytes())
+    assert len(arva("listen", tmp_path / "frames.bin").out.splitlines()) == len(frames)
