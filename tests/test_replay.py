@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from arva_hil.cli.main import main
+from arva_hil.links.tlog import read_tlog, tlog_record
 from arva_hil.record import COLUMNS
 
 KAPPA = 1.542
@@ -178,3 +180,15 @@ def test_a_flight_reads_as_it_did_when_it_was_last_looked_at(flight: Path, capfd
     """Golden: the default scenario at 1 Hz, noise and all. `arva-hil replay tests/data/NAME.tlog` prints it anew."""
     assert main(["replay", str(flight)]) == 0
     assert capfd.readouterr().out == flight.with_suffix(".golden").read_text()
+
+
+def test_a_log_may_stand_for_the_autopilot_and_its_end_is_no_failure(flight: Path, tmp_path: Path) -> None:
+    """In real time: the piece is cut to its first three seconds."""
+    with closing(read_tlog(flight)) as log, (tmp_path / "short.tlog").open("wb") as short:
+        for record in log:
+            if log.first_us is not None and record.time_us < log.first_us + 3_000_000:
+                short.write(tlog_record(*record))
+    record_to = str(tmp_path / "record")
+    assert main(["run", "--autopilot", short.name, "--port", "pty", "--rate", "10", "--record", record_to]) == 0
+    assert (tmp_path / "record" / "autopilot.tlog").stat().st_size == (tmp_path / "short.tlog").stat().st_size
+    assert len(rows(tmp_path / "record")) / 4 == pytest.approx(30, abs=2)

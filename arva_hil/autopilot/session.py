@@ -30,6 +30,12 @@ _NOT_VEHICLES: Final = {
 }
 
 
+def heartbeat() -> Any:
+    """An onboard computer's; never a ground station's, which could mask the vehicle's link-loss failsafe."""
+    kind, active = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_STATE_ACTIVE
+    return dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, active, 3)
+
+
 @dataclass(frozen=True, slots=True)
 class Vehicle:
     """The autopilot that is followed."""
@@ -141,16 +147,7 @@ class Session:
         if now >= self._next_heartbeat:
             due = self._next_heartbeat + _HEARTBEAT_S
             self._next_heartbeat = due if due > now else now + _HEARTBEAT_S
-            out += self.encoder.pack(
-                dialect.MAVLink_heartbeat_message(
-                    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
-                    dialect.MAV_AUTOPILOT_INVALID,
-                    0,
-                    0,
-                    dialect.MAV_STATE_ACTIVE,
-                    3,
-                )
-            )
+            out += self.encoder.pack(heartbeat())
         if self.vehicle and self._streams and not self._lost:
             self._streams.home_wanted = self.home is None
             for message in self._streams.poll(now, self.vehicle.system, self.vehicle.component):

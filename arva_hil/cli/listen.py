@@ -11,6 +11,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import Final
 
+from arva_hil.autopilot.mavlink import Encoder, dialect
+from arva_hil.autopilot.session import heartbeat
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
@@ -23,6 +25,8 @@ from firmware_proto import DECODERS, Frame, FrameDecoder
 from firmware_proto.frame import PAUSE_S
 
 _WATCHDOG_S: Final = 2.0  # a consumer calls a receiver "not working" after this long without a frame
+
+_COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the first
 
 
 def add_options(parser: opt.Parser) -> None:
@@ -41,7 +45,8 @@ def add_options(parser: opt.Parser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     decoder = MavlinkDecoder(options.format) if options.format in MAVLINK_FORMATS else DECODERS[options.format]()
-    listener = Listener(decoder, as_json=options.json, count=options.count)
+    hello = Encoder(1, _COMPONENT) if options.format in MAVLINK_FORMATS else None
+    listener = Listener(decoder, hello, as_json=options.json, count=options.count)
     path = Path(options.url)
     if path.is_file() and path.suffix != ".tlog":
         listener.take(_contents(path), 0.0)
@@ -63,20 +68,29 @@ def main(options: argparse.Namespace) -> int:
 
 
 class Listener:
-    """A consumer: remembers its decoder, how many frames came and when the last did."""
+    """A consumer: remembers its decoder, how many frames came and when the last did.
 
-    def __init__(self, decoder: FrameDecoder, *, as_json: bool, count: float) -> None:
+    Over MAVLink it says `hello` with a heartbeat a second: autopilots forward nothing to a link that is silent.
+    """
+
+    def __init__(self, decoder: FrameDecoder, hello: Encoder | None, *, as_json: bool, count: float) -> None:
         self.links: Sequence[Link] = []
         self.enough = False
         self._decoder = decoder
         self._as_json = as_json
         self._left = count
         self._alive_until = _WATCHDOG_S
+        self._hello = hello
+        self._next_hello = 0.0
 
     def service(self, now: float) -> float:
         """Print what has come; say once when nothing comes any more."""
         for link in self.links:
             self.take(link.read(), now)
+        if self._hello and now >= self._next_hello:
+            self._next_hello = now + 1.0
+            for link in self.links:
+                link.write(self._hello.pack(heartbeat()))
         if now > self._alive_until:
             self._alive_until = math.inf
             print(f"no frame for {_WATCHDOG_S:g} s", file=sys.stderr)

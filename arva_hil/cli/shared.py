@@ -17,7 +17,7 @@ from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, Usag
 from arva_hil.clock import Clock
 from arva_hil.console import Lines, Printer, as_json, plain
 from arva_hil.emulator import Emulator, NoHeartbeatError
-from arva_hil.links import AddressError, Link, LinkError, open_link
+from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import open_stdout
 from arva_hil.notice import Notice
 from arva_hil.observer import Observer
@@ -140,6 +140,8 @@ class Run:
         try:
             with self._signals:
                 loop()
+        except LinkEnded as error:
+            self.printer.say(str(error))
         except NoHeartbeatError as error:
             failure = Failure(NO_LINK, error)
         except LinkError as error:

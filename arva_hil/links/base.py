@@ -16,6 +16,10 @@ class LinkError(Exception):
         super().__init__(f"{link}: {what}" + (f"; {hint}" if hint else ""))
 
 
+class LinkEnded(LinkError):
+    """A link that came to the end it was bound to have: a log that was played."""
+
+
 class Link(ABC):
     """A two-way byte stream that never blocks.
 

@@ -13,7 +13,7 @@ from collections.abc import Generator, Iterator
 from typing import BinaryIO, Final, NamedTuple
 
 from arva_hil.clock import Clock
-from arva_hil.links.base import Link, LinkError
+from arva_hil.links.base import Link, LinkEnded, LinkError
 
 _CHUNK: Final = 65536
 _LONGEST: Final = 8 + 12 + 255 + 13  # bytes of a record
@@ -131,7 +131,7 @@ class TlogReader(Iterator[Record]):
 class TlogLink(Link):
     """A log as if it came from a vehicle: each packet at its time behind the first one, which comes at once.
 
-    Time is `clock`'s, counted from when the link was opened. Writes go nowhere. `read` raises LinkError
+    Time is `clock`'s, counted from when the link was opened. Writes go nowhere. `read` raises LinkEnded
     behind the last record. `reader` has the counters.
     """
 
@@ -144,8 +144,9 @@ class TlogLink(Link):
 
     def read(self) -> bytes:
         if self._next is None:
-            hint = "" if self.reader.records else "there is no packet in it: is it a MAVLink telemetry log?"
-            raise LinkError(self.name, "end of log", hint)
+            if not self.reader.records:
+                raise LinkError(self.name, "there is no packet in it", "is it a MAVLink telemetry log?")
+            raise LinkEnded(self.name, "end of log")
         due = []
         while self._next and self.ready():
             due.append(self._next.raw)

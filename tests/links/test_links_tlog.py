@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from arva_hil.clock import StepClock
-from arva_hil.links import Link, LinkError
+from arva_hil.links import Link, LinkEnded, LinkError
 from arva_hil.links import tlog as tlog_module
 from arva_hil.links.tlog import Record, TlogLink, TlogReader, read_tlog, tlog_record
 
@@ -352,7 +352,7 @@ def test_a_log_plays_at_its_own_pace(tmp_path: Path, keep: Callable[[Link], Link
     clock.wait(200.0)
     assert link.read() == one[3]
     assert link.ready()
-    with pytest.raises(LinkError, match=r"a\.tlog: end of log$"):
+    with pytest.raises(LinkEnded, match=r"a\.tlog: end of log$"):
         link.read()
     link.close()
     link.close()
@@ -361,5 +361,5 @@ def test_a_log_plays_at_its_own_pace(tmp_path: Path, keep: Callable[[Link], Link
 def test_a_log_without_a_packet_says_so(tmp_path: Path, keep: Callable[[Link], Link]) -> None:
     (tmp_path / "a.tlog").write_bytes(b"something else entirely")
     link = keep(TlogLink(tmp_path / "a.tlog", StepClock()))
-    with pytest.raises(LinkError, match="end of log; there is no packet in it"):
+    with pytest.raises(LinkError, match="there is no packet in it; is it a MAVLink"):
         link.read()
