@@ -12,7 +12,7 @@ from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
 from arva_hil.datum import Datum
 from arva_hil.links import Link
-from arva_hil.model import LocalFrame
+from arva_hil.model import LocalFrame, Reading
 from arva_hil.notice import Level, Notice
 from arva_hil.observer import Observer, Pose, Snapshot, Status
 from arva_hil.output import Port, frame_of
@@ -134,41 +134,32 @@ class Emulator:
 
     def emit(self, t: float, now: float) -> None:
         """Make the frame whose instant is `t` and send it; `now` is when that is done."""
-        frame = self.datum.frame
-        state = self.session.state_at(t, frame) if frame else None
-        fresh = state is not None and state.age_s <= self._max_age_s
-        self._say_pose(fresh, state, now)
-        pose = None
-        if fresh and state is not None:
-            pose = Pose(*self._receiver.pose(state.position, state.attitude))
-            reading = self._receiver.read(pose.position, pose.rotation)
-        else:
-            self.counters.no_pose += 1
-            reading = self._receiver.nothing()
         boot = self.session.clock.boot(t)
+        pose, age, reading = self._read(t, now)
         made = frame_of(reading, self.counters.frames % 256)
         boot_ms = 0 if boot is None else max(0, round(boot * 1e3)) % 2**32
         data, sent = self._port.send(made, boot_ms)
-        self._count(sent, now - t)
-        snapshot = Snapshot(
-            self.schedule.number,
-            t - self._start,
-            boot,
-            pose,
-            state.age_s if state else None,
-            reading,
-            made,
-            data,
-            sent,
-            now - t,
+        self._count(pose is not None, sent, now - t)
+        self._last = Snapshot(
+            self.schedule.number, t - self._start, boot, pose, age, reading, made, data, sent, now - t
         )
-        self._last = snapshot
         for observer in self._observers:
-            observer.frame(snapshot)
+            observer.frame(self._last)
         self.schedule.advance()
         while now - self.schedule.deadline > _WORST_BACKLOG_S:
             self.counters.skipped += 1
             self.schedule.advance()
+
+    def _read(self, t: float, now: float) -> tuple[Pose | None, float | None, Reading]:
+        """The receiver's pose at `t`, None when it is unknown or too old; its age [s]; what is read there."""
+        frame = self.datum.frame
+        state = self.session.state_at(t, frame) if frame else None
+        fresh = state is not None and state.age_s <= self._max_age_s
+        self._say_pose(fresh, state, now)
+        if state is None or not fresh:
+            return None, state.age_s if state else None, self._receiver.nothing()
+        pose = Pose(*self._receiver.pose(state.position, state.attitude))
+        return pose, state.age_s, self._receiver.read(pose.position, pose.rotation)
 
     def ready_for(self, t: float, heard: float) -> bool:
         """In a replay, read up to `heard`: whether the frame of instant `t` can be made."""
@@ -180,9 +171,10 @@ class Emulator:
     def _place(self, frame: LocalFrame) -> None:
         self._receiver.transmitters = transmitters(self._scenario, frame)
 
-    def _count(self, sent: bool, late: float) -> None:
+    def _count(self, posed: bool, sent: bool, late: float) -> None:
         counters = self.counters
         counters.frames += 1
+        counters.no_pose += not posed
         counters.latest_s = max(counters.latest_s, late)
         counters.dropped += not sent
         if self._dropping == sent and (self.session.vehicle or sent):
@@ -221,7 +213,7 @@ class Emulator:
         vehicle = self.session.vehicle
         status = Status(
             now - self._start,
-            str(vehicle) if vehicle else "",
+            vehicle.short if vehicle else "",
             self.session.rates(now),
             self._last,
             self.counters.frames,

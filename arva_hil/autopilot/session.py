@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 from arva_hil.autopilot.clockmap import ClockMap
+from arva_hil.autopilot.finder import Finder, Vehicle
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.pose import AttitudeSample, PoseTrack, PositionSample, VehicleState
 from arva_hil.autopilot.streams import Streams
@@ -18,39 +19,13 @@ COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 _HEARTBEAT_S: Final = 1.0
 _LOST_S: Final = 5.0  # without a heartbeat
 _REORDER_S: Final = 0.5  # boot time further back than this is a reboot, not a late packet
-_MOST_SOURCES: Final = 32  # remembered of those heard; a hostile link has 65,536
 _POLL_S: Final = 0.1  # how often requests and time-outs are looked at
-_NOT_VEHICLES: Final = {
-    dialect.MAV_TYPE_GCS,
-    dialect.MAV_TYPE_GIMBAL,
-    dialect.MAV_TYPE_ADSB,
-    dialect.MAV_TYPE_CAMERA,
-    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
-    dialect.MAV_TYPE_ANTENNA_TRACKER,
-}
 
 
 def heartbeat() -> Any:
     """An onboard computer's; never a ground station's, which could mask the vehicle's link-loss failsafe."""
     kind, active = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_STATE_ACTIVE
     return dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, active, 3)
-
-
-@dataclass(frozen=True, slots=True)
-class Vehicle:
-    """The autopilot that is followed."""
-
-    system: int
-    component: int
-    autopilot: int  # MAV_AUTOPILOT
-    kind: int  # MAV_TYPE
-    armed: bool
-    version: int  # of MAVLink, as its heartbeats come
-
-    def __str__(self) -> str:
-        return (
-            f"{_short('MAV_AUTOPILOT', self.autopilot)} {_short('MAV_TYPE', self.kind)} {self.system}/{self.component}"
-        )
 
 
 class Session:
@@ -81,11 +56,10 @@ class Session:
         self.unpositioned = 0  # position messages that came before the first fix
         self.bytes = 0
         self.next_due = -math.inf
-        self._target = (target_system, target_component)
+        self._finder = Finder(target_system, target_component)
         self._rate_hz = rate_hz
         self._passive = passive
         self._streams: Streams | None = None
-        self._heard: dict[tuple[int, int, str], int] = {}
         self._notices: list[Notice] = []
         self._last_heartbeat = -math.inf
         self._lost = False
@@ -109,7 +83,7 @@ class Session:
             vehicle = self.vehicle
             if vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 self._look_around(packet, now)
-            elif packet.system != vehicle.system or packet.component != vehicle.component:
+            elif not vehicle.sent(packet):
                 self.ignored += 1
             elif handler := self._handlers.get(packet.msgid):
                 message = self.parser.decode(packet)
@@ -166,8 +140,7 @@ class Session:
                 f"{self.bytes} bytes were heard but no MAVLink packet in them: is the baud rate right, "
                 "and the port's protocol MAVLink?"
             )
-        sources = ", ".join(f"{kind} from {s}/{c} ×{n}" for (s, c, kind), n in self._heard.items())
-        return f"{self.parser.packets} packets were heard, but no autopilot's heartbeat: {sources}"
+        return f"{self.parser.packets} packets were heard, but no autopilot's heartbeat: {self._finder}"
 
     def why_no_pose(self) -> str:
         """Why there is no pose though there is a vehicle."""
@@ -186,53 +159,27 @@ class Session:
     def _look_around(self, packet: Packet, now: float) -> None:
         """A heartbeat, or any packet before the vehicle is known."""
         if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT:
-            self._note_source(packet, "packets")
+            self._finder.note(packet, "packets")
+        elif (message := self.parser.decode(packet)) is None:
             return
-        message = self.parser.decode(packet)
-        if message is None:
-            return
-        if self.vehicle:
-            if (packet.system, packet.component) == (self.vehicle.system, self.vehicle.component):
-                self._on_heartbeat(message, now)
-            else:
-                self.ignored += 1
-                if self._could_be_ours(packet, message) and self._note_source(packet, "autopilot"):
-                    text = f"another autopilot {packet.system}/{packet.component} on this link is ignored"
-                    self._notices.append(Notice("info", f"{text}; --target-system chooses"))
-        elif self._could_be_ours(packet, message):
-            self._choose(packet, message, now)
-        else:
-            self._note_source(packet, f"heartbeats of {_short('MAV_TYPE', message.type)}")
+        elif self.vehicle and self.vehicle.sent(packet):
+            self._on_heartbeat(message, now)
+        elif vehicle := self._finder.vehicle(packet, message):
+            if self.vehicle is None:
+                self._follow(vehicle, now)
+            elif self._finder.note(packet, "autopilot"):
+                text = f"another autopilot {packet.system}/{packet.component} on this link is ignored"
+                self._notices.append(Notice("info", f"{text}; --target-system chooses"))
+        if self.vehicle and not self.vehicle.sent(packet):
+            self.ignored += 1
 
-    def _could_be_ours(self, packet: Packet, message: Any) -> bool:
-        system, component = self._target
-        return (packet.system == system if system is not None else packet.system != 0) and self._is_autopilot(
-            packet, message, component
-        )
-
-    def _is_autopilot(self, packet: Packet, message: Any, component: int | None) -> bool:
-        wanted = dialect.MAV_COMP_ID_AUTOPILOT1 if component is None else component
-        return (
-            packet.component == wanted
-            and message.autopilot != dialect.MAV_AUTOPILOT_INVALID
-            and message.type not in _NOT_VEHICLES
-        )
-
-    def _note_source(self, packet: Packet, kind: str) -> bool:
-        """Count a source; True when it is new."""
-        key = (packet.system, packet.component, kind)
-        if key not in self._heard and len(self._heard) >= _MOST_SOURCES:
-            return False
-        self._heard[key] = self._heard.get(key, 0) + 1
-        return self._heard[key] == 1
-
-    def _choose(self, packet: Packet, message: Any, now: float) -> None:
-        self.vehicle = Vehicle(packet.system, packet.component, message.autopilot, message.type, False, packet.version)
-        self.encoder.system = packet.system
-        self.encoder.version = packet.version
+    def _follow(self, vehicle: Vehicle, now: float) -> None:
+        self.vehicle = vehicle
+        self.encoder.system = vehicle.system
+        self.encoder.version = vehicle.version
         self._streams = Streams(self._rate_hz, now)
-        self._notices.append(Notice("info", f"vehicle {self.vehicle}, MAVLink {packet.version}"))
-        self._on_heartbeat(message, now)
+        self._last_heartbeat = now
+        self._notices.append(Notice("info", f"vehicle {vehicle}, MAVLink {vehicle.version}"))
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self.vehicle is not None
@@ -312,9 +259,3 @@ class Session:
         addressee = (message.target_system, message.target_component)
         if self._streams and addressee in (ours, (0, 0)):
             self._streams.acknowledged(message.command, message.result)
-
-
-def _short(enum: str, value: int) -> str:
-    """An enum entry's name without the enum's own, e.g. 'quadrotor'."""
-    entry = dialect.enums[enum].get(value)
-    return entry.name.removeprefix(enum + "_").lower() if entry else f"{enum} {value}"

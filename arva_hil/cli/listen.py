@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import os
 import sys
 from collections.abc import Sequence
 from contextlib import closing
@@ -30,7 +31,7 @@ _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the
 
 
 def add_options(parser: opt.Parser) -> None:
-    parser.add_argument("url", metavar="URL", help="a port, or a file such as a record's frames.bin")
+    parser.add_argument("url", metavar="URL", help="a port, a file such as a record's frames.bin, or - for stdin")
     parser.option("--format", choices=opt.FORMATS, default="binary", help="of the frames; default binary")
     parser.option("--count", type=opt.whole(1, 2**31), default=math.inf, metavar="N", help="end after N frames")
     parser.option(
@@ -54,6 +55,11 @@ def main(options: argparse.Namespace) -> int:
         listener.finish()
         return OK
     clock, signals = RealClock(), shared.Signals()
+    if options.url == "-":
+        while not listener.enough and (chunk := os.read(sys.stdin.fileno(), 4096)):
+            listener.take(chunk, clock.now())
+        listener.finish()
+        return OK
     with closing(shared.open_or_fail(options.url, clock)) as link, signals:
         print(f"listening at {link.name}", file=sys.stderr)
         listener.links = [link]

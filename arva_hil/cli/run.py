@@ -108,6 +108,8 @@ def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None
             "--port is missing: where do the frames go? e.g. --port /dev/ttyUSB0, --port pty, "
             "or --format tunnel to send them inside MAVLink"
         )
+    if options.autopilot == "-":
+        raise UsageError("--autopilot -: is stdout, and an autopilot has to be heard")
     if options.json and options.port == "-":
         raise UsageError("--json and --port - both want stdout: choose one")
 

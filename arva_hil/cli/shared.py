@@ -12,6 +12,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
+import fastcrc
+import numpy
+import pymavlink
+import serial
+import yaml
+
 from arva_hil import __version__
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.clock import Clock
@@ -168,8 +174,6 @@ class Run:
         return code
 
     def _as_dict(self, emulator: Emulator, how: str, code: int) -> dict[str, Any]:
-        from importlib.metadata import version  # slow, and for the record only
-
         session = emulator.session
         return {
             "ended": how,
@@ -184,7 +188,7 @@ class Run:
             "versions": {
                 "arva-hil": __version__,
                 "python": platform.python_version(),
-                **{name: version(name) for name in ("numpy", "pymavlink", "pyserial", "fastcrc", "PyYAML")},
+                **{library.__name__: library.__version__ for library in (fastcrc, numpy, pymavlink, serial, yaml)},
                 "platform": platform.platform(),
             },
         }

@@ -122,8 +122,9 @@ def status_line(status: Status) -> str:
     if status.last:
         age = status.last.age_s
         parts.append("no pose" if status.last.pose is None or age is None else f"pose {age * 1e3:.0f} ms")
-        parts.append(text.reading(status.last.frame.channels))
     parts.append(f"{status.frames - status.dropped} sent, {status.dropped} dropped")
+    if status.last:  # the longest comes last, to be cut on a narrow terminal
+        parts.append(text.reading(status.last.frame.channels))
     return " | ".join(part for part in parts if part)
 
 

@@ -44,10 +44,11 @@ class Recorder(Observer):
             there = [name for name in FILES if (folder / name).exists()]
             if there:
                 raise RecordError(f"{folder}: holds a record already ({', '.join(there)}); name another folder")
-            self._files = {name: (folder / name).open("wb") for name in FILES}
+            self._files = {name: (folder / name).open("wb") for name in FILES[:-1]}
+            (folder / RUN).touch()
         except OSError as error:
             raise RecordError(_why(folder, error)) from None
-        self._pending: dict[str, bytearray] = {name: bytearray() for name in FILES}
+        self._pending: dict[str, bytearray] = {name: bytearray() for name in self._files}
         self._pending[READINGS] += (",".join(COLUMNS) + "\n").encode()
         self._background = Background("record")
 
@@ -69,18 +70,22 @@ class Recorder(Observer):
             self._flush()
 
     def frame(self, snapshot: Snapshot) -> None:
-        self._pending[FRAMES] += snapshot.data
+        if snapshot.sent:
+            self._pending[FRAMES] += snapshot.data
         self._pending[READINGS] += rows(snapshot).encode()
         if not self._patient or len(self._pending[READINGS]) > _BATCH_BYTES:
             self._flush()
 
     def close(self, run: Mapping[str, Any]) -> None:
-        """Write `run` as run.json and close all files. Raises RecordError when anything went wrong."""
-        self._pending[RUN] += json.dumps(run, indent=2).encode() + b"\n"
+        """Close all files and write `run` as run.json, whatever went wrong before; RecordError when anything did."""
         self._flush()
         for file in self._files.values():
             self._background.put(file.close, wait=True)
         finished = self._background.close()
+        try:
+            (self._folder / RUN).write_text(json.dumps(run, indent=2) + "\n")
+        except OSError as error:
+            raise RecordError(_why(self._folder, error)) from None
         if self.error:
             raise RecordError(self.error)
         if not finished:

@@ -9,6 +9,7 @@ import select
 import signal
 import struct
 import termios
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,8 +20,8 @@ from .far_ends import DEADLINE_S, Autopilot, Program
 
 DATA = Path(__file__).parent.parent / "data"
 STATUS = (
-    r"ardupilotmega quadrotor 1/1 \| pos \d+ Hz att \d+ Hz \| pose \d+ ms \| "
-    r"#1 mid \d+ cm [+-]\d+° \| \d+ sent, 0 dropped"
+    r"quadrotor 1/1 \| pos \d+ Hz att \d+ Hz \| pose \d+ ms \| "
+    r"\d+ sent, 0 dropped \| #1 mid \d+ cm [+-]\d+°"
 )
 
 Start = Callable[..., Program]
@@ -35,13 +36,16 @@ class Terminal:
         fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
 
     def shows(self, pattern: str) -> re.Match[str]:
+        end = time.monotonic() + DEADLINE_S
         while not (found := re.search(pattern, self.shown)):
-            assert select.select([self._master], [], [], DEADLINE_S)[0], f"{pattern!r} is not in:\n{self.shown!r}"
+            left = max(end - time.monotonic(), 0)
+            assert select.select([self._master], [], [], left)[0], f"{pattern!r} is not in:\n{self.shown!r}"
             self.shown += os.read(self._master, 65536).decode()
         return found
 
     def rest(self) -> str:
-        while select.select([self._master], [], [], 0)[0]:
+        end = time.monotonic() + DEADLINE_S
+        while select.select([self._master], [], [], 0)[0] and time.monotonic() < end:
             self.shown += os.read(self._master, 65536).decode()
         return self.shown
 
@@ -69,10 +73,10 @@ def test_one_live_line_has_everything(start: Start, autopilot: Autopilot, termin
 def test_the_line_fits_the_terminal_that_it_is_on(start: Start, autopilot: Autopilot, keep: Callable[..., Any]) -> None:
     narrow = keep(Terminal(50))
     program = start("--port", "pty", "--autopilot", autopilot.address, "--rate", 10, stderr=narrow.slave)
-    narrow.shows(r"\r\x1b\[K(ardupilotmega[^\r]*)\r")
+    narrow.shows(r"\r\x1b\[K(quadrotor[^\r]*)\r")
     program.send(signal.SIGINT)
     assert program.ends() == 130
-    statuses = re.findall(r"\r\x1b\[K(ardupilotmega[^\r\n]*)", narrow.rest())
+    statuses = re.findall(r"\r\x1b\[K(quadrotor[^\r\n]*)", narrow.rest())
     assert {len(status) for status in statuses} == {49}
 
 
