@@ -175,12 +175,20 @@ def play(motion: Motion, seconds: float, started: Any) -> None:
     packets = [(motion.beat() if n % STREAM_HZ == 0 else b"") + motion.packets(t) for n, t in enumerate(times)]
     clock = RealClock()
     with closing(PtyLink()) as link:
-        start, began = clock.now(), time.monotonic()
-        started.put((link.path, began))
+        start = clock.now()
+        started.put((link.path, start + origin(clock)))
         for t, data in zip(times, packets, strict=True):
             clock.wait(start + t)
             link.read()
             link.write(data)
+
+
+def origin(clock: RealClock) -> float:
+    """The monotonic time at which a clock read 0; looked at again until nothing came between the two looks."""
+    while True:
+        before, there, after = clock.now(), time.monotonic(), clock.now()
+        if after - before < 1e-4:
+            return there - before
 
 
 @contextmanager
@@ -209,7 +217,7 @@ def measure_live(motion: Motion, seconds: float) -> None:
     scenario = parse(f"transmitters: [{{id: 1, ned: [20, 5, 0]}}]\nreceiver: {{rate_hz: {FRAMES_HZ}}}", "measure")
     clock, samples = RealClock(), Samples()
     with playing(motion, seconds + 5) as (device, played), closing(PtyLink()) as port:
-        began = played - (time.monotonic() - clock.now())
+        began = played - origin(clock)
         start = clock.now()
         with closing(open_link(device, clock=clock)) as link, closing(Drained(port)) as out:
             wire = WirePort(out, "binary")

@@ -54,7 +54,7 @@ class Parser:
 
     def feed(self, chunk: bytes) -> list[Packet]:
         """The packets completed by `chunk`, which may be cut anywhere. Never raises."""
-        data = self._rest + chunk
+        data = self._rest + chunk if self._rest else chunk
         packets: list[Packet] = []
         at, end = 0, len(data)
         while at < end:

@@ -83,7 +83,7 @@ class Session:
             vehicle = self.vehicle
             if vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 self._look_around(packet, now)
-            elif not vehicle.sent(packet):
+            elif packet.system != vehicle.system or packet.component != vehicle.component:
                 self.ignored += 1
             elif handler := self._handlers.get(packet.msgid):
                 message = self.parser.decode(packet)
