@@ -17,10 +17,10 @@ from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
-from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.outcome import NO_LINK, Failure, UsageError
 from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.emulator import Emulator
-from arva_hil.links import Link, memory
+from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.pty import PtyLink
 from arva_hil.loop import Task, run
 from arva_hil.output import MAVLINK_FORMATS, WirePort
@@ -81,7 +81,10 @@ def _memory_links() -> tuple[Link, Link, Link, Link]:
 
 def _ptys(stack: ExitStack, clock: Clock) -> tuple[Link, Link, Link, Link]:
     """The autopilot's line and the receiver's, each a pseudo-terminal and a serial port opened on it."""
-    fc, port = (stack.enter_context(closing(PtyLink())) for _ in range(2))
+    try:
+        fc, port = (stack.enter_context(closing(PtyLink())) for _ in range(2))
+    except LinkError as error:
+        raise Failure(NO_LINK, f"{error}, or demo --speed max, which needs none") from None
     autopilot, consumer = (stack.enter_context(closing(shared.open_or_fail(p.path, clock))) for p in (fc, port))
     return autopilot, fc, port, consumer
 

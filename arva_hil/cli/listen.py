@@ -22,6 +22,7 @@ from arva_hil.console import text
 from arva_hil.links import Link, LinkError
 from arva_hil.loop import run
 from arva_hil.output import MAVLINK_FORMATS, MavlinkDecoder
+from arva_hil.scenario import FORMATS
 from firmware_proto import DECODERS, Frame, FrameDecoder
 from firmware_proto.frame import PAUSE_S
 
@@ -32,15 +33,9 @@ _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the
 
 def add_options(parser: opt.Parser) -> None:
     parser.add_argument("url", metavar="URL", help="a port, a file such as a record's frames.bin, or - for stdin")
-    parser.option("--format", choices=opt.FORMATS, default="binary", help="of the frames; default binary")
+    parser.option("--format", choices=FORMATS, default="binary", help="of the frames; default binary")
     parser.option("--count", type=opt.whole(1, 2**31), default=math.inf, metavar="N", help="end after N frames")
-    parser.option(
-        "--duration",
-        type=opt.number(0.001, math.inf, " of s"),
-        default=math.inf,
-        metavar="S",
-        help="end after this long",
-    )
+    opt.add_duration(parser)
     parser.option("--json", action="store_true", help="one JSON object a frame on stdout")
 
 

@@ -12,7 +12,6 @@ from arva_hil.cli.outcome import UsageError
 from arva_hil.links import AddressError, parse
 
 PREFIX: Final = "ARVA_HIL_"
-FORMATS: Final = ("binary", "nmea", "text", "tunnel", "named", "debug_vect")
 
 
 class Parser(argparse.ArgumentParser):
@@ -102,10 +101,14 @@ def address(text: str) -> str:
 
 def add_scenario(parser: Parser) -> None:
     """Options that say what is emulated."""
+    from arva_hil.scenario import FORMATS, RATE_HZ, SEED  # not for --help of the whole
+
     parser.option("--scenario", metavar="FILE", help="scenario (YAML); default: one transmitter 20 m N, 5 m E of home")
     parser.option("--format", choices=FORMATS, help="of the frames; default: the scenario's")
-    parser.option("--rate", type=number(0.1, 50, " of Hz"), metavar="HZ", help="of the frames, 0.1…50")
-    parser.option("--seed", type=whole(0, 2**63 - 1), metavar="N", help="of the noise")
+    parser.option(
+        "--rate", type=number(RATE_HZ.low, RATE_HZ.high, " of Hz"), metavar="HZ", help="of the frames, 0.1…50"
+    )
+    parser.option("--seed", type=whole(int(SEED.low), int(SEED.high)), metavar="N", help="of the noise")
 
 
 def add_vehicle(parser: Parser) -> None:
@@ -115,6 +118,12 @@ def add_vehicle(parser: Parser) -> None:
     parser.option(
         "--max-age", type=number(0.05, 60, " of s"), default=2.0, metavar="S", help="older poses are no pose; default 2"
     )
+
+
+def add_duration(parser: Parser) -> None:
+    """How long to run."""
+    seconds = number(0.001, math.inf, " of s")
+    parser.option("--duration", type=seconds, default=math.inf, metavar="S", help="end after this long")
 
 
 def add_common(parser: Parser) -> None:

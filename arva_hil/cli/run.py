@@ -43,13 +43,7 @@ def add_options(parser: opt.Parser) -> None:
         metavar="HZ",
         help="of the position and attitude asked for; default 50",
     )
-    parser.option(
-        "--duration",
-        type=opt.number(0.001, math.inf, " of s"),
-        default=math.inf,
-        metavar="S",
-        help="end after this long",
-    )
+    opt.add_duration(parser)
     parser.option(
         "--timeout",
         type=opt.number(0.1, math.inf, " of s"),

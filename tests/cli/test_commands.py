@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -244,3 +245,14 @@ def test_frames_of_a_record_are_what_listen_reads(arva: Arva, tmp_path: Path) ->
     assert arva("replay", LOG, "--record", tmp_path).code == 0
     frames = frames_in((tmp_path / "frames.bin").read_bytes())
     assert len(arva("listen", tmp_path / "frames.bin").out.splitlines()) == len(frames)
+
+
+def test_the_demo_without_pseudo_terminals_says_what_else_there_is(arva: Arva, monkeypatch: pytest.MonkeyPatch) -> None:
+    def none() -> tuple[int, int]:
+        raise OSError(errno.ENOSPC, "out of pty devices")
+
+    monkeypatch.setattr("os.openpty", none)
+    done = arva("demo")
+    assert done.code == 3
+    assert "no pseudo-terminal" in done.err
+    assert "--speed max" in done.err
