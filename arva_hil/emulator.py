@@ -10,6 +10,7 @@ from typing import Final
 
 from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
+from arva_hil.clock import Clock
 from arva_hil.datum import Datum
 from arva_hil.links import Link
 from arva_hil.model import LocalFrame, Reading
@@ -63,7 +64,7 @@ class Counters:
 class Emulator:
     """A receiver on one vehicle: remembers its schedule, its datum, and what it has said to whom.
 
-    It does no waiting. `service(now)` does what is due and returns when it wants to be called again; any number of
+    It does no waiting. `service` does what is due and returns when it wants to be called again; any number of
     emulators can be serviced by one `run`. Times are seconds of the caller's clock.
     """
 
@@ -101,11 +102,16 @@ class Emulator:
         if self.datum.frame:
             self._place(self.datum.frame)
 
-    def service(self, now: float) -> float:
-        """Send the frames that are due, take what came, send what the session wants; the next time to call."""
-        while now >= self.schedule.deadline:
+    def service(self, clock: Clock) -> float:
+        """Send the frames that are due, take what came, send what the session wants; the next time to call.
+
+        The time of what came is read after it: a stamp too late makes a pose older, one too early makes it one
+        from the future.
+        """
+        while (now := clock.now()) >= self.schedule.deadline:
             self.emit(self.schedule.deadline, now)
         if self._link and (chunk := self._link.read()):
+            now = clock.now()
             self.hear(chunk, now)
         self.tend(now)
         if self.session.vehicle is None and now - self._start > self._timeout_s:

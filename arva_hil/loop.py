@@ -20,8 +20,8 @@ class Task(Protocol):
     def links(self) -> Sequence[Waitable]:
         """Where bytes may come from."""
 
-    def service(self, now: float) -> float:
-        """Do what is due at `now` [s]; gives back when to be called again at the latest."""
+    def service(self, clock: Clock) -> float:
+        """Do what is due; gives back when to be called again at the latest [s]."""
 
 
 def run(
@@ -35,7 +35,7 @@ def run(
     links = [link for task in tasks for link in task.links]
     while not stopped():
         now = clock.now()
-        due = min(task.service(now) for task in tasks)
+        due = min(task.service(clock) for task in tasks)
         if now >= until:
             return
         clock.wait(min(due, until, now + _LONGEST_WAIT_S), links)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.clock import Clock
 from arva_hil.links import Link
 
 
@@ -15,7 +16,8 @@ class Simulator:
         self.vehicle = vehicle
         self.links = links
 
-    def service(self, now: float) -> float:
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
         for link in self.links:
             if chunk := link.read():
                 self.vehicle.feed(chunk, now)

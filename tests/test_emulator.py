@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.clock import RealClock, StepClock
+from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.emulator import Emulator, NoHeartbeatError, Schedule
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
@@ -159,6 +159,32 @@ def test_the_consumer_decodes_exactly_what_was_read() -> None:
         ]
 
 
+def test_what_arrives_while_the_program_is_held_up_is_not_taken_for_earlier_than_it_was() -> None:
+    """A pause between looking at the clock and at the link must not make a pose one from the future."""
+    bench = Bench(quiet(50))
+    bench.run(3.0)
+    bench.emulator.service(StallingClock(bench.clock, bench.simulator))
+    now = bench.clock.now()
+    boot = bench.emulator.session.clock.boot(now)
+    assert boot is not None
+    assert boot <= now + 1e-9
+
+
+class StallingClock(StepClock):
+    """Whenever it is asked, 30 ms pass before anything else happens, in which the vehicle goes on."""
+
+    def __init__(self, real: StepClock, vehicle: Simulator) -> None:
+        super().__init__(real.now())
+        self._real = real
+        self._vehicle = vehicle
+
+    def now(self) -> float:
+        seen = self._real.now()
+        self._real.wait(seen + 0.03)
+        self._vehicle.service(self._real)
+        return seen
+
+
 # -- the schedule ------------------------------------------------------------------------------------------------
 
 
@@ -294,7 +320,8 @@ def test_one_port_frames_travel_inside_mavlink_on_the_autopilots_own_link(format
     class Ear(Simulator):
         """The vehicle, and what came to it."""
 
-        def service(self, now: float) -> float:
+        def service(self, clock: Clock) -> float:
+            now = clock.now()
             heard.extend(chunk := far.read())
             self.vehicle.feed(chunk, now)
             far.write(self.vehicle.poll(now))
@@ -390,7 +417,8 @@ def test_the_whole_chain_over_every_kind_of_link(autopilot: str, receiver: str) 
         class Consumer:
             links: Sequence[Link] = [consumer]
 
-            def service(self, now: float) -> float:
+            def service(self, clock: Clock) -> float:
+                now = clock.now()
                 frames.extend(decoder.feed(consumer.read(), now))
                 return now + 0.1
 

@@ -98,7 +98,8 @@ class Consumer:
         self._decoder = decoder
         self._nearest: int | None = None
 
-    def service(self, now: float) -> float:
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
         for frame in self._decoder.feed(self._link.read(), now):
             self._take(frame)
         return now + 1.0
@@ -130,7 +131,8 @@ class Pilot:
         self._landing = False
         self._ned: tuple[float, float, float] | None = None
 
-    def service(self, now: float) -> float:
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
         for packet in self._parser.feed(self._link.read()):
             message = self._parser.decode(packet)
             if message is None:

@@ -17,7 +17,7 @@ from arva_hil.autopilot.session import heartbeat
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
-from arva_hil.clock import RealClock
+from arva_hil.clock import Clock, RealClock
 from arva_hil.console import text
 from arva_hil.links import Link, LinkError
 from arva_hil.loop import run
@@ -84,8 +84,9 @@ class Listener:
         self._hello = hello
         self._next_hello = 0.0
 
-    def service(self, now: float) -> float:
+    def service(self, clock: Clock) -> float:
         """Print what has come; say once when nothing comes any more."""
+        now = clock.now()
         for link in self.links:
             self.take(link.read(), now)
         if self._hello and now >= self._next_hello:

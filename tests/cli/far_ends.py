@@ -18,7 +18,7 @@ from typing import Any
 
 from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
 from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.clock import RealClock
+from arva_hil.clock import Clock, RealClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.pty import PtyLink
 from arva_hil.loop import run
@@ -134,7 +134,8 @@ class Denier:
         self._encoder = Encoder(1, 1)
         self._next = 0.0
 
-    def service(self, now: float) -> float:
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
         for packet in self._parser.feed(self._link.read()):
             if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG:
                 message = self._parser.decode(packet)
