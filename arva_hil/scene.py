@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from arva_hil import scenario as config
@@ -11,13 +13,9 @@ from arva_hil.model import Antennas, LocalFrame, Receiver, Transmitters, rotatio
 def transmitters(scenario: config.Scenario, frame: LocalFrame) -> Transmitters:
     """The scenario's transmitters in the NED frame `frame`."""
     every = scenario.transmitters
-    positions = [
-        t.ned if t.ned is not None else frame.ned(t.lla.lat, t.lla.lon, t.lla.alt)  # type: ignore[union-attr]
-        for t in every
-    ]
     return Transmitters(
         tuple(t.id for t in every),
-        np.array(positions),
+        np.array([_place(t, frame) for t in every]),
         np.array([rotation.to_matrix(_quaternion(t.attitude)) for t in every]),
         np.array([t.strength for t in every]),
     )
@@ -39,3 +37,12 @@ def receiver(scenario: config.Scenario) -> Receiver:
 
 def _quaternion(degrees: tuple[float, float, float]) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return rotation.from_euler(*np.radians(degrees))
+
+
+def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float]:
+    """NED, metres; a transmitter has either `ned` or `lla`."""
+    if transmitter.ned is not None:
+        return transmitter.ned
+    lla = transmitter.lla
+    assert lla is not None
+    return tuple(frame.ned(lla.lat, lla.lon, lla.alt))

@@ -19,7 +19,7 @@ from arva_hil.emulator import Emulator, NoHeartbeatError, Schedule
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.loop import run
-from arva_hil.model import Antennas, Receiver, Transmitters
+from arva_hil.model import Antennas, LocalFrame, Receiver, Transmitters
 from arva_hil.notice import Notice
 from arva_hil.observer import Observer, Snapshot, Status
 from arva_hil.output import MavlinkDecoder, MavlinkPort, WirePort
@@ -429,3 +429,14 @@ def test_the_whole_chain_over_every_kind_of_link(autopilot: str, receiver: str) 
     assert decoder.bad_crc == decoder.dropped == 0
     sent = {s.frame.sequence: s.frame for s in diary.snapshots}
     assert all(sent[frame.sequence] == frame for frame in frames)
+
+
+def test_a_transmitter_given_by_latitude_and_longitude_is_heard_where_it_lies() -> None:
+    """It moves with no datum: the vehicle's home is 20 m south and 5 m west of it."""
+    lat, lon, alt = LocalFrame(*HOME).lla([20.0, 5.0, 0.0])
+    there = f"receiver: {{noise: {{kind: off}}}}\ntransmitters: [{{id: 7, lla: [{lat:.12f}, {lon:.12f}, {alt:.6f}]}}]"
+    by_lla, by_ned = Bench(parse(there, "test")), Bench(quiet())
+    for bench in (by_lla, by_ned):
+        bench.run(5.0)
+    assert by_lla.frames() == by_ned.frames()
+    assert by_lla.diary.snapshots[-1].frame.channels[0].valid

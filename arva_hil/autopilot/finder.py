@@ -59,7 +59,7 @@ class Finder:
             and heartbeat.type not in _NOT_VEHICLES
         ):
             armed = bool(heartbeat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-            return Vehicle(*packet[3:5], heartbeat.autopilot, heartbeat.type, armed, packet.version)
+            return Vehicle(packet.system, packet.component, heartbeat.autopilot, heartbeat.type, armed, packet.version)
         self.note(packet, f"heartbeats of {_short('MAV_TYPE', heartbeat.type)}")
         return None
 

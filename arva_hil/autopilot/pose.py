@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol, TypeVar
 
@@ -116,10 +115,10 @@ def _append(samples: deque[S], sample: S) -> None:
         samples.popleft()
 
 
-def _around(samples: Iterable[S], boot: float) -> tuple[S, S | None] | None:
+def _around(samples: deque[S], boot: float) -> tuple[S, S | None] | None:
     """The last sample at or before `boot`, and the next when it is near enough to interpolate."""
     after: S | None = None
-    for sample in reversed(samples):  # type: ignore[call-overload]
+    for sample in reversed(samples):
         if sample.boot <= boot:
             near = after is not None and after.boot - sample.boot <= _WIDEST_GAP_S
             return sample, after if near else None
