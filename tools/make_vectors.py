@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +114,10 @@ FRAMES: dict[str, Wire] = {
     "no_signal_-1_0": frame(30, 1, slot(d=-1, delta=0), slot(2, 0, 700, 10)),
     "no_signal_0_0": frame(32, 1, slot(d=0, delta=0), slot(2, 0, 700, 10)),
     "lowest": frame(0, 0, slot(0, 0, -32768, -32768)),
+    "d_low_delta_high": frame(33, 1, slot(1, 0, -32768, 32767)),
+    "d_high_delta_low": frame(34, 1, slot(1, 0, 32767, -32768)),
+    "lowest_16": frame(0, 0, *[slot(0, 0, -32768, -32768)] * 16),
+    "silence_16": frame(35, 1, *[slot()] * 16),
     "highest": frame(255, 255, *[slot(254, 2, 32767, 32767, True)] * 16),
     "sync_inside": frame(31, 1, slot(0xA4, 0, 0x57A4, 0x0F01), slot(0x57, 1, 0x57A4, 0x6301)),
 }
@@ -151,6 +156,82 @@ class Stream:
             "lost": lost,
         }
         return self.value
+
+
+class Numbers:
+    """The same random numbers in every Python, 0 … limit − 1."""
+
+    def __init__(self, seed: int) -> None:
+        self.state = seed
+
+    def below(self, limit: int) -> int:
+        self.state = (self.state * 6364136223846793005 + 1442695040888963407) % 2**64
+        return (self.state >> 33) % limit
+
+    def data(self, size: int) -> bytes:
+        return bytes(self.below(256) for _ in range(size))
+
+
+def damaged(raw: bytes, numbers: Numbers) -> bytes:
+    """2 % of the bytes dropped, given another before them, or changed."""
+    out = bytearray()
+    for byte in raw:
+        fate = numbers.below(150)
+        if fate == 0:
+            continue
+        if fate == 1:
+            out += numbers.data(1)
+        out.append(byte ^ (1 + numbers.below(255)) if fate == 2 else byte)
+    return bytes(out)
+
+
+def at_once(name: str, why: str, pieces: list[tuple[bytes, str]]) -> dict[str, Any]:
+    """Pieces fed in one chunk: bytes, and the name of the frame that is whole in them or "".
+
+    JUNK behind them settles every candidate. Each byte in no frame begins one, so those that are whole there are the
+    failed CRCs, and nothing else is.
+    """
+    data, free, delivered = b"", [], []
+    for raw, whole in [*pieces, (JUNK, "")]:
+        at = raw.index(BYTES[whole]) if whole else len(raw)
+        behind = at + len(BYTES[whole]) if whole else at
+        free += [len(data) + k for k in range(len(raw)) if not at <= k < behind]
+        data += raw
+        delivered += [whole] if whole else []
+    heads = [bytes([0xA4, 0x57, 1, 3 + 6 * n]) for n in range(1, 17)]
+    failed = [k for k in free if data[k : k + 4] in heads and 6 * data[k + 6] + 3 == data[k + 3]]
+    sequences = [FRAMES[name]["sequence"] for name in delivered]
+    lost = sum(max((b - a) % 256 - 1, 0) for a, b in pairwise(sequences))
+    return Stream(name, why).step(0, data, *delivered).end(bad_crc=len(failed), lost=lost)
+
+
+def random_streams() -> list[dict[str, Any]]:
+    numbers = Numbers(457)
+    names = [name for name in FRAMES if name not in DECODE_ONLY]
+    noise = [(numbers.data(numbers.below(60)) + BYTES[name], name) for name in names]
+    made = [at_once("noise", "random bytes before each frame", noise)]
+    for title, some in (("corrupt_1", ["one", "two", "three", "seven"] * 25), ("corrupt", names * 2)):
+        pieces = []
+        for name in some:
+            raw = damaged(BYTES[name], numbers)
+            pieces.append((raw, name if BYTES[name] in raw else ""))
+        made.append(at_once(title, "2 % of the bytes dropped, inserted or changed: what is whole comes out", pieces))
+    return made
+
+
+def misread(raw: bytes, sent: int, read: int) -> bytes:
+    """What a UART makes of `raw` when a bit on the line lasts `sent` and it takes it to last `read`."""
+    line = []
+    for byte in raw:
+        line += [0] * sent + [byte >> bit & 1 for bit in range(8) for _ in range(sent)] + [1] * sent
+    out, at, idle = bytearray(), 0, [1] * 10 * read
+    line += idle
+    while 0 in line[at:]:
+        at = line.index(0, at)
+        bits = [(line + idle)[at + read // 2 + read * (1 + bit)] for bit in range(8)]
+        out.append(sum(bit << k for k, bit in enumerate(bits)))
+        at += read * 9 + read // 2
+    return bytes(out)
 
 
 def streams() -> list[dict[str, Any]]:
@@ -287,6 +368,44 @@ def streams() -> list[dict[str, Any]]:
         .step(0, BYTES["zone_3"] + BYTES["zone_127_marked"], "zone_3", "zone_127_marked")
         .end(),
     ]
+    heads = [b"\xa4\x57\x01" + bytes([value]) for value in range(256) if value % 6 != 3 or not 9 <= value <= 99]
+    made += [
+        Stream("versions", "every version that is not 1")
+        .step(0, b"".join(b"\xa4\x57" + bytes([k]) for k in range(256) if k != 1) + one, "one")
+        .end(),
+        Stream("lengths", "every length that is not 3 + 6 n").step(0, b"".join(heads) + one, "one").end(),
+        Stream("channels", "every n that is not the length's")
+        .step(0, b"".join(one[:6] + bytes([k]) for k in range(256) if k != 1) + two, "two")
+        .end(),
+        Stream("sync_only", "nothing but sync bytes before a frame")
+        .step(0, b"\xa4" * 300 + b"\x57" * 300 + b"\xa4\x57" * 150 + one, "one")
+        .end(),
+        Stream("false_long_heads", "fifteen; three fill up, the others expire together")
+        .step(0, FALSE_LONG * 15 + one)
+        .step(0.099)
+        .step(0.101, b"", "one")
+        .end(bad_crc=3),
+        Stream("unplugged", "in the middle of a frame, and plugged in again in the middle of another")
+        .step(0, n_16[:50])
+        .step(5, n_16[70:])
+        .step(6, one, "one")
+        .end(),
+        Stream("9600_read_at_115200", "the wrong speed, then the right one")
+        .step(0, misread(one + n_4, 12, 1))
+        .step(1, one, "one")
+        .end(),
+        Stream("115200_read_at_9600", "the wrong speed the other way round")
+        .step(0, misread((one + n_4) * 5, 1, 12))
+        .step(1, one, "one")
+        .end(),
+    ]
+    made += random_streams()
+    missing, inserted = Stream("missing_byte", "each in turn, a good frame behind"), Stream("inserted_byte", "likewise")
+    for k in range(len(one)):
+        missing.step(k, one[:k] + one[k + 1 :] + two, "two")
+        inserted.step(k, one[:k] + b"\x00" + one[k:] + two, *["one", "two"] if k == 0 else ["two"])
+    made.append(missing.end(bad_crc=len(one) - 4))  # sync, version and length are refused before
+    made.append(inserted.end(bad_crc=len(one) - 5))  # one is whole; sync, length and n are refused before
     single = Stream("byte_by_byte", "one byte a call")
     for k, byte in enumerate(one):
         single.step(round(0.001 * k, 3), bytes([byte]), *(["one"] if k == 14 else []))

@@ -1,0 +1,81 @@
+"""Fuzz the C codec under AddressSanitizer and UndefinedBehaviorSanitizer: fuzz_c.c, from the streams of vectors.json.
+
+    python tools/fuzz_c.py [--seconds 600]        clang's libFuzzer, guided by coverage
+    python tools/fuzz_c.py --runs 20000           a number of runs, the same each time; by gcc without clang
+
+Exit 0 when nothing was found.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from c_codec import FOLDER, SOURCE, compile_c, compiler
+
+SANITIZE = ("-std=c99", "-g", "-O1", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
+VECTORS = FOLDER.parent / "vectors.json"
+HARNESS = Path(__file__).with_suffix(".c")
+LONGEST = 1024
+LONGEST_CHUNK = 239
+
+
+def write_corpus(folder: Path) -> list[Path]:
+    """The streams as fuzz_c.c reads them: four bytes of time, then size, pause and bytes of each chunk."""
+    files = []
+    for stream in json.loads(VECTORS.read_text(encoding="utf-8"))["streams"]:
+        script, now_ms = bytearray(4), 0
+        for step in stream["steps"]:
+            data = bytes.fromhex(step["hex"])
+            at_ms = round(1000 * step["t"])
+            pause, now_ms = at_ms - now_ms, at_ms
+            for at in range(0, len(data) or 1, LONGEST_CHUNK):
+                chunk = data[at : at + LONGEST_CHUNK]
+                script += bytes([len(chunk), 0 if at else min(2 * pause, 224) if pause <= 112 else 237]) + chunk
+        files.append(folder / stream["name"])
+        files[-1].write_bytes(script[:LONGEST])
+    return files
+
+
+def has_libfuzzer(folder: Path) -> bool:
+    probe = folder / "probe.c"
+    probe.write_text("int LLVMFuzzerTestOneInput(const char *data, unsigned long size) { return !data && size; }")
+    command: list[str | Path] = ["clang", "-fsanitize=fuzzer,address,undefined", probe, "-o", folder / "probe"]
+    return bool(shutil.which("clang")) and subprocess.run(command, capture_output=True).returncode == 0
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    until = parser.add_mutually_exclusive_group()
+    until.add_argument("--seconds", type=int, default=600, help="default 600")
+    until.add_argument("--runs", type=int)
+    parser.add_argument("--seed", type=int, default=457)
+    parser.add_argument("--without-clang", action="store_true", help="gcc and plain mutation, even if clang is there")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        guided = not options.without_clang and has_libfuzzer(folder)
+        if not guided and not options.runs:
+            parser.error("no clang with libFuzzer (on Debian: apt-get install clang); without it, give --runs")
+        (folder / "corpus").mkdir()
+        corpus = write_corpus(folder / "corpus")
+        binary = folder / "fuzz_c"
+        if guided:
+            compile_c("clang", binary, *SANITIZE, "-fsanitize=fuzzer,address,undefined", HARNESS, SOURCE)
+            length = f"-runs={options.runs}" if options.runs else f"-max_total_time={options.seconds}"
+            command: list[str | Path] = [binary, length, f"-seed={options.seed}", f"-max_len={LONGEST}"]
+            command += ["-print_final_stats=1", f"-artifact_prefix={Path.cwd()}/", folder / "corpus"]
+        else:
+            flags = (*SANITIZE, "-fsanitize=address,undefined", "-DFUZZ_BY_ITSELF")
+            compile_c(compiler(), binary, *flags, HARNESS, SOURCE)
+            command = [binary, str(options.runs), str(options.seed), *corpus]
+        return subprocess.run(command).returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())
