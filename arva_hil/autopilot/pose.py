@@ -95,6 +95,11 @@ class PoseTrack:
         """The oldest position still remembered."""
         return self._positions[0] if self._positions else None
 
+    @property
+    def last_position(self) -> PositionSample | None:
+        """The newest position."""
+        return self._positions[-1] if self._positions else None
+
     def at(self, boot: float, frame: LocalFrame) -> VehicleState | None:
         """The pose at boot time `boot` [s] in the NED frame `frame`; None when either part is unknown then."""
         position = _around(self._positions, boot)

@@ -32,7 +32,7 @@ class Session:
     """Remembers one vehicle: chosen by its first heartbeat, followed by its system and component ids.
 
     `target_system`, `target_component`: follow only these (default: the first autopilot, component 1).
-    `rate_hz`: of the pose streams wanted. `passive`: never sends, for a log.
+    `rate_hz`: of the pose streams wanted. `passive`: never sends, for a log. `component`: our own id.
     Times are host seconds from the caller's clock. What other systems send changes nothing.
     """
 
@@ -43,9 +43,11 @@ class Session:
         target_component: int | None = None,
         rate_hz: float = 50.0,
         passive: bool = False,
+        component: int = COMPONENT,
     ) -> None:
         self.parser = Parser()
-        self.encoder = Encoder(target_system or 1, COMPONENT)
+        self.encoder = Encoder(target_system or 1, component)
+        self.component = component
         self.vehicle: Vehicle | None = None
         self.track = PoseTrack()
         self.clock = ClockMap()
@@ -90,6 +92,11 @@ class Session:
                 if message is not None:
                     handler(message, now)
         return packets
+
+    @property
+    def lost(self) -> bool:
+        """There is a vehicle, and its heartbeat has stopped."""
+        return self._lost
 
     def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
         """The vehicle's pose at host time `now` in the NED frame `frame`, None when it is unknown."""
@@ -255,7 +262,7 @@ class Session:
         self.home = (lat, lon, message.altitude / 1e3)
 
     def _on_ack(self, message: Any, now: float) -> None:
-        ours = (self.encoder.system, COMPONENT)
+        ours = (self.encoder.system, self.component)
         addressee = (message.target_system, message.target_component)
         if self._streams and addressee in (ours, (0, 0)):
             self._streams.acknowledged(message.command, message.result)

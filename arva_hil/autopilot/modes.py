@@ -1,0 +1,88 @@
+"""Flight modes and the commands that differ between ArduPilot and PX4.
+
+ArduCopter's custom modes are COPTER_MODE; PX4's are a main mode in bits 16–23 and a sub-mode in bits 24–31.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from arva_hil.autopilot.finder import Vehicle
+from arva_hil.autopilot.mavlink import dialect
+
+_MULTIROTORS: Final = {
+    dialect.MAV_TYPE_QUADROTOR,
+    dialect.MAV_TYPE_COAXIAL,
+    dialect.MAV_TYPE_HELICOPTER,
+    dialect.MAV_TYPE_HEXAROTOR,
+    dialect.MAV_TYPE_OCTOROTOR,
+    dialect.MAV_TYPE_TRICOPTER,
+    dialect.MAV_TYPE_DODECAROTOR,
+    dialect.MAV_TYPE_DECAROTOR,
+}
+_PX4_SUB: Final = {2: "takeoff", 3: "hold", 4: "mission", 5: "return", 6: "land", 8: "follow", 9: "precision land"}
+_PX4_MAIN: Final = {
+    1: "manual",
+    2: "altitude",
+    3: "position",
+    5: "acro",
+    6: "offboard",
+    7: "stabilized",
+    8: "rattitude",
+}
+_AUTO: Final = 4 << 16  # the main mode of all its sub-modes
+
+
+@dataclass(frozen=True)
+class Modes:
+    """One autopilot's custom modes, and how it wants to be told.
+
+    `hold`: stays where it is; it arms in it, and falls back to it after the take-off. `take_off`: seen while it climbs.
+    `steer`: follows velocities. `px4`: modes are main and sub-modes, heights are above mean sea level.
+    """
+
+    hold: int
+    take_off: int
+    steer: int
+    land: int
+    px4: bool
+
+    def name(self, mode: int) -> str:
+        if not self.px4:
+            entry = dialect.enums["COPTER_MODE"].get(mode)
+            return entry.name.removeprefix("COPTER_MODE_") if entry else f"mode {mode}"
+        main, sub = mode >> 16 & 0xFF, mode >> 24
+        return (_PX4_SUB.get(sub) if main == 4 else _PX4_MAIN.get(main)) or f"mode {main}/{sub}"
+
+    def to_set(self, vehicle: Vehicle, mode: int) -> Any:
+        """DO_SET_MODE; believe the heartbeat, not the acknowledgement."""
+        main, sub = (mode >> 16 & 0xFF, mode >> 24) if self.px4 else (mode, 0)
+        return command(vehicle, dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, main, sub)
+
+    def to_take_off(self, vehicle: Vehicle, height: float, ground_amsl: float) -> Any:
+        """NAV_TAKEOFF to a height above the ground, straight up, heading kept."""
+        here = float("nan") if self.px4 else 0.0  # PX4 takes a number for a place, ArduPilot ignores it
+        level = ground_amsl + height if self.px4 else height
+        return command(vehicle, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, here, here, here, level)
+
+
+_GUIDED: Final = dialect.COPTER_MODE_GUIDED
+ARDUCOPTER: Final = Modes(hold=_GUIDED, take_off=_GUIDED, steer=_GUIDED, land=dialect.COPTER_MODE_LAND, px4=False)
+PX4: Final = Modes(hold=_AUTO | 3 << 24, take_off=_AUTO | 2 << 24, steer=6 << 16, land=_AUTO | 6 << 24, px4=True)
+
+
+def modes_of(vehicle: Vehicle) -> Modes:
+    """Raises ValueError for a vehicle that cannot be flown by velocities here."""
+    modes = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUCOPTER, dialect.MAV_AUTOPILOT_PX4: PX4}.get(vehicle.autopilot)
+    if modes is None:
+        raise ValueError(f"{vehicle} is neither ArduPilot nor PX4")
+    if vehicle.kind not in _MULTIROTORS:
+        raise ValueError(f"{vehicle} is not a multirotor")
+    return modes
+
+
+def command(vehicle: Vehicle, number: int, *params: float) -> Any:
+    """COMMAND_LONG to the vehicle."""
+    padded = [*params, *[0.0] * (7 - len(params))]
+    return dialect.MAVLink_command_long_message(vehicle.system, vehicle.component, number, 0, *padded)

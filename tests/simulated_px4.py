@@ -1,0 +1,137 @@
+"""A vehicle that is told and tells as PX4 does: the built-in one behind PX4's modes, acknowledgements and refusals.
+
+As measured on PX4 1.16: two acknowledgements of DO_SET_MODE, the first always 0; OFFBOARD is refused until set-points
+flow and left 1.2 s after the last one; a take-off to less than the ground's height above sea level is acknowledged
+and ignored, numbers for its place are flown to; a take-off ends 0.8 m below its height, in hold.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
+from arva_hil.autopilot.multirotor_pilot import Mode
+from arva_hil.autopilot.vehicle import SimulatedVehicle, Truth
+
+POSITION, TAKE_OFF, HOLD, RETURN, LAND, OFFBOARD = 3 << 16, *(4 << 16 | n << 24 for n in (2, 3, 5, 6)), 6 << 16
+STREAMS = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10}
+
+_INNER = {TAKE_OFF: Mode.GUIDED, OFFBOARD: Mode.GUIDED, LAND: Mode.LAND}  # any other: LOITER
+_OURS = 99  # component of what is told to the vehicle behind; what it answers is not passed on
+
+
+class Px4:
+    """Remembers PX4's own mode. `healthy`: may arm; if not it says so in SYS_STATUS and nowhere else."""
+
+    def __init__(self, home: tuple[float, float, float], *, healthy: bool = True, **options: Any) -> None:
+        self.mode = POSITION
+        self.healthy = healthy
+        self._vehicle = SimulatedVehicle(home, streams=STREAMS, **options)
+        self._ground_amsl = home[2]
+        self._top = math.inf
+        self._set_points: list[float] = []  # when the last two came
+        self._from = Parser()
+        self._to = Parser()
+        self._told = Encoder(1, _OURS)
+        self._encoder = Encoder(1, 1)
+        self._outbox = bytearray()
+
+    @property
+    def next_due(self) -> float:
+        return self._vehicle.next_due
+
+    def truth(self, now: float) -> Truth:
+        return self._vehicle.truth(now)
+
+    def reboot(self, now: float) -> None:
+        self.mode = POSITION
+        self._vehicle.reboot(now)
+
+    def feed(self, chunk: bytes, now: float) -> None:
+        for packet in self._to.feed(chunk):
+            message = self._to.decode(packet)
+            if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in _COMMANDS:
+                results = _COMMANDS[message.command](self, message, now)
+                for result in results:
+                    ack = dialect.MAVLink_command_ack_message(
+                        message.command, result, 0, 0, packet.system, packet.component
+                    )
+                    self._outbox += self._encoder.pack(ack)
+            elif packet.msgid == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+                self._set_points = [*self._set_points[-1:], now]
+                if self.mode == OFFBOARD:
+                    self._vehicle.feed(packet.raw, now)
+            else:
+                self._vehicle.feed(packet.raw, now)
+
+    def poll(self, now: float) -> bytes:
+        said = self._vehicle.poll(now)
+        self._watch(now)
+        out, self._outbox = self._outbox, bytearray()
+        for packet in self._from.feed(said):
+            out += self._as_px4(packet)
+        return bytes(out)
+
+    def _as_px4(self, packet: Packet) -> bytes:
+        message: Any = self._from.decode(packet)
+        if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            message.autopilot, message.custom_mode = dialect.MAV_AUTOPILOT_PX4, self.mode
+            status = dialect.MAVLink_sys_status_message(0, 1, int(self.healthy), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+            return self._encoder.pack(message) + self._encoder.pack(status)
+        if packet.msgid == dialect.MAVLINK_MSG_ID_STATUSTEXT:  # is for ground stations
+            return b""
+        if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_ACK and message.target_component == _OURS:
+            return b""
+        return packet.raw
+
+    def _watch(self, now: float) -> None:
+        height = -self.truth(now).ned[2]
+        if self.mode == TAKE_OFF and height > self._top - 0.8:
+            self.mode = HOLD  # the vehicle behind climbs on to the top
+        elif self.mode == OFFBOARD and now - self._set_points[-1] > 1.2:
+            self._enter(POSITION, now)
+
+    def _enter(self, mode: int, now: float) -> None:
+        self.mode = mode
+        self._tell(dialect.MAV_CMD_DO_SET_MODE, 1, _INNER.get(mode, Mode.LOITER), now=now)
+
+    def _tell(self, command: int, *params: float, now: float) -> None:
+        padded = [*params, *[0.0] * (7 - len(params))]
+        self._vehicle.feed(self._told.pack(dialect.MAVLink_command_long_message(1, 1, command, 0, *padded)), now)
+
+    def _set_mode(self, message: Any, now: float) -> tuple[int, ...]:
+        mode = int(message.param2) << 16 | int(message.param3) << 24
+        flowing = len(self._set_points) == 2 and now - self._set_points[0] < 1.0
+        if mode == OFFBOARD and not flowing:
+            return dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_TEMPORARILY_REJECTED
+        if mode != self.mode:
+            self._enter(mode, now)
+        return dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_ACCEPTED
+
+    def _arm(self, message: Any, now: float) -> tuple[int, ...]:
+        if message.param1 and not self.healthy:
+            return (dialect.MAV_RESULT_TEMPORARILY_REJECTED,)
+        self._tell(message.command, message.param1, now=now)
+        return (dialect.MAV_RESULT_ACCEPTED,)
+
+    def _take_off(self, message: Any, now: float) -> tuple[int, ...]:
+        height = message.param7 - self._ground_amsl
+        nowhere = all(map(math.isnan, (message.param4, message.param5, message.param6)))
+        if height > 0 and nowhere:
+            self._top = height
+            self._enter(TAKE_OFF, now)
+            self._tell(message.command, 0, 0, 0, 0, 0, 0, height, now=now)
+        return (dialect.MAV_RESULT_ACCEPTED,)
+
+    def _land(self, _: Any, now: float) -> tuple[int, ...]:
+        self._enter(LAND, now)
+        return (dialect.MAV_RESULT_ACCEPTED,)
+
+
+_COMMANDS = {
+    dialect.MAV_CMD_DO_SET_MODE: Px4._set_mode,
+    dialect.MAV_CMD_COMPONENT_ARM_DISARM: Px4._arm,
+    dialect.MAV_CMD_NAV_TAKEOFF: Px4._take_off,
+    dialect.MAV_CMD_NAV_LAND: Px4._land,
+}
