@@ -6,6 +6,7 @@ Scalars are read from the text as written, so `off` is a word and `1e3` a number
 from __future__ import annotations
 
 import difflib
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,8 +14,9 @@ from typing import Final, NoReturn, TypeVar
 
 import yaml
 
-__all__ = ["Problem", "Range", "Reader", "ScenarioError", "whole"]
+__all__ = ["Problem", "Range", "Reader", "ScenarioError", "nearest", "read_text", "whole"]
 
+_LARGEST_FILE: Final = 1 << 20  # bytes
 _DEEPEST: Final = 20
 _REFUSED: Final = "refused"  # the tag of a node that stands for one already complained about
 _START: Final = yaml.Mark("", 0, 0, 0, None, 0)
@@ -41,10 +43,10 @@ class Problem:
 
 
 class ScenarioError(Exception):
-    """A scenario that cannot be used. `problems` are sorted by place; `str()` is one line for each."""
+    """A scenario or a plan that cannot be used. `problems` are sorted by place; `str()` is one line for each."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:
-        self.problems = tuple(sorted(problems, key=lambda p: (p.line, p.column)))
+        self.problems = tuple(sorted(problems, key=lambda p: (p.source, p.line, p.column)))
         super().__init__(self.problems)
 
     def __str__(self) -> str:
@@ -77,11 +79,11 @@ class Reader:
     is wrong, so that the walk goes on and finds every mistake. Call `finish` at the end.
     """
 
-    def __init__(self, text: str, source: str) -> None:
-        """Raises ScenarioError when `text` is not YAML at all."""
+    def __init__(self, text: str, source: str, what: str = "a mapping with transmitters") -> None:
+        """`what` should be in the text. Raises ScenarioError when it is not YAML at all."""
         self.problems: list[Problem] = []
         self.source = source
-        self.root = self._compose(text)
+        self.root = self._compose(text, what)
 
     def finish(self) -> None:
         """Raises ScenarioError with every problem, if there was one."""
@@ -179,7 +181,23 @@ class Reader:
         self.wrong(node, _describe(node), expected or _any_of(valid), _nearest(node, valid))
         return default
 
-    def _compose(self, text: str) -> yaml.Node:
+    def text(self, node: yaml.Node, what: str) -> str:
+        """Some text, quoted or not; "" when it is something else."""
+        if isinstance(node, yaml.ScalarNode) and node.value:
+            return str(node.value)
+        self.wrong(node, _describe(node), what)
+        return ""
+
+    def spec(self, node: yaml.Node | None, known: int) -> None:
+        """The version of the file's format. Raises ScenarioError when it is newer than what is `known`."""
+        if node is not None and (newer := whole(node) or 0) > known:
+            self.problems.clear()  # what looks wrong may be right in that version
+            found = f"spec {newer} is newer than this program reads ({known}): upgrade arva-hil"
+            self.wrong(node, found, f"spec {known}")
+            self.finish()
+        self.integer(node, known, Range(known, known, "spec"))
+
+    def _compose(self, text: str, what: str) -> yaml.Node:
         try:
             loader = _Loader(text, self)
         except yaml.reader.ReaderError as error:
@@ -189,7 +207,7 @@ class Reader:
         try:
             root = loader.get_node() if loader.check_node() else None
             if root is None:
-                self.fail(_START, "an empty file", "a mapping with transmitters")
+                self.fail(_START, "an empty file", what)
             if loader.check_node():
                 second = loader.peek_event()  # type: ignore[no-untyped-call]
                 self.note(second.start_mark, "a second document", "one")
@@ -234,6 +252,25 @@ class _Loader(yaml.BaseLoader):
         return node
 
 
+def read_text(path: str | os.PathLike[str], what: str) -> str:
+    """What is in a file of at most 1 MiB. Raises ScenarioError when it cannot be read; `what` was expected."""
+    source = os.fspath(path)
+    try:
+        with open(source, "rb") as file:
+            data = file.read(_LARGEST_FILE + 1)
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise ScenarioError([Problem(source, 1, 1, why, what)]) from error
+    if len(data) > _LARGEST_FILE:
+        raise ScenarioError([Problem(source, 1, 1, "more than 1 MiB", what)])
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        lines = data[: error.start].decode().split("\n")
+        found = f"the byte 0x{data[error.start]:02x}"
+        raise ScenarioError([Problem(source, len(lines), len(lines[-1]) + 1, found, "UTF-8")]) from error
+
+
 def whole(node: yaml.Node) -> int | None:
     """The whole number (19 digits at most) that a node is, None when it is something else."""
     plain = _plain(node)
@@ -267,5 +304,9 @@ def _any_of(names: Sequence[str]) -> str:
 
 def _nearest(node: yaml.Node, names: Sequence[str]) -> str | None:
     """The name that was probably meant."""
-    text = str(node.value).lower() if isinstance(node, yaml.ScalarNode) else ""
+    return nearest(str(node.value).lower(), names) if isinstance(node, yaml.ScalarNode) else None
+
+
+def nearest(text: str, names: Sequence[str]) -> str | None:
+    """The name most like a text, None when none is."""
     return next(iter(difflib.get_close_matches(text, names, 1)), None)

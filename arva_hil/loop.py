@@ -32,13 +32,12 @@ def run(
     stopped: Callable[[], bool] = lambda: False,
 ) -> None:
     """Serve all tasks until the clock reads `until`, or until `stopped` says so."""
-    links = [link for task in tasks for link in task.links]
     while not stopped():
         now = clock.now()
         due = min(task.service(clock) for task in tasks)
         if now >= until:
             return
-        clock.wait(min(due, until, now + _LONGEST_WAIT_S), links)
+        clock.wait(min(due, until, now + _LONGEST_WAIT_S), [link for task in tasks for link in task.links])
 
 
 def replay(

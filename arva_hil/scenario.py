@@ -12,7 +12,7 @@ from typing import Any, Final, Literal, get_args
 
 import yaml
 
-from arva_hil._yaml import Problem, Range, Reader, ScenarioError, whole
+from arva_hil._yaml import Problem, Range, Reader, ScenarioError, read_text
 
 __all__ = [
     "DEFAULT",
@@ -39,7 +39,6 @@ NoiseKind = Literal["uniform", "gaussian", "off"]
 Format = Literal["binary", "nmea", "text", "tunnel", "named", "debug_vect"]
 
 SPEC: Final = 1
-LARGEST_FILE: Final = 1 << 20  # bytes
 FORMATS: Final[tuple[Format, ...]] = get_args(Format)
 NOISE_KINDS: Final[tuple[NoiseKind, ...]] = get_args(NoiseKind)
 NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))
@@ -147,35 +146,14 @@ DEFAULT: Final = Scenario((Transmitter(id=1, ned=(20.0, 5.0, 0.0)),))
 
 def load(path: str | os.PathLike[str]) -> Scenario:
     """The scenario in a file. Raises ScenarioError, also when the file cannot be read."""
-    source = os.fspath(path)
-    try:
-        with open(source, "rb") as file:
-            data = file.read(LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:
-        why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise ScenarioError([Problem(source, 1, 1, why, "a scenario file")]) from error
-    if len(data) > LARGEST_FILE:
-        raise ScenarioError([Problem(source, 1, 1, "more than 1 MiB", "a scenario file")])
-    try:
-        text = data.decode()
-    except UnicodeDecodeError as error:
-        lines = data[: error.start].decode().split("\n")
-        found = f"the byte 0x{data[error.start]:02x}"
-        raise ScenarioError([Problem(source, len(lines), len(lines[-1]) + 1, found, "UTF-8")]) from error
-    return parse(text, source)
+    return parse(read_text(path, "a scenario file"), os.fspath(path))
 
 
 def parse(text: str, source: str) -> Scenario:
     """The scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
     r = Reader(text, source)
     f = r.mapping(r.root, "spec datum transmitters receiver output seed", need=["transmitters"])
-    spec = f.get("spec")
-    if spec is not None and (newer := whole(spec) or 0) > SPEC:
-        r.problems.clear()  # what looks wrong may be right in that version
-        found = f"spec {newer} is newer than this program reads ({SPEC}): upgrade arva-hil"
-        r.wrong(spec, found, f"spec {SPEC}")
-        r.finish()
-    r.integer(spec, SPEC, Range(SPEC, SPEC, "spec"))
+    r.spec(f.get("spec"), SPEC)
     transmitters = _transmitters(r, f.get("transmitters"))
     datum = _datum(r, f.get("datum"))
     receiver = _receiver(r, f.get("receiver"))

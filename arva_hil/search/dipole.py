@@ -1,0 +1,175 @@
+"""Where a dipole is, from what a receiver said of it in many places: several hypotheses fitted at once.
+
+A hypothesis is (north, east, down, moment north, east, down): metres from the take-off point, and the moment in
+units that make its field h = (3(m·n)n − m)/ρ³ the receiver's own, d = ‖h‖^(−⅓). K hypotheses, N readings.
+
+A reading is one complex number, ln(h_x + i·h_y) = −3 ln d + iδ: the real part of its error is relative to the field,
+the imaginary one an angle, known up to the receiver's 180°. In the inner zone, where d is of the whole field and δ
+says nothing, the field's own direction takes the place of the receiver's x + i·y.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Fit", "Readings", "evaluate", "likely_pose_error", "refine", "seeds"]
+
+Array = NDArray[np.float64]
+
+# Known beforehand.
+_MOMENT: Final = 1 / 1.542  # of the reference transmitter: 1/κeq
+_STRENGTH: Final = 0.35  # sigma of the logarithm of a transmitter's strength
+_DEPTH: Final = (0.5, 1.2)  # below the take-off point, and its sigma, m
+_RIDGE: Final = np.diag([1e-4] * 3 + [1e-2] * 3)  # next to nothing of the rest
+
+# Variances of a reading, relative to the field or in radians².
+_NOISE: Final = (0.43 / 80.0**3) ** 2  # of the antennas: their bound over 3; times d⁶
+_ROUNDING: Final = (0.01**2, 0.02**2)  # of d, of δ, and of what nobody thought of
+_TILT: Final = 0.03**2  # of the receiver's attitude
+_SILENCE: Final = (50.0, 0.1**2)  # where hearing ends, m, and of that edge
+_TAIL: Final = 9.0  # variances; beyond, a squared error counts for less and less
+
+_POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # sigmas thought possible of the receiver's place, m
+_SURPRISE: Final = 0.5 * (np.log(_POSE_ERRORS / 0.1) / 0.8) ** 2  # how unexpected each of them is
+_MODESTY: Final = 1.6  # a fit makes its own errors look smaller than they are
+
+_MOST: Final = 64  # readings
+_NEAREST: Final = 0.1  # m
+
+
+class Readings:
+    """Remembers the readings that say most; number 0 stands for what is known beforehand.
+
+    Of the real and the imaginary part of each: `told`, it is a value; `limit`, it is the most that it can be.
+    """
+
+    def __init__(self) -> None:
+        self._all: tuple[NDArray[Any], ...] = (
+            np.full((_MOST, 3), 1e3),
+            np.ones((_MOST, 3), complex),
+            np.zeros(_MOST, complex),
+            np.ones(_MOST, bool),
+            np.ones((_MOST, 2), bool),
+            np.zeros((_MOST, 2), bool),
+            np.ones((_MOST, 2)),
+        )
+        self._show(1)
+
+    def add(self, position: Sequence[float], rotation: Array, d: float, delta: float, inner: bool) -> None:
+        """One more, in place of the weakest when there are too many.
+
+        The receiver at `position` NED [m], turned by `rotation` (3, 3) to NED; d in metres, not above 0 when
+        nothing was heard; δ in radians.
+        """
+        n = len(self.said)
+        i = n if n < _MOST else 1 + int(np.argmin(self.said.real[1:]))
+        heard = d > 0
+        d = d if heard else _SILENCE[0]
+        variance = _NOISE * d**6 + (0.0 if heard else _SILENCE[1]) + np.array(_ROUNDING)
+        axis = rotation[:, 0] + 1j * rotation[:, 1]
+        said = complex(-3 * math.log(d), delta)
+        new = position, axis, said, inner, (heard, heard and not inner), (not heard, False), variance
+        for column, value in zip(self._all, new, strict=True):
+            column[i] = value
+        self._show(max(n, i + 1))
+
+    def _show(self, n: int) -> None:
+        at, axis, self.said, self.inner, told, limit, self.variance = (column[:n] for column in self._all)
+        self.at, self.axis, self.told, self.limit = at.T, axis.T, told.ravel(), limit.ravel()
+
+
+class Fit(NamedTuple):
+    """How hypotheses agree with readings; M = 2N, real and imaginary parts in turn."""
+
+    x: Array  # (K, 6)
+    cost: Array  # (K,) −ln of the likelihood
+    information: Array  # (K, 6, 6) inverse of the covariance
+    gradient: Array  # (K, 6) of the cost, the weights held
+    error: Array  # (K, M)
+    weight: Array  # (K, M)
+    slope: Array  # (K, M) of the error over the receiver's place, squared, 1/m²
+    variance: Array  # (K, M) of the error, were the receiver's place exact
+
+
+def evaluate(x: Array, o: Readings, pose_error: float) -> Fit:
+    """Hypotheses (K, 6) against readings; `pose_error`: sigma of the receiver's place on each axis, m."""
+    m, r = x[:, 3:, None], o.at - x[:, :3, None]
+    rho2 = np.maximum(_dot(r, r), _NEAREST**2)
+    rho = np.sqrt(rho2)
+    n = r / rho
+    along = _dot(n, m)
+    h = 3 * along * n - m  # for ρ = 1
+    h2 = _dot(h, h) + 1e-20
+    axis = np.where(o.inner, h / np.sqrt(h2), o.axis)
+    z = _dot(axis, h) + 1e-12
+    hidden = np.maximum(h2 / (z.real**2 + z.imag**2) - 1, 0)  # of the field, across the two antennas
+    error = np.log(z / (rho2 * rho))[:, 0] - o.said
+    error.imag -= np.pi * np.rint(error.imag / np.pi)
+    axis = axis / z
+    share = _dot(axis, n)
+    slopes = np.empty((len(x), 6, len(o.said)), complex)
+    slopes[:, :3] = ((1 + 2 * along * share) * n - share * m - along * axis) * (3 / rho)
+    slopes[:, 3:] = 3 * share * n - axis
+
+    m2 = _dot(m, m)[:, 0] + 1e-20
+    error[:, 0] = (x[:, 2] - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / _MOMENT**2) / (2 * _STRENGTH)
+    slopes[:, :, 0] = 0
+    slopes[:, 2, 0], slopes[:, 3:, 0] = 1 / _DEPTH[1], x[:, 3:] * (1j / _STRENGTH / m2)
+
+    e, j = error.view(float), slopes.view(float)
+    slope = np.add.reduce(j[:, :3] ** 2, axis=1)
+    variance = (_TILT * hidden[:, 0, :, None] + o.variance).reshape(e.shape)
+    total = pose_error**2 * slope + variance
+    tail = 1 + e**2 / (_TAIL * total)
+    used = o.told | (o.limit & (e > 0))
+    weight = used / (total * tail)
+    cost = 0.5 * np.add.reduce(_TAIL * used * np.log(tail) + o.told * np.log(total), axis=1)
+    weighted = j * weight[:, None]
+    information = weighted @ j.transpose(0, 2, 1) + _RIDGE
+    return Fit(x, cost, information, (weighted @ e[:, :, None])[:, :, 0], e, weight, slope, variance)
+
+
+def refine(x: Array, damping: Array, o: Readings, pose_error: float, rounds: int) -> tuple[Fit, Array]:
+    """So many steps of Levenberg and Marquardt for hypotheses (K, 6) with dampings (K,); also the next dampings."""
+    now = evaluate(x, o, pose_error)
+    for _ in range(rounds):
+        damped = now.information * (1 + damping[:, None, None] * np.eye(6))
+        new = evaluate(now.x - np.linalg.solve(damped, now.gradient[:, :, None])[:, :, 0], o, pose_error)
+        better = np.add.reduce(now.weight * (new.error**2 - now.error**2), axis=1) < 0
+        damping = np.clip(np.where(better, damping / 8, damping * 8), 1e-4, 1e4)
+        pairs = zip(now, new, strict=True)
+        now = new if better.all() else Fit(*(np.where(better.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in pairs))
+    return now, damping
+
+
+def likely_pose_error(fit: Fit, i: int, o: Readings) -> float:
+    """The error of the receiver's place, m, that makes what was said most likely, were hypothesis i true."""
+    total = _POSE_ERRORS[:, None] ** 2 * fit.slope[i] + fit.variance[i]
+    tail = np.log1p(_MODESTY * fit.error[i] ** 2 / (_TAIL * total))
+    cost = 0.5 * np.add.reduce(o.told * (_TAIL * tail + np.log(total)), axis=1)
+    return float(_POSE_ERRORS[np.argmin(cost + _SURPRISE)])
+
+
+def seeds(position: Sequence[float], bearing: float, d: float) -> Array:
+    """Hypotheses (24, 6) that agree with one reading: on all sides of it, the field there rising, level, sinking.
+
+    All of the reference strength and near the expected depth; bearing of the field in radians, d in metres.
+    """
+    turn, rise = (grid.ravel() for grid in np.meshgrid(np.arange(8) * (np.pi / 4), (-1.5, 0.0, 1.5)))
+    h = np.stack([0 * turn + math.cos(bearing), 0 * turn + math.sin(bearing), rise], axis=1)
+    n = np.stack([np.cos(bearing + turn), np.sin(bearing + turn), 0 * turn + (_DEPTH[0] - position[2]) / d], axis=1)
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    m = 1.5 * n * np.add.reduce(n * h, axis=1, keepdims=True) - h  # for ρ = d
+    rho = d * np.cbrt(_MOMENT / np.linalg.norm(m, axis=1, keepdims=True))
+    return np.concatenate([position + rho * n, (rho / d) ** 3 * m], axis=1)
+
+
+def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
+    """a·b (K, 1, N) of vectors (K, 3, N)."""
+    product: NDArray[Any] = np.add.reduce(a * b, axis=1, keepdims=True)
+    return product

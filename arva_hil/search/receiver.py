@@ -1,0 +1,61 @@
+"""The receiver as a search has it: frames from a link, and what there is to say when none come."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from arva_hil.links import Link, LinkError
+from arva_hil.notice import Notice
+from firmware_proto import Frame, FrameDecoder
+
+_SILENT_S: Final = 2.0  # without a frame: it does not work
+_SHOWN: Final = 16  # bytes of what is no frame
+
+
+class Receiver:
+    """Remembers what came from the receiver's link and when. One that is unplugged is silent, and raises nothing."""
+
+    def __init__(self, link: Link, decoder: FrameDecoder) -> None:
+        self.links: Sequence[Link] = [link]  # to wait for; none when it is gone
+        self.last: Frame | None = None
+        self._link = link
+        self._decoder = decoder
+        self._last_s = -math.inf
+        self._first_bytes = b""
+        self._notices: list[Notice] = []
+
+    def read(self, now: float) -> list[Frame]:
+        """The frames that have come by `now`, s."""
+        chunk = self._read() if self.links else b""
+        self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
+        frames = self._decoder.feed(chunk, now)
+        if frames:
+            self.last, self._last_s = frames[-1], now
+        return frames
+
+    def silent(self, now: float) -> bool:
+        return now - self._last_s > _SILENT_S
+
+    def why_silent(self, now: float) -> str:
+        """What came instead of frames, for a person."""
+        if self.last is not None:
+            why = f"the last one came {now - self._last_s:.0f} s ago"
+        elif self._first_bytes:
+            why = f"bytes came that are none, first {self._first_bytes!r}: is the format right, and the baud rate?"
+        else:
+            why = "nothing came at all"
+        return f"no frame from the receiver at {self._link.name}: {why}"
+
+    def take_notices(self) -> list[Notice]:
+        notices, self._notices = self._notices, []
+        return notices
+
+    def _read(self) -> bytes:
+        try:
+            return self._link.read()
+        except LinkError as error:
+            self.links = []
+            self._notices.append(Notice("warning", f"the receiver is gone: {error}"))
+            return b""

@@ -1,0 +1,57 @@
+"""Before the first signal: parallel strips over an area, as rescuers search."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from arva_hil.search.strategy import STILL, Position, Velocity, towards
+
+_REACHED_M: Final = 1.0
+
+Area = tuple[float, float, float, float]  # south, west, north, east of the take-off point, m
+
+
+class Strips:
+    """Remembers which lanes are flown. They run along the longer side of `area`, not more than `width` apart and
+    half of that from the edges, from the corner nearest to `position`. `lanes` are their ends, in order.
+
+    Raises ValueError for an empty area or a width or speed that is not positive.
+    """
+
+    def __init__(self, area: Area, speed: float, position: Position, *, width: float = 40.0) -> None:
+        south, west, north, east = area
+        if not (south < north and west < east and width > 0 and speed > 0):
+            raise ValueError(f"area {area}, width {width:g}, speed {speed:g}: nothing to fly over")
+        self.lanes = _lanes(area, width, position)
+        self._speed = speed
+        self._next = 0
+
+    @property
+    def exhausted(self) -> bool:
+        """The last lane has been flown."""
+        return self._next == len(self.lanes)
+
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        """Towards the next end of a lane; STILL when there is none left."""
+        while not self.exhausted and math.dist(position[:2], self.lanes[self._next]) < _REACHED_M:
+            self._next += 1
+        return STILL if self.exhausted else towards(position, self.lanes[self._next], self._speed)
+
+
+def _lanes(area: Area, width: float, position: Position) -> list[tuple[float, float]]:
+    south, west, north, east = area
+    along_north = north - south >= east - west
+    (low, high), (left, right) = ((south, north), (west, east)) if along_north else ((west, east), (south, north))
+    at = position if along_north else position[1::-1]
+    count = math.ceil((right - left) / width)
+    spacing = (right - left) / count
+    across = [left + (lane + 0.5) * spacing for lane in range(count)]
+    if abs(at[1] - across[-1]) < abs(at[1] - across[0]):
+        across.reverse()
+    near, far = (low, high) if abs(at[0] - low) <= abs(at[0] - high) else (high, low)
+    ends = []
+    for place in across:
+        ends += [(near, place), (far, place)]
+        near, far = far, near
+    return ends if along_north else [(along, place)[::-1] for along, place in ends]

@@ -1,0 +1,648 @@
+"""The whole search, with bytes on both links and a clock that jumps: what it does when things go wrong."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from simulated_px4 import HOLD, OFFBOARD, STREAMS, Px4
+
+from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
+from arva_hil.autopilot.multirotor_pilot import Mode
+from arva_hil.autopilot.session import Session
+from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.clock import Clock, StepClock
+from arva_hil.links import Link, memory
+from arva_hil.loop import run
+from arva_hil.search.client import INTERRUPTED, Row, SearchClient
+from arva_hil.search.mission import Plan
+from arva_hil.search.strategy import Found, Observation, Position, Velocity, towards
+from arva_hil.simulator import Simulator
+from firmware_proto import DECODERS, MID, Channel, Frame, encode
+
+HOME = (46.0123, 7.7456, 1650.0)
+VICTIM = (8.0, 3.0)  # north, east of home
+US = 193
+HARMLESS = {  # what may be sent without an influence on the flight
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+    dialect.MAV_CMD_REQUEST_MESSAGE,
+    dialect.MAV_CMD_GET_HOME_POSITION,
+}
+
+
+class GoTo:
+    """A strategy that knows: it flies to where `VICTIM` is, and has found it there."""
+
+    def __init__(self, speed: float) -> None:
+        self.found: Found | None = None
+        self._speed = speed
+
+    def hear(self, observation: Observation) -> None:
+        if math.dist(observation.position[:2], VICTIM) < 0.5 and observation.heard:
+            self.found = Found(*VICTIM)
+
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        return towards(position, VICTIM, self._speed)
+
+
+class Port:
+    """The far end of the receiver's link: says what it hears, `frames`, five times a second. A task."""
+
+    def __init__(self, link: Link) -> None:
+        self.links = [link]
+        self.says: Callable[[float], bytes | None] = frames
+        self._next = 0.0
+
+    def service(self, clock: Clock) -> float:
+        if clock.now() >= self._next:
+            self._next = clock.now() + 0.2
+            if said := self.says(clock.now()):
+                self.links[0].write(said)
+        return self._next
+
+
+def frames(now: float) -> bytes:
+    return encode(Frame(round(now * 5) % 256, 1, (Channel(1, MID, 900, 20), Channel(2, MID, 2000, 5))))
+
+
+class World:
+    """A search, its vehicle, its receiver. `told`: every message from the search to the vehicle, and when.
+
+    `between`: what the vehicle says passes through it. `others`: a second link to the vehicle.
+    """
+
+    def __init__(self, vehicle: SimulatedVehicle | Px4, client: dict[str, Any] | None = None, **plan: Any) -> None:
+        self.clock = StepClock()
+        self.vehicle = vehicle
+        self.rows: list[Row] = []
+        self.said: list[str] = []
+        self.told: list[tuple[float, Any]] = []
+        self.between: Callable[[bytes], bytes] = bytes
+        self.autopilot, self.far = memory.pair()
+        self.others, others = memory.pair()
+        self.receiver, port = memory.pair()
+        self.port = Port(port)
+        self.session = Session(rate_hz=10, component=US)
+        self.client = SearchClient(
+            Plan(**({"strategy": GoTo} | plan)),
+            self.session,
+            self.autopilot,
+            self.receiver,
+            DECODERS["binary"](),
+            start=0.0,
+            say=lambda notice: self.said.append(notice.text),
+            log=self.rows.append,
+            **(client or {}),
+        )
+        self._tap()
+        self._tasks = [Simulator(vehicle, [self.far, others]), self.port, self.client]  # type: ignore[arg-type]
+
+    def _tap(self) -> None:
+        read, write, parser = self.far.read, self.far.write, Parser()
+
+        def tapped() -> bytes:
+            data = read()
+            for packet in parser.feed(data):
+                assert (packet.system, packet.component) == (1, US)
+                self.told.append((self.clock.now(), parser.decode(packet)))
+            return data
+
+        self.far.read = tapped  # type: ignore[method-assign]
+        self.far.write = lambda data: write(self.between(data))  # type: ignore[method-assign]
+
+    def until(self, condition: Callable[[], object], within_s: float = 240.0) -> None:
+        end = self.clock.now() + within_s
+        run(self._tasks, self.clock, until=end, stopped=lambda: bool(condition()))
+        assert condition(), f"not in {within_s} s; {self.said}, {self.rows[-1:]}"
+
+    def end(self, within_s: float = 240.0) -> tuple[str, str]:
+        self.until(lambda: self.client.outcome, within_s)
+        outcome = self.client.outcome
+        assert outcome is not None
+        return outcome.kind, outcome.how
+
+    def pass_s(self, seconds: float) -> None:
+        end = self.clock.now() + seconds
+        self.until(lambda: self.clock.now() >= end, seconds + 1)
+
+    def reach(self, phase: str) -> None:
+        self.until(lambda: self.client._commander.phase.name.lower() == phase)
+
+    def hunt(self) -> None:
+        self.until(lambda: self.client.mission and self.client.mission.hunting and math.hypot(*self.ned[:2]) > 2)
+
+    def pilot(self, mode: int) -> None:
+        """Somebody else changes the mode, on another link."""
+        main, sub = (mode >> 16 & 255, mode >> 24) if isinstance(self.vehicle, Px4) else (mode, 0)
+        set_mode = dialect.MAV_CMD_DO_SET_MODE
+        order = dialect.MAVLink_command_long_message(1, 1, set_mode, 0, 1, main, sub, 0, 0, 0, 0)
+        self.others.write(Encoder(255, 190).pack(order))
+
+    @property
+    def ned(self) -> tuple[float, float, float]:
+        return self.vehicle.truth(self.clock.now()).ned
+
+    @property
+    def armed(self) -> bool:
+        assert self.session.vehicle is not None
+        return self.session.vehicle.armed
+
+    def orders(self, since: float = 0.0) -> list[Any]:
+        """What was told that has an influence on the flight."""
+        return [
+            m
+            for at, m in self.told
+            if at >= since
+            and m.get_type() not in ("HEARTBEAT", "REQUEST_DATA_STREAM")
+            and getattr(m, "command", None) not in HARMLESS
+        ]
+
+
+def ardupilot(**options: Any) -> SimulatedVehicle:
+    return SimulatedVehicle(HOME, streams=STREAMS, **options)
+
+
+def px4(**options: Any) -> Px4:
+    return Px4(HOME, **options)
+
+
+BOTH = pytest.mark.parametrize("make", [ardupilot, px4])
+
+
+# -- as it should be ---------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_the_nearer_victim_is_found_the_other_reported_and_the_vehicle_landed(make: Callable[[], Any]) -> None:
+    world = World(make())
+    assert world.end() == ("found", "found")
+    outcome = world.client.outcome
+    assert outcome is not None
+    assert (outcome.id, outcome.found) == (1, Found(*VICTIM))
+    assert outcome.lat_lon == pytest.approx((46.0123 + 8 / 111_170, 7.7456 + 3 / 77_400), abs=1e-6)
+    assert outcome.path_m == pytest.approx(math.hypot(*VICTIM), abs=1.5)
+    assert 8 < outcome.time_s < 20
+    assert outcome.frames >= outcome.time_s * 4
+    ((other, heard),) = outcome.others
+    assert (other, heard.nearest_m) == (2, 20.0)
+    assert world.ned == pytest.approx((*VICTIM, 0.0), abs=0.6)
+    assert not world.armed
+    assert world.said[-1] == "found; landing"
+
+
+@BOTH
+def test_it_can_be_left_hovering_at_the_end(make: Callable[[], Any]) -> None:
+    world = World(make(), {"land": False})
+    assert world.end() == ("found", "found")
+    ended = world.clock.now()
+    world.pass_s(20)
+    assert world.armed
+    assert world.ned == pytest.approx((*VICTIM, -1.0), abs=0.6)
+    assert world.orders(ended + 0.01) == []
+
+
+@BOTH
+def test_a_wind_changes_nothing(make: Callable[..., Any]) -> None:
+    world = World(make(wind=(-3.0, 4.0, 0.0)))
+    assert world.end() == ("found", "found")
+    assert world.ned == pytest.approx((*VICTIM, 0.0), abs=1.5)
+
+
+def test_the_log_has_a_row_for_every_step_and_the_readings_between() -> None:
+    world = World(ardupilot())
+    world.end()
+    times = [row.time_s for row in world.rows]
+    assert max(b - a for a, b in itertools.pairwise(times)) < 0.31
+    assert [key for key, _ in itertools.groupby(row.phase for row in world.rows)] == ["climbing", "flying", "landing"]
+    flown = [row for row in world.rows if row.phase == "flying"]
+    assert {(row.id, row.d_cm, row.delta_deg) for row in flown if row.d_cm} == {(1, 900, 20)}
+    last = world.rows[-1]
+    assert (last.north_m, last.east_m) == pytest.approx(VICTIM, abs=0.6)
+    assert max(math.hypot(row.v_north, row.v_east) for row in world.rows) <= 1.0 + 1e-9
+
+
+def test_it_is_an_onboard_computer_and_no_ground_station() -> None:
+    world = World(ardupilot())
+    world.end()
+    beats = [(at, m) for at, m in world.told if m.get_type() == "HEARTBEAT"]
+    assert {(m.type, m.autopilot) for _, m in beats} == {
+        (dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID)
+    }
+    assert max(b[0] - a[0] for a, b in itertools.pairwise(beats)) < 1.2
+
+
+@BOTH
+def test_what_others_on_the_link_say_changes_nothing(make: Callable[[], Any]) -> None:
+    world = World(make())
+    kinds = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_TYPE_GCS, dialect.MAV_TYPE_ONBOARD_CONTROLLER
+    others = [(Encoder(*source), kind) for source in [(2, 1), (1, 191), (255, 190), (1, 100)] for kind in kinds]
+
+    def crowded(data: bytes) -> bytes:
+        now = round(world.clock.now() * 1e3)
+        for encoder, kind in others:
+            for autopilot in (dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, dialect.MAV_AUTOPILOT_INVALID):
+                data += encoder.pack(dialect.MAVLink_heartbeat_message(kind, autopilot, 0, 5, 3, 3))
+            place = round(-33e7), round(151e7), 0, 0, 0, 0, 0, 0
+            data += encoder.pack(dialect.MAVLink_global_position_int_message(now, *place))
+            data += encoder.pack(dialect.MAVLink_attitude_message(0, 1, 1, 1, 0, 0, 0))
+        return data
+
+    world.until(lambda: world.session.vehicle)
+    world.between = crowded
+    assert world.end() == ("found", "found")
+    assert world.ned == pytest.approx((*VICTIM, 0.0), abs=0.6)
+    assert world.session.ignored > 1000
+
+
+# -- on the ground -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("says", "why"),
+    [
+        (lambda now: b"", "nothing came at all"),
+        (lambda now: b"$PARVA,1*", r"bytes came that are none, first b'$PARVA,1*$PARVA,': is the format right"),
+        (lambda now: frames(now) if now < 3 else b"", "the last one came 2"),
+    ],
+)
+def test_nothing_is_armed_without_frames(says: Callable[[float], bytes], why: str) -> None:
+    vehicle = ardupilot(fix_after=5.0)
+    world = World(vehicle)
+    world.port.says = says
+    kind, how = world.end()
+    assert kind == "no link"
+    assert how.startswith(f"no frame from the receiver at {world.receiver.name}: {why}")
+    assert 30 < world.clock.now() < 31
+    assert world.orders() == []
+    assert "waiting for a frame from the receiver" in world.said
+
+
+def test_nothing_is_armed_without_an_autopilot() -> None:
+    world = World(ardupilot(), {"timeout_s": 7.0})
+    world.between = lambda data: b""
+    kind, how = world.end()
+    assert (kind, how.partition(":")[0]) == ("no link", "no autopilot")
+    assert 7 < world.clock.now() < 8
+    assert world.said == ["waiting for an autopilot"]
+    assert world.orders() == []
+
+
+def test_nothing_is_armed_without_a_pose() -> None:
+    world = World(ardupilot(fix_after=1e6))
+    kind, how = world.end()
+    assert (kind, how) == ("failed", "no pose: the position is all zeros or out of range: no GPS fix yet")
+    assert 60 < world.clock.now() < 61
+    assert world.orders() == []
+
+
+def test_a_pose_that_is_old_is_none() -> None:
+    world = World(ardupilot(), {"timeout_s": 5.0})
+    world.port.says = lambda now: frames(now) if now > 3 else None
+    world.until(lambda: world.session.track.newest)
+    world.between = without(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+    kind, how = world.end()
+    assert (kind, how.partition(" (")[0]) == ("failed", "no pose: no GLOBAL_POSITION_INT")
+    assert 10 < world.clock.now() < 11
+    assert world.orders() == []
+
+
+def test_it_waits_for_a_pose_as_long_as_autopilots_take() -> None:
+    world = World(ardupilot(fix_after=45.0))
+    assert world.end() == ("found", "found")
+
+
+def test_a_vehicle_that_is_armed_is_somebody_elses() -> None:
+    vehicle = ardupilot()
+    world = World(vehicle)
+    vehicle.poll(0.0)
+    vehicle._pilot.arm()
+    kind, how = world.end()
+    assert (kind, how) == ("failed", "the vehicle is armed already: a search starts on the ground, disarmed")
+    assert world.orders() == []
+
+
+def test_what_is_no_multirotor_is_not_armed() -> None:
+    world = World(ardupilot())
+    parser, encoder = Parser(), Encoder(1, 1)
+
+    def winged(data: bytes) -> bytes:
+        out = b""
+        for packet in parser.feed(data):
+            message: Any = parser.decode(packet)
+            if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                message.type = dialect.MAV_TYPE_FIXED_WING
+            out += encoder.pack(message)
+        return out
+
+    world.between = winged
+    assert world.end() == ("failed", "ardupilotmega fixed_wing 1/1 is not a multirotor")
+    assert world.orders() == []
+
+
+def test_one_that_does_not_arm_says_why() -> None:
+    world = World(px4(healthy=False), {"arm_timeout_s": 10.0})
+    kind, how = world.end()
+    assert (kind, how) == (
+        "failed",
+        "the vehicle does not arm: arming: TEMPORARILY_REJECTED; not healthy: 3d gyro",
+    )
+    assert world.ned[2] == 0.0
+
+
+def test_frames_that_stop_before_the_take_off_end_it_on_the_ground() -> None:
+    world = World(px4(healthy=False))
+    world.reach("arming")
+    world.port.says = lambda now: None
+    kind, how = world.end(10.0)
+    assert (kind, how) == ("failed", "no frame from the receiver at memory:a: the last one came 2 s ago")
+    assert (world.orders()[-1].command, world.orders()[-1].param1) == (dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+
+
+def without(*ids: int) -> Callable[[bytes], bytes]:
+    """What the vehicle says, but for some messages."""
+    parser = Parser()
+    return lambda data: b"".join(packet.raw for packet in parser.feed(data) if packet.msgid not in ids)
+
+
+# -- frames stop in the air --------------------------------------------------------------------------------
+
+
+@BOTH
+def test_frames_that_stop_make_it_hover_and_go_on_when_they_are_back(make: Callable[[], Any]) -> None:
+    world = World(make())
+    world.hunt()
+    world.port.says = lambda now: None
+    world.pass_s(4)
+    before = world.ned
+    world.pass_s(4)
+    assert world.ned == pytest.approx(before, abs=0.1)
+    world.port.says = frames
+    assert world.end() == ("found", "found")
+    assert "no frame for 2 s: hovering" in world.said
+    assert "frames are back: the search goes on" in world.said
+
+
+@BOTH
+@pytest.mark.parametrize("gone", [False, True])
+def test_frames_that_stop_for_long_make_it_land(make: Callable[[], Any], gone: bool) -> None:
+    world = World(make())
+    world.hunt()
+    stopped = world.clock.now()
+    world.port.says = lambda now: None
+    if gone:
+        world._tasks.remove(world.port)
+        world.port.links[0].close()
+    assert world.end() == ("failed", "no frame from the receiver for 10 s")
+    landing = min(row.time_s for row in world.rows if row.phase == "landing")
+    assert 9.5 < landing - stopped < 11
+    assert (world.ned[2], world.armed) == (pytest.approx(0.0, abs=0.05), False)
+    assert ("the receiver is gone: memory:a: lost: closed by the far end" in world.said) is gone
+    ((_, one), (_, two)) = world.client.outcome.others  # type: ignore[union-attr]
+    assert (one.nearest_m, two.nearest_m) == (9.0, 20.0)
+
+
+def test_frames_that_stop_in_the_take_off_make_it_land_too() -> None:
+    world = World(ardupilot(), take_off=5.0)
+    world.reach("climbing")
+    world.port.says = lambda now: None
+    assert world.end() == ("failed", "no frame from the receiver for 10 s")
+    assert math.hypot(*world.ned[:2]) < 2.5
+    assert not world.armed
+
+
+# -- the pilot, and other ends of an autopilot -------------------------------------------------------------
+
+MODES = [
+    pytest.param(ardupilot, Mode.LOITER, "LOITER", id="ardupilot"),
+    pytest.param(px4, HOLD, "hold", id="px4"),
+]
+
+
+@pytest.mark.parametrize("phase", ["climbing", "flying", "landing"])
+@pytest.mark.parametrize(("make", "mode", "name"), MODES)
+def test_a_pilot_who_takes_over_hears_no_more_of_it(make: Callable[[], Any], mode: int, name: str, phase: str) -> None:
+    world = World(make(), take_off=6.0, height=6.0, **({"patience_s": 3.0} if phase == "landing" else {}))
+    world.reach("climbing" if phase == "climbing" else "flying")
+    if phase == "landing":
+        world.port.says = lambda now: None
+        world.reach("landing")
+    world.pass_s(2)
+    world.pilot(mode)
+    taken = world.clock.now()
+    kind, how = world.end(1.5)
+    assert (kind, how) == ("failed", f"the mode is {name}: the pilot or a failsafe has taken over")
+    let_go = world.clock.now()
+    world.pass_s(2)
+    before = world.ned
+    world.pass_s(30)
+    assert world.orders(let_go) == []
+    assert {m.get_type() for m in world.orders(taken)} <= {"SET_POSITION_TARGET_LOCAL_NED"}  # until it was noticed
+    assert {m.get_type() for at, m in world.told if at > let_go} <= {"HEARTBEAT", "COMMAND_LONG"}
+    assert world.ned == pytest.approx(before, abs=0.1)
+    assert world.ned[2] < -1.0
+    assert world.armed
+
+
+def test_a_pilot_who_takes_over_after_the_victim_was_found_does_not_undo_that() -> None:
+    world = World(ardupilot())
+    world.reach("landing")
+    world.pilot(Mode.LOITER)
+    kind, how = world.end(2.0)
+    assert (kind, how) == ("found", "the mode is LOITER: the pilot or a failsafe has taken over")
+    assert world.client.outcome is not None
+    assert world.client.outcome.found == Found(*VICTIM)
+
+
+@BOTH
+def test_a_vehicle_that_reboots_is_let_go(make: Callable[[], Any]) -> None:
+    world = World(make())
+    world.hunt()
+    world.vehicle.reboot(world.clock.now())
+    rebooted = world.clock.now()
+    kind, how = world.end(10.0)
+    assert kind == "failed"
+    assert "it was disarmed" in how or "rebooted" in how
+    let_go = world.clock.now()
+    world.pass_s(30)
+    assert world.orders(let_go) == []
+    assert {m.get_type() for m in world.orders(rebooted)} <= {"SET_POSITION_TARGET_LOCAL_NED"}
+
+
+def test_a_reboot_that_only_the_clock_shows_is_one_too() -> None:
+    world = World(ardupilot())
+    world.hunt()
+    world.between = without(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+    world.vehicle.reboot(world.clock.now())
+    kind, how = world.end(4.0)
+    assert (kind, how) == ("failed", "the autopilot has rebooted; the vehicle is left to its own failsafe")
+    let_go = world.clock.now()
+    world.pass_s(10)
+    assert world.orders(let_go) == []
+
+
+def test_an_autopilot_that_falls_silent_is_left_to_its_failsafe() -> None:
+    world = World(ardupilot())
+    world.hunt()
+    world.between = lambda data: b""
+    silent = world.clock.now()
+    kind, how = world.end()
+    assert (kind, how) == ("failed", "the autopilot is not heard any more; the vehicle is left to its own failsafe")
+    assert 4 < world.clock.now() - silent < 7
+    blind = [m for at, m in world.told if at > silent + 1.5 and m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+    assert {(m.vx, m.vy, m.vz) for m in blind} == {(0.0, 0.0, 0.0)}
+
+
+def test_an_autopilot_whose_link_is_lost_is_left_to_its_failsafe() -> None:
+    world = World(ardupilot())
+    world.hunt()
+    world._tasks.pop(0)
+    world.far.close()
+    kind, how = world.end(1.0)
+    lost = "memory:a: lost: closed by the far end"
+    assert (kind, how) == ("failed", f"{lost}; the vehicle is left to its own failsafe")
+
+
+def test_a_link_that_is_lost_before_anything_was_heard_is_none() -> None:
+    world = World(ardupilot())
+    world._tasks.pop(0)
+    world.far.close()
+    assert world.end(1.0) == ("no link", "memory:a: lost: closed by the far end")
+
+
+@BOTH
+def test_without_a_pose_it_hovers_and_then_lands(make: Callable[[], Any]) -> None:
+    world = World(make())
+    world.hunt()
+    world.between = without(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+    stopped = world.clock.now()
+    world.pass_s(3)
+    before = world.ned
+    world.pass_s(5)
+    assert world.ned == pytest.approx(before, abs=0.1)
+    kind, how = world.end()
+    assert kind == "failed"
+    assert how.startswith("no pose for 10 s: ")
+    (landed,) = {at for at, m in world.told if getattr(m, "command", None) == dialect.MAV_CMD_NAV_LAND} or {0.0}
+    assert 9 < landed - stopped < 13
+    assert (world.ned[2], world.armed) == (pytest.approx(0.0, abs=0.05), False)
+
+
+def test_a_take_off_that_is_never_reached_ends_on_the_ground() -> None:
+    vehicle = ardupilot()
+    vehicle._pilot.take_off = lambda height: False  # type: ignore[method-assign]
+    world = World(vehicle)
+    kind, how = world.end()
+    assert (kind, how) == ("failed", "it was disarmed; the mode is GUIDED; take-off: FAILED")
+    assert world.ned[2] == 0.0
+
+
+def test_a_place_that_jumps_away_ends_the_search() -> None:
+    world = World(ardupilot())
+    world.hunt()
+    parser, encoder = Parser(), Encoder(1, 1)
+
+    def jumped(data: bytes) -> bytes:
+        out = b""
+        for packet in parser.feed(data):
+            message: Any = parser.decode(packet)
+            if packet.msgid == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
+                message.lat += 50_000  # 556 m
+                out += encoder.pack(message)
+            else:
+                out += packet.raw
+        return out
+
+    world.between = jumped
+    assert world.end() == ("failed", "it is more than 100 m outside the area")
+    assert not world.armed
+
+
+class Broken(GoTo):
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        raise ZeroDivisionError("float division by zero")
+
+
+class Lost(GoTo):
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        return math.nan, 1.0
+
+
+def test_a_strategy_that_fails_does_not_take_the_vehicle_with_it() -> None:
+    world = World(ardupilot(), strategy=Broken)
+    assert world.end() == ("failed", "the strategy has failed: ZeroDivisionError('float division by zero')")
+    assert (world.ned[2], world.armed) == (pytest.approx(0.0, abs=0.05), False)
+
+
+def test_a_strategy_that_does_not_know_hovers_until_the_time_is_up() -> None:
+    world = World(ardupilot(), strategy=Lost, limit_s=20.0)
+    assert world.end() == ("not found", "not found in 20 s")
+    assert math.hypot(*world.ned[:2]) < 0.5
+    assert not world.armed
+
+
+def test_the_end_of_the_strips_lands() -> None:
+    world = World(ardupilot(), area=(0.0, 0.0, 12.0, 10.0), strip_width=10.0)
+    world.port.says = lambda now: encode(Frame(0, 1, (Channel(),)))
+    assert world.end() == ("not found", "no signal: all strips are flown")
+    assert world.ned == pytest.approx((12.0, 5.0, 0.0), abs=1.5)
+    assert "no signal: all strips are flown; landing" in world.said
+
+
+# -- broken off --------------------------------------------------------------------------------------------
+
+
+@BOTH
+@pytest.mark.parametrize("phase", ["climbing", "flying", "landing"])
+def test_broken_off_it_is_left_hovering(make: Callable[[], Any], phase: str) -> None:
+    world = World(make(), take_off=6.0, height=6.0, **({"patience_s": 3.0} if phase == "landing" else {}))
+    world.reach("climbing" if phase == "climbing" else "flying")
+    if phase == "landing":
+        world.port.says = lambda now: None
+        world.reach("landing")
+    world.pass_s(3)
+    world.client.stop()
+    assert world.end(3.0) == ("failed", INTERRUPTED)
+    stopped = world.clock.now()
+    world.pass_s(4)
+    before = world.ned
+    world.pass_s(20)
+    assert world.ned == pytest.approx(before, abs=0.1)
+    assert world.ned[2] < -1.0
+    assert world.armed
+    assert world.orders(stopped + 0.01) == []
+    vehicle = world.vehicle
+    assert vehicle.mode == HOLD if isinstance(vehicle, Px4) else vehicle._pilot.mode is Mode.GUIDED
+
+
+def test_broken_off_before_anything_was_armed_it_ends_at_once() -> None:
+    world = World(ardupilot(fix_after=1e6))
+    world.pass_s(5)
+    world.client.stop()
+    assert world.end(0.5) == ("failed", INTERRUPTED)
+    assert world.orders() == []
+
+
+def test_broken_off_while_it_arms_it_is_disarmed() -> None:
+    world = World(px4(healthy=False))
+    world.reach("arming")
+    world.client.stop()
+    assert world.end(3.0) == ("failed", INTERRUPTED)
+    assert (world.orders()[-1].command, world.orders()[-1].param1) == (dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0)
+
+
+# -- set-points --------------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_set_points_never_pause_while_they_steer(make: Callable[[], Any]) -> None:
+    world = World(make())
+    modes = []
+    world.until(lambda: modes.append(getattr(world.vehicle, "mode", None)) or world.client.outcome)
+    times = [at for at, m in world.told if m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
+    assert times[-1] - times[0] > 8
+    assert max(b - a for a, b in itertools.pairwise(times)) < 0.45
+    if isinstance(world.vehicle, Px4):
+        assert [mode for mode, _ in itertools.groupby(modes)].count(OFFBOARD) == 1

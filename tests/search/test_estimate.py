@@ -1,0 +1,166 @@
+"""The search by estimation: closed loops with the project's receiver, and frames written by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from world import fly
+
+from arva_hil.model import rotation
+from arva_hil.search.estimate import Estimate
+from arva_hil.search.strategy import STILL, Observation
+
+PAPER = [
+    "{id: 1, enu: [20, 5, 0]}",
+    "{id: 1, enu: [10, 0, 1]}",
+    "{id: 1, enu: [20, -20, -1]}",
+    "{id: 1, enu: [-6, 5, 0]}",
+]
+
+
+def frame(time_s: float, d_cm: int, delta_deg: int = 0, north: float = 0.0, east: float = 0.0) -> Observation:
+    return Observation(time_s, (north, east, -1.0), np.eye(3), d_cm, delta_deg, 0 < d_cm <= 300)
+
+
+def buried(seed: int, strength: float = 1.0) -> tuple[str, tuple[float, float]]:
+    """A transmitter at any attitude, and a start 28 m from it."""
+    rng = np.random.default_rng(seed)
+    roll, pitch, yaw = np.degrees(rotation.to_euler(rng.normal(size=4)))
+    pose = f"enu: [0, 0, {-rng.uniform(0, 2)}], attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}"
+    bearing = rng.uniform(0, 2 * math.pi)
+    return f"{{id: 1, {pose}, strength: {strength}}}", (28 * math.cos(bearing), 28 * math.sin(bearing))
+
+
+@pytest.mark.parametrize("transmitter", PAPER)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_cases_of_the_paper(transmitter: str, seed: int) -> None:
+    flight = fly(Estimate(1.0), transmitter, height_m=1 + 0.2 * seed, yaw=2.0 * seed, seed=seed)
+    assert flight.error_m < 0.3
+    assert flight.fastest <= 1.0 + 1e-9
+    assert flight.time_s < 45
+
+
+@pytest.mark.parametrize(("rate_hz", "speed"), [(0.5, 1.0), (5.0, 2.0), (50.0, 1.0)])
+def test_at_any_rate(rate_hz: float, speed: float) -> None:
+    flight = fly(Estimate(speed), PAPER[0], rate_hz=rate_hz, seed=1)
+    assert flight.error_m < 0.3
+    assert flight.fastest <= speed + 1e-9
+
+
+@pytest.mark.parametrize("strength", [0.6, 1.0, 1.6])
+@pytest.mark.parametrize("seed", range(4))
+def test_however_it_lies_buried_and_however_strong_it_is(seed: int, strength: float) -> None:
+    transmitter, start = buried(seed, strength)
+    flight = fly(Estimate(1.0), transmitter, start=start, seed=seed)
+    assert flight.error_m < 0.5
+    assert flight.time_s < 90
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_with_a_position_that_is_not_known_well(seed: int) -> None:
+    transmitter, start = buried(seed)
+    flight = fly(Estimate(1.0), transmitter, start=start, gps_m=0.3, seed=seed)
+    assert flight.error_m < 1
+    assert flight.found is not None
+    assert flight.found.covariance is not None
+    nn, ne, ee = flight.found.covariance
+    assert 0 < nn < 0.09
+    assert 0 < ee < 0.09
+    assert nn * ee > ne * ne
+
+
+def test_says_how_deep() -> None:
+    found = fly(Estimate(1.0), PAPER[2]).found
+    assert found is not None
+    assert found.down == pytest.approx(1.0, abs=0.3)
+
+
+def test_the_same_flight_again() -> None:
+    a, b = (fly(Estimate(1.0), PAPER[3], gps_m=0.3, seed=7) for _ in range(2))
+    assert (a.found, a.time_s) == (b.found, b.time_s)
+
+
+def test_before_the_first_signal_it_stays() -> None:
+    seeker = Estimate(1.0)
+    seeker.hear(frame(0.0, -1, -1))
+    assert seeker.velocity(0.5, (0.0, 0.0, -1.0)) == STILL
+
+
+def test_after_the_first_signal_it_follows_the_flux_line() -> None:
+    seeker = Estimate(1.0)
+    seeker.hear(frame(0.0, 2500, 40))
+    north, east = seeker.velocity(0.5, (0.0, 0.0, -1.0))
+    assert math.hypot(north, east) == pytest.approx(1.0)
+    assert abs(math.sin(math.atan2(east, north) - math.radians(40))) < 0.5
+
+
+def test_what_lies_behind_it_is_found_behind_it() -> None:
+    """The field is the same 28 m ahead and behind: which, only the way flown tells."""
+    for north in (28.0, -28.0):
+        found = fly(Estimate(1.0), f"{{id: 1, ned: [{north}, 0, 1]}}").found
+        assert found is not None
+        assert found.north == pytest.approx(north, abs=0.3)
+
+
+def test_goes_back_to_where_it_was_heard_best() -> None:
+    seeker = Estimate(1.0)
+    for k in range(3):
+        seeker.hear(frame(k, 4700 + 100 * k, 10, north=-k))
+    for k in range(3, 12):
+        seeker.hear(frame(k, -1, -1, north=-10.0 * k))
+    assert seeker.velocity(12.0, (-110.0, 0.0, -1.0)) == pytest.approx((1.0, 0.0), abs=0.1)
+
+
+def test_goes_to_what_it_has_found_and_stays_with_it() -> None:
+    seeker = Estimate(1.0)
+    found = fly(seeker, PAPER[1]).found
+    assert found is not None
+    for k in range(5):
+        seeker.hear(frame(1e3 + k, 4000, 50, north=30.0 + k))
+    assert seeker.found == found
+    assert seeker.velocity(1e3, (found.north + 5, found.east, -1.0)) == pytest.approx((-1.0, 0.0), abs=0.1)
+
+
+def test_a_position_that_is_not_a_number_is_passed_over() -> None:
+    seeker, clean = Estimate(1.0), Estimate(1.0)
+    for k in range(4):
+        for each in (seeker, clean):
+            each.hear(frame(k, 2500 - 90 * k, 20, north=k))
+        seeker.hear(frame(k + 0.5, 2500, 20, north=math.nan))
+    assert seeker.velocity(4.0, (3.0, 0.0, -1.0)) == clean.velocity(4.0, (3.0, 0.0, -1.0))
+
+
+NONSENSE = st.tuples(st.integers(-1, 65535), st.integers(-90, 90), st.floats(-100, 100), st.floats(-100, 100))
+
+
+@settings(max_examples=30)
+@given(st.lists(NONSENSE, min_size=1, max_size=25), st.floats(0.2, 10))
+def test_nonsense_is_survived(said: list[tuple[int, int, float, float]], speed: float) -> None:
+    seeker = Estimate(speed)
+    for k, (d_cm, delta_deg, north, east) in enumerate(said):
+        seeker.hear(frame(3.0 * k, d_cm, delta_deg, north, east))
+        velocity = seeker.velocity(3.0 * k, (north, east, -1.0))
+        assert math.hypot(*velocity) <= speed * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_blanks_and_outliers_are_survived(seed: int) -> None:
+    class Deaf(Estimate):
+        """Every fourth frame is blank, every ninth is another transmitter's."""
+
+        n = 0
+
+        def hear(self, observation: Observation) -> None:
+            self.n += 1
+            if self.n % 9 == 0:
+                observation = observation._replace(d_cm=1234, delta_deg=-70, inner=False)
+            elif self.n % 4 == 0:
+                observation = observation._replace(d_cm=-1, delta_deg=-1, inner=False)
+            super().hear(observation)
+
+    transmitter, start = buried(seed)
+    assert fly(Deaf(1.0), transmitter, start=start, seed=seed).error_m < 1

@@ -1,0 +1,114 @@
+"""Extremum seeking: closed loops with the project's receiver, and frames written by hand."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from world import fly
+
+from arva_hil.model import rotation
+from arva_hil.search.extremum import Extremum, minimum
+from arva_hil.search.strategy import STILL, Observation
+
+PAPER = [
+    "{id: 1, enu: [20, 5, 0]}",
+    "{id: 1, enu: [10, 0, 1]}",
+    "{id: 1, enu: [20, -20, -1]}",
+    "{id: 1, enu: [-6, 5, 0]}",
+]
+
+
+def frame(time_s: float, d_m: float, north: float = 0.0, east: float = 0.0) -> Observation:
+    """d_m 0: nothing is heard."""
+    return Observation(time_s, (north, east, -1.0), np.eye(3), round(100 * d_m) or -1, 0, 0 < d_m <= 3)
+
+
+@pytest.mark.parametrize("transmitter", PAPER)
+@pytest.mark.parametrize("seed", range(3))
+def test_the_cases_of_the_paper(transmitter: str, seed: int) -> None:
+    flight = fly(Extremum(1.0), transmitter, height_m=1 + 0.2 * seed, seed=seed)
+    assert flight.error_m < 1
+    assert flight.fastest <= 1.0 + 1e-9
+    assert flight.time_s < 250
+
+
+@pytest.mark.parametrize(("transmitter", "rate_hz"), [*product(PAPER, [0.5, 5]), (PAPER[3], 50)])
+def test_with_a_position_that_is_not_known_well_and_at_any_rate(transmitter: str, rate_hz: float) -> None:
+    assert fly(Extremum(1.0), transmitter, gps_m=0.3, rate_hz=rate_hz, seed=1).error_m < 2
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_however_it_lies_buried(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    roll, pitch, yaw = np.degrees(rotation.to_euler(rng.normal(size=4)))
+    pose = f"enu: [0, 0, {-rng.uniform(0, 2)}], attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}"
+    bearing = rng.uniform(0, 2 * math.pi)
+    start = 28 * math.cos(bearing), 28 * math.sin(bearing)
+    flight = fly(Extremum(2.0), f"{{id: 1, {pose}}}", start=start, seed=seed)
+    assert flight.error_m < 2
+    assert flight.fastest <= 2.0 + 1e-9
+
+
+def test_needs_no_direction() -> None:
+    """Where the receiver's nose points makes no difference while it is level."""
+    a, b = (fly(Extremum(1.0), PAPER[0], yaw=yaw) for yaw in (0.0, 2.0))
+    assert a.error_m == pytest.approx(b.error_m, abs=0.3)
+
+
+def test_the_same_flight_again() -> None:
+    a, b = (fly(Extremum(1.0), PAPER[3], gps_m=0.3, seed=7) for _ in range(2))
+    assert (a.found, a.time_s) == (b.found, b.time_s)
+
+
+def test_before_the_first_signal_it_stays() -> None:
+    seeker = Extremum(1.0)
+    seeker.hear(frame(0.0, 0))
+    assert seeker.velocity(5.0, (0.0, 0.0, -1.0)) == STILL
+
+
+@given(st.floats(-100, 100), st.floats(-100, 100), st.floats(0, 30), st.floats(0.2, 10))
+def test_never_too_fast(north: float, east: float, late_s: float, speed: float) -> None:
+    seeker = Extremum(speed)
+    for k in range(30):
+        seeker.hear(frame(k, 20 + math.sin(k), north=math.cos(k), east=math.sin(k)))
+    assert math.hypot(*seeker.velocity(29 + late_s, (north, east, -1.0))) <= speed * (1 + 1e-9)
+
+
+def test_goes_back_to_where_it_was_heard_best() -> None:
+    seeker = Extremum(1.0)
+    for k, d in enumerate([30, 29, 31, 20, 45]):
+        seeker.hear(frame(k, d, north=40.0 * k))
+    for k in range(5, 12):
+        seeker.hear(frame(k, 0, north=120.0, east=200.0))
+    assert seeker.velocity(11.0, (120.0, 200.0, -1.0)) == pytest.approx((0.0, -1.0), abs=0.05)
+
+
+def test_no_false_minimum_holds_it() -> None:
+    """It lies level and two metres deep: d is least above it and, less so, 3.7 m north and south of that."""
+    flight = fly(Extremum(1.0), "{id: 1, enu: [0, 0, -2]}", start=(-28.0, 0.0))
+    assert flight.error_m < 1
+
+
+def test_goes_to_what_it_has_found() -> None:
+    seeker = Extremum(1.0)
+    found = fly(seeker, PAPER[1]).found
+    assert found is not None
+    assert seeker.velocity(1e3, (found.north + 5, found.east, -1.0)) == pytest.approx((-1.0, 0.0))
+
+
+@given(st.floats(-1, 1), st.floats(-1, 1), st.floats(1, 3), st.floats(0, 6.3))
+def test_sees_the_minimum_from_a_circle_round_it(north: float, east: float, least: float, start: float) -> None:
+    heard: deque[tuple[float, float, float, float]] = deque()
+    for k in range(24):
+        n, e = 2 * math.cos(start + k * math.pi / 12), 2 * math.sin(start + k * math.pi / 12)
+        heard.append((k * math.pi / 12, n, e, 1 / math.hypot(n - north, e - east, least)))
+    n, e, d = minimum(heard)
+    off = math.hypot(north, east)
+    assert math.hypot(n - north, e - east) <= 0.3 * off + 1e-9
+    assert 1 / max(near for *_, near in heard) - 1e-9 <= d <= 1 / min(near for *_, near in heard) + 1e-9

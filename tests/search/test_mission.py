@@ -1,0 +1,341 @@
+"""A search from the end of the take-off on: whom it goes for, when it hovers, how it ends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from arva_hil.search.mission import FOUND, NO_ID, Mission, Plan
+from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity
+from firmware_proto import INNER, MID, Channel, Frame
+
+LEVEL = np.eye(3)
+AT: Position = (3.0, 4.0, -1.0)
+NORTH: Velocity = (0.5, 0.0)
+
+
+class Scripted:
+    """A strategy that remembers what it was told and says what a test wants. `made`: all of a test, in order."""
+
+    made: list[Scripted]
+    says: Any = NORTH
+    finds: Found | None = None
+
+    def __init__(self, speed: float) -> None:
+        self.speed = speed
+        self.heard: list[Observation] = []
+        self.made.append(self)
+
+    @property
+    def found(self) -> Found | None:
+        return self.finds
+
+    def hear(self, observation: Observation) -> None:
+        self.heard.append(observation)
+
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        return self.says
+
+
+@pytest.fixture
+def strategy() -> type[Scripted]:
+    return type("Fresh", (Scripted,), {"made": []})
+
+
+def mission(strategy: Callable[[float], Any], **options: Any) -> Mission:
+    return Mission(Plan(strategy, **options), 100.0, (0.0, 0.0, -2.0))
+
+
+def frame(*channels: Channel) -> Frame:
+    return Frame(0, 1, channels or (Channel(),))
+
+
+def beacon(id_: int | None, d_m: float, delta: int = 0, zone: int = MID) -> Channel:
+    return Channel(id_, zone, round(d_m * 100), delta)
+
+
+def said(mission: Mission) -> list[tuple[str, str]]:
+    return [(notice.level, notice.text) for notice in mission.take_notices()]
+
+
+def heard(mission: Mission, *channels: Channel, at_s: float, position: Position = AT) -> Velocity:
+    """A frame, and what is then flown, horizontally."""
+    mission.hear(frame(*channels), at_s, position, LEVEL)
+    north, east, _ = mission.fly(at_s, position)
+    return north, east
+
+
+# -- before the first signal -------------------------------------------------------------------------------
+
+
+def test_strips_are_flown_until_something_is_heard(strategy: type[Scripted]) -> None:
+    m = mission(strategy, area=(-50, -50, 50, 50))
+    north, east = heard(m, at_s=101.0, position=(0.0, 0.0, -2.0))
+    assert math.hypot(north, east) == pytest.approx(1.0)
+    assert not m.hunting
+    assert heard(m, beacon(5, 30), at_s=102.0) == NORTH
+    assert m.hunting
+    assert m.target == 5
+    assert [made.speed for made in strategy.made] == [1.0]
+
+
+def test_the_end_of_the_strips_is_the_end_and_says_so(strategy: type[Scripted]) -> None:
+    m = mission(strategy, area=(0, 0, 20, 10), strip_width=10)
+    position, now = (0.0, 0.0, -1.0), 100.0
+    while not m.ended:
+        now += 0.5
+        north, east = heard(m, at_s=now, position=position)
+        position = position[0] + north * 0.5, position[1] + east * 0.5, -1.0
+        assert now < 200
+    assert (m.ended, m.broken, m.found) == ("no signal: all strips are flown", False, None)
+    assert m.path_m == pytest.approx(25, abs=3)
+    assert m.searched_s == pytest.approx(now - 100)
+    assert heard(m, at_s=now + 1, position=position) == STILL
+
+
+# -- whom it goes for --------------------------------------------------------------------------------------
+
+
+def test_a_strategy_is_told_what_the_frames_say_of_its_transmitter_and_where(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    turned = np.diag([1.0, -1.0, -1.0])
+    m.hear(frame(beacon(7, 12.34, -15), beacon(3, 40)), 101.0, AT, turned)
+    m.hear(frame(beacon(7, 2.5, 3, INNER), beacon(3, 40)), 102.0, (1.0, 2.0, 3.0), LEVEL)
+    m.hear(frame(beacon(3, 40)), 103.0, AT, LEVEL)
+    (only,) = strategy.made
+    assert only.heard == [
+        Observation(101.0, AT, turned, 1234, -15, False),
+        Observation(102.0, (1.0, 2.0, 3.0), LEVEL, 250, 3, True),
+        Observation(103.0, AT, LEVEL, -1, -1, False),
+    ]
+    assert [o.heard for o in only.heard] == [True, True, False]
+
+
+def test_it_goes_for_the_nearest_and_not_for_another_at_each_whim(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    heard(m, beacon(1, 30), beacon(2, 20), at_s=101.0)
+    assert m.target == 2
+    heard(m, beacon(1, 15), beacon(2, 20), at_s=102.0)
+    assert m.target == 2
+    heard(m, beacon(1, 13), beacon(2, 20), at_s=103.0)
+    assert m.target == 1
+    heard(m, beacon(1, 13), beacon(2, 10), at_s=104.0)
+    assert m.target == 1
+    assert len(strategy.made) == 2
+    assert [text for _, text in said(m)] == [
+        "transmitter 2 is heard, 20.0 m away, at 3.0 m north, 4.0 m east of the take-off point",
+        "transmitter 1 is heard, 30.0 m away, at 3.0 m north, 4.0 m east of the take-off point",
+        "going for transmitter 2, 20.0 m away",
+        "going for transmitter 1, 13.0 m away",
+    ]
+
+
+def test_a_new_strategy_is_told_all_that_was_heard_of_its_transmitter(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    for n, d in enumerate([40, 30, 20, 10]):
+        heard(m, beacon(1, 35), beacon(2, d), at_s=101.0 + n)
+    first, second = strategy.made
+    assert [o.d_cm for o in first.heard] == [3500, 3500]
+    assert [o.d_cm for o in second.heard] == [4000, 3000, 2000, 1000]
+
+
+def test_no_more_is_remembered_than_has_to_be(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    for n in range(1000):
+        heard(m, *(beacon((n + k) % 250, 20) for k in range(4)), at_s=101.0 + n)
+    assert len(m.heard) == 16
+    assert all(len(h.past) <= 256 for h in m.heard.values())
+
+
+def test_frames_without_numbers_are_of_one_transmitter_the_nearest(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    heard(m, beacon(None, 9, 10), beacon(None, 30, 20), at_s=101.0)
+    heard(m, beacon(None, 31, 20), beacon(None, 8, 11), at_s=102.0)
+    assert m.target == NO_ID
+    assert [(o.d_cm, o.delta_deg) for o in strategy.made[0].heard] == [(900, 10), (800, 11)]
+    assert "going for transmitter without a number, 9.0 m away" in dict(map(reversed, said(m)))  # type: ignore[arg-type]
+
+
+def test_two_frames_at_once_are_two(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    m.hear(frame(beacon(1, 20)), 101.0, AT, LEVEL)
+    m.hear(frame(beacon(2, 40)), 101.0, AT, LEVEL)
+    assert [o.d_cm for o in strategy.made[0].heard] == [2000, -1]
+
+
+def test_a_transmitter_that_is_heard_no_more_is_looked_for_in_strips(strategy: type[Scripted]) -> None:
+    m = mission(strategy, limit_s=1e9)
+    heard(m, beacon(1, 20), at_s=101.0)
+    for now in range(102, 162):
+        assert heard(m, at_s=float(now)) == NORTH
+    assert heard(m, at_s=162.0) != NORTH
+    assert not m.hunting
+    assert ("warning", "transmitter 1 is not heard any more: back to the strips") in said(m)
+    assert heard(m, beacon(2, 50), at_s=163.0) == NORTH
+    assert m.target == 2
+
+
+def test_the_other_victim_is_reported_with_its_nearest_place(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    heard(m, beacon(1, 20), beacon(2, 40), at_s=101.0, position=(1.0, 1.0, -1.0))
+    heard(m, beacon(1, 10), beacon(2, 35), at_s=102.0, position=(2.0, 2.0, -1.0))
+    heard(m, beacon(1, 10), beacon(2, 45), at_s=103.0, position=(3.0, 3.0, -1.0))
+    assert set(m.others) == {1, 2}  # while none is found
+    strategy.finds = Found(5.0, 6.0)
+    heard(m, beacon(1, 5), beacon(2, 50), at_s=104.0, position=(5.0, 6.0, -1.0))
+    assert (m.ended, m.target, m.found) == (FOUND, 1, Found(5.0, 6.0))
+    ((id_, other),) = m.others.items()
+    assert (id_, other.nearest_m, other.nearest_at) == (2, 35.0, (2.0, 2.0))
+    heard(m, beacon(2, 30), at_s=105.0, position=(4.0, 4.0, -1.0))  # on the way down
+    assert m.others[2].nearest_m == 30.0
+    assert m.searched_s == pytest.approx(4.0)
+
+
+def test_frames_that_hear_nothing_are_no_signal(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    nothing = [Channel(), Channel(4, MID, 0, 0), Channel(5, MID, -1, -1), Channel(6, MID, -500, 10)]
+    heard(m, *nothing, at_s=101.0)
+    assert (m.target, m.heard, m.frames) == (None, {}, 1)
+
+
+# -- frames stop -------------------------------------------------------------------------------------------
+
+
+def test_without_frames_it_hovers_and_goes_on_when_they_are_back(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    heard(m, beacon(1, 20), at_s=101.0)
+    said(m)
+    assert m.fly(103.0, AT)[:2] == NORTH
+    for now in (103.1, 105.0, 110.9):
+        assert m.fly(now, AT)[:2] == STILL
+    assert said(m) == [("warning", "no frame for 2 s: hovering")]
+    assert heard(m, beacon(1, 20), at_s=110.95) == NORTH
+    assert said(m) == [("info", "frames are back: the search goes on")]
+    assert not m.ended
+
+
+@pytest.mark.parametrize("patience", [1.0, 10.0, 60.0])
+def test_without_frames_for_long_it_ends(strategy: type[Scripted], patience: float) -> None:
+    m = mission(strategy, patience_s=patience)
+    m.fly(100.0 + patience, AT)
+    assert not m.ended
+    m.fly(100.1 + patience, AT)
+    assert (m.ended, m.broken) == (f"no frame from the receiver for {patience:g} s", True)
+
+
+# -- other ends --------------------------------------------------------------------------------------------
+
+
+def test_the_time_is_limited(strategy: type[Scripted]) -> None:
+    m = mission(strategy, limit_s=50)
+    assert heard(m, beacon(1, 20), at_s=150.0) == NORTH
+    assert heard(m, beacon(1, 20), at_s=150.1) == STILL
+    assert (m.ended, m.broken, m.found) == ("not found in 50 s", False, None)
+
+
+@pytest.mark.parametrize("position", [(151, 0, -1), (-151, 0, -1), (0, 251, -1), (0, -101, -1), (math.nan, 0, -1)])
+def test_far_outside_its_area_is_no_place_for_a_search(strategy: type[Scripted], position: Position) -> None:
+    m = mission(strategy, area=(-50, 20, 50, 150))  # and the take-off point is inside
+    assert heard(m, beacon(1, 20), at_s=101.0, position=(149, -99, -1)) == NORTH
+    assert heard(m, beacon(1, 20), at_s=102.0, position=position) == STILL
+    assert (m.ended, m.broken) == ("it is more than 100 m outside the area", True)
+
+
+@pytest.mark.parametrize("found", [Found(math.nan, 0.0), Found(0.0, math.inf)])
+def test_a_place_that_is_no_number_is_not_found(strategy: type[Scripted], found: Found) -> None:
+    m = mission(strategy)
+    strategy.finds = found
+    assert heard(m, beacon(1, 20), at_s=101.0) == NORTH
+    assert (m.ended, m.found) == ("", None)
+
+
+@pytest.mark.parametrize("down", [math.nan, math.inf])
+@pytest.mark.parametrize("covariance", [(math.nan, 0, 1), (1, math.inf, 1), (-1, 0, 1), (1, 0, -1)])
+def test_what_else_is_no_number_is_not_told(strategy: type[Scripted], down: float, covariance: Any) -> None:
+    m = mission(strategy)
+    strategy.finds = Found(1.0, 2.0, down, covariance)
+    heard(m, beacon(1, 20), at_s=101.0)
+    assert m.found == Found(1.0, 2.0)
+    strategy.finds = Found(1.0, 2.0, 3.0, (4.0, -1.0, 9.0))
+    m = mission(strategy)
+    heard(m, beacon(1, 20), at_s=101.0)
+    assert m.found == strategy.finds
+    assert m.found.sigma == pytest.approx(3.03, abs=0.01)
+
+
+# -- whatever a strategy says ------------------------------------------------------------------------------
+
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(ANY, ANY, st.floats(0.2, 10))
+def test_what_is_flown_is_finite_and_not_faster_than_planned(north: float, east: float, speed: float) -> None:
+    fresh = type("Fresh", (Scripted,), {"made": [], "says": (north, east)})
+    m = mission(fresh, speed=speed)
+    flown = heard(m, beacon(1, 20), at_s=101.0)
+    assert math.hypot(*flown) <= speed * (1 + 1e-9)
+    if not math.isfinite(math.hypot(north, east)):
+        assert flown == STILL
+    elif math.hypot(north, east) <= speed:
+        assert flown == (north, east)
+
+
+@pytest.mark.parametrize("where", ["__init__", "hear", "velocity", "found"])
+def test_a_strategy_that_fails_ends_the_search_and_not_the_flight(strategy: type[Scripted], where: str) -> None:
+    def fail(*_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    m = mission(strategy)
+    setattr(strategy, where, property(fail) if where == "found" else fail)
+    assert heard(m, beacon(1, 20), at_s=101.0) == STILL
+    assert (m.ended, m.broken) == ("the strategy has failed: LinAlgError('Singular matrix')", True)
+    assert heard(m, beacon(1, 20), at_s=102.0) == STILL
+
+
+@given(st.floats(-1000, 1000), st.floats(0.3, 100))
+def test_the_height_is_held(height: float, wanted: float) -> None:
+    m = mission(Scripted, height=wanted)
+    down = m.fly(100.1, (0.0, 0.0, -height))[2]
+    assert abs(down) <= 1.0
+    assert down == pytest.approx(max(-1.0, min(1.0, height - wanted)), abs=1e-9)
+
+
+@given(st.lists(st.tuples(st.floats(0, 300), st.booleans(), st.integers(-5, 6000)), max_size=30))
+def test_time_may_go_anywhere(steps: list[tuple[float, bool, int]]) -> None:
+    fresh = type("Fresh", (Scripted,), {"made": []})
+    m = mission(fresh)
+    for now, comes, d_cm in steps:
+        if comes:
+            m.hear(frame(Channel(1, MID, d_cm, 0)), now, AT, LEVEL)
+        flown = m.fly(now, AT)
+        assert math.hypot(*flown[:2]) <= 1.0 + 1e-9
+        assert m.ended == "" or flown[:2] == STILL
+
+
+# -- the place found ---------------------------------------------------------------------------------------
+
+
+def test_it_ends_above_the_place_found_wherever_that_was_found_from(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    strategy.finds = Found(3.0, 4.0)
+    assert heard(m, beacon(1, 5), at_s=101.0, position=(0.0, 0.0, -1.0)) == pytest.approx((0.6, 0.8))
+    assert m.ended == ""
+    assert m.fly(104.0, (2.0, 2.5, -1.0))[:2] != STILL  # without a frame: it is known where to
+    assert m.fly(105.5, (2.8, 3.7, -1.0))[:2] == STILL
+    assert (m.ended, m.searched_s) == (FOUND, 5.5)
+
+
+def test_a_place_found_that_is_not_reached_ends_at_the_limit(strategy: type[Scripted]) -> None:
+    m = mission(strategy, limit_s=10)
+    strategy.finds = Found(30.0, 40.0)
+    heard(m, beacon(1, 5), at_s=101.0, position=(0.0, 0.0, -1.0))
+    m.fly(109.0, (0.0, 0.0, -1.0))
+    assert m.ended == ""
+    m.fly(110.5, (0.0, 0.0, -1.0))
+    assert m.ended == FOUND

@@ -1,0 +1,59 @@
+"""The receiver as a search has it: what came, and what there is to say when nothing does."""
+
+from __future__ import annotations
+
+import pytest
+
+from arva_hil.links import memory
+from arva_hil.search.receiver import Receiver
+from firmware_proto import DECODERS, Channel, Frame, encode, encode_nmea
+
+FRAME = Frame(3, 1, (Channel(1, 1, 1234, -15),))
+
+
+def test_frames_are_read_as_they_come() -> None:
+    near, far = memory.pair()
+    receiver = Receiver(near, DECODERS["binary"]())
+    assert receiver.silent(100.0)
+    far.write(encode(FRAME)[:7])
+    assert receiver.read(100.0) == []
+    far.write(encode(FRAME)[7:] + encode(FRAME))
+    assert receiver.read(100.01) == [FRAME, FRAME]
+    assert receiver.last == FRAME
+    assert not receiver.silent(102.0)
+    assert receiver.silent(102.1)
+
+
+@pytest.mark.parametrize(
+    ("came", "why"),
+    [
+        (b"", "nothing came at all"),
+        (b"\x00", r"bytes came that are none, first b'\x00': is the format right, and the baud rate?"),
+        (encode_nmea(FRAME), "bytes came that are none, first b'$PARVA,3,1,1,1,1': is the format right"),
+        (encode(FRAME), "the last one came 60 s ago"),
+    ],
+)
+def test_silence_is_explained(came: bytes, why: str) -> None:
+    near, far = memory.pair()
+    receiver = Receiver(near, DECODERS["binary"]())
+    for byte in came:
+        far.write(bytes([byte]))
+        receiver.read(0.0)
+    assert receiver.why_silent(60.0).startswith("no frame from the receiver at memory:a: ")
+    assert why in receiver.why_silent(60.0)
+
+
+def test_one_that_is_unplugged_is_silent_and_says_so_once() -> None:
+    near, far = memory.pair()
+    receiver = Receiver(near, DECODERS["binary"]())
+    far.write(encode(FRAME))
+    far.close()
+    assert receiver.read(0.0) == [FRAME]
+    for now in (1.0, 2.0, 3.0):
+        assert receiver.read(now) == []
+    assert [text for _, text in receiver.take_notices()] == [
+        "the receiver is gone: memory:a: lost: closed by the far end"
+    ]
+    assert receiver.take_notices() == []
+    assert not receiver.links
+    assert receiver.silent(3.0)

@@ -1,0 +1,74 @@
+"""A small world to search in: the project's own receiver on a point that follows velocities, and its frames."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil import scene
+from arva_hil.model import Zone, rotation
+from arva_hil.scenario import parse
+from arva_hil.search.strategy import Found, Observation, Position, Strategy
+
+LAG_S = 0.3  # of the point's velocity
+STEP_S = 0.1
+
+
+class Flight(NamedTuple):
+    """What came of a search. `error_m`, horizontally, from the first transmitter; inf where nothing is found."""
+
+    found: Found | None
+    error_m: float
+    time_s: float
+    fastest: float  # velocity asked for, m/s
+    heard: list[Observation]
+
+
+def fly(
+    strategy: Strategy,
+    *transmitters: str,
+    start: tuple[float, float] = (0.0, 0.0),
+    height_m: float = 1.0,
+    yaw: float = 0.0,
+    rate_hz: float = 1.0,
+    gps_m: float = 0.0,
+    seed: int = 0,
+    limit_s: float = 600.0,
+) -> Flight:
+    """Search from `start`, NED, for the first of the transmitters, "{id: 1, enu: [20, 5, 0]}" as in a scenario file.
+
+    `gps_m`: sigma on each axis of the position that the strategy is told.
+    """
+    world = parse(f"spec: 1\nseed: {seed}\ntransmitters: [{', '.join(transmitters)}]\n", "world")
+    receiver = scene.receiver(world)
+    rng = random.Random(seed)
+    R = rotation.to_matrix(rotation.from_euler(0.0, 0.0, yaw))
+    place, velocity = np.array([*start, -height_m]), np.zeros(2)
+    steps = math.ceil(1 / rate_hz / STEP_S)
+    dt = 1 / rate_hz / steps
+    heard: list[Observation] = []
+    fastest = now = 0.0
+    while now < limit_s and strategy.found is None:
+        slot = next(c for c in receiver.read(place, R).channels if c.id in (world.transmitters[0].id, None))
+        told = place + [rng.gauss(0, gps_m) for _ in place]
+        heard.append(Observation(now, _tuple(told), R, slot.d_cm, slot.delta_deg, slot.zone == Zone.INNER))
+        strategy.hear(heard[-1])
+        for _ in range(steps):
+            wanted = strategy.velocity(now, _tuple(told))
+            fastest = max(fastest, math.hypot(*wanted))
+            velocity += (np.array(wanted) - velocity) * min(1.0, dt / LAG_S)
+            place[:2] += velocity * dt
+            told[:2] += velocity * dt
+            now += dt
+    found, target = strategy.found, receiver.transmitters.positions[0]
+    error = math.inf if found is None else math.hypot(found.north - target[0], found.east - target[1])
+    return Flight(found, error, now, fastest, heard)
+
+
+def _tuple(place: NDArray[np.float64]) -> Position:
+    north, east, down = place.tolist()
+    return north, east, down
