@@ -17,7 +17,9 @@ from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 COMMANDS: Final = {
     "run": "emulate the receiver: autopilot in, frames out (the default command)",
     "replay": "the same from a recorded flight (.tlog), as fast as wanted",
-    "demo": "a simulated vehicle flies past a transmitter; no hardware",
+    "demo": "a simulated vehicle searches for a transmitter and finds it; no hardware",
+    "search": "find the victim: reads the receiver's port, flies the autopilot",
+    "campaign": "fly a plan of many trials and compare the strategies",
     "listen": "decode and print frames, like a consumer",
     "check": "validate scenario files",
     "ports": "what is plugged in",

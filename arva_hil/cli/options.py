@@ -111,10 +111,14 @@ def add_scenario(parser: Parser) -> None:
     parser.option("--seed", type=whole(int(SEED.low), int(SEED.high)), metavar="N", help="of the noise")
 
 
-def add_vehicle(parser: Parser) -> None:
+def add_target(parser: Parser) -> None:
     """Options that say which vehicle is followed."""
     parser.option("--target-system", type=whole(1, 255), metavar="N", help="follow only this MAVLink system id")
     parser.option("--target-component", type=whole(1, 255), metavar="N", help="… and component id; default 1")
+
+
+def add_max_age(parser: Parser) -> None:
+    """How old a pose may be."""
     parser.option(
         "--max-age", type=number(0.05, 60, " of s"), default=2.0, metavar="S", help="older poses are no pose; default 2"
     )

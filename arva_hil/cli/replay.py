@@ -36,7 +36,8 @@ def add_options(parser: opt.Parser) -> None:
     parser.option("--out", metavar="FILE", help="write the frames to a file; - is stdout")
     parser.option("--speed", type=opt.speed, metavar="N|max", help="times real time; default 1 with --port, else max")
     opt.add_scenario(parser)
-    opt.add_vehicle(parser)
+    opt.add_target(parser)
+    opt.add_max_age(parser)
     opt.add_common(parser)
 
 

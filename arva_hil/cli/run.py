@@ -35,7 +35,8 @@ def add_options(parser: opt.Parser) -> None:
         help=f"where the autopilot is; default: the one on USB, else {DEFAULT_AUTOPILOT}",
     )
     opt.add_scenario(parser)
-    opt.add_vehicle(parser)
+    opt.add_target(parser)
+    opt.add_max_age(parser)
     parser.option(
         "--stream-rate",
         type=opt.number(1, 200, " of Hz"),

@@ -43,14 +43,17 @@ class Printer(Observer):
             self.say(f"{snapshot.frame.sequence:3d} {text.reading(snapshot.frame.channels)}")
 
     def status(self, status: Status) -> None:
-        if not self._status:
-            return
+        if self._status:
+            self.show(status.time_s, status_line(status))
+
+    def show(self, time_s: float, line: str) -> None:
+        """The status as it is at `time_s`."""
         if self._live:
-            self._shown = status_line(status)[: _columns(self._stream) - 1]
+            self._shown = line[: _columns(self._stream) - 1]
             self._write(_CLEAR + self._shown)
-        elif status.time_s >= self._next_plain:
-            self._next_plain = status.time_s + _PLAIN_S
-            self._write(status_line(status) + "\n")
+        elif time_s >= self._next_plain:
+            self._next_plain = time_s + _PLAIN_S
+            self._write(line + "\n")
 
     def say(self, line: str) -> None:
         """One line that stays."""

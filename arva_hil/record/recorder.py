@@ -47,7 +47,7 @@ class Recorder(Observer):
             self._files = {name: (folder / name).open("wb") for name in FILES[:-1]}
             (folder / RUN).touch()
         except OSError as error:
-            raise RecordError(_why(folder, error)) from None
+            raise RecordError(why(folder, error)) from None
         self._pending: dict[str, bytearray] = {name: bytearray() for name in self._files}
         self._pending[READINGS] += (",".join(COLUMNS) + "\n").encode()
         self._background = Background("record")
@@ -56,7 +56,7 @@ class Recorder(Observer):
     def error(self) -> str:
         """Why recording has stopped, "" while it goes on."""
         if self._background.error is not None:
-            return _why(self._folder, self._background.error)
+            return why(self._folder, self._background.error)
         if self._background.refused:
             return f"{self._folder}: the disk is too slow, the record has {self._background.refused} gaps"
         return ""
@@ -85,7 +85,7 @@ class Recorder(Observer):
         try:
             (self._folder / RUN).write_text(json.dumps(run, indent=2) + "\n")
         except OSError as error:
-            raise RecordError(_why(self._folder, error)) from None
+            raise RecordError(why(self._folder, error)) from None
         if self.error:
             raise RecordError(self.error)
         if not finished:
@@ -123,7 +123,8 @@ def _writing(file: BinaryIO, data: bytes | bytearray) -> Callable[[], None]:
     return write
 
 
-def _why(folder: Path, error: Exception) -> str:
+def why(folder: Path, error: Exception) -> str:
+    """What went wrong with a record, for a person."""
     if isinstance(error, OSError):
         where = error.filename or folder
         return f"{where}: cannot record: {error.strerror or error}"

@@ -57,9 +57,9 @@ class Program:
     def send(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
-    def ends(self) -> int:
+    def ends(self, within_s: float = DEADLINE_S) -> int:
         """Wait for its end; the exit code. Whatever happens, no command ends in a traceback."""
-        while self.process.stderr and self._listen():
+        while self.process.stderr and self._listen(within_s):
             pass
         code = self.process.wait(DEADLINE_S)
         assert "Traceback" not in self.err
@@ -73,11 +73,11 @@ class Program:
             self.process.stderr.close()
         self._out.close()
 
-    def _listen(self) -> bool:
+    def _listen(self, within_s: float = DEADLINE_S) -> bool:
         """Take what comes; False at the end."""
         assert self.process.stderr is not None
         fd = self.process.stderr.fileno()
-        assert select.select([fd], [], [], DEADLINE_S)[0], f"the deadline passed after:\n{self.err}"
+        assert select.select([fd], [], [], within_s)[0], f"the deadline passed after:\n{self.err}"
         chunk = os.read(fd, 65536)
         self.err += chunk.decode()
         return bool(chunk)

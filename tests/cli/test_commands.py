@@ -1,4 +1,4 @@
-"""The smaller commands: demo, listen, check, ports, help."""
+"""The smaller commands: listen, check, ports, help."""
 
 from __future__ import annotations
 
@@ -28,42 +28,6 @@ FRAMES = [Frame(n, 1, (Channel(7, 1, 1234 + n, -15), Channel())) for n in range(
 
 Start = Callable[..., Program]
 Arva = Callable[..., Any]
-
-
-# -- demo --------------------------------------------------------------------------------------------------
-
-
-def nearest_cm(err: str) -> int:
-    return int(re.search(r"at the nearest (\d+) cm", err)[1])  # type: ignore[index]
-
-
-@pytest.mark.parametrize("form", ["binary", "nmea"])
-def test_the_demo_flies_past_the_transmitter(arva: Arva, form: str, tmp_path: Path) -> None:
-    code, _, err = arva("demo", "--speed", "max", "--format", form, "--record", tmp_path)
-    assert code == 0
-    assert nearest_cm(err) < 300
-    assert json.loads((tmp_path / "run.json").read_bytes())["ended"] == "finished"
-
-
-def test_the_demo_at_full_speed_is_repeatable(arva: Arva, tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        assert arva("demo", "--speed", "max", "--record", tmp_path / name).code == 0
-    assert (tmp_path / "a" / "frames.bin").read_bytes() == (tmp_path / "b" / "frames.bin").read_bytes()
-
-
-def test_the_demo_runs_over_real_terminals(start: Start) -> None:
-    program = start("demo", "--speed", 8, "--headless")
-    program.says(r"vehicle at /dev/\S+, frames at /dev/\S+")
-    assert program.ends() == 0
-    assert nearest_cm(program.err) < 300
-    assert "(0 lost, 0 bad)" in program.err
-
-
-def test_the_demo_has_a_port_and_no_use_for_frames_inside_mavlink(arva: Arva) -> None:
-    code, _, err = arva("demo", "--speed", "max", "--format", "tunnel")
-    assert code == 2
-    assert "--format tunnel" in err
-    assert "choose binary, nmea or text" in err
 
 
 # -- listen ------------------------------------------------------------------------------------------------
@@ -114,14 +78,6 @@ def test_listen_can_be_interrupted(start: Start, line: PtyLink, number: signal.S
     assert "5 frames, 0 lost" in program.err
 
 
-def test_the_demo_can_be_interrupted(start: Start) -> None:
-    program = start("demo", "--headless")
-    program.says("there is a pose")
-    program.send(signal.SIGINT)
-    assert program.ends() == 130
-    assert "the consumer read" in program.err
-
-
 # -- check, ports, help ------------------------------------------------------------------------------------
 
 
@@ -160,11 +116,11 @@ def test_ports_lists_what_there_is(arva: Arva) -> None:
 def test_help_names_every_command(arva: Arva, arguments: list[str]) -> None:
     code, out, err = arva(*arguments)
     assert (code, err) == (0, "")
-    for command in ("run", "replay", "demo", "listen", "check", "ports"):
+    for command in ("run", "replay", "demo", "search", "campaign", "listen", "check", "ports"):
         assert re.search(rf"^  {command} ", out, re.MULTILINE)
 
 
-@pytest.mark.parametrize("command", ["run", "replay", "demo", "listen", "check", "ports"])
+@pytest.mark.parametrize("command", ["run", "replay", "demo", "search", "campaign", "listen", "check", "ports"])
 def test_every_command_has_help(arva: Arva, command: str) -> None:
     code, out, err = arva(command, "--help")
     assert (code, err) == (0, "")

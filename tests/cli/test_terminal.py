@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import fcntl
 import os
 import re
@@ -32,6 +33,7 @@ class Terminal:
 
     def __init__(self, columns: int) -> None:
         self.shown = ""
+        self._decoder = codecs.getincrementaldecoder("utf-8")()
         self._master, self.slave = os.openpty()
         fcntl.ioctl(self.slave, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
 
@@ -40,13 +42,13 @@ class Terminal:
         while not (found := re.search(pattern, self.shown)):
             left = max(end - time.monotonic(), 0)
             assert select.select([self._master], [], [], left)[0], f"{pattern!r} is not in:\n{self.shown!r}"
-            self.shown += os.read(self._master, 65536).decode()
+            self.shown += self._decoder.decode(os.read(self._master, 65536))
         return found
 
     def rest(self) -> str:
         end = time.monotonic() + DEADLINE_S
         while select.select([self._master], [], [], 0)[0] and time.monotonic() < end:
-            self.shown += os.read(self._master, 65536).decode()
+            self.shown += self._decoder.decode(os.read(self._master, 65536))
         return self.shown
 
     def close(self) -> None:

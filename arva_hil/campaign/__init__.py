@@ -1,0 +1,1 @@
+"""Campaigns: many trials of many strategies, and what they say of each."""

@@ -1,0 +1,90 @@
+"""One trial: a scenario, a strategy, a seed, the air; and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from arva_hil.clock import StepClock
+from arva_hil.closed_loop import ClosedLoop
+from arva_hil.links import memory
+from arva_hil.loop import run
+from arva_hil.scenario import Scenario
+from arva_hil.search import STRATEGIES
+from arva_hil.search.client import Row
+from arva_hil.search.mission import FOUND, Plan
+
+__all__ = ["FOUND", "Result", "Trial", "fly"]
+
+_STREAM_HZ: Final = 10.0  # of the pose; the vehicle's streams are most of the cost of a flight
+_AROUND_S: Final = 120.0  # for getting into the air
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """What is flown, all of it: the same trial gives the same result on every machine and run."""
+
+    strategy: str
+    scenario: Scenario  # its seed is that of the receiver's noise
+    take_off_m: float = 2.0  # height of the take-off
+    height_m: float = 1.0  # height held in the search, above the take-off point
+    speed_m_s: float = 1.0
+    wind: tuple[float, float, float] = (0.0, 0.0, 0.0)  # NED, m/s
+    gps_noise_m: float = 0.0  # sigma on each axis
+    limit_s: float = 900.0  # of the search, then it lands
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What came of a trial. Numbers are None where nothing was found.
+
+    Errors are horizontal distances from the true transmitter to the place reported, and to the hovering vehicle.
+    """
+
+    outcome: str  # "found", or why not
+    error_m: float | None
+    hover_m: float | None
+    time_s: float  # from the end of take-off to the end of the search, on the vehicle's clock
+    path_m: float  # flown in that time, horizontally
+    frames: int
+
+
+def fly(trial: Trial, log: Callable[[Row], None] = lambda _: None) -> Result:
+    """Fly one trial with a stepped clock: built-in vehicle, emulator, search. Raises nothing for a failed search.
+
+    `log` gets every step of the flight.
+    """
+    clock = StepClock()
+    plan = Plan(
+        STRATEGIES[trial.strategy],
+        speed=trial.speed_m_s,
+        height=trial.height_m,
+        take_off=trial.take_off_m,
+        limit_s=trial.limit_s,
+    )
+    loop = ClosedLoop(
+        trial.scenario,
+        plan,
+        autopilot=memory.pair(),
+        commands=memory.pair(),
+        port=memory.pair(),
+        start=clock.now(),
+        wind=trial.wind,
+        gps_noise_m=trial.gps_noise_m,
+        stream_hz=_STREAM_HZ,
+        log=log,
+    )
+    run(loop.tasks, clock, until=trial.limit_s + _AROUND_S, stopped=lambda: loop.over)
+    outcome, mission = loop.search.outcome, loop.search.mission
+    if mission is None:
+        how = outcome.how if outcome else f"no take-off in {_AROUND_S:g} s"
+        return Result(how, None, None, 0.0, 0.0, 0)
+    return Result(
+        mission.ended or (outcome.how if outcome else "no end"),
+        loop.error(),
+        loop.distance(mission.position[:2]) if mission.found else None,
+        mission.searched_s,
+        mission.path_m,
+        mission.frames,
+    )

@@ -1,0 +1,272 @@
+"""Search for the victim: reads the receiver's port, flies the autopilot, stops above the transmitter.
+
+The vehicle arms, takes off, searches and lands by itself. The pilot takes it back with the mode switch at any time:
+the search then says nothing more to it. Ctrl-C leaves it hovering.
+Exit codes: 0 found, 1 not found or failed, 2 usage, 3 no autopilot or no frames, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, closing
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+from arva_hil import __version__
+from arva_hil.autopilot.session import Session
+from arva_hil.cli import options as opt
+from arva_hil.cli import shared
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, UsageError
+from arva_hil.clock import RealClock
+from arva_hil.console import Printer
+from arva_hil.loop import run
+from arva_hil.notice import Notice
+from arva_hil.plots import Track, draw_search
+from arva_hil.record import RecordError
+from arva_hil.record.search_log import TRACK, SearchLog
+from arva_hil.search import STRATEGIES
+from arva_hil.search.client import COMPONENT, Outcome, Row, SearchClient
+from arva_hil.search.mission import FOUND, NO_ID, Plan
+from arva_hil.search.strips import Strips
+from firmware_proto import DECODERS
+
+PICTURE: Final = "search.png"
+_EXIT: Final = {"found": OK, "not found": FAILED, "failed": FAILED, "no link": NO_LINK}
+
+
+def add_options(parser: opt.Parser) -> None:
+    parser.option("--autopilot", "--master", type=opt.address, metavar="URL", help="where the autopilot is")
+    parser.option("--receiver", type=opt.address, metavar="URL", help="the receiver's port")
+    parser.option("--format", choices=sorted(DECODERS), default="binary", help="of the frames; default binary")
+    add_plan(parser)
+    parser.option("--end", choices=("land", "hover"), default="land", help="what to do at the end; default land")
+    seconds = opt.number(0.1, math.inf, " of s")
+    parser.option(
+        "--timeout",
+        type=seconds,
+        default=30.0,
+        metavar="S",
+        help="for a heartbeat and a frame, on the ground; default 30",
+    )
+    parser.option("--arm-timeout", type=seconds, default=60.0, metavar="S", help="for the autopilot to arm; default 60")
+    opt.add_target(parser)
+    parser.option(
+        "--stream-rate", type=opt.number(4, 50, " of Hz"), default=10.0, metavar="HZ", help="of the pose; default 10"
+    )
+    parser.option("--record", metavar="DIR", help="record the flight, how it ended and a picture into DIR")
+    parser.option("--json", action="store_true", help="how it ended, as a JSON object on stdout")
+
+
+def add_plan(parser: opt.Parser) -> None:
+    """Options that say how is searched."""
+    parser.option("--strategy", choices=sorted(STRATEGIES), default="estimate", help="default estimate")
+    parser.option(
+        "--max-speed", type=opt.number(0.2, 10, " of m/s"), default=1.0, metavar="M/S", help="horizontal; default 1"
+    )
+    metres = opt.number(0.3, 100, " of m")
+    parser.option("--height", type=metres, default=1.0, metavar="M", help="held above the take-off point; default 1")
+    parser.option("--take-off", type=metres, default=2.0, metavar="M", help="height of the take-off; default 2")
+    parser.option(
+        "--area",
+        type=area,
+        default=(-50.0, -50.0, 50.0, 50.0),
+        metavar="S,W,N,E",
+        help="searched in strips before the first signal, m from the take-off point; 100 m outside it the search ends; "
+        "default=-50,-50,50,50",
+    )
+    parser.option(
+        "--strip-width", type=opt.number(1, 1000, " of m"), default=40.0, metavar="M", help="of the strips; default 40"
+    )
+    seconds = opt.number(1, 86400, " of s")
+    parser.option(
+        "--patience", type=seconds, default=10.0, metavar="S", help="hover without frames, then end; default 10"
+    )
+    parser.option(
+        "--limit", type=seconds, default=900.0, metavar="S", help="end the search after this long; default 900"
+    )
+
+
+def area(text: str) -> tuple[float, float, float, float]:
+    """A converter for south,west,north,east."""
+    try:
+        south, west, north, east = (float(part) for part in text.split(","))
+    except ValueError:
+        south = west = north = east = math.nan
+    if not (-10_000 <= south < north <= 10_000 and -10_000 <= west < east <= 10_000):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected south,west,north,east in m, e.g. -50,-50,50,50")
+    return south, west, north, east
+
+
+def plan_of(options: argparse.Namespace) -> Plan:
+    return Plan(
+        STRATEGIES[options.strategy],
+        speed=options.max_speed,
+        height=options.height,
+        take_off=options.take_off,
+        area=options.area,
+        strip_width=options.strip_width,
+        patience_s=options.patience,
+        limit_s=options.limit,
+    )
+
+
+def main(options: argparse.Namespace) -> int:
+    for name in ("autopilot", "receiver"):
+        if getattr(options, name) in (None, "-"):
+            example = "arva-hil search --autopilot udpin:127.0.0.1:14540 --receiver /tmp/arva0"
+            raise UsageError(f"--{name} is missing, e.g. {example}")
+    plan = plan_of(options)
+    way = describe(plan)
+    clock, signals = RealClock(), shared.Signals()
+    with ExitStack() as stack:
+        autopilot, receiver = (
+            stack.enter_context(closing(shared.open_or_fail(url, clock)))
+            for url in (options.autopilot, options.receiver)
+        )
+        log = open_log(Path(options.record)) if options.record else None
+        printer = Printer(sys.stderr)
+        printer.say(f"autopilot: {autopilot.name}, receiver: {receiver.name}")
+        printer.say(f"strategy {options.strategy}; {way}")
+        session = Session(
+            target_system=options.target_system,
+            target_component=options.target_component,
+            rate_hz=options.stream_rate,
+            component=COMPONENT,
+        )
+        client = SearchClient(
+            plan,
+            session,
+            autopilot,
+            receiver,
+            DECODERS[options.format](),
+            start=clock.now(),
+            land=options.end == "land",
+            timeout_s=options.timeout,
+            arm_timeout_s=options.arm_timeout,
+            say=printer.notice,
+            log=rows_to(printer, log),
+        )
+
+        def over() -> bool:
+            if signals.caught:
+                client.stop()
+            return client.outcome is not None
+
+        with signals:
+            run([client], clock, stopped=over)
+    assert client.outcome is not None
+    code = INTERRUPTED if signals.caught else _EXIT[client.outcome.kind]
+    first, *lines = result(client.outcome)
+    printer.notice(Notice("info" if code in (OK, INTERRUPTED) else "error", first))
+    if log is not None:
+        lines += close_log(log, client.outcome, code)
+        code = code or (FAILED if log.error else OK)
+    for line in lines:
+        printer.say(line)
+    printer.close()
+    if options.json:
+        print(json.dumps(as_dict(client.outcome)))
+    return code
+
+
+def describe(plan: Plan) -> str:
+    """The way before the first signal, in words. Raises UsageError when it is too far for the time there is."""
+    lanes = Strips(plan.area, plan.speed, (0.0, 0.0, 0.0), width=plan.strip_width).lanes
+    there = math.hypot(*lanes[0])
+    way = there + sum(math.dist(a, b) for a, b in pairwise(lanes))
+    at = f"at {plan.speed:g} m/s"
+    if there > plan.limit_s * plan.speed:
+        raise UsageError(f"--area: its nearest corner is {there:.0f} m away, {at} too far for --limit {plan.limit_s:g}")
+    less = f", more than the {plan.limit_s:g} s there are" if way > plan.limit_s * plan.speed else ""
+    return f"strips of {way:.0f} m until the first signal, {way / plan.speed:.0f} s {at}{less}"
+
+
+def rows_to(printer: Printer, log: SearchLog | None) -> Callable[[Row], None]:
+    """Where the steps of a flight go: the log, and the status line."""
+
+    def take(row: Row) -> None:
+        if log is not None:
+            log.row(row)
+        if row.d_cm is not None:
+            d = f"d {row.d_cm} cm {row.delta_deg:+d}°" if row.d_cm > 0 else "no signal"
+            place = f"{row.north_m:z.1f} m N, {row.east_m:z.1f} m E, {-row.down_m:z.1f} m high"
+            printer.show(row.time_s, f"{row.phase} | {place} | {d}")
+
+    return take
+
+
+def open_log(folder: Path) -> SearchLog:
+    try:
+        return SearchLog(folder)
+    except RecordError as error:
+        raise UsageError(error) from None
+
+
+def close_log(
+    log: SearchLog, outcome: Outcome, code: int, truth: Mapping[int, tuple[float, float]] | None = None
+) -> list[str]:
+    """Close the log and draw the picture; what there is to say of both. `truth`: see `draw_search`."""
+    try:
+        log.close({"exit_code": code, "command": sys.argv, "version": __version__, **as_dict(outcome)})
+    except RecordError as error:
+        return [f"error: {error}"]
+    picture = log.folder / PICTURE
+    track = Track("search", log.rows, outcome.found and (outcome.found.north, outcome.found.east))
+    try:
+        draw_search(picture, [track], truth or {}, outcome.id)
+    except ImportError:
+        return [f"log: {log.folder / TRACK}; for a picture: pip install 'arva-hil[plots]'"]
+    except OSError as error:
+        return [f"log: {log.folder / TRACK}; no picture: {error}"]
+    return [f"log: {log.folder / TRACK}, picture: {picture}"]
+
+
+def result(outcome: Outcome) -> list[str]:
+    """How it ended, for a person."""
+    found = outcome.found
+    if found is None:
+        first = f"{outcome.how}; nothing found" if outcome.frames and outcome.kind == "failed" else outcome.how
+    else:
+        sigma = f" ± {found.sigma:.1f} m" if found.sigma is not None else ""
+        place = f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point"
+        first = f"found {_name(outcome.id)}: {place}{sigma}"
+        if outcome.how != FOUND:
+            first += f", but {outcome.how}"
+    lines = [first]
+    if outcome.lat_lon:
+        lat, lon = outcome.lat_lon
+        lines.append(f"it lies at {lat:.7f}, {lon:.7f}")
+    if outcome.frames:
+        lines.append(f"searched {outcome.time_s:.0f} s, flew {outcome.path_m:.0f} m, frames: {outcome.frames}")
+    for id_, heard in outcome.others:
+        north, east = heard.nearest_at
+        where = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
+        lines.append(f"{_name(id_)} was heard and not found; nearest, {heard.nearest_m:.1f} m away, at {where}")
+    return lines
+
+
+def as_dict(outcome: Outcome) -> dict[str, Any]:
+    """How it ended, for a program."""
+    found = outcome.found
+    return {
+        "outcome": outcome.kind,
+        "how": outcome.how,
+        "id": None if outcome.id == NO_ID else outcome.id,
+        "found": None if found is None else {**found._asdict(), "lat_lon": outcome.lat_lon},
+        "time_s": outcome.time_s,
+        "path_m": outcome.path_m,
+        "frames": outcome.frames,
+        "others": [
+            {"id": None if id_ == NO_ID else id_, "nearest_m": heard.nearest_m, "nearest_at": heard.nearest_at}
+            for id_, heard in outcome.others
+        ],
+    }
+
+
+def _name(id_: int | None) -> str:
+    return "a transmitter" if id_ in (None, NO_ID) else f"transmitter {id_}"

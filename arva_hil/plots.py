@@ -1,0 +1,73 @@
+"""Pictures of searches, as in figures 8–11 of the paper. Needs matplotlib: the extra `plots`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from arva_hil.search.client import Row
+
+Place = tuple[float, float]  # north, east of the take-off point, m
+
+
+class Track(NamedTuple):
+    """One search to draw: the steps of its log, and the place that it reports. Tracks of one name share a colour."""
+
+    name: str
+    rows: Sequence[Row]
+    found: Place | None = None
+
+
+def draw_search(
+    path: Path, tracks: Sequence[Track], truth: Mapping[int, Place], target: int | None, title: str = ""
+) -> None:
+    """A PNG: trajectories seen from above, and the receiver's d and the true distance over time.
+
+    `truth`: the transmitters by id, empty when they are not known. `target`: the id of the one searched for.
+    Raises ImportError without matplotlib.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 4.2), dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    above, time = figure.subplots(1, 2)
+    names = list(dict.fromkeys(track.name for track in tracks))
+    for track in tracks:
+        colour = f"C{names.index(track.name)}"
+        flown = [row for row in track.rows if row.phase == "flying"]
+        _draw_path(above, flown, track.found, colour)
+        _draw_distance(time, flown, truth.get(-1 if target is None else target), colour)
+    for id_, (north, east) in truth.items():
+        above.plot(east, north, "*", ms=13, color="#c00000", mec="white", zorder=4, label=f"transmitter {id_}")
+    above.plot(0, 0, "ks", ms=6, label="take-off")
+    for at, name in enumerate(names):
+        above.plot([], [], color=f"C{at}", label=name)
+    above.set(xlabel="east [m]", ylabel="north [m]", title="trajectory; × is where it reports the victim")
+    above.set_aspect("equal", adjustable="datalim")
+    above.legend(fontsize=8)
+    over = "dots: the receiver's d; line: true horizontal distance" if truth else "dots: the receiver's d"
+    time.set(xlabel="time from the end of the take-off [s]", ylabel="[m]", title=over)
+    time.set_ylim(bottom=0)
+    for axes in (above, time):
+        axes.grid(alpha=0.3)
+        axes.title.set_fontsize(10)
+    figure.savefig(path)
+
+
+def _draw_path(axes: Any, flown: Sequence[Row], found: Place | None, colour: str) -> None:
+    axes.plot([row.east_m for row in flown], [row.north_m for row in flown], lw=1.2, color=colour)
+    if found is not None:
+        axes.plot(found[1], found[0], "x", ms=8, mew=1.8, color=colour, zorder=5)
+
+
+def _draw_distance(axes: Any, flown: Sequence[Row], target: Place | None, colour: str) -> None:
+    start = flown[0].time_s if flown else 0.0
+    heard = [(row.time_s - start, row.d_cm / 100) for row in flown if row.d_cm is not None and row.d_cm > 0]
+    axes.plot([t for t, _ in heard], [d for _, d in heard], ".", ms=4, color=colour)
+    if target is not None:
+        away = [math.dist((row.north_m, row.east_m), target) for row in flown]
+        axes.plot([row.time_s - start for row in flown], away, lw=1.0, color=colour)

@@ -1,0 +1,137 @@
+"""`arva-hil demo`: vehicle, receiver and search in one program; here also what the search makes of hard scenarios."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import resource
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from .far_ends import Program
+
+CONFIGS = Path(__file__).parent.parent.parent / "configs"
+MAX = ("demo", "--speed", "max", "--headless")
+
+Start = Callable[..., Program]
+Arva = Callable[..., Any]
+
+
+def error_m(err: str) -> float:
+    """How far from the transmitter it was reported, m."""
+    found = re.search(r"^the transmitter lies ([\d.]+) m from there$", err, re.MULTILINE)
+    assert found, err
+    return float(found[1])
+
+
+def scenario(folder: Path, *transmitters: tuple[int, float, float]) -> Path:
+    """A file with transmitters 1 m deep: id, north, east."""
+    path = folder / "scenario.yaml"
+    lines = [f"  - {{id: {id_}, ned: [{north}, {east}, 1.0]}}" for id_, north, east in transmitters]
+    path.write_text("transmitters:\n" + "\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("form", ["binary", "text"])
+def test_it_finds_the_transmitter_and_lands(arva: Arva, form: str, tmp_path: Path) -> None:
+    code, out, err = arva(*MAX, "--format", form, "--record", tmp_path)
+    assert (code, out) == (0, "")
+    assert error_m(err) < 1.0
+    name = "a transmitter" if form == "text" else "transmitter 1"
+    assert re.search(rf"^found {name}: (19|20)\.\d m north, [45]\.\d m east of the take-off point", err, re.MULTILINE)
+    assert "search: found; landing" in err
+    run, search = (json.loads((tmp_path / name).read_text()) for name in ("run.json", "search.json"))
+    assert (run["ended"], search["outcome"], search["exit_code"]) == ("finished", "found", 0)
+    with open(tmp_path / "search.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert rows[-1]["phase"] == "landing"
+    assert abs(float(rows[-1]["down_m"])) < 0.2
+    assert (tmp_path / "search.png").stat().st_size > 10_000
+
+
+def test_the_strategy_is_chosen(arva: Arva, tmp_path: Path) -> None:
+    code, _, err = arva(*MAX, "--strategy", "flux", "--record", tmp_path)
+    assert code == 0, err
+    assert error_m(err) < 2.0
+    assert "covariance" not in (tmp_path / "search.json").read_text().replace('"covariance": null', "")
+
+
+def test_at_full_speed_it_is_repeatable(arva: Arva, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        assert arva(*MAX, "--record", tmp_path / name).code == 0
+    for file in ("frames.bin", "search.csv", "search.png", "autopilot.tlog"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+def test_of_two_victims_the_nearer_is_found_and_the_other_reported(arva: Arva, tmp_path: Path) -> None:
+    two = scenario(tmp_path, (7, 12.0, -4.0), (8, -30.0, 10.0))
+    code, _, err = arva(*MAX, "--scenario", two, "--record", tmp_path / "record")
+    assert code == 0
+    assert error_m(err) < 1.0
+    assert "found transmitter 7: " in err
+    assert re.search(r"^transmitter 8 was heard and not found; nearest, [\d.]+ m away, at ", err, re.MULTILINE)
+    (other,) = json.loads((tmp_path / "record" / "search.json").read_text())["others"]
+    assert other["id"] == 8
+
+
+def test_without_a_signal_it_flies_its_strips_lands_and_says_so(arva: Arva, tmp_path: Path) -> None:
+    far = scenario(tmp_path, (1, 400.0, 0.0))
+    code, _, err = arva(*MAX, "--scenario", far, "--area=-20,-20,20,20", "--record", tmp_path / "record")
+    assert code == 1
+    assert "search: no signal: all strips are flown; landing" in err
+    assert "\nno signal: all strips are flown\n" in err
+    search = json.loads((tmp_path / "record" / "search.json").read_text())
+    assert (search["outcome"], search["found"], search["others"], search["exit_code"]) == ("not found", None, [], 1)
+    assert search["path_m"] == pytest.approx(60, abs=5)
+
+
+def test_a_victim_outside_the_area_is_heard_and_found(arva: Arva, tmp_path: Path) -> None:
+    outside = scenario(tmp_path, (1, 75.0, 10.0))
+    code, _, err = arva(*MAX, "--scenario", outside, "--area=-10,-10,45,10", "--record", tmp_path / "record")
+    assert code == 0, err
+    assert error_m(err) < 1.0
+
+
+def test_the_time_is_limited(arva: Arva, tmp_path: Path) -> None:
+    code, _, err = arva(*MAX, "--limit", 10, "--record", tmp_path)
+    assert code == 1
+    assert "\nnot found in 10 s\n" in err
+    assert "\ntransmitter 1 was heard and not found; nearest, " in err
+
+
+def test_it_runs_over_real_terminals(start: Start, tmp_path: Path) -> None:
+    program = start("demo", "--speed", 8, "--headless", "--record", tmp_path)
+    program.says(r"vehicle at /dev/\S+, frames at /dev/\S+")
+    assert program.ends(60) == 0
+    assert error_m(program.err) < 1.0
+
+
+def test_it_can_be_interrupted(start: Start, tmp_path: Path) -> None:
+    program = start("demo", "--headless", "--record", tmp_path)
+    program.says("arming")
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
+    assert json.loads((tmp_path / "search.json").read_text())["exit_code"] == 130
+    assert json.loads((tmp_path / "run.json").read_text())["ended"] == "SIGINT"
+
+
+def test_a_full_disk_does_not_end_the_flight(start: Start, tmp_path: Path) -> None:
+    program = start(
+        *(*MAX, "--record", tmp_path),
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8000, 8000)),
+    )
+    assert program.ends() == 1
+    assert error_m(program.err) < 1.0
+    assert f"error: {tmp_path}: cannot record: File too large" in program.err
+
+
+def test_the_demo_has_a_port_and_no_use_for_frames_inside_mavlink(arva: Arva) -> None:
+    code, _, err = arva(*MAX, "--format", "tunnel")
+    assert code == 2
+    assert "--format tunnel" in err
+    assert "choose binary, nmea or text" in err

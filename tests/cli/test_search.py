@@ -1,0 +1,260 @@
+"""`arva-hil search` as a pilot meets it: what it says, how it ends, and what it then leaves behind."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
+from arva_hil.autopilot.multirotor_pilot import Mode
+from arva_hil.clock import RealClock
+from arva_hil.links.pty import PtyLink
+from firmware_proto import MID, Channel, Frame, encode, encode_nmea
+
+from .far_ends import Autopilot, Program
+
+Start = Callable[..., Program]
+Arva = Callable[..., Any]
+Keep = Callable[[Any], Any]
+
+LOW = ("--take-off", 0.5, "--height", 0.5)
+ARM, SET_MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MODE
+FLYING = "going for transmitter 4"
+
+
+class Beacon:
+    """A receiver's wire that says ten times a second what it hears, until it is `quiet`."""
+
+    def __init__(self, encode: Callable[[Frame], bytes] = encode) -> None:
+        self.link = PtyLink()
+        self.quiet = threading.Event()
+        self._encode = encode
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._speak)
+        self._thread.start()
+
+    def _speak(self) -> None:
+        clock, n = RealClock(), 0
+        while not self._stop.is_set():
+            if not self.quiet.is_set():
+                self.link.write(
+                    self._encode(Frame(n % 256, 1, (Channel(4, MID, 2000, 10), Channel(9, MID, 4500, -40))))
+                )
+            n += 1
+            clock.wait(n * 0.1)
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self.link.close()
+
+
+@pytest.fixture
+def beacon(keep: Keep) -> Beacon:
+    return keep(Beacon())
+
+
+def orders(autopilot: Autopilot) -> list[int]:
+    """The commands it was sent that have an influence on a flight."""
+    parser = Parser()
+    messages = [parser.decode(packet) for packet in parser.feed(bytes(autopilot.heard))]
+    commands = [m.command for m in messages if m is not None and m.get_type() == "COMMAND_LONG"]
+    return [c for c in commands if c in (ARM, SET_MODE, dialect.MAV_CMD_NAV_TAKEOFF, dialect.MAV_CMD_NAV_LAND)]
+
+
+def pilot(autopilot: Autopilot, mode: Mode) -> None:
+    """Somebody else changes the mode."""
+    order = dialect.MAVLink_command_long_message(1, 1, SET_MODE, 0, 1, mode, 0, 0, 0, 0, 0)
+    read, once = autopilot.link.read, [Encoder(255, 190).pack(order)]
+    autopilot.link.read = lambda: read() + (once.pop() if once else b"")  # type: ignore[method-assign]
+
+
+def last_lines(program: Program, count: int) -> list[str]:
+    return program.err.splitlines()[-count:]
+
+
+# -- before anything flies ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        ("", "--autopilot is missing, e.g. arva-hil search --autopilot udpin:127.0.0.1:14540 --receiver /tmp/arva0"),
+        ("--autopilot pty", "--receiver is missing, e.g. "),
+        ("--autopilot - --receiver pty", "--autopilot is missing"),
+        ("--autopilot pty --receiver -", "--receiver is missing"),
+        ("--autopilot pty --receiver pty --strategy luck", "--strategy: invalid choice: 'luck'"),
+        ("--autopilot pty --receiver pty --format tunnel", "--format: invalid choice: 'tunnel'"),
+        ("--autopilot pty --receiver pty --area 1,2,3", "--area: '1,2,3': expected south,west,north,east in m"),
+        ("--autopilot pty --receiver pty --area=5,5,1,9", "--area: '5,5,1,9': expected south,west,north,east in m"),
+        ("--autopilot pty --receiver pty --area=0,0,nan,9", "--area: '0,0,nan,9': expected south,west,north,east"),
+        ("--autopilot pty --receiver pty --area 0,0,1e9,9", "expected south,west,north,east"),
+        (
+            "--autopilot pty --receiver pty --area 3000,0,3100,100 --limit 600",
+            "--area: its nearest corner is 3000 m away, at 1 m/s too far for --limit 600",
+        ),
+        ("--autopilot pty --receiver pty --max-speed 0", "--max-speed: '0': expected a number of m/s 0.2…10"),
+        ("--autopilot pty --receiver pty --height -1", "--height: '-1': expected a number of m 0.3…100"),
+        ("--autopilot pty --receiver pty --take-off nan", "--take-off: 'nan'"),
+        ("--autopilot pty --receiver pty --end crash", "--end: invalid choice: 'crash'"),
+    ],
+)
+def test_usage(arva: Arva, arguments: str, what: str) -> None:
+    code, out, err = arva("search", *arguments.split())
+    assert (code, out) == (2, "")
+    assert what in err
+    assert "Traceback" not in err
+
+
+def test_the_way_is_told_before_anything_flies(arva: Arva) -> None:
+    code, _, err = arva(
+        "search", "--autopilot", "pty", "--receiver", "pty", "--timeout", 0.3, "--area=-100,-100,100,100"
+    )
+    assert code == 3
+    first, second, *_ = err.splitlines()
+    assert first.startswith("autopilot: pty (/dev/")
+    assert second.startswith("strategy estimate; strips of ")
+    assert second.endswith(" at 1 m/s, more than the 900 s there are")
+
+
+def test_no_autopilot(arva: Arva, tmp_path: Path) -> None:
+    arguments = ("search", "--autopilot", "pty", "--receiver", "pty", "--timeout", 0.3, "--json")
+    code, out, err = arva(*arguments, "--record", tmp_path / "record")
+    assert code == 3
+    assert "error: no autopilot: nothing was heard at all: is the autopilot powered" in err
+    assert json.loads(out)["outcome"] == "no link"
+    assert json.loads((tmp_path / "record" / "search.json").read_text())["exit_code"] == 3
+
+
+def test_without_matplotlib_there_is_a_log_and_the_cure(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    arguments = ("search", "--autopilot", "pty", "--receiver", "pty", "--timeout", 0.3)
+    code, _, err = arva(*arguments, "--record", tmp_path)
+    assert code == 3
+    assert err.endswith(f"log: {tmp_path}/search.csv; for a picture: pip install 'arva-hil[plots]'\n")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["search.csv", "search.json"]
+
+
+def test_a_port_that_is_not_there_leaves_no_record(arva: Arva, tmp_path: Path) -> None:
+    code, _, err = arva("search", "--autopilot", "pty", "--receiver", "/dev/ttyNONE7", "--record", tmp_path / "record")
+    assert code == 3
+    assert "/dev/ttyNONE7: no such port" in err
+    assert not (tmp_path / "record").exists()
+
+
+def test_one_port_cannot_be_both(arva: Arva, line: PtyLink) -> None:
+    code, _, err = arva("search", "--autopilot", line.path, "--receiver", line.path)
+    assert code == 3
+    assert f"{line.path}: busy" in err
+
+
+def test_a_search_is_never_overwritten(arva: Arva, tmp_path: Path) -> None:
+    (tmp_path / "search.csv").write_text("of yesterday")
+    code, _, err = arva("search", "--autopilot", "pty", "--receiver", "pty", "--record", tmp_path)
+    assert code == 2
+    assert f"{tmp_path}: holds a search already (search.csv); name another folder" in err
+    assert (tmp_path / "search.csv").read_text() == "of yesterday"
+
+
+def test_without_frames_nothing_is_armed(start: Start, autopilot: Autopilot, line: PtyLink) -> None:
+    program = start("search", "--autopilot", autopilot.address, "--receiver", line.path, "--timeout", 2)
+    assert program.ends() == 3
+    assert last_lines(program, 1) == [f"error: no frame from the receiver at {line.path}: nothing came at all"]
+    assert orders(autopilot) == []
+
+
+def test_frames_of_another_format_are_shown(start: Start, autopilot: Autopilot, keep: Keep) -> None:
+    beacon = keep(Beacon(encode_nmea))
+    program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, "--timeout", 2)
+    assert program.ends() == 3
+    assert "bytes came that are none, first b'" in program.err
+    assert "PARVA" in program.err
+    assert orders(autopilot) == []
+
+
+# -- in the air --------------------------------------------------------------------------------------------
+
+
+def test_ctrl_c_leaves_it_hovering(start: Start, autopilot: Autopilot, beacon: Beacon, tmp_path: Path) -> None:
+    program = start(
+        *("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, *LOW),
+        *("--json", "--record", tmp_path / "record"),
+    )
+    program.says("going for transmitter 4, 20.0 m away")
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
+    assert "interrupted; nothing found\n" in program.err
+    assert "transmitter 9 was heard and not found; nearest, 45.0 m away, at " in program.err
+    said = json.loads(program.out)
+    assert (said["outcome"], said["how"], said["found"]) == ("failed", "interrupted", None)
+    assert [other["id"] for other in said["others"]] == [4, 9]
+    assert orders(autopilot)[-1] == dialect.MAV_CMD_NAV_TAKEOFF  # nothing lands it
+    recorded = json.loads((tmp_path / "record" / "search.json").read_text())
+    assert recorded == recorded | said | {"exit_code": 130}
+    with open(tmp_path / "record" / "search.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["phase"] for row in rows} >= {"climbing", "flying"}
+    assert {(row["id"], row["d_cm"]) for row in rows if row["id"]} == {("4", "2000")}
+    assert (tmp_path / "record" / "search.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_pilot_takes_over(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
+    program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, *LOW)
+    program.says(FLYING)
+    pilot(autopilot, Mode.LOITER)
+    assert program.ends() == 1
+    taken = "error: the mode is LOITER: the pilot or a failsafe has taken over; nothing found"
+    assert taken in program.err.splitlines()
+    assert orders(autopilot) == [SET_MODE, ARM, dialect.MAV_CMD_NAV_TAKEOFF]
+
+
+def test_the_receiver_is_unplugged(start: Start, autopilot: Autopilot) -> None:
+    beacon = Beacon()
+    try:
+        program = start(
+            *("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, *LOW, "--patience", 3)
+        )
+        program.says(FLYING)
+    finally:
+        beacon.close()
+    assert program.ends() == 1
+    for line in (
+        f"warning: the receiver is gone: {beacon.link.name.partition('(')[2].rstrip(')')}: lost",
+        "warning: no frame for 2 s: hovering",
+        "no frame from the receiver for 3 s; landing",
+        "error: no frame from the receiver for 3 s; nothing found",
+    ):
+        assert f"\n{line}" in program.err
+    assert orders(autopilot)[-1] == dialect.MAV_CMD_NAV_LAND
+
+
+def test_the_autopilots_link_is_lost(start: Start, beacon: Beacon) -> None:
+    autopilot = Autopilot(PtyLink())
+    try:
+        program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, *LOW)
+        program.says(FLYING)
+    finally:
+        autopilot.close()
+    assert program.ends() == 1
+    assert f"error: {autopilot.address}: lost" in program.err
+    assert "the vehicle is left to its own failsafe; nothing found" in program.err
+
+
+def test_two_ctrl_c_end_it_at_once(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
+    program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path)
+    program.says("arming")
+    autopilot.pause()  # it will never say that it hovers
+    program.send(signal.SIGINT)
+    program.says("interrupted: what flies is left hovering")
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
