@@ -1,0 +1,171 @@
+"""The charts of a campaign's report, as SVG. Only `draw` needs matplotlib."""
+
+from __future__ import annotations
+
+import functools
+import io
+from collections.abc import Callable, Iterable, Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from arva_hil.campaign.results import Row
+from arva_hil.campaign.summary import groups, wilson
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+__all__ = ["colours", "draw"]
+
+_PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5195", "#5b6876")
+_STYLE: Final = {
+    "font.size": 10,
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#b9c1ca",
+    "axes.labelcolor": "#1d2733",
+    "text.color": "#1d2733",
+    "xtick.color": "#5b6876",
+    "ytick.color": "#5b6876",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#eceef1",
+    "legend.frameon": False,
+    "svg.hashsalt": "arva-hil",  # the same rows, the same bytes
+}
+_SIZE: Final = (6.2, 3.9)
+_BANDS: Final = 6  # of a number that has many values, with as many runs in each
+_VALUES: Final = 12  # no more of them are shown one by one
+_NUMBERS: Final = {
+    "distance_m": "distance from take-off to the transmitter, m",
+    "take_off_m": "take-off height, m",
+    "wind_m_s": "wind, m/s",
+    "gps_noise_m": "GPS noise, m",
+}
+_LEAST_ERROR_M: Final = 0.001  # on a logarithmic axis, which has no 0
+
+
+def colours(strategies: Iterable[str]) -> dict[str, str]:
+    """A colour for each strategy, that colour-blind eyes tell apart too (M. Okabe, K. Ito, 2008)."""
+    return {name: _PALETTE[n % len(_PALETTE)] for n, name in enumerate(dict.fromkeys(strategies))}
+
+
+def draw(rows: Sequence[Row], success_m: float) -> dict[str, bytes]:
+    """Caption → SVG. Raises ImportError without matplotlib."""
+    import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    kinds: dict[str, Callable[[Axes, Sequence[Row], float], None]] = {
+        "Success, with its 95 % confidence interval": _success,
+        "Time until the transmitter is found: share of all runs": _time,
+        "Error of the place reported: share of all runs": _error,
+    }
+    for column, label in _NUMBERS.items():
+        if len(groups(rows, column)) > (_VALUES if column == "distance_m" else 2):
+            kinds[f"Success by {label.partition(',')[0]}"] = functools.partial(_by_number, column)
+    drawn = {}
+    with matplotlib.rc_context(_STYLE):  # type: ignore[arg-type]
+        for caption, plot in kinds.items():
+            figure = Figure(figsize=_SIZE, layout="constrained")
+            FigureCanvasSVG(figure)
+            axes = figure.add_subplot()
+            plot(axes, rows, success_m)
+            handles, labels = axes.get_legend_handles_labels()
+            figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
+            svg = io.BytesIO()
+            figure.savefig(svg, format="svg", metadata={"Date": None})
+            drawn[caption] = svg.getvalue()
+    return drawn
+
+
+def _success(axes: Axes, rows: Sequence[Row], success_m: float) -> None:
+    """A line for each scenario, and one for all of them when there are several."""
+    lines = {str(name): some for (name,), some in groups(rows, "scenario").items()}
+    if len(lines) > 1:
+        lines["all"] = list(rows)
+    shades = colours(row.strategy for row in rows)
+    for n, (strategy, colour) in enumerate(shades.items()):
+        at, rates, ends = [], [], []
+        for line, some in enumerate(lines.values()):
+            mine = [row for row in some if row.strategy == strategy]
+            if mine:
+                at.append(line + _aside(n, len(shades)))
+                rates.append(_rate(mine, success_m))
+                ends.append(_arms(mine, success_m))
+        axes.errorbar(rates, at, xerr=np.transpose(ends), fmt="o", ms=5, lw=2, color=colour, label=strategy)
+    axes.set(xlim=(-2, 102), xlabel="success, %", ylim=(len(lines) - 0.5, -0.5))
+    axes.set_yticks(range(len(lines)), list(lines))
+    axes.grid(visible=False, axis="y")
+
+
+def _time(axes: Axes, rows: Sequence[Row], success_m: float) -> None:
+    most = 1.1 * max((row.time_s for row in rows if row.success(success_m)), default=1.0)
+    for strategy, colour, mine in _each(rows):
+        _climb(axes, [row.time_s for row in mine if row.success(success_m)], len(mine), 0.0, most, strategy, colour)
+    axes.set(xlim=(0, most), xlabel="time, s")
+
+
+def _error(axes: Axes, rows: Sequence[Row], success_m: float) -> None:
+    most = max([2 * success_m, *(row.error_m for row in rows if row.error_m is not None)])
+    axes.axvline(success_m, color="#5b6876", lw=1, ls=":")
+    for strategy, colour, mine in _each(rows):
+        errors = [max(row.error_m, _LEAST_ERROR_M) for row in mine if row.error_m is not None]
+        _climb(axes, errors, len(mine), _LEAST_ERROR_M, most, strategy, colour)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set(xlim=(_LEAST_ERROR_M, most), xlabel=f"error, m (dotted: a success, {success_m:g} m)")
+
+
+def _by_number(column: str, axes: Axes, rows: Sequence[Row], success_m: float) -> None:
+    """A point for each value of a column, or for each band of them when they are many."""
+    known = [row for row in rows if getattr(row, column) is not None]
+    values = np.unique([getattr(row, column) for row in known])
+    if len(values) > _VALUES:
+        edges = np.quantile([getattr(row, column) for row in known], np.linspace(0, 1, _BANDS + 1))
+        values = (edges[:-1] + edges[1:]) / 2
+        band = {id(row): int(np.searchsorted(edges[1:-1], getattr(row, column))) for row in known}
+    else:
+        band = {id(row): int(np.searchsorted(values, getattr(row, column))) for row in known}
+    shades = colours(row.strategy for row in rows)
+    width = float(np.diff(values).min()) / 3
+    for n, (strategy, colour, mine) in enumerate(_each(known)):
+        inside = [[row for row in mine if band[id(row)] == at] for at in range(len(values))]
+        at = [value + _aside(n, len(shades)) * width for value, some in zip(values, inside, strict=True) if some]
+        rates = [_rate(some, success_m) for some in inside if some]
+        ends = [_arms(some, success_m) for some in inside if some]
+        axes.errorbar(at, rates, yerr=np.transpose(ends), fmt="o-", ms=5, lw=1.5, color=colour, label=strategy)
+    axes.set(ylim=(-3, 103), ylabel="success, %", xlabel=_NUMBERS[column])
+
+
+def _climb(axes: Axes, values: list[float], runs: int, low: float, high: float, strategy: str, colour: str) -> None:
+    """How many of all runs have a value up to x, in percent, from `low` to `high`."""
+    x = [low, *sorted(values), high]
+    y = [100 * n / runs for n in (*range(len(values) + 1), len(values))]
+    axes.step(x, y, where="post", color=colour, lw=2, label=strategy)
+    axes.set(ylim=(0, 103), ylabel="runs, %")
+
+
+def _each(rows: Sequence[Row]) -> list[tuple[str, str, list[Row]]]:
+    """Strategy, colour, rows."""
+    shades = colours(row.strategy for row in rows)
+    return [(str(name), shades[name], mine) for (name,), mine in groups(rows, "strategy").items()]
+
+
+def _aside(n: int, count: int) -> float:
+    """Where the n-th of some goes when they share a place, in places."""
+    return (n - (count - 1) / 2) * min(0.2, 0.8 / count)
+
+
+def _rate(rows: Sequence[Row], success_m: float) -> float:
+    return 100 * sum(row.success(success_m) for row in rows) / len(rows)
+
+
+def _arms(rows: Sequence[Row], success_m: float) -> tuple[float, float]:
+    """From the rate down and up to the ends of its interval."""
+    successes = sum(row.success(success_m) for row in rows)
+    low, high = wilson(successes, len(rows))
+    rate = successes / len(rows)
+    return 100 * max(rate - low, 0.0), 100 * max(high - rate, 0.0)

@@ -1,0 +1,171 @@
+"""Runs trials in processes of this machine, or on a Dask cluster, and gives back results as they come."""
+
+from __future__ import annotations
+
+import logging
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+from arva_hil.campaign.plan import Planned
+from arva_hil.campaign.results import FAILED
+from arva_hil.campaign.trial import Result, Trial
+
+__all__ = ["Crew", "CrewError", "Fly", "MissingExtra", "Unreachable", "cluster", "processes"]
+
+Fly = Callable[[Trial], Result]
+
+_DIED: Final = "a worker process died, killed or out of memory"
+_POLL_S: Final = 0.1  # how often somebody is asked whether to stop
+_CONNECT_S: Final = 10
+_AHEAD: Final = 1000  # trials that a cluster is given ahead of their results: workers may join it at any time
+_ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+_SIGNALS: Final = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+
+
+class CrewError(Exception):
+    """No more trials can be run; `str()` says why."""
+
+
+class MissingExtra(CrewError):
+    """A package is not there; `str()` says how to install it."""
+
+
+class Unreachable(CrewError):
+    """No scheduler answers, or it does no longer."""
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Who flies the trials, `width` of them under way or waiting. `lost`: why there will be no more results."""
+
+    name: str
+    executor: Executor
+    width: int
+    lost: Callable[[], CrewError | None] = lambda: None
+
+    def fly(
+        self, planned: Iterable[Planned], fly: Fly, *, stopped: Callable[[], bool]
+    ) -> Iterator[tuple[Planned, Result]]:
+        """Trials and what came of them, in the order of their ends; `fly` is a function of a module.
+
+        A trial that raises has an outcome that says so. Raises CrewError when a worker dies or the cluster goes.
+        """
+        queue = iter(planned)
+        waiting: dict[Future[Result], Planned] = {}
+        lost: CrewError | None = None
+        while not stopped() and not lost:
+            try:
+                for one in islice(queue, self.width - len(waiting)):
+                    waiting[self.executor.submit(attempt, fly, one.trial)] = one
+            except BrokenExecutor:
+                lost = CrewError(_DIED)
+            if not waiting and not lost:
+                return
+            done, _ = wait(waiting, _POLL_S, FIRST_COMPLETED)
+            for future in [future for future in waiting if future in done]:
+                one = waiting.pop(future)
+                if result := _result(future):
+                    yield one, result
+                else:
+                    lost = CrewError(_DIED)
+            lost = self.lost() or lost
+        if lost:
+            raise lost
+
+
+def attempt(fly: Fly, trial: Trial) -> Result:
+    """The result of a trial, also when that raises. Runs in the worker."""
+    try:
+        return fly(trial)
+    except Exception as error:
+        return _failure(error)
+
+
+@contextmanager
+def processes(count: int) -> Iterator[Crew]:
+    """So many processes of this machine, numpy on one thread in each. They are gone afterwards, busy or not."""
+    context = multiprocessing.get_context("spawn")
+    held, lifeline = context.Pipe(duplex=False)
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(_ONE_THREAD)
+    executor = _Processes(count, context, _hold, (held,))
+    try:
+        yield Crew(f"processes: {count}", executor, 2 * count)
+    finally:
+        lifeline.close()
+        executor.shutdown(cancel_futures=True)
+        held.close()
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Crew]:
+    """The Dask cluster whose scheduler is at an address, e.g. tcp://127.0.0.1:8786.
+
+    Raises MissingExtra without Dask, Unreachable when no scheduler answers there.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise MissingExtra("--scheduler needs Dask: pip install 'arva-hil[dask]'") from None
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what goes wrong is said here
+    try:
+        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise Unreachable(f"no Dask scheduler answers at {address}: {error}") from None
+
+    def lost() -> CrewError | None:
+        return None if client.status == "running" else Unreachable(f"the scheduler at {address} is gone")
+
+    workers = client.nthreads()
+    with client:
+        executor = client.get_executor(pure=False)
+        try:
+            yield Crew(f"Dask workers: {len(workers)}, threads: {sum(workers.values())}", executor, _AHEAD, lost)
+        finally:
+            executor.shutdown(wait=False)
+
+
+class _Processes(ProcessPoolExecutor):
+    """Its processes do not hear the signals that a terminal sends to all of a program: who started them stops them."""
+
+    def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)  # a new process inherits it
+        try:
+            return super().submit(*args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _hold(lifeline: Connection) -> None:
+    """In a new process: end at once when the other end of the lifeline is closed, whatever ends who holds it."""
+
+    def watch() -> None:
+        lifeline.poll(None)
+        os._exit(0)
+
+    threading.Thread(target=watch, name="lifeline", daemon=True).start()
+
+
+def _result(future: Future[Result]) -> Result | None:
+    """None when the crew has lost it."""
+    if future.cancelled() or isinstance(error := future.exception(), BrokenExecutor):
+        return None
+    return _failure(error) if error else future.result()
+
+
+def _failure(error: BaseException) -> Result:
+    return Result(f"{FAILED}{type(error).__name__}: {error}", None, None, 0.0, 0.0, 0)

@@ -1,0 +1,185 @@
+"""Fly a plan of many trials, on all cores or a cluster, and compare the strategies.
+
+Every result is in DIR/results.csv as soon as there is one; a campaign that was stopped goes on with the same command.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager, closing
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from arva_hil.cli import options as opt
+from arva_hil.cli import shared
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
+from arva_hil.clock import RealClock
+
+if TYPE_CHECKING:
+    from arva_hil.campaign.plan import Plan, Planned
+    from arva_hil.campaign.results import Results
+    from arva_hil.campaign.runner import Crew
+
+REPORT: Final = "report.html"
+_PLAIN_S: Final = 10.0  # between the lines of a pipe
+_LIVE_S: Final = 0.1  # between the updates of a terminal
+
+
+def add_options(parser: opt.Parser) -> None:
+    parser.add_argument("plan", metavar="PLAN.yaml", help="what to try; configs/campaigns has some")
+    parser.option("--out", metavar="DIR", help="for results.csv and report.html; default: PLAN-results")
+    parser.option("--jobs", type=opt.whole(1, 1024), metavar="N", help="processes; default: one for each core")
+    parser.option(
+        "--scheduler", type=address, metavar="tcp://HOST:PORT", help="run on all of this Dask cluster instead"
+    )
+    parser.option("--json", action="store_true", help="one JSON object a trial on stdout")
+
+
+def address(text: str) -> str:
+    """A converter that refuses what is no address of a Dask scheduler."""
+    if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", text):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected an address such as tcp://192.168.1.5:8786")
+    return text
+
+
+def main(options: argparse.Namespace) -> int:
+    from arva_hil.campaign import results
+    from arva_hil.campaign.plan import read, trials
+    from arva_hil.scenario import ScenarioError
+    from arva_hil.search import STRATEGIES
+
+    try:
+        plan = read(options.plan, list(STRATEGIES))
+    except ScenarioError as error:
+        raise UsageError(error) from None
+    every = list(trials(plan))
+    title = Path(options.plan).stem
+    folder = Path(options.out or f"{title}-results")
+    try:
+        with results.opened(folder) as kept:
+            _refuse_foreign(folder / REPORT)
+            return _campaign(options, plan, every, kept, title)
+    except results.ResultsError as error:
+        raise UsageError(error) from None
+
+
+def _campaign(options: argparse.Namespace, plan: Plan, every: Sequence[Planned], kept: Results, title: str) -> int:
+    from arva_hil.campaign import report
+    from arva_hil.campaign.results import ResultsError, replace
+
+    left = [planned for planned in every if not kept.done(planned.key)]
+    try:
+        stopped = bool(left) and _fly(options, every, left, kept)
+        if stopped:
+            _say(f"interrupted: {_progress(kept, every)}; the same command goes on")
+            return INTERRUPTED
+        kept.sort(planned.key for planned in every)
+        rows = [kept.rows[planned.key] for planned in every]
+        path = kept.path.with_name(REPORT)
+        replace(path, report.page(title, rows, plan.success_m).encode())
+    except ResultsError as error:
+        raise Failure(FAILED, error) from None
+    if not options.json:
+        print(report.text(rows, plan.success_m))
+    _say(f"{kept.path}, {path}")
+    if failed := [row for row in rows if row.failed]:
+        raise Failure(FAILED, f"{len(failed)} of {len(rows)} trials failed, the first one so: {failed[0].outcome}")
+    return OK
+
+
+def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[Planned], kept: Results) -> bool:
+    """Fly what is left and keep the results; True when a signal has ended it early."""
+    from arva_hil.campaign import trial
+    from arva_hil.campaign.results import row
+    from arva_hil.campaign.runner import CrewError, MissingExtra, Unreachable
+
+    def stopped() -> bool:
+        if signals.caught is None:
+            progress.show()
+        return signals.caught is not None
+
+    done = len(every) - len(left)
+    try:
+        with _crew(options, len(left)) as crew, shared.Signals() as signals:
+            _say(f"{len(every)} trials, {done} of them done; {crew.name}")
+            with closing(_Progress(len(every), done)) as progress:
+                for planned, result in crew.fly(left, trial.fly, stopped=stopped):
+                    kept.add(new := row(planned, result))
+                    progress.done += 1
+                    if options.json:
+                        print(json.dumps(asdict(new)), flush=True)
+    except MissingExtra as error:
+        raise UsageError(error) from None
+    except CrewError as error:
+        code, when = (NO_LINK, " once there is a scheduler") if isinstance(error, Unreachable) else (FAILED, "")
+        raise Failure(code, f"{error}; {_progress(kept, every)}; the same command goes on{when}") from None
+    return signals.caught is not None
+
+
+def _crew(options: argparse.Namespace, trials: int) -> AbstractContextManager[Crew]:
+    from arva_hil.campaign.runner import cluster, processes
+
+    if options.scheduler:
+        return cluster(options.scheduler)
+    return processes(min(options.jobs or _cores(), trials))
+
+
+def _cores() -> int:
+    """Those that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _progress(kept: Results, every: Sequence[Planned]) -> str:
+    done = sum(kept.done(planned.key) for planned in every)
+    return f"{done} of {len(every)} results are in {kept.path}"
+
+
+def _refuse_foreign(path: Path) -> None:
+    """Nobody's page is written over, only a report of ours."""
+    from arva_hil.campaign.report import GENERATOR
+
+    if path.exists() and GENERATOR not in path.read_text(errors="replace"):
+        raise UsageError(f"{path}: not the report of a campaign: name another folder with --out")
+
+
+def _say(line: str) -> None:
+    """A line on stderr, if anybody is there."""
+    with contextlib.suppress(OSError):
+        print(line, file=sys.stderr)
+
+
+class _Progress:
+    """How many trials are `done`: a bar on a terminal, a line now and then elsewhere; on stderr."""
+
+    def __init__(self, total: int, done: int) -> None:
+        from tqdm import tqdm  # slow to import
+
+        self.done = done
+        self._total = total
+        self._clock = RealClock()
+        self._live = sys.stderr.isatty()
+        self._next = 0.0 if self._live else _PLAIN_S
+        self._bar = tqdm(total=total, initial=done, unit=" trials", leave=False, disable=not self._live)
+
+    def show(self) -> None:
+        """Called often; shows something when it is time to."""
+        if self._clock.now() < self._next:
+            return
+        self._next = self._clock.now() + (_LIVE_S if self._live else _PLAIN_S)
+        if self._live:
+            self._bar.n = self.done
+            with contextlib.suppress(OSError):
+                self._bar.refresh()
+        else:
+            _say(f"{self.done} of {self._total} trials")
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._bar.close()

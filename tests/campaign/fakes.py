@@ -1,0 +1,61 @@
+"""What flies in these tests: functions of a module, as processes and clusters want them, quick and repeatable."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+from pathlib import Path
+
+from arva_hil.campaign.plan import Planned, parse, trials
+from arva_hil.campaign.trial import FOUND, Result, Trial
+from arva_hil.clock import RealClock
+
+FOLDER = "FAKE_FLIGHTS"  # in the environment: where `gated` writes down what it flies, and looks for the gate
+FREE = 3  # seeds up to this one fly through a closed gate
+DEADLINE_S = 20.0
+STRATEGIES = ("flux", "extremum", "estimate")
+PLAN = "strategies: [flux, estimate]\nscenarios: {random: {within_m: 50}}\nseeds: 6\ntake_off_m: [1, 2]\n"
+
+
+def planned(text: str = PLAN) -> list[Planned]:
+    return list(trials(parse(text, "plan.yaml", STRATEGIES)))
+
+
+def fake(trial: Trial) -> Result:
+    """Finds it mostly; a function of the trial."""
+    r = random.Random(f"{trial.strategy} {trial.scenario.seed} {trial.take_off_m} {trial.wind}")
+    time_s, frames = 30 + 100 * r.random(), r.randrange(100)
+    if r.random() < 0.2:
+        return Result("not found, the time is up", None, None, trial.limit_s, 3 * time_s, frames)
+    error_m = r.expovariate(1.5)
+    return Result(FOUND, error_m, error_m / 2, time_s, 0.9 * time_s, frames)
+
+
+def gated(trial: Trial) -> Result:
+    """As `fake`, once the gate is open; before, only the first seeds. Writes down who flies what."""
+    folder = Path(os.environ[FOLDER])
+    with (folder / "flown").open("a") as file:
+        file.write(f"{os.getpid()} {trial.strategy} {trial.scenario.seed} {trial.take_off_m}\n")
+    clock = RealClock()
+    while trial.scenario.seed > FREE and not (folder / "open").exists() and clock.now() < DEADLINE_S:
+        clock.wait(clock.now() + 0.01)
+    return fake(trial)
+
+
+def raising(trial: Trial) -> Result:
+    """An error of the program at every second seed."""
+    if trial.scenario.seed % 2:
+        raise ZeroDivisionError("by\nnothing")
+    return fake(trial)
+
+
+def dying(trial: Trial) -> Result:
+    """As a process that the kernel ends for its memory."""
+    if trial.scenario.seed > FREE:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return fake(trial)
+
+
+def exiting(trial: Trial) -> Result:
+    raise SystemExit("enough")

@@ -1,0 +1,257 @@
+"""The plan: what is read, what is refused and where, and which trials it stands for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import kstest
+
+from arva_hil.campaign.plan import Plan, Random, parse, read, size, trials, wind
+from arva_hil.model import rotation
+from arva_hil.scenario import Scenario, ScenarioError, load
+from arva_hil.search import STRATEGIES
+
+from .fakes import STRATEGIES as NAMES
+from .fakes import planned
+
+CONFIGS = Path(__file__).parent.parent.parent / "configs"
+MINIMAL = "strategies: flux\nscenarios: {random: {within_m: 50}}\n"  # what is appended starts at line 3
+
+
+def mistakes(text: str, source: str = "p.yaml") -> list[str]:
+    with pytest.raises(ScenarioError) as caught:
+        parse(text, source, NAMES)
+    return str(caught.value).split("\n")
+
+
+# What is read
+
+
+def test_a_full_plan_is_read_as_written() -> None:
+    text = """
+spec: 1
+strategies: [flux, estimate]
+scenarios: [../paper_case_1.yaml, {random: {within_m: 30, depth_m: [0.5, 1.5]}}]
+seeds: [7, 3]
+noise: [gaussian, off]
+wind_m_s: [0, 3]
+gps_noise_m: 0.5
+take_off_m: [1, 2]
+height_m: {estimate: 2}
+speed_m_s: 1.5
+limit_s: {flux: 60, estimate: 120}
+success_m: 3
+"""
+    plan = parse(text, str(CONFIGS / "campaigns" / "p.yaml"), NAMES)
+    assert plan == Plan(
+        strategies=("flux", "estimate"),
+        scenarios={
+            "paper_case_1": load(CONFIGS / "paper_case_1.yaml"),
+            "random within 30 m at 0.5 to 1.5 m": Random(30.0, (0.5, 1.5)),
+        },
+        seeds=(7, 3),
+        noise=("gaussian", "off"),
+        wind_m_s=(0.0, 3.0),
+        gps_noise_m=(0.5,),
+        take_off_m=(1.0, 2.0),
+        height_m={"flux": 1.0, "estimate": 2.0},
+        speed_m_s={"flux": 1.5, "estimate": 1.5},
+        limit_s={"flux": 60.0, "estimate": 120.0},
+        success_m=3.0,
+    )
+
+
+def test_a_short_plan_has_the_defaults_of_a_trial() -> None:
+    plan = parse(MINIMAL, "p.yaml", NAMES)
+    assert (list(plan.seeds), plan.noise, plan.take_off_m, plan.success_m) == ([1], (None,), (2.0,), 2.0)
+    (one,) = trials(plan)
+    assert replace(one.trial, scenario=Scenario(())) == type(one.trial)("flux", Scenario(()))
+
+
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [("paper", 4 * 25 * 4 * 3), ("random", 500 * 3)],
+)
+def test_the_plans_that_come_with_it(name: str, count: int) -> None:
+    path = CONFIGS / "campaigns" / f"{name}.yaml"
+    plan = read(path, list(STRATEGIES))
+    assert size(plan) == count == len({one.key for one in trials(plan)})
+    assert path.read_text().startswith("# ")
+
+
+# What is refused
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", ["1:1: an empty file, expected a mapping with strategies and scenarios"]),
+        ("- 1", ["1:1: a list of 1, expected a mapping with spec, strategies, scenarios, seeds, noise, "]),
+        ("seeds: 3", ["1:1: no strategies, expected ", "1:1: no scenarios, expected "]),
+        (MINIMAL + "spec: 2", ["3:7: spec 2 is newer than this program reads (1): upgrade arva-hil, expected spec 1"]),
+        (MINIMAL + "sedes: 5", ["3:1: unknown key 'sedes', expected one of spec, strategies, "]),
+        (MINIMAL + "seeds: 0", ["3:8: '0', expected a list of seeds, or how many, from 1 to 100000"]),
+        (MINIMAL + "seeds: [1, 2.5]", ["3:12: '2.5', expected a whole number from 0 to 9223372036854775807"]),
+        (MINIMAL + "seeds: [1, 2, 1]", ["3:15: 1 again (first on line 3), expected each once"]),
+        (MINIMAL + "seeds: []", ["3:8: a list of 0, expected a list of 1 to 100000 seeds"]),
+        (MINIMAL + "wind_m_s: [0, -1]", ["3:15: '-1', expected a number from 0 to 100"]),
+        (MINIMAL + "wind_m_s: strong", ["3:11: 'strong', expected a number from 0 to 100"]),
+        (MINIMAL + "take_off_m: 0", ["3:13: '0', expected a number above 0, at most 1000"]),
+        (MINIMAL + "take_off_m: [1, 1.0]", ["3:17: 1.0 again (first on line 3), expected each once"]),
+        (MINIMAL + "noise: [off, unifrom]", ["3:14: 'unifrom', expected one of uniform, gaussian, off, did you mean "]),
+        (MINIMAL + "height_m: {estimate: 2}", ["3:12: unknown key 'estimate', expected flux"]),
+        (MINIMAL + "speed_m_s: {flux: fast}", ["3:19: 'fast', expected a number above 0, at most 100"]),
+        (MINIMAL + "limit_s: [1]", ["3:10: a list of 1, expected a number above 0, at most 86400"]),
+        (MINIMAL + "success_m: .nan", ["3:12: '.nan', expected a number above 0, at most 1000"]),
+        (
+            "strategies: [flx]\nscenarios: {random: {within_m: 5}}",
+            ["1:14: 'flx', expected one of flux, extremum, estimate, did you mean 'flux'?"],
+        ),
+        ("strategies: flux\nscenarios: []", ["2:12: a list of 0, expected a list of 1 to 100000 scenarios"]),
+        ("strategies: flux\nscenarios: [[a]]", ["2:13: a list of 1, expected a scenario file or {random: …}"]),
+        ("strategies: flux\nscenarios: {}", ["2:12: no random, expected a mapping with random"]),
+        ("strategies: flux\nscenarios: {random: {}}", ["2:21: no within_m, expected a mapping with within_m"]),
+        ("strategies: flux\nscenarios: {random: 5}", ["2:21: '5', expected a mapping with within_m, depth_m"]),
+        (
+            "strategies: flux\nscenarios: {random: {within_m: 0, depth_m: [2, 1]}}",
+            ["2:32: '0', expected a number above 0", "2:44: [2, 1], expected the smaller one first"],
+        ),
+        (
+            "strategies: flux\nscenarios: {random: {within_m: 5, depth_m: 1}}",
+            ["2:44: '1', expected a list of 2 numbers"],
+        ),
+        (
+            MINIMAL + "seeds: 10000\nwind_m_s: [1, 2, 3]\ntake_off_m: [1, 2, 3, 4, 5, 6, 7]",
+            ["1:1: 210000 trials, expected at most 200000"],
+        ),
+        (MINIMAL + "seeds: !!int 5", ["3:8: the tag '!!int', expected a value without a tag"]),
+    ],
+)
+def test_every_mistake_is_named_at_its_place(text: str, expected: list[str]) -> None:
+    found = mistakes(text)
+    assert len(found) == len(expected)
+    for line, start in zip(found, expected, strict=True):
+        assert line.startswith(f"p.yaml:{start}")
+
+
+def test_a_scenario_that_is_not_there_is_named_with_the_nearest_that_is() -> None:
+    source = str(CONFIGS / "campaigns" / "p.yaml")
+    (line,) = mistakes("strategies: flux\nscenarios: [../paper_case1.yaml]", source)
+    assert line.startswith(f"{source}:2:13: no file {CONFIGS}/campaigns/../paper_case1.yaml, ")
+    assert line.endswith("did you mean '../paper_case_1.yaml'?")
+
+
+def test_two_scenarios_of_one_name_are_refused() -> None:
+    source = str(CONFIGS / "campaigns" / "p.yaml")
+    (line,) = mistakes("strategies: flux\nscenarios:\n- ../default.yaml\n- ../../configs/default.yaml", source)
+    assert line == f"{source}:4:3: default again (first on line 3), expected each once"
+
+
+def test_mistakes_in_a_scenario_file_are_shown_with_those_of_the_plan(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("transmitters: []\nsed: 5\n")
+    found = mistakes("strategies: flux\nscenarios: a.yaml\nseeds: none\n", str(tmp_path / "p.yaml"))
+    places = [line.removeprefix(f"{tmp_path}/").split(": ")[0] for line in found]
+    assert places == ["a.yaml:1:15", "a.yaml:2:1", "p.yaml:3:8"]
+
+
+def test_a_plan_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    for path, why in [(tmp_path / "none.yaml", "No such file"), (tmp_path, "Is a directory")]:
+        with pytest.raises(ScenarioError, match=rf"{path}:1:1: {why}.*, expected the plan of a campaign"):
+            read(path, NAMES)
+    (tmp_path / "latin.yaml").write_bytes(b"# \xe9t\xe9\n")
+    with pytest.raises(ScenarioError, match="1:3: the byte 0xe9, expected UTF-8"):
+        read(tmp_path / "latin.yaml", NAMES)
+    (tmp_path / "long.yaml").write_bytes(b"#" * (1 << 20) + b"\n")
+    with pytest.raises(ScenarioError, match="1:1: more than 1 MiB"):
+        read(tmp_path / "long.yaml", NAMES)
+
+
+# Which trials
+
+
+def test_all_is_crossed_seed_by_seed_and_strategies_side_by_side() -> None:
+    every = planned("strategies: [flux, estimate]\nscenarios: {random: {within_m: 9}}\nseeds: 2\ntake_off_m: [1, 2]\n")
+    order = [(one.trial.scenario.seed, one.trial.take_off_m, one.trial.strategy) for one in every]
+    assert order == [(s, h, name) for s in (1, 2) for h in (1.0, 2.0) for name in ("flux", "estimate")]
+
+
+def test_strategies_meet_the_same_transmitter_noise_and_wind() -> None:
+    every = planned(
+        "strategies: [flux, extremum, estimate]\nscenarios: {random: {within_m: 50}}\n"
+        "seeds: 3\nwind_m_s: [2, 4]\nheight_m: {flux: 3}\n"
+    )
+    for at in range(0, len(every), 3):
+        flux, *others = (one.trial for one in every[at : at + 3])
+        for other in others:
+            assert other == replace(flux, strategy=other.strategy, height_m=other.height_m)
+    assert len({one.trial.scenario.transmitters for one in every}) == 3
+
+
+def test_a_seed_draws_the_same_whatever_else_is_planned() -> None:
+    one = planned(MINIMAL + "seeds: [42]")[0]
+    other = planned(MINIMAL.replace("flux", "[estimate, flux]") + "seeds: 50\nwind_m_s: [5, 0]")
+    same = [two for two in other if two.key == one.key]
+    assert [two.trial for two in same] == [one.trial]
+
+
+@pytest.mark.parametrize(
+    "more",
+    ["seeds: [2]", "noise: off", "wind_m_s: 1", "gps_noise_m: 1", "take_off_m: 3", "height_m: 2", "limit_s: 5"],
+)
+def test_whatever_changes_a_trial_changes_its_key(more: str) -> None:
+    assert planned(MINIMAL)[0].key != planned(MINIMAL + more)[0].key
+
+
+def test_a_key_is_of_the_content_of_the_scenario(tmp_path: Path) -> None:
+    plan = "strategies: flux\nscenarios: a.yaml\n"
+    keys = []
+    for text in ("{id: 1, ned: [1, 2, 0]}", "{id: 1, enu: [2, 1, 0]} # the same", "{id: 1, ned: [1, 2, 0.5]}"):
+        (tmp_path / "a.yaml").write_text(f"transmitters:\n- {text}\n")
+        keys += [one.key for one in trials(parse(plan, str(tmp_path / "p.yaml"), NAMES))]
+    assert keys[0] == keys[1] != keys[2]
+
+
+def test_noise_is_the_scenarios_own_unless_the_plan_has_some(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text("transmitters: [{id: 1, ned: [1, 2, 0]}]\nreceiver: {noise: {kind: gaussian}}\n")
+    plan = "strategies: flux\nscenarios: a.yaml\n"
+    for more, kinds in [("", ["gaussian"]), ("noise: [off, uniform]", ["off", "uniform"])]:
+        every = trials(parse(plan + more, str(tmp_path / "p.yaml"), NAMES))
+        assert [one.trial.scenario.receiver.noise.kind for one in every] == kinds
+
+
+@given(st.integers(0, 2**63 - 1), st.floats(0.1, 100), st.floats(-2, 2), st.floats(0, 5))
+def test_a_transmitter_is_drawn_inside_its_box(seed: int, within: float, low: float, more: float) -> None:
+    kind = Random(within, (low, low + more))
+    (transmitter,) = kind.draw(seed).transmitters
+    assert transmitter.ned is not None
+    north, east, down = transmitter.ned
+    assert max(abs(north), abs(east)) <= within + 0.0005
+    assert low - 0.0005 <= down <= low + more + 0.0005
+    assert kind.draw(seed) == kind.draw(seed)
+
+
+def test_transmitters_are_drawn_uniformly() -> None:
+    drawn = [Random(50.0, (0.0, 2.0)).draw(seed).transmitters[0] for seed in range(1, 2001)]
+    places = [t.ned for t in drawn if t.ned]
+    matrices = rotation.to_matrix(
+        rotation.from_euler(*[[math.radians(t.attitude[n]) for t in drawn] for n in range(3)])
+    )
+    for axis, (low, width) in enumerate([(-50, 100), (-50, 100), (0, 2)]):
+        assert kstest([place[axis] for place in places], "uniform", (low, width)).pvalue > 0.01
+    for entry in matrices.reshape(-1, 9).T:  # every entry of a random rotation is uniform: Archimedes' hat-box theorem
+        assert kstest(entry, "uniform", (-1, 2)).pvalue > 0.01
+
+
+def test_the_wind_comes_from_anywhere_at_its_speed() -> None:
+    drawn = [wind(3.0, seed) for seed in range(1, 1001)]
+    assert {down for _, _, down in drawn} == {0.0}
+    assert {round(math.hypot(north, east), 5) for north, east, _ in drawn} == {3.0}
+    assert (
+        kstest([math.atan2(east, north) for north, east, _ in drawn], "uniform", (-math.pi, 2 * math.pi)).pvalue > 0.01
+    )
+    assert str(wind(0.0, 7)) == "(0.0, 0.0, 0.0)"

@@ -1,0 +1,163 @@
+"""The report: its numbers against others' and by hand, its page whole and by itself."""
+
+from __future__ import annotations
+
+import re
+import sys
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import binomtest
+
+from arva_hil.campaign import charts, report
+from arva_hil.campaign.results import Row, row
+from arva_hil.campaign.summary import groups, summary, wilson
+
+from .fakes import fake, planned
+
+ROWS = [row(one, fake(one.trial)) for one in planned()]
+ONE = ROWS[0]
+
+
+def runs(*errors: float | None, strategy: str = "flux", **others: object) -> list[Row]:
+    """A run for each error, of time 10 s, 20 s …; None did not find anything."""
+    return [
+        replace(
+            ONE,
+            strategy=strategy,
+            outcome="lost" if error is None else "found",
+            error_m=error,
+            time_s=10.0 * n,
+            path_m=9.0 * n,
+            **others,
+        )
+        for n, error in enumerate(errors, 1)
+    ]
+
+
+@given(st.integers(1, 2000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_the_interval_is_wilsons(counts: tuple[int, int]) -> None:
+    expected = binomtest(*counts).proportion_ci(method="wilson")
+    assert wilson(*counts) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+def test_of_nothing_nothing_is_known() -> None:
+    assert wilson(0, 0) == (0.0, 1.0)
+    assert (summary([], 2.0).runs, summary([], 2.0).time_s) == (0, None)
+
+
+def test_sums_are_those_worked_out_by_hand() -> None:
+    crash = replace(ONE, outcome="failed: OSError: x", error_m=None)
+    s = summary([*runs(0.5, 1.0, 2.0, 5.0, None), crash], success_m=2.0)
+    assert (s.runs, s.failed, s.successes, s.rate) == (6, 1, 3, 0.5)
+    assert s.time_s == pytest.approx((20.0, 28.0))
+    assert s.path_m == pytest.approx((18.0, 25.2))
+    assert s.error_m == pytest.approx((1.5, 4.1))  # the place 5 m off was reported, too
+
+
+def test_the_table_has_a_line_for_each_strategy_with_its_interval() -> None:
+    rows = runs(0.5, 1.0, None, 9.0) + runs(None, None, strategy="estimate")
+    head, flux, estimate, foot = report.text(rows, 2.0).split("\n")
+    assert head.split() == "strategy runs successes rate 95 % confidence time, s path, m error, m".split()
+    assert flux.split("  ")[0] == "flux"
+    assert re.split(r"\s{2,}", flux)[1:5] == ["4", "2", "50.0 %", "15.0–85.0 %"]
+    assert re.split(r"\s{2,}", flux)[5:] == ["15 / 19", "14 / 17", "1.00 / 7.40"]
+    assert re.split(r"\s{2,}", estimate) == ["estimate", "2", "0", "0.0 %", "0.0–65.8 %", "–", "–", "–"]
+    assert "within 2 m" in foot
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return report.page("my <plan>", ROWS, 2.0)
+
+
+def cells(page: str, heading: str) -> list[list[str]]:
+    """The words in the table below a heading."""
+    table = page.split(f"<h2>{heading}</h2>")[1].split("</table>")[0]
+    lines = table.split("<tr")[2:]
+    return [[re.sub("<[^>]*>", "", cell) for cell in re.findall(r"<td.*?</td>", line)] for line in lines]
+
+
+def test_the_page_has_every_strategy_with_its_success_and_interval(page: str) -> None:
+    by_strategy = cells(page, "By strategy")
+    assert [line[0] for line in by_strategy] == ["flux", "estimate"]
+    for name, runs_, found, rate, interval, *_ in by_strategy:
+        mine = [one for one in ROWS if one.strategy == name]
+        good = sum(one.success(2.0) for one in mine)
+        ci = binomtest(good, len(mine)).proportion_ci(method="wilson")
+        assert (runs_, found) == (str(len(mine)), str(good))
+        assert rate == f"{100 * good / len(mine):.1f} %"
+        assert interval == f"{100 * ci.low:.1f}–{100 * ci.high:.1f} %"
+
+
+def test_the_page_has_a_table_for_each_axis_of_several_values(page: str) -> None:
+    assert re.findall("<h2>(.*?)</h2>", page) == ["By strategy", "By take-off height, m", "How the runs ended"]
+    by_height = cells(page, "By take-off height, m")
+    assert [line[:3] for line in by_height] == [
+        ["1", "flux", "6"],
+        ["", "estimate", "6"],
+        ["2", "flux", "6"],
+        ["", "estimate", "6"],
+    ]
+
+
+def test_the_page_says_how_runs_ended(page: str) -> None:
+    for outcome, *counts in cells(page, "How the runs ended"):
+        for strategy, count in zip(("flux", "estimate"), counts, strict=True):
+            mine = [one for one in ROWS if (one.strategy, one.outcome) == (strategy, outcome)]
+            assert int(count or 0) == len(mine)
+
+
+def test_the_page_is_one_file_well_formed_and_the_same_each_time(page: str) -> None:
+    assert "my &lt;plan&gt;" in page
+    assert not re.findall(r'(?:src|href)=(?!"data:)', page)
+    body = re.sub(r"<meta [^>]*>|<img [^>]*>", "", page.split("<html")[1].split("<body>")[1].split("</body>")[0])
+    for name in ("sub", "foot", "n", "rule", "bar", "charts", "note", "long"):
+        body = body.replace(f"class={name}", f'class="{name}"')
+    ElementTree.fromstring(f"<body>{body}</body>")
+    assert report.page("my <plan>", ROWS, 2.0) == page
+
+
+def test_the_charts_are_drawn_and_success_by_distance_where_distances_are_many() -> None:
+    few = charts.draw(ROWS, 2.0)
+    assert [caption.split(",")[0].split(":")[0] for caption in few] == [
+        "Success",
+        "Time until the transmitter is found",
+        "Error of the place reported",
+    ]
+    many = [replace(one, distance_m=float(n)) for n, one in enumerate(ROWS)]
+    drawn = charts.draw(many, 2.0)
+    assert list(drawn)[:3] == list(few)
+    assert "distance" in list(drawn)[3]
+    for svg in drawn.values():
+        assert ElementTree.fromstring(svg).tag.endswith("svg")
+
+
+@pytest.mark.parametrize(
+    "rows", [runs(None), runs(0.0), runs(None, strategy="x" * 40), [replace(ONE, distance_m=None)]]
+)
+def test_any_rows_make_a_page(rows: list[Row]) -> None:
+    assert report.page("p", rows, 2.0).count("<figure>") == 3
+
+
+def test_strategies_have_colours_of_their_own() -> None:
+    shades = charts.colours(["a", "b", "a", "c"])
+    assert list(shades) == ["a", "b", "c"]
+    assert len(set(shades.values())) == 3
+
+
+def test_without_matplotlib_the_page_says_how_to_get_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    page = report.page("p", ROWS, 2.0)
+    assert "pip install 'arva-hil[plots]'" in page
+    assert "<figure>" not in page
+    assert [line[0] for line in cells(page, "By strategy")] == ["flux", "estimate"]
+
+
+def test_groups_are_in_the_order_of_their_first_rows() -> None:
+    assert list(groups(ROWS, "take_off_m", "strategy")) == [
+        (height, strategy) for height in (1.0, 2.0) for strategy in ("flux", "estimate")
+    ]
