@@ -46,7 +46,8 @@ def draw_search(
     above.plot(0, 0, "ks", ms=6, label="take-off")
     for at, name in enumerate(names):
         above.plot([], [], color=f"C{at}", label=name)
-    above.set(xlabel="east [m]", ylabel="north [m]", title="trajectory; × is where it reports the victim")
+    marked = "; × is where it reports the victim" if any(track.found for track in tracks) else ""
+    above.set(xlabel="east [m]", ylabel="north [m]", title="trajectory" + marked)
     above.set_aspect("equal", adjustable="datalim")
     above.legend(fontsize=8)
     over = "dots: the receiver's d; line: true horizontal distance" if truth else "dots: the receiver's d"

@@ -12,7 +12,7 @@ from arva_hil.search.strategy import Position
 _LOW: Final = 1.3  # times the least d: where d is low
 _REACH: Final = 0.7  # times the least d: how far past that an arm goes, so that no false minimum ends it
 _SHORTEST_M: Final = 1.5  # of such a reach
-_TOGETHER_S: Final = 0.4  # readings that come within it are one
+_TOGETHER_S: Final = 0.4  # readings that come within it are one: fifty a second would be many to look through
 _AT_M: Final = 0.5  # so close to a place is there
 _SETTLED_M: Final = 0.5  # a middle that moved less stays
 _MOST_ARMS: Final = 8

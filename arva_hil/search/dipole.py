@@ -125,10 +125,13 @@ def evaluate(x: Array, o: Readings, pose_error: float) -> Fit:
     slope = np.add.reduce(j[:, :3] ** 2, axis=1)
     variance = (_TILT * hidden[:, 0, :, None] + o.variance).reshape(e.shape)
     total = pose_error**2 * slope + variance
-    tail = 1 + e**2 / (_TAIL * total)
+    squared = e**2 / total
+    tail = 1 + squared / _TAIL
+    loss = _TAIL * np.log(tail)
+    tail[:, :2], loss[:, :2] = 1, squared[:, :2]  # what is known beforehand is no outlier
     used = o.told | (o.limit & (e > 0))
     weight = used / (total * tail)
-    cost = 0.5 * np.add.reduce(_TAIL * used * np.log(tail) + o.told * np.log(total), axis=1)
+    cost = 0.5 * np.add.reduce(used * loss + o.told * np.log(total), axis=1)
     weighted = j * weight[:, None]
     information = weighted @ j.transpose(0, 2, 1) + _RIDGE
     return Fit(x, cost, information, (weighted @ e[:, :, None])[:, :, 0], e, weight, slope, variance)

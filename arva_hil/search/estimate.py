@@ -20,7 +20,7 @@ _FORGET: Final = 12.0  # a hypothesis whose likelihood is e^−12 of the best on
 _SAME: Final = np.array([0.02] * 3 + [0.1] * 3)  # apart by less: place over distance, and moment
 _MANY: Final = 40
 _ROUNDS: Final = 2
-_ROUNDS_OF_DOUBT: Final = 8
+_DOUBTS: Final = (4, 4)  # rounds again, before it stops
 _CAUTION: Final = 2.0  # of the covariance: readings are not as independent as the fit believes
 _SURE_M: Final = 0.3  # sigma
 _HERE_M: Final = 0.5
@@ -76,7 +76,8 @@ class Estimate:
         self._weigh(o, _ROUNDS)
         if self._arrived(o) and self._age:
             self._seed(self._strongest)
-            self._weigh(o, _ROUNDS_OF_DOUBT)
+            for rounds in _DOUBTS:
+                self._weigh(o, rounds)
             if self._arrived(o):
                 (nn, ne), (_, ee) = self._covariance.tolist()
                 north, east, down = (self._share @ self._x[:, :3]).tolist()
