@@ -1,0 +1,679 @@
+--[[
+ Search for an ARVA transmitter (an avalanche transceiver, 457 kHz) inside the autopilot
+
+ In GUIDED, when a parameter or a switch asks for it, follows the field lines with the readings of arva_receiver.lua,
+ which has to lie beside this file, crosses the place where it is strongest, and stops there. See arva_search.md
+--]]
+
+---@diagnostic disable: param-type-mismatch
+---@diagnostic disable: need-check-nil
+
+local PARAM_TABLE_KEY = 146
+local PARAM_TABLE_PREFIX = "ARVS_"
+
+local MAV_SEVERITY = {EMERGENCY=0, ALERT=1, CRITICAL=2, ERROR=3, WARNING=4, NOTICE=5, INFO=6, DEBUG=7}
+
+local MODE_GUIDED = 4
+local MODE_LOITER = 5
+local ROTATION_PITCH_270 = 25 -- downwards
+local RANGEFINDER_GOOD = 4
+local INNER = 2               -- zone
+local NO_ID = 255
+
+local UPDATE_MS = 10          -- of the driver
+local SEARCH_MS = 100
+local SILENT_MS = 2000        -- without a frame: hover
+local DEAF_MS = 60000         -- without a signal: over
+local NO_POSITION_MS = 2000
+local NEARER = 0.7            -- another transmitter has to be that much nearer to be gone for instead
+local CLIMB_GAIN = 1.0        -- 1/s
+local CLIMB_SPEED = 1.0       -- m/s
+local STICK = 0.15            -- of full travel: the pilot's hand
+local STICK_MIDDLE = 0.2      -- throttle: LOITER holds its height
+local SWITCH_HIGH = 2
+
+--[[
+   the strategy: places are metres north and east, angles radians from north, d is in metres, nil where nothing is heard
+--]]
+
+local LOW = 1.3               -- times the least d: where d is low
+local REACH = 0.7             -- times the least d: how far past that an arm goes
+local SHORTEST_M = 1.5        -- of such a reach
+local TOGETHER_MS = 400       -- readings that come within it are one
+local MOST_READINGS = 400     -- of an arm
+local AT_M = 0.5              -- so close to a place is there
+local SETTLED_M = 0.5         -- a middle that moved less stays
+local MOST_ARMS = 8
+
+--[[
+   the rescuers' cross. An arm begins at the centre and goes both ways until d is low no more, and a reach beyond. Its
+   middle is the next centre, and the next arm goes across. course: of the first one
+--]]
+local function Cross(centre_n, centre_e, course)
+   local self = {settled = false}
+   local arms = 0
+   local on_arm, sense                    -- sense: 1 or -1, how the arm goes on
+   local along, power                     -- of the readings, in order: place on the arm; of the field, d^-6
+   local most, newest                     -- power; index of the last reading
+   local sum_along, sum_power, count      -- of those that are to be one
+   local last_ms                          -- of the last that are one
+   local complete                         -- the arm has been flown
+
+   local function begin(n, e)
+      centre_n, centre_e, on_arm, sense = n, e, false, 1
+      along, power, most, newest = {}, {}, 0, 1
+      sum_along, sum_power, count = 0, 0, 0
+      last_ms, complete = nil, false
+   end
+
+   local function keep(place, here)
+      while newest > 1 and along[newest - 1] > place do
+         newest = newest - 1
+      end
+      while along[newest] and along[newest] <= place do
+         newest = newest + 1
+      end
+      table.insert(along, newest, place)
+      table.insert(power, newest, here)
+      most = math.max(most, here)
+   end
+
+   -- the centroid of the field's power
+   local function middle()
+      local total, moment = 0, 0
+      for k = 2, #along do
+         local share = (along[k] - along[k - 1]) * (power[k] + power[k - 1])
+         total = total + share
+         moment = moment + share * (along[k] + along[k - 1])
+      end
+      return moment / total / 2
+   end
+
+   local function finish()
+      local moved = most > 0 and middle() or 0
+      if most > 0 then
+         arms = arms + 1
+         self.settled = arms >= 2 and (math.abs(moved) <= SETTLED_M or arms >= MOST_ARMS)
+      end
+      begin(centre_n + moved * math.cos(course), centre_e + moved * math.sin(course))
+      course = course + math.pi / 2
+   end
+
+   -- which way the arm goes on, or that it is done
+   local function judge()
+      local first_low, last_low, reach = 0, 0, SHORTEST_M
+      if most > 0 then
+         local low = most * LOW^-6
+         local first, last = 1, #along
+         while power[first] < low do
+            first = first + 1
+         end
+         while power[last] < low do
+            last = last - 1
+         end
+         first_low, last_low = along[first], along[last]
+         reach = math.max(SHORTEST_M, REACH * most^(-1 / 6))
+      end
+      local ahead = along[#along] >= last_low + reach
+      local behind = along[1] <= first_low - reach
+      sense = ahead and -1 or 1
+      complete = (ahead and behind) or #along >= MOST_READINGS
+   end
+
+   -- take a reading
+   function self.hear(now, n, e, d)
+      n, e = n - centre_n, e - centre_e
+      on_arm = on_arm or math.sqrt(n * n + e * e) <= AT_M
+      if not on_arm or complete then
+         return
+      end
+      sum_along = sum_along + n * math.cos(course) + e * math.sin(course)
+      sum_power = sum_power + (d and d^-6 or 0)
+      count = count + 1
+      if not last_ms or now - last_ms >= TOGETHER_MS then
+         keep(sum_along / count, sum_power / count)
+         sum_along, sum_power, count, last_ms = 0, 0, 0, now
+         judge()
+      end
+   end
+
+   -- where to fly from there: to the centre, and then ahead on the arm. A complete arm is counted here, so that hear
+   -- leaves the instructions of a pass for that
+   function self.target(n, e)
+      if complete then
+         finish()
+      end
+      if not on_arm then
+         return centre_n, centre_e
+      end
+      local c, s = math.cos(course), math.sin(course)
+      local place = (n - centre_n) * c + (e - centre_e) * s + 2 * sense
+      return centre_n + place * c, centre_e + place * s
+   end
+
+   function self.centre()
+      return centre_n, centre_e
+   end
+
+   begin(centre_n, centre_e)
+   return self
+end
+
+local K = 0.8                 -- 1/m; speed * K d / sqrt(1 + (K d)^2)
+local RISE = 1.08             -- times the least d: it rises
+local FALL = 0.7              -- times the first d: it has fallen
+local MOST_TURNS = 3          -- without that d falls
+local SMOOTH_MS = 1000        -- time constant
+local SILENCE_MS = 3000       -- without a signal: turn back; in vain: turn again after twice the time, and so on
+
+--[[
+   along the flux line until d rises after it has fallen, then the cross. A flux line has two ways: d falls along the
+   right one, and where it rises the other one is right. Made with the speed not to be exceeded
+--]]
+local function Flux(speed)
+   local self = {}
+   local course = nil                     -- nil before the first signal
+   local smooth = 0                       -- d
+   local first, least = 0, math.huge      -- d when the course was taken, and since; huge: it is yet to be taken
+   local place_n, place_e = 0, 0          -- of the least d
+   local turns = 0
+   local heard_ms = nil                   -- or turned back
+   local patience_ms = SILENCE_MS
+   local cross = nil
+
+   -- the course is taken anew, at this d
+   local function take(d, n, e)
+      smooth, first, least, place_n, place_e = d, d, d, n, e
+   end
+
+   local function measure(now, n, e, d)
+      if least == math.huge then
+         take(d, n, e)
+      end
+      if heard_ms then
+         smooth = smooth + (d - smooth) * (1 - math.exp((heard_ms - now) / SMOOTH_MS))
+      end
+      heard_ms, patience_ms = now, SILENCE_MS
+      if smooth < least then
+         least, place_n, place_e = smooth, n, e
+      end
+   end
+
+   -- whether to go on, to turn round or to begin the cross
+   local function decide(n, e, inner)
+      if inner then
+         cross = Cross(n, e, course)
+      elseif smooth > RISE * least then
+         if least < FALL * first or turns >= MOST_TURNS then
+            cross = Cross(place_n, place_e, course)
+         else
+            turns = turns + 1
+            course = course + math.pi
+            take(smooth, n, e)
+         end
+      end
+   end
+
+   -- to where d was least, and beyond: there the course is taken anew
+   local function turn_back(now, n, e)
+      turns = turns + (least < math.huge and 1 or 0)
+      least = math.huge
+      course = math.atan(place_e - e, place_n - n)
+      heard_ms, patience_ms = now, 2 * patience_ms
+   end
+
+   -- take what a frame says: when and where it came, the bearing of the flux line there, d, and whether its zone is inner
+   function self.hear(now, n, e, bearing, d, inner)
+      if cross then
+         smooth = d or smooth
+         cross.hear(now, n, e, d)
+      elseif d then
+         if not course then
+            course = bearing
+         elseif not inner then
+            course = math.cos(bearing - course) >= 0 and bearing or bearing + math.pi
+         end
+         measure(now, n, e, d)
+         decide(n, e, inner)
+      elseif course and now - heard_ms > patience_ms then
+         turn_back(now, n, e)
+      end
+   end
+
+   -- the velocity to fly: north, east, m/s; the slower the nearer
+   function self.velocity(n, e)
+      if not course then
+         return 0, 0
+      end
+      local x = K * smooth
+      local v = speed * x / math.sqrt(1 + x * x)
+      if not cross then
+         return v * math.cos(course), v * math.sin(course)
+      end
+      local to_n, to_e = cross.target(n, e)
+      local left = math.sqrt((to_n - n)^2 + (to_e - e)^2)
+      local share = left > 0 and math.min(1, v / left) or 0
+      return (to_n - n) * share, (to_e - e) * share
+   end
+
+   -- north and east of the transmitter, nil while it is not known
+   function self.found()
+      if cross and cross.settled then
+         return cross.centre()
+      end
+      return nil
+   end
+
+   return self
+end
+
+if ... then -- required, to look at the strategy
+   return {Cross = Cross, Flux = Flux}
+end
+
+-- bind a parameter to a variable given
+local function bind_param(name)
+   local p = Parameter()
+   assert(p:init(name), string.format('could not find %s parameter', name))
+   return p
+end
+
+-- add a parameter and bind it to a variable
+local function bind_add_param(name, idx, default_value)
+   assert(param:add_param(PARAM_TABLE_KEY, idx, name, default_value), string.format('could not add param %s', name))
+   return bind_param(PARAM_TABLE_PREFIX .. name)
+end
+
+-- setup script specific parameters
+assert(param:add_table(PARAM_TABLE_KEY, PARAM_TABLE_PREFIX, 10), 'could not add param table')
+
+--[[
+  // @Param: ARVS_ENABLE
+  // @DisplayName: ARVA search enable
+  // @Description: Search for a transmitter when flying in GUIDED. 1 is for one search: it goes back to 0 at its end, whatever the end. 2 searches while the switch of ARVS_SWITCH is high
+  // @Values: 0:Disabled,1:Enabled for one search,2:By switch
+  // @User: Standard
+--]]
+local ARVS_ENABLE = bind_add_param("ENABLE", 1, 0)
+
+--[[
+  // @Param: ARVS_SWITCH
+  // @DisplayName: ARVA search switch
+  // @Description: Auxiliary function of the switch that searches, the value of RCn_OPTION: 300 is Scripting1, 307 is Scripting8
+  // @Range: 300 307
+  // @Increment: 1
+  // @User: Standard
+--]]
+local ARVS_SWITCH = bind_add_param("SWITCH", 2, 300)
+
+--[[
+  // @Param: ARVS_SPEED
+  // @DisplayName: ARVA search speed
+  // @Description: Horizontal speed that a search does not exceed
+  // @Range: 0.2 3
+  // @Units: m/s
+  // @User: Standard
+--]]
+local ARVS_SPEED = bind_add_param("SPEED", 3, 1)
+
+--[[
+  // @Param: ARVS_ALT
+  // @DisplayName: ARVA search height
+  // @Description: Height held in a search: above the ground by a downward rangefinder, else above the terrain database, else above home
+  // @Range: 0.5 20
+  // @Units: m
+  // @User: Standard
+--]]
+local ARVS_ALT = bind_add_param("ALT", 4, 2)
+
+--[[
+  // @Param: ARVS_TERRAIN
+  // @DisplayName: ARVA search uses the terrain database
+  // @Description: Whether the height is held above the terrain database where no rangefinder measures it. Its errors are metres
+  // @Values: 0:No,1:Yes
+  // @User: Standard
+--]]
+local ARVS_TERRAIN = bind_add_param("TERRAIN", 5, 1)
+
+--[[
+  // @Param: ARVS_RADIUS
+  // @DisplayName: ARVA search radius
+  // @Description: A search ends that far from where it began
+  // @Range: 10 500
+  // @Units: m
+  // @User: Standard
+--]]
+local ARVS_RADIUS = bind_add_param("RADIUS", 6, 150)
+
+--[[
+  // @Param: ARVS_TIME
+  // @DisplayName: ARVA search time
+  // @Description: A search ends after this time
+  // @Range: 30 3600
+  // @Units: s
+  // @User: Standard
+--]]
+local ARVS_TIME = bind_add_param("TIME", 7, 900)
+
+local function say(severity, ...)
+   gcs:send_text(severity, "ARVS: " .. string.format(...))
+end
+
+-- the driver lies in the folder of scripts, where require does not look by itself
+for folder in package.path:gmatch("([^;]-)modules/%?%.lua") do
+   package.path = package.path .. ";" .. folder .. "?.lua"
+end
+local has_driver, driver = pcall(require, "arva_receiver")
+if not has_driver then
+   say(MAV_SEVERITY.ERROR, "arva_receiver.lua is missing")
+   return
+end
+
+local sticks = {}
+for _, name in ipairs({"ROLL", "PITCH", "YAW"}) do
+   sticks[#sticks + 1] = rc:get_channel(math.floor(bind_param("RCMAP_" .. name):get()))
+end
+local throttle = rc:get_channel(math.floor(bind_param("RCMAP_THROTTLE"):get()))
+
+-- what the vehicle says of itself
+
+local function yaw()
+   return ahrs.get_yaw_rad and ahrs:get_yaw_rad() or ahrs:get_yaw()
+end
+
+-- above the ground, as well as it is known, m
+local function height()
+   if rangefinder and rangefinder:status_orient(ROTATION_PITCH_270) == RANGEFINDER_GOOD then
+      if rangefinder.distance_orient then
+         return rangefinder:distance_orient(ROTATION_PITCH_270)
+      end
+      return rangefinder:distance_cm_orient(ROTATION_PITCH_270) * 0.01
+   end
+   local above_terrain = terrain and ARVS_TERRAIN:get() == 1 and terrain:height_above_terrain(false)
+   return above_terrain or -ahrs:get_relative_position_D_home()
+end
+
+local function is_flying()
+   return arming:is_armed() and vehicle:get_likely_flying() and not vehicle:is_taking_off()
+end
+
+local function throttle_in_middle()
+   return rc:has_valid_input() and math.abs(throttle:norm_input_ignore_trim()) <= STICK_MIDDLE
+end
+
+local PILOT = "pilot input"
+
+-- what speaks against a search, nil when nothing does. rest: where the throttle stick stood at its beginning
+local function objection(rest)
+   if rc:has_valid_input() then
+      for k = 1, #sticks do
+         if math.abs(sticks[k]:norm_input_dz()) > STICK then
+            return PILOT
+         end
+      end
+      if math.abs(throttle:norm_input_ignore_trim() - rest) > STICK then
+         return PILOT
+      end
+   end
+   if battery:has_failsafed() then
+      return "low battery"
+   end
+   if fence and fence:get_breaches() ~= 0 then
+      return "fence breached"
+   end
+   return nil
+end
+
+-- of a transmitter
+local function name(id)
+   return id == NO_ID and "?" or tostring(id)
+end
+
+-- degrees and ten-millionths, which do not fit into ArduPilot's numbers together
+local function degrees(value)
+   return string.format("%s%d.%07d", value < 0 and "-" or "", math.abs(value) // 10000000, math.abs(value) % 10000000)
+end
+
+--[[
+   the search. HOLDING: it is over, the vehicle hovers in GUIDED, and goes to LOITER when the pilot is to have it and the
+   throttle stick is in the middle
+--]]
+local IDLE, SEARCHING, HOLDING = 0, 1, 2
+
+local receiver
+local now = millis():toint()
+local state = IDLE
+local flux = nil
+local target, target_d, heard_ms = nil, 0, 0   -- the transmitter gone for, its last distance in m and when
+local sample = nil                             -- of the target, that the strategy has not taken yet
+local begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = 0, 0, 0, 0, 0
+local position_ms, frame_ms = 0, 0
+local spent = false                            -- the request has had its search
+local wants_loiter, told = false, ""
+
+-- once
+local function tell(severity, ...)
+   local text = string.format(...)
+   if text ~= told then
+      told = text
+      say(severity, "%s", text)
+   end
+end
+
+local function steer(v_n, v_e, v_d)
+   local velocity = Vector3f()
+   velocity:x(v_n)
+   velocity:y(v_e)
+   velocity:z(v_d)
+   vehicle:set_target_velaccel_NED(velocity, Vector3f(), true, begin_yaw, false, 0, false)
+end
+
+-- where the vehicle is, north and east of the EKF's origin, m; nil when that is not known
+local function position()
+   local place = ahrs:get_relative_position_NED_origin()
+   if place then
+      return place:x(), place:y()
+   end
+   return nil
+end
+
+-- take what a frame says of the transmitter gone for, the nearest but not another at each whim of the noise
+local function on_frame(frame)
+   local n, e = position()
+   frame_ms = now
+   if state ~= SEARCHING or not n then
+      return
+   end
+   local nearest, mine = nil, nil
+   for k = 1, frame.n do
+      local d = frame.d[k]
+      if d > 0 and (not nearest or d < frame.d[nearest]) then
+         nearest = k
+      end
+      if d > 0 and frame.id[k] == target and (not mine or d < frame.d[mine]) then
+         mine = k
+      end
+   end
+   if nearest and nearest ~= mine and (not target or frame.d[nearest] * 0.01 < NEARER * target_d) then
+      target, mine = frame.id[nearest], nearest
+      flux = Flux(ARVS_SPEED:get())
+      say(MAV_SEVERITY.INFO, "going for transmitter %s, %.1f m away", name(target), frame.d[mine] * 0.01)
+   end
+   sample = {ms = now, n = n, e = e}
+   if mine then
+      target_d, heard_ms = frame.d[mine] * 0.01, now
+      sample.bearing = yaw() + math.rad(frame.delta[mine])
+      sample.d, sample.inner = target_d, frame.zone[mine] == INNER
+   end
+end
+
+local function is_asked_for()
+   local enable = ARVS_ENABLE:get()
+   return enable == 1 or (enable == 2 and rc:get_aux_cached(math.floor(ARVS_SWITCH:get())) == SWITCH_HIGH)
+end
+
+-- the search is over: hover. for_pilot: who is to have the vehicle
+local function finish(for_pilot)
+   steer(0, 0, 0)
+   state, spent, wants_loiter = HOLDING, true, for_pilot
+   if ARVS_ENABLE:get() == 1 then
+      ARVS_ENABLE:set_and_save(0)
+   end
+end
+
+local function hand_back(...)
+   say(MAV_SEVERITY.WARNING, "%s: search ends", string.format(...))
+   finish(true)
+end
+
+local function begin()
+   local n, e = position()
+   local rest = throttle:norm_input_ignore_trim()
+   local why_not = objection(rest) or (not receiver.healthy and "no receiver") or (not n and "no position")
+   if why_not then
+      tell(MAV_SEVERITY.WARNING, "cannot search: %s", why_not)
+      return
+   end
+   begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = n, e, now, math.deg(yaw()), rest
+   state, flux, target, sample, heard_ms, position_ms, told = SEARCHING, nil, nil, nil, now, now, ""
+   say(MAV_SEVERITY.INFO, "search begins")
+end
+
+local function on_found(n, e)
+   local place = ahrs:get_origin()
+   if place then
+      place:offset(n, e)
+      say(MAV_SEVERITY.NOTICE, "found %s at %s %s", name(target), degrees(place:lat()), degrees(place:lng()))
+   end
+   finish(false)
+   local hover = Vector3f()
+   hover:x(n)
+   hover:y(e)
+   hover:z(ahrs:get_relative_position_NED_origin():z())
+   vehicle:set_target_pos_NED(hover, true, begin_yaw, false, 0, false, false)
+end
+
+-- why the search may not go on, nil when it may
+local function limit(n, e)
+   if not receiver.healthy then
+      return "receiver lost"
+   end
+   if now - position_ms > NO_POSITION_MS then
+      return "no position"
+   end
+   if now - heard_ms > DEAF_MS then
+      return string.format("nothing heard for %d s", DEAF_MS // 1000)
+   end
+   if now - begin_ms > 1000 * ARVS_TIME:get() then
+      return string.format("not found in %d s", math.floor(ARVS_TIME:get()))
+   end
+   if n and (n - begin_n)^2 + (e - begin_e)^2 > ARVS_RADIUS:get()^2 then
+      return string.format("%d m away", math.floor(ARVS_RADIUS:get()))
+   end
+   return objection(begin_throttle)
+end
+
+local function fly()
+   local n, e = position()
+   position_ms = n and now or position_ms
+   local why = limit(n, e)
+   if why then
+      hand_back(why)
+      return
+   end
+   if not n then
+      return
+   end
+   local v_n, v_e = 0, 0
+   if flux and now - frame_ms <= SILENT_MS then
+      v_n, v_e = flux.velocity(n, e)
+      local found_n, found_e = flux.found()
+      if found_n then
+         on_found(found_n, found_e)
+         return
+      end
+   end
+   local above = height()
+   local v_d = math.max(-CLIMB_SPEED, math.min(CLIMB_SPEED, CLIMB_GAIN * (above - ARVS_ALT:get())))
+   steer(v_n, v_e, v_d)
+   logger:write("ARVS", "Id,N,E,Hgt,VN,VE,VD,D", "Bfffffff", "#mmmnnnm", "-0000000",
+                target or NO_ID, n - begin_n, e - begin_e, above, v_n, v_e, v_d, target_d)
+end
+
+-- after the search, in GUIDED
+local function hold()
+   wants_loiter = wants_loiter or objection(begin_throttle) == PILOT
+   if wants_loiter and throttle_in_middle() then
+      vehicle:set_mode(MODE_LOITER)
+   elseif wants_loiter and rc:has_valid_input() then
+      tell(MAV_SEVERITY.WARNING, "throttle to the middle for LOITER")
+   end
+end
+
+local function search()
+   local in_guided, asked_for = vehicle:get_mode() == MODE_GUIDED and arming:is_armed(), is_asked_for()
+   if not asked_for then
+      spent = false
+   end
+   if state == SEARCHING and not in_guided then
+      say(MAV_SEVERITY.INFO, "not in GUIDED any more: search ends")
+      finish(false)
+   elseif state == SEARCHING and not asked_for then
+      hand_back("switched off")
+   elseif state == SEARCHING then
+      fly()
+   elseif asked_for and not spent then
+      state = IDLE
+      if in_guided and is_flying() then
+         begin()
+      else
+         tell(MAV_SEVERITY.INFO, "search begins when flying in GUIDED")
+      end
+   elseif state == HOLDING and in_guided then
+      hold()
+   else
+      state, told = IDLE, ""
+   end
+end
+
+receiver = driver.start(now, on_frame)
+if not receiver then
+   return
+end
+
+local search_ms = now
+
+-- driver, strategy and steering take turns, so that each has the instructions of a pass for itself
+local function update()
+   now = millis():toint()
+   if now - search_ms >= SEARCH_MS then
+      search_ms = now
+      search()
+      return 1
+   end
+   if sample and flux then
+      flux.hear(sample.ms, sample.n, sample.e, sample.bearing, sample.d, sample.inner)
+      sample = nil
+      return 1
+   end
+   receiver.update(now)
+   return UPDATE_MS
+end
+
+-- wrapper around update(). This calls update() and if update faults
+-- then an error is displayed, but the script is not stopped
+local function protected_wrapper()
+   local success, result = pcall(update)
+   if not success then
+      say(MAV_SEVERITY.ERROR, "internal error: %s", result)
+      if state == SEARCHING then
+         finish(true)
+      end
+      -- when we fault we run the update function again after 1s, slowing it
+      -- down a bit so we don't flood the console with errors
+      return protected_wrapper, 1000
+   end
+   return protected_wrapper, result
+end
+
+return protected_wrapper()

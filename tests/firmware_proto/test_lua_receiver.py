@@ -1,0 +1,237 @@
+"""The ArduPilot driver of the receiver: what it sends, logs and says, and how little it costs."""
+
+import re
+import shutil
+from random import Random
+
+import pytest
+from lua_stubs import FOLDER, Autopilot, as_frame
+
+from firmware_proto import MID, Channel, Decoder, Frame, encode
+
+NAME = "arva_receiver"
+FOUR = (Channel(3, 2, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17, True), Channel())
+PREFIX = "ARVA: "
+
+
+def raw(sequence, channels=FOUR[:1]):
+    return encode(Frame(sequence % 256, 1, channels))
+
+
+@pytest.fixture
+def alone(tmp_path):
+    """A folder of scripts with the driver and no search."""
+    shutil.copy(FOLDER / f"{NAME}.lua", tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def autopilot(alone):
+    started = Autopilot(alone).start(NAME)
+    started.said()
+    return started
+
+
+def feed(autopilot, hertz, seconds, channels=FOUR[:1], first=0):
+    """Frames as they come at 115200 baud, in pieces of 4 ms."""
+    for k in range(round(hertz * seconds)):
+        start = autopilot.time_ms
+        data = raw(first + k, channels)
+        for at in range(0, len(data), 46):
+            autopilot.receive(data[at : at + 46])
+            autopilot.run(autopilot.time_ms + 4)
+        autopilot.run(start + round(1000 / hertz))
+
+
+def rows(autopilot, name):
+    return [fields for row, fields in autopilot.rows if row == name]
+
+
+@pytest.mark.parametrize(("hertz", "n"), [(1, 4), (50, 1), (50, 4), (50, 16)])
+def test_no_frame_is_lost(autopilot, hertz, n):
+    feed(autopilot, hertz, 6, (FOUR * 4)[:n])
+    assert [row["Seq"] for row in rows(autopilot, "ARVA")[::n]] == [k % 256 for k in range(6 * hertz)]
+    last = rows(autopilot, "ARVC")[-1]
+    assert (last["Crc"], last["Drop"], last["Lost"], last["Up"]) == (0, 0, 0, 1)
+    assert autopilot.said() == [PREFIX + f"receiver found, channels: {n}"]
+
+
+def test_the_first_channel_goes_to_the_ground_station_with_each_frame(autopilot):
+    for k, (channel, *values) in enumerate(
+        [(FOUR[0], 85, 0, 3, 2), (FOUR[1], 1250, -35, 1, 1), (FOUR[2], 4020, 17, 2, 1), (FOUR[3], -1, -1, 255, 0)]
+    ):
+        autopilot.receive(raw(k, (channel, *FOUR)))
+        autopilot.run(autopilot.time_ms + 20)
+        assert dict(autopilot.floats) == dict(
+            zip(("ARVA1_D", "ARVA1_DIR", "ARVA1_ID", "ARVA1_ZONE"), values, strict=True)
+        )
+        assert len(autopilot.floats) == 4
+        autopilot.floats.clear()
+
+
+def test_every_channel_is_logged(autopilot):
+    autopilot.receive(encode(Frame(7, 3, FOUR)))
+    autopilot.run(autopilot.time_ms + 20)
+    logged = [(r["Ch"], r["Id"], r["Zone"], r["Mark"], r["D"], r["Dir"]) for r in rows(autopilot, "ARVA")]
+    expected = [(c.id if c.id is not None else 255, c.zone, int(c.marked), c.d, c.delta) for c in FOUR]
+    assert logged == [(k + 1, *row) for k, row in enumerate(expected)]
+    assert {(r["Seq"], r["Stat"], r["N"]) for r in rows(autopilot, "ARVA")} == {(7, 3, 4)}
+
+
+def test_counters_are_logged_once_a_second(autopilot):
+    autopilot.receive(raw(1)[:-1] + b"\x00" + raw(2) + raw(9) + b"junk")
+    start = autopilot.time_ms
+    autopilot.run(start + 5100)
+    assert rows(autopilot, "ARVC")[0] == {"Good": 2, "Crc": 1, "Drop": 15 + 4, "Lost": 6, "Up": 1}
+    assert len(rows(autopilot, "ARVC")) == 5
+
+
+def test_appears_is_lost_and_comes_back(autopilot):
+    feed(autopilot, 1, 3)
+    assert autopilot.said() == [PREFIX + "receiver found, channels: 1"]
+    heard = autopilot.time_ms - 1000
+    autopilot.run(heard + 2980)
+    assert autopilot.said() == []
+    autopilot.run(heard + 3020)
+    assert autopilot.texts[0][0] == 4  # a warning
+    assert autopilot.said() == [PREFIX + "receiver lost"]
+    autopilot.run(heard + 60_000)
+    assert autopilot.said() == []
+    feed(autopilot, 1, 2)
+    assert autopilot.said() == [PREFIX + "receiver is back after 60 s"]
+
+
+def test_a_frame_without_a_signal_is_a_good_frame(autopilot):
+    feed(autopilot, 1, 10, FOUR[3:])
+    assert autopilot.said() == [PREFIX + "receiver found, channels: 1"]
+
+
+def test_a_port_where_nothing_comes(autopilot):
+    autopilot.run(autopilot.time_ms + 60_000)
+    assert autopilot.said() == [PREFIX + "no receiver"]
+    assert rows(autopilot, "ARVC")[-1]["Up"] == 0
+
+
+def test_a_port_where_only_noise_comes(autopilot):
+    autopilot.receive(bytes(500))
+    autopilot.run(autopilot.time_ms + 5000)
+    assert autopilot.said() == [PREFIX + "no receiver", PREFIX + "500 bytes in no frame: baud rate?"]
+
+
+def test_knocks_at_a_silent_port_and_at_no_other(autopilot):
+    """A port on USB is opened again, after it was unplugged, once a write has failed."""
+    feed(autopilot, 1, 10)
+    assert autopilot.written == []
+    silent_since = autopilot.time_ms - 1000
+    autopilot.run(silent_since + 6005)
+    assert [(ms - silent_since) // 1000 for ms, _ in autopilot.written] == [2, 3, 4, 5]
+    assert {byte for _, byte in autopilot.written} == {0}
+
+
+@pytest.mark.parametrize("cut", range(1, 33))
+def test_unplugged_inside_a_frame_and_plugged_in_again_inside_another(autopilot, cut):
+    autopilot.receive(raw(1, FOUR) + raw(2, FOUR)[:cut])
+    autopilot.run(autopilot.time_ms + 8000)
+    autopilot.receive(raw(10, FOUR)[cut:])
+    autopilot.run(autopilot.time_ms + 1000)
+    feed(autopilot, 1, 2, FOUR, first=11)
+    assert [row["Seq"] for row in rows(autopilot, "ARVA")[::4]] == [1, 11, 12]
+    assert autopilot.said()[1:] == [
+        PREFIX + "receiver lost",
+        PREFIX + f"{cut} bytes in no frame: baud rate?",
+        PREFIX + "receiver is back after 9 s",
+    ]
+
+
+def garbage():
+    """Streams that cost a decoder most: heads of false frames inside each other, good ones without a pause."""
+    random = Random(457)
+    pieces = [bytes.fromhex(h) for h in ("A4", "A457", "A45701", "A4570109", "A4570163000010", "A457010F00", "00")]
+    for k, piece in enumerate(pieces):
+        yield f"heads {k}", piece * (3000 // len(piece))
+    yield "mixed", b"".join(random.choice(pieces) for _ in range(1200))
+    yield "random", random.randbytes(3000)
+    for n in (1, 2, 4, 16):
+        yield f"n = {n}", b"".join(raw(k, (FOUR * 4)[:n]) for k in range(3000 // (9 + 6 * n)))
+        heads = (bytes.fromhex("A4570163000010") + raw(k, (FOUR * 4)[:n]) for k in range(3000 // (16 + 6 * n)))
+        yield f"n = {n} behind false heads", b"".join(heads)
+
+
+@pytest.mark.parametrize("data", [pytest.param(data, id=name) for name, data in garbage()])
+def test_a_pass_costs_less_than_the_scripting_engine_allows(alone, data):
+    """Also when bytes come as fast as 921600 baud brings them; what is left waits in the port and is not lost."""
+    autopilot = Autopilot(alone)
+    autopilot.limit = 8000
+    autopilot.start(NAME)
+    for at in range(0, len(data), 920):
+        autopilot.receive(data[at : at + 920])
+        autopilot.run(autopilot.time_ms + 10)
+    autopilot.run(autopilot.time_ms + 3000)
+    autopilot.receive(raw(200))
+    autopilot.run(autopilot.time_ms + 20)
+    assert rows(autopilot, "ARVA")[-1]["Seq"] == 200
+    python = Decoder()
+    frames = [frame for ms, byte in autopilot.read_log for frame in python.feed(bytes([byte]), ms * (1 + 1e-9) / 1000)]
+    assert len(frames) == sum(row["Ch"] == 1 for row in rows(autopilot, "ARVA"))
+
+
+def test_the_table_of_a_frame_holds_no_channel_of_the_one_before():
+    autopilot, frames = Autopilot(), []
+    receiver = autopilot.require(NAME).start(autopilot.time_ms, lambda frame: frames.append(as_frame(frame)))
+    autopilot.receive(raw(1, FOUR) + raw(2, FOUR[3:]) + raw(3, FOUR))
+    for _ in range(3):
+        receiver.update(autopilot.time_ms)
+    assert [len(frame.channels) for frame in frames] == [4, 1, 4]
+
+
+def test_parameters_choose_the_port(alone):
+    autopilot = Autopilot(alone, port=2, ARVA_PORT=3, ARVA_BAUD=57600).start(NAME)
+    assert autopilot.baud == 57600
+    assert autopilot.said() == [PREFIX + "driver started on scripting port 3"]
+    assert autopilot.running
+
+
+@pytest.mark.parametrize(
+    ("port", "params", "text"),
+    [
+        (None, {}, "no port 1 with SERIALn_PROTOCOL 28"),
+        (0, {"ARVA_PORT": 2}, "no port 2 with SERIALn_PROTOCOL 28"),
+        (0, {"ARVA_ENABLE": 0}, "disabled"),
+    ],
+)
+def test_it_says_why_it_does_not_run(alone, port, params, text):
+    autopilot = Autopilot(alone, port=port, **params).start(NAME)
+    assert autopilot.said() == [PREFIX + text]
+    assert not autopilot.running
+
+
+def test_a_fault_is_said_and_the_driver_goes_on(autopilot):
+    autopilot.no_room_for = "ARVA"
+    feed(autopilot, 1, 2)
+    assert len([text for text in autopilot.said() if "internal error: " in text and "no room" in text]) == 2
+    autopilot.no_room_for = ""
+    feed(autopilot, 1, 2)
+    assert len(rows(autopilot, "ARVA")) == 2
+
+
+def test_it_leaves_the_port_to_the_search_that_lies_beside_it():
+    autopilot = Autopilot().start(NAME)
+    assert autopilot.said() == [PREFIX + "the receiver is read by arva_search.lua"]
+    assert not autopilot.running
+    assert autopilot.baud is None
+
+
+@pytest.mark.parametrize("name", ["arva_receiver", "arva_search"])
+def test_every_parameter_is_documented_as_ardupilot_does_it(name):
+    source = (FOLDER / f"{name}.lua").read_text(encoding="ascii")
+    page = (FOLDER / f"{name}.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"--\[\[\n((?:  // @.*\n)+)--\]\]\nlocal (\w+) = bind_add_param\(\"(\w+)\", (\d+), ", source)
+    assert len(blocks) == source.count("= bind_add_param(")
+    (prefix,) = re.findall(r"PARAM_TABLE_PREFIX = \"(\w+)\"", source)
+    for number, (block, variable, short, index) in enumerate(blocks, 1):
+        fields = dict(re.findall(r"  // @(\w+): (.+)\n", block))
+        assert fields["Param"] == variable == prefix + short
+        assert {"DisplayName", "Description", "User"} <= set(fields)
+        assert {"Values", "Range", "Bitmask"} & set(fields)
+        assert int(index) == number
+        assert f"## {variable}\n" in page

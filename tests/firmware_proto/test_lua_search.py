@@ -1,0 +1,479 @@
+"""The search inside ArduPilot: it finds, it steers only when asked to, and it gives the vehicle back."""
+
+import math
+import shutil
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+from lua_stubs import FOLDER, GUIDED, LOITER, Autopilot
+
+from arva_hil import scenario
+from arva_hil.model import LocalFrame, rotation
+from arva_hil.output import frame_of
+from arva_hil.scene import receiver, transmitters
+from arva_hil.search.flux import Flux
+from arva_hil.search.strategy import Observation
+from firmware_proto import INNER, Channel, Frame, encode
+
+NAME = "arva_search"
+CONFIGS = Path(__file__).parents[2] / "configs"
+PREFIX = "ARVS: "
+STABILIZE, RTL = 0, 6
+NEAR = Channel(7, 1, 900, 20)
+
+
+class Flight:
+    """Remembers the vehicle, which follows velocities with a lag, and the frames it was sent."""
+
+    def __init__(self, case=1, hertz=5, folder=FOLDER, **params):
+        chosen = scenario.load(CONFIGS / f"paper_case_{case}.yaml")
+        self.receiver = receiver(chosen)
+        self.receiver.transmitters = transmitters(chosen, LocalFrame(47.0, 8.0, 488.0))
+        self.autopilot = Autopilot(folder, **params)
+        self.autopilot.start(NAME)
+        self.hertz = hertz
+        self.channels = None  # instead of what the receiver hears
+        self._velocity = np.zeros(3)
+        self._frames = 0
+        self._next_frame = self.autopilot.time_ms
+
+    @property
+    def transmitter(self):
+        return self.receiver.transmitters.positions[0]
+
+    def fly(self, seconds, until=lambda _: False):
+        autopilot = self.autopilot
+        attitude = rotation.from_euler(0, 0, autopilot.yaw)
+        for _ in range(round(seconds * 50)):
+            if self.hertz and autopilot.time_ms >= self._next_frame:
+                self._next_frame = autopilot.time_ms + 1000 / self.hertz
+                autopilot.receive(encode(self._frame(attitude)))
+                self._frames += 1
+            autopilot.run(autopilot.time_ms + 20)
+            fresh = autopilot.velocity is not None and autopilot.time_ms - autopilot.velocity_ms < 3000
+            wanted = np.array(autopilot.velocity if fresh and autopilot.mode == GUIDED else (0, 0, 0))
+            self._velocity += (wanted - self._velocity) * 0.05
+            autopilot.position = [float(x) for x in autopilot.position + self._velocity * 0.02]
+            if until(autopilot):
+                return True
+        return False
+
+    def _frame(self, attitude):
+        if self.channels is not None:
+            return Frame(self._frames % 256, 1, tuple(self.channels))
+        pose = self.receiver.pose(np.array(self.autopilot.position), attitude)
+        return frame_of(self.receiver.read(*pose), self._frames % 256)
+
+    def said(self):
+        return [text.removeprefix(PREFIX) for text in self.autopilot.said() if text.startswith(PREFIX)]
+
+    @property
+    def steered(self):
+        """Whether it was in the last second."""
+        autopilot = self.autopilot
+        return autopilot.velocity is not None and autopilot.time_ms - autopilot.velocity_ms < 1000
+
+    @property
+    def moved(self):
+        return self.steered and math.hypot(*self.autopilot.velocity[:2]) > 0.1
+
+
+@pytest.fixture
+def flight():
+    """A search that is under way."""
+    begun = Flight(ARVS_ENABLE=1)
+    begun.fly(5)
+    assert begun.moved
+    assert begun.said()[0] == "search begins"
+    return begun
+
+
+@pytest.mark.parametrize("yaw", [0.0, 2.5])
+@pytest.mark.parametrize("case", [1, 2, 3, 4])
+def test_it_stops_at_the_transmitter(case, yaw):
+    flight = Flight(case, hertz=1, ARVS_ENABLE=1)
+    flight.autopilot.yaw = yaw
+    assert flight.fly(300, until=lambda autopilot: autopilot.place)
+    assert math.dist(flight.autopilot.place[:2], flight.transmitter[:2]) < 1
+    assert flight.autopilot.place[2] == pytest.approx(-2, abs=0.2)
+    first, going, found = flight.said()
+    assert (first, going[:25]) == ("search begins", "going for transmitter 1, ")
+    north, east = flight.autopilot.place[:2]
+    lat, lng = 473977420 + round(north * 89.8), 85455940 + round(east * 131.0)
+    assert found == f"found 1 at {lat / 1e7:.7f} {lng / 1e7:.7f}"
+    assert flight.autopilot.mode == GUIDED
+    assert flight.autopilot.params["ARVS_ENABLE"] == 0
+    place = flight.autopilot.place
+    flight.fly(5)
+    assert flight.autopilot.place == place  # nothing was ordered since
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_strategy_is_the_one_of_the_python_client(seed):
+    """Side by side through readings that come and go, the same velocities are flown and the same place is found."""
+    random = Random(seed)
+    flight = Flight(1 + seed % 4)
+    python, lua = Flux(1.0), flight.autopilot.require(NAME).Flux(1.0)
+    attitude = rotation.from_euler(0, 0, random.uniform(-3, 3))
+    place = [random.uniform(-10, 10), random.uniform(-10, 10), random.uniform(-3, -0.5)]
+    for step in range(1500):
+        time_ms = 203 * step
+        if step % 5 == 0:
+            position, matrix = flight.receiver.pose(np.array(place), attitude)
+            channel = flight.receiver.read(position, matrix).channels[0]
+            deaf = random.random() < 0.1 or 100 < step < 100 + 20 * seed
+            seen = Observation(
+                time_ms / 1000,
+                tuple(place),
+                matrix,
+                -1 if deaf else channel.d_cm,
+                channel.delta_deg,
+                channel.zone == INNER,
+            )
+            python.hear(seen)
+            lua.hear(time_ms, *place[:2], seen.bearing, None if deaf else seen.d_m, seen.inner)
+        velocity = python.velocity(time_ms / 1000, tuple(place))
+        assert lua.velocity(*place[:2]) == pytest.approx(velocity, abs=1e-6)
+        if python.found:
+            break
+        place[:2] = [x + 0.203 * v for x, v in zip(place, velocity, strict=False)]
+    assert lua.found() == pytest.approx(python.found[:2], abs=1e-6)
+
+
+def test_at_50_hertz_too_and_nothing_costs_more_than_the_engine_allows():
+    flight = Flight(4, hertz=50, ARVS_ENABLE=1)
+    flight.autopilot.limit = 8000
+    assert flight.fly(300, until=lambda autopilot: autopilot.place)
+    assert math.dist(flight.autopilot.place[:2], flight.transmitter[:2]) < 1
+    counters = [fields for name, fields in flight.autopilot.rows if name == "ARVC"][-1]
+    assert (counters["Drop"], counters["Lost"]) == (0, 0)
+
+
+def test_south_and_west_have_their_signs():
+    flight = Flight(4, hertz=1, ARVS_ENABLE=1)
+    flight.autopilot.origin = (-12, -700000001)
+    assert flight.fly(300, until=lambda autopilot: autopilot.place)
+    north, east = flight.autopilot.place[:2]
+    assert flight.said()[-1] == (
+        f"found 1 at {(-12 + round(north * 89.8)) / 1e7:.7f} {(-700000001 + round(east * 131.0)) / 1e7:.7f}"
+    )
+
+
+def test_the_speed_is_not_exceeded_and_the_height_is_held(flight):
+    flight.fly(15)
+    rows = [fields for name, fields in flight.autopilot.rows if name == "ARVS"]
+    assert max(math.hypot(row["VN"], row["VE"]) for row in rows) <= 1
+    assert [row["Hgt"] for row in rows[-10:]] == pytest.approx([2] * 10, abs=0.05)
+
+
+def test_nothing_is_flown_unless_it_is_asked_for():
+    flight = Flight()
+    flight.fly(5)
+    assert flight.autopilot.velocity is None
+    assert flight.said() == []
+
+
+@pytest.mark.parametrize("state", [{"mode": LOITER}, {"armed": False}, {"flying": False}, {"taking_off": True}])
+def test_it_waits_until_the_vehicle_flies_in_guided(state):
+    flight = Flight(ARVS_ENABLE=1)
+    for name, value in state.items():
+        setattr(flight.autopilot, name, value)
+    flight.fly(5)
+    assert flight.autopilot.velocity is None
+    assert flight.said() == ["search begins when flying in GUIDED"]
+    for name, value in {"mode": GUIDED, "armed": True, "flying": True, "taking_off": False}.items():
+        setattr(flight.autopilot, name, value)
+    flight.fly(2)
+    assert flight.moved
+
+
+@pytest.mark.parametrize(
+    ("state", "text"),
+    [
+        ({"failsafed": True}, "low battery"),
+        ({"breaches": 2}, "fence breached"),
+        ({"has_position": False}, "no position"),
+        ({"sticks": {"ROLL": 0.3, "PITCH": 0.0, "YAW": 0.0, "THROTTLE": 0.0}}, "pilot input"),
+    ],
+)
+def test_it_does_not_begin_what_it_would_have_to_end(state, text):
+    flight = Flight(ARVS_ENABLE=1)
+    for name, value in state.items():
+        setattr(flight.autopilot, name, value)
+    flight.fly(5)
+    assert flight.autopilot.velocity is None
+    assert flight.said()[-1] == f"cannot search: {text}"
+
+
+def test_without_a_receiver_it_does_not_begin():
+    flight = Flight(hertz=0, ARVS_ENABLE=1)
+    flight.fly(5)
+    assert flight.autopilot.velocity is None
+    assert flight.said() == ["cannot search: no receiver"]
+    flight.hertz = 5
+    flight.fly(3)
+    assert flight.moved
+
+
+def push(stick, value):
+    def act(flight):
+        flight.autopilot.sticks[stick] = value
+
+    return act
+
+
+def set_(**state):
+    def act(flight):
+        for name, value in state.items():
+            setattr(flight.autopilot, name, value)
+
+    return act
+
+
+def unplug(flight):
+    flight.hertz = 0
+
+
+def switch_off(flight):
+    flight.autopilot.params["ARVS_ENABLE"] = 0.0
+
+
+@pytest.mark.parametrize(
+    ("act", "text"),
+    [
+        (push("ROLL", 0.2), "pilot input"),
+        (push("PITCH", -0.2), "pilot input"),
+        (push("YAW", 0.2), "pilot input"),
+        (push("THROTTLE", 0.18), "pilot input"),
+        (set_(failsafed=True), "low battery"),
+        (set_(breaches=1), "fence breached"),
+        (set_(has_position=False), "no position"),
+        (unplug, "receiver lost"),
+        (switch_off, "switched off"),
+    ],
+)
+def test_it_hands_back_to_loiter(flight, act, text):
+    act(flight)
+    assert flight.fly(4, until=lambda autopilot: autopilot.mode == LOITER)
+    assert flight.said()[-1] == f"{text}: search ends"
+    assert flight.autopilot.velocity == (0, 0, 0)
+    assert flight.autopilot.params["ARVS_ENABLE"] == 0
+    stopped = flight.autopilot.velocity_ms
+    flight.fly(5)
+    assert flight.autopilot.velocity_ms == stopped
+
+
+def test_it_hovers_until_loiter_would_hold_the_height(flight):
+    """With the throttle stick at the bottom LOITER sinks to the ground."""
+    flight.autopilot.sticks["THROTTLE"] = -1.0
+    flight.fly(10)
+    assert flight.autopilot.mode == GUIDED
+    assert flight.autopilot.velocity == (0, 0, 0)
+    assert flight.said() == ["pilot input: search ends", "throttle to the middle for LOITER"]
+    flight.autopilot.sticks["THROTTLE"] = -0.1
+    flight.fly(1)
+    assert flight.autopilot.mode == LOITER
+
+
+def test_without_a_radio_it_hovers_in_guided(flight):
+    flight.autopilot.rc = False
+    flight.autopilot.sticks["ROLL"] = 1.0
+    flight.fly(1)
+    assert flight.moved
+    unplug(flight)
+    flight.fly(60)
+    assert flight.autopilot.mode == GUIDED
+    assert flight.autopilot.velocity == (0, 0, 0)
+    assert flight.said() == ["receiver lost: search ends"]
+
+
+@pytest.mark.parametrize("mode", [LOITER, RTL, STABILIZE])
+def test_a_mode_that_is_not_guided_is_left_alone(flight, mode):
+    flight.autopilot.mode = mode
+    ordered = flight.autopilot.velocity_ms
+    flight.fly(10)
+    assert flight.autopilot.mode == mode
+    assert flight.autopilot.velocity_ms == ordered
+    assert flight.said() == ["not in GUIDED any more: search ends"]
+    flight.autopilot.mode = GUIDED
+    flight.fly(5)
+    assert flight.autopilot.velocity_ms == ordered
+
+
+def test_the_pilot_gets_loiter_after_the_transmitter_is_found_too():
+    flight = Flight(4, hertz=1, ARVS_ENABLE=1)
+    assert flight.fly(300, until=lambda autopilot: autopilot.place)
+    flight.fly(20)
+    assert flight.autopilot.mode == GUIDED
+    flight.autopilot.sticks["PITCH"] = 0.5
+    flight.fly(1)
+    assert flight.autopilot.mode == LOITER
+
+
+def test_one_search_for_each_enabling(flight):
+    unplug(flight)
+    flight.fly(5)
+    flight.hertz = 5
+    flight.autopilot.mode = GUIDED
+    flight.fly(5)
+    assert not flight.steered
+    flight.autopilot.params["ARVS_ENABLE"] = 1.0
+    flight.fly(2)
+    assert flight.moved
+
+
+def test_the_switch_begins_and_ends():
+    flight = Flight(ARVS_ENABLE=2, ARVS_SWITCH=302)
+    switches = flight.autopilot.switches
+    for position in (None, 0, 1):
+        switches[302] = position
+        flight.fly(2)
+        assert flight.autopilot.velocity is None
+    switches[302] = 2
+    flight.fly(5)
+    assert flight.moved
+    switches[302] = 1
+    flight.fly(1)
+    assert flight.autopilot.mode == LOITER
+    assert flight.said()[-1] == "switched off: search ends"
+    flight.autopilot.mode = GUIDED
+    flight.fly(2)
+    assert not flight.moved
+    switches[302] = 2
+    flight.fly(2)
+    assert flight.moved
+    assert flight.autopilot.params["ARVS_ENABLE"] == 2
+    flight.autopilot.mode = LOITER
+    flight.fly(1)
+    flight.autopilot.mode = GUIDED
+    flight.fly(2)
+    assert not flight.steered  # the switch has to go down first
+
+
+def test_a_receiver_that_is_silent_for_two_seconds_is_waited_for(flight):
+    unplug(flight)
+    flight.fly(2.6)
+    assert flight.steered
+    assert flight.autopilot.velocity[:2] == (0, 0)
+    flight.hertz = 5
+    flight.fly(2)
+    assert flight.moved
+    assert "search ends" not in " ".join(flight.said())
+
+
+def test_a_search_without_a_signal_hovers_and_ends():
+    flight = Flight(ARVS_ENABLE=1)
+    flight.channels = [Channel()]
+    flight.fly(59)
+    assert flight.steered
+    assert not flight.moved
+    flight.fly(3)
+    assert flight.said() == ["search begins", "nothing heard for 60 s: search ends"]
+
+
+@pytest.mark.parametrize(
+    ("params", "text"),
+    [({"ARVS_TIME": 30}, "not found in 30 s"), ({"ARVS_RADIUS": 10, "ARVS_TIME": 60}, "10 m away")],
+)
+def test_limits(params, text):
+    flight = Flight(3, ARVS_ENABLE=1, **params)
+    flight.channels = [Channel(1, 1, 3000, 30)]
+    flight.fly(50)
+    assert flight.said()[-1] == f"{text}: search ends"
+
+
+@pytest.mark.parametrize(
+    ("above_ground", "above_terrain", "params", "sinks"),
+    [
+        (None, None, {}, 1.0),  # 3 m above home
+        (2.5, 4.0, {}, 0.5),
+        (None, 1.2, {}, -0.8),
+        (None, 1.2, {"ARVS_TERRAIN": 0}, 1.0),
+        (None, 30.0, {}, 1.0),
+        (None, 30.0, {"ARVS_TERRAIN": 0, "ARVS_ALT": 3.0}, 0.0),
+    ],
+)
+def test_height_is_above_the_ground_else_the_terrain_else_home(above_ground, above_terrain, params, sinks):
+    flight = Flight(ARVS_ENABLE=1, **params)
+    autopilot = flight.autopilot
+    autopilot.range, autopilot.terrain = above_ground, above_terrain
+    autopilot.position, autopilot.home_down = [0.0, 0.0, 5.0], 8.0
+    flight.fly(5, until=lambda autopilot: autopilot.velocity)
+    assert autopilot.velocity[2] == pytest.approx(sinks, abs=0.1)
+
+
+def test_it_goes_for_the_nearest_and_changes_for_one_that_is_much_nearer(flight):
+    flight.said()
+    for distances, text in [
+        ({7: 900, 8: 1100}, "going for transmitter 7, 9.0 m away"),
+        ({7: 900, 8: 650}, None),
+        ({8: 640, 9: 660}, None),
+        ({7: 900, 8: 620}, "going for transmitter 8, 6.2 m away"),
+        ({8: 650, 7: 640}, None),
+    ]:
+        flight.channels = [Channel(id_, 1, d, 0) for id_, d in distances.items()]
+        flight.fly(1)
+        assert flight.said() == ([text] if text else [])
+
+
+def test_the_nearest_counts_where_an_id_comes_twice(flight):
+    flight.channels = [Channel(7, 1, 900, 0), Channel(7, 1, 400, 0)]
+    flight.fly(1)
+    assert flight.said()[-1] == "going for transmitter 7, 4.0 m away"
+
+
+def test_a_receiver_that_knows_no_numbers(flight):
+    flight.channels = [Channel(None, 1, 400, 0)]
+    flight.fly(1)
+    assert flight.said() == ["going for transmitter ?, 4.0 m away"]
+    flight.fly(1)
+    assert flight.said() == []
+
+
+def test_the_driver_goes_on_beside_it(flight):
+    names = {name for name, _ in flight.autopilot.floats}
+    assert names == {"ARVA1_D", "ARVA1_DIR", "ARVA1_ID", "ARVA1_ZONE"}
+    assert {name for name, _ in flight.autopilot.rows} == {"ARVA", "ARVC", "ARVS"}
+
+
+def test_a_long_arm_of_the_cross_costs_no_more_than_the_engine_allows():
+    """d falls and falls; what would be too long an arm ends after 400 readings, at the middle of what was heard."""
+    autopilot = Autopilot()
+    cross = autopilot.require(NAME).Cross(0.0, 0.0, 0.0)
+
+    def cost(step):
+        return autopilot.count(lambda: cross.hear(400 * step, step / 10, 0.0, 100 * math.exp(-step / 100)))
+
+    hear = max(cost(step) for step in range(399))
+    assert cross.target(39.8, 0.0) == pytest.approx((41.8, 0))
+    hear = max(hear, cost(399))
+    count = autopilot.count(lambda: cross.target(39.9, 0.0))
+    assert 1000 < hear < 8000
+    assert 2000 < count < 8000
+    assert cross.target(39.9, 0.0) == pytest.approx((38.2, 0), abs=0.1)  # the centroid of exp(0.6 n)
+
+
+def test_a_fault_ends_the_search(flight):
+    flight.autopilot.no_room_for = "ARVS"
+    flight.fly(3)
+    assert "internal error" in flight.said()[0]
+    assert flight.autopilot.mode == LOITER
+    flight.autopilot.no_room_for = ""
+    flight.fly(3)
+    assert not flight.steered
+    assert flight.autopilot.running
+
+
+def test_it_says_that_the_driver_is_missing(tmp_path):
+    shutil.copy(FOLDER / f"{NAME}.lua", tmp_path)
+    flight = Flight(folder=tmp_path)
+    assert flight.said() == ["arva_receiver.lua is missing"]
+    assert not flight.autopilot.running
+
+
+def test_without_a_port_it_does_not_run():
+    autopilot = Autopilot(port=None).start(NAME)
+    assert autopilot.said() == ["ARVA: no port 1 with SERIALn_PROTOCOL 28"]
+    assert not autopilot.running
