@@ -1,0 +1,237 @@
+#include "arva_receiver.hpp"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <string.h>
+
+#include <parameters/param.h>
+#include <px4_platform_common/cli.h>
+#include <px4_platform_common/getopt.h>
+#include <px4_platform_common/log.h>
+#include <systemlib/mavlink_log.h>
+
+static_assert(ARVA_ARRAY_SIZE == debug_array_s::ARRAY_SIZE && (int)ARVA_ARRAY_END == ARVA_ARRAY_SIZE, "layout");
+
+ArvaReceiver::ArvaReceiver(const char *port, uint32_t baudrate) :
+	ScheduledWorkItem(MODULE_NAME, px4::serial_port_to_wq(port))
+{
+	strncpy(_port, port, sizeof(_port) - 1);
+	_serial.setBaudrate(baudrate);
+	arva_decoder_init(&_decoder, [](void *self, const arva_frame * frame) {
+		static_cast<ArvaReceiver *>(self)->take(*frame);
+	}, this);
+}
+
+void ArvaReceiver::start()
+{
+	_debug_array_pub.advertise(); // the logger looks for new topics only now and then
+	ScheduleOnInterval(INTERVAL);
+}
+
+void ArvaReceiver::Run()
+{
+	if (should_exit()) {
+		ScheduleClear();
+		exit_and_cleanup();
+		return;
+	}
+
+	if (_at == _count) {
+		_at = 0;
+		_count = open_port() ? read_port() : 0;
+	}
+
+	// one frame a pass: debug_array has no queue, and a subscriber would only see the last of several
+	const uint32_t now_ms = hrt_absolute_time() / 1000;
+	size_t frames = arva_decoder_feed(&_decoder, nullptr, 0, now_ms);
+
+	while (frames == 0 && _at < _count) {
+		frames = arva_decoder_push(&_decoder, _bytes[_at++], now_ms);
+	}
+
+	watch();
+}
+
+bool ArvaReceiver::open_port()
+{
+	const hrt_abstime now = hrt_absolute_time();
+
+	if (_serial.isOpen() || now < _next_open) {
+		return _serial.isOpen();
+	}
+
+	_next_open = now + REOPEN;
+
+	if (!_serial.setPort(_port)) { // not there
+		return false;
+	}
+
+	if (!_serial.open()) {
+		_serial.close(); // what an open that failed half-way holds
+		return false;
+	}
+
+	_serial.flush(); // what came while nobody read
+	_byte_time = now;
+	return true;
+}
+
+/* A port that was unplugged gives an error, or is silent and only works again when it has been opened again. */
+size_t ArvaReceiver::read_port()
+{
+	errno = 0;
+	const ssize_t count = _serial.read(_bytes, sizeof(_bytes));
+
+	if (count > 0) {
+		_byte_time = hrt_absolute_time();
+		return count;
+	}
+
+	if ((count < 0 && errno != EAGAIN) || hrt_elapsed_time(&_byte_time) > SILENCE) {
+		_serial.close();
+	}
+
+	return 0;
+}
+
+uint32_t ArvaReceiver::age_ms(hrt_abstime now) const
+{
+	const uint32_t age = arva_decoder_age_ms(&_decoder, now / 1000);
+	return age == ARVA_NEVER ? (now - _started) / 1000 : age;
+}
+
+void ArvaReceiver::watch()
+{
+	if (_lost || age_ms(hrt_absolute_time()) <= SILENCE / 1000) {
+		return;
+	}
+
+	_lost = true;
+	const uint32_t dropped = _decoder.dropped - _dropped;
+
+	if (dropped > 0) {
+		mavlink_log_warning(&_mavlink_log_pub, "ARVA: no frames, only %" PRIu32 " bytes: baud rate?", dropped);
+
+	} else if (_decoder.good > 0) {
+		mavlink_log_warning(&_mavlink_log_pub, "ARVA: receiver lost");
+
+	} else {
+		mavlink_log_warning(&_mavlink_log_pub, "ARVA: no receiver");
+	}
+}
+
+void ArvaReceiver::take(const arva_frame &frame)
+{
+	if (_lost || _decoder.good == 1) {
+		mavlink_log_info(&_mavlink_log_pub, "ARVA: receiver found, channels: %u", frame.n);
+		_lost = false;
+	}
+
+	_frame = frame;
+	_dropped = _decoder.dropped;
+
+	debug_array_s debug_array{};
+	debug_array.timestamp = hrt_absolute_time();
+	debug_array.id = ARVA_ARRAY_ID;
+	strncpy(debug_array.name, ARVA_ARRAY_NAME, sizeof(debug_array.name) - 1);
+	arva_array_pack(&frame, &_decoder, debug_array.data);
+	_debug_array_pub.publish(debug_array);
+}
+
+int ArvaReceiver::print_status()
+{
+	PX4_INFO("port %s at %" PRIu32 " baud: %s", _port, _serial.getBaudrate(), _serial.isOpen() ? "open" : "not there");
+	PX4_INFO("receiver: %s", _decoder.good == 0 ? "not heard yet" : _lost ? "lost" : "heard");
+	PX4_INFO("frames: %" PRIu32 " good, %" PRIu32 " lost, %" PRIu32 " with a wrong CRC; bytes in none: %" PRIu32,
+		 _decoder.good, _decoder.lost, _decoder.bad_crc, _decoder.dropped);
+
+	if (_decoder.good > 0) {
+		PX4_INFO("last frame: %" PRIu32 " ms ago, sequence %u, status 0x%02x, channels %u",
+			 age_ms(hrt_absolute_time()), _frame.sequence, _frame.status, _frame.n);
+	}
+
+	for (unsigned k = 0; k < _frame.n; k++) {
+		const arva_channel &channel = _frame.channels[k];
+
+		if (arva_valid(&channel)) {
+			PX4_INFO("channel %u: transmitter %u, zone %u%s, %d cm, %d degrees", k + 1, channel.id, channel.zone,
+				 channel.marked ? " (marked)" : "", channel.d_cm, channel.delta_deg);
+
+		} else {
+			PX4_INFO("channel %u: no signal", k + 1);
+		}
+	}
+
+	return 0;
+}
+
+int ArvaReceiver::task_spawn(int argc, char *argv[])
+{
+	const char *port = nullptr;
+	int baudrate = 115200;
+	param_get(param_find("SENS_ARVA_BAUD"), &baudrate);
+
+	int option_index = 1;
+	const char *option_arg = nullptr;
+	int option;
+
+	while ((option = px4_getopt(argc, argv, "d:b:", &option_index, &option_arg)) != EOF) {
+		if (option == 'd') {
+			port = option_arg;
+
+		} else if (option != 'b' || px4_get_parameter_value(option_arg, baudrate) != 0) {
+			print_usage("unrecognized option");
+			return PX4_ERROR;
+		}
+	}
+
+	if (port == nullptr || strlen(port) >= PORT_LENGTH || baudrate <= 0) {
+		print_usage("needs a port, of 31 characters at most, and a baud rate");
+		return PX4_ERROR;
+	}
+
+	ArvaReceiver *instance = new ArvaReceiver(port, baudrate);
+
+	if (instance == nullptr) {
+		PX4_ERR("alloc failed");
+		return PX4_ERROR;
+	}
+
+	_object.store(instance);
+	_task_id = task_id_is_work_queue;
+	instance->start();
+	return PX4_OK;
+}
+
+int ArvaReceiver::custom_command(int argc, char *argv[])
+{
+	return print_usage("unknown command");
+}
+
+int ArvaReceiver::print_usage(const char *reason)
+{
+	if (reason != nullptr) {
+		PX4_WARN("%s", reason);
+	}
+
+	PRINT_MODULE_DESCRIPTION(
+		R"DESCR_STR(
+### Description
+Reads an ARVA receiver (avalanche transceiver, 457 kHz) and publishes its frames as debug_array.
+
+### Examples
+$ arva_receiver start -d /dev/ttyS3
+)DESCR_STR");
+
+	PRINT_MODULE_USAGE_NAME("arva_receiver", "driver");
+	PRINT_MODULE_USAGE_COMMAND("start");
+	PRINT_MODULE_USAGE_PARAM_STRING('d', nullptr, "<file:dev>", "Serial port", false);
+	PRINT_MODULE_USAGE_PARAM_INT('b', 115200, 9600, 921600, "Baud rate (or p:<param_name>; default SENS_ARVA_BAUD)", true);
+	PRINT_MODULE_USAGE_DEFAULT_COMMANDS();
+	return 0;
+}
+
+extern "C" __EXPORT int arva_receiver_main(int argc, char *argv[])
+{
+	return ArvaReceiver::main(argc, argv);
+}

@@ -1,0 +1,57 @@
+/* Reads an ARVA receiver (457 kHz) on a serial port and publishes its frames as debug_array. See ../../../README.md. */
+#pragma once
+
+#include <drivers/drv_hrt.h>
+#include <px4_platform_common/Serial.hpp>
+#include <px4_platform_common/module.h>
+#include <px4_platform_common/px4_work_queue/ScheduledWorkItem.hpp>
+#include <uORB/Publication.hpp>
+#include <uORB/topics/debug_array.h>
+
+#include "arva_array.h"
+
+using namespace time_literals;
+
+class ArvaReceiver : public ModuleBase<ArvaReceiver>, public px4::ScheduledWorkItem
+{
+public:
+	ArvaReceiver(const char *port, uint32_t baudrate);
+
+	static int task_spawn(int argc, char *argv[]);
+	static int custom_command(int argc, char *argv[]);
+	static int print_usage(const char *reason = nullptr);
+
+	void start();
+	int print_status() override;
+
+private:
+	static constexpr hrt_abstime INTERVAL = 10_ms;
+	static constexpr hrt_abstime SILENCE = 2_s;  // without bytes: open the port again; without a frame: receiver lost
+	static constexpr hrt_abstime REOPEN = 500_ms;
+	static constexpr size_t MOST_BYTES = 256;    // taken in one interval: what comes in it at 230400 baud
+	static constexpr size_t PORT_LENGTH = 32;    // of device::Serial
+
+	void Run() override;
+	bool open_port();
+	size_t read_port();
+	void watch();
+	void take(const arva_frame &frame);
+	uint32_t age_ms(hrt_abstime now) const; // of the last good frame; before the first, the time since the start
+
+	char _port[PORT_LENGTH] {};
+	device::Serial _serial{};
+	uint8_t _bytes[MOST_BYTES];          // read; those from _at on are not decoded yet
+	size_t _count{0};
+	size_t _at{0};
+	arva_decoder _decoder;
+	arva_frame _frame{};                 // the last good one
+
+	const hrt_abstime _started{hrt_absolute_time()};
+	hrt_abstime _next_open{0};
+	hrt_abstime _byte_time{0};           // when the last byte came, or the port was opened
+	bool _lost{false};                   // and said so
+	uint32_t _dropped{0};                // bytes, as counted at the last good frame
+
+	uORB::Publication<debug_array_s> _debug_array_pub{ORB_ID(debug_array)};
+	orb_advert_t _mavlink_log_pub{nullptr};
+};
