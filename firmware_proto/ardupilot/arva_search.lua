@@ -222,7 +222,7 @@ local function Flux(speed)
       heard_ms, patience_ms = now, 2 * patience_ms
    end
 
-   -- take what a frame says: when and where it came, the bearing of the flux line there, d, and whether its zone is inner
+   -- take what a frame says: when and where it came, the flux line's bearing there, d, and whether the zone is inner
    function self.hear(now, n, e, bearing, d, inner)
       if cross then
          smooth = d or smooth
@@ -435,8 +435,8 @@ local function degrees(value)
 end
 
 --[[
-   the search. HOLDING: it is over, the vehicle hovers in GUIDED, and goes to LOITER when the pilot is to have it and the
-   throttle stick is in the middle
+   the search. HOLDING: it is over, the vehicle hovers in GUIDED, and goes to LOITER when the pilot is to have it and
+   the throttle stick is in the middle
 --]]
 local IDLE, SEARCHING, HOLDING = 0, 1, 2
 
