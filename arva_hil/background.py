@@ -13,13 +13,17 @@ _MOST_JOBS: Final = 10_000
 class Background:
     """Runs jobs in order on one thread; remembers the first error, after which it runs no more.
 
-    The thread never dies unseen: `error` tells, and every later `put` is refused.
+    The thread never dies unseen: `error` tells, every later `put` is refused, and an error of no `expected` kind is
+    handed to `threading.excepthook` as well.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(
+        self, name: str, expected: tuple[type[Exception], ...] = (OSError,), most_jobs: int = _MOST_JOBS
+    ) -> None:
         self.error: Exception | None = None
         self.refused = 0
-        self._jobs: queue.Queue[Callable[[], object] | None] = queue.Queue(_MOST_JOBS)
+        self._expected = expected
+        self._jobs: queue.Queue[Callable[[], object] | None] = queue.Queue(most_jobs)
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
@@ -50,3 +54,6 @@ class Background:
                     job()
                 except Exception as error:
                     self.error = error
+                    if not isinstance(error, self._expected):
+                        what = (type(error), error, error.__traceback__, threading.current_thread())
+                        threading.excepthook(threading.ExceptHookArgs(what))

@@ -12,6 +12,8 @@ from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import Clock
 from arva_hil.datum import Datum
+from arva_hil.faults.plan import Faults
+from arva_hil.faults.sending import Letter
 from arva_hil.links import Link
 from arva_hil.model import LocalFrame, Reading
 from arva_hil.notice import Level, Notice
@@ -19,6 +21,7 @@ from arva_hil.observer import Observer, Pose, Snapshot, Status
 from arva_hil.output import Port, frame_of
 from arva_hil.scenario import Scenario
 from arva_hil.scene import receiver, transmitters
+from firmware_proto import Frame
 
 _STATUS_S: Final = 0.25
 _LOOK_AHEAD_S: Final = 1.0  # how far a log is read past a frame's instant, to interpolate
@@ -52,10 +55,15 @@ class Schedule:
 
 @dataclass
 class Counters:
-    """What became of every frame."""
+    """What became of every frame: frames + duplicated = delivered + damaged + withheld + dropped + waiting."""
 
     frames: int = 0
+    duplicated: int = 0  # copies that a fault added
+    delivered: int = 0  # gone, whole
+    damaged: int = 0  # gone, but not as it was made
+    withheld: int = 0  # kept from going by a fault
     dropped: int = 0  # nobody took it
+    waiting: int = 0  # held up by a fault, not gone yet
     no_pose: int = 0  # said no signal because the pose was unknown or too old
     skipped: int = 0  # not made because the loop was held up for more than a second
     latest_s: float = 0.0  # the worst lateness
@@ -88,9 +96,11 @@ class Emulator:
         self._link = link
         self._port = port
         self._scenario = scenario
-        self._receiver = receiver(scenario)
+        self._faults = Faults(scenario) if scenario.faults else None
+        self._receiver = self._faults.receiver if self._faults else receiver(scenario)
         self._observers = observers
         self._packet_observers = [o for o in observers if type(o).packets is not Observer.packets]
+        self._wire_observers = [o for o in observers if type(o).wire is not Observer.wire]
         self._start = start
         self._timeout_s = timeout_s
         self._max_age_s = max_age_s
@@ -110,13 +120,14 @@ class Emulator:
         """
         while (now := clock.now()) >= self.schedule.deadline:
             self.emit(self.schedule.deadline, now)
+        self.release(now)
         if self._link and (chunk := self._link.read()):
             now = clock.now()
             self.hear(chunk, now)
         self.tend(now)
         if self.session.vehicle is None and now - self._start > self._timeout_s:
             raise NoHeartbeatError(self.session.heard())
-        return min(self.schedule.deadline, self.session.next_due, self._next_status)
+        return min(self.schedule.deadline, self.next_release, self.session.next_due, self._next_status)
 
     def hear(self, chunk: bytes, now: float) -> None:
         """Bytes of the autopilot, received at `now`."""
@@ -140,15 +151,20 @@ class Emulator:
 
     def emit(self, t: float, now: float) -> None:
         """Make the frame whose instant is `t` and send it; `now` is when that is done."""
+        number, time_s = self.schedule.number, t - self._start
+        if self._faults:
+            self._faults.begin(number, time_s)
         boot = self.session.clock.boot(t)
         pose, age, reading = self._read(t, now)
         made = frame_of(reading, self.counters.frames % 256)
         boot_ms = 0 if boot is None else max(0, round(boot * 1e3)) % 2**32
-        data, sent = self._port.send(made, boot_ms)
-        self._count(pose is not None, sent, now - t)
-        self._last = Snapshot(
-            self.schedule.number, t - self._start, boot, pose, age, reading, made, data, sent, now - t
-        )
+        self._count(pose is not None, now - t)
+        if self._faults:
+            made, sent = self._send_by(self._faults, made, t, boot_ms)
+        else:
+            sent = self._send(Letter(made, boot_ms))
+        met = self._faults.met if self._faults else ()
+        self._last = Snapshot(number, time_s, boot, pose, age, reading, made, sent, now - t, met)
         for observer in self._observers:
             observer.frame(self._last)
         self.schedule.advance()
@@ -167,6 +183,50 @@ class Emulator:
         pose = Pose(*self._receiver.pose(state.position, state.attitude))
         return pose, state.age_s, self._receiver.read(pose.position, pose.rotation)
 
+    @property
+    def next_release(self) -> float:
+        """When something is due that a fault holds up."""
+        return self._faults.outbox.next_due if self._faults else math.inf
+
+    def release(self, now: float) -> None:
+        """Send what faults have held up until `now`; all frames of earlier instants have to be made."""
+        if self._faults:
+            outbox = self._faults.outbox
+            while letter := outbox.take(now):
+                self.counters.waiting = len(outbox)
+                self._send(letter)
+
+    def fault_counts(self) -> dict[str, dict[str, int]]:
+        """How many frames met each fault, by its name, and how many bytes it hit."""
+        return self._faults.counts() if self._faults else {}
+
+    def _send_by(self, faults: Faults, made: Frame, t: float, boot_ms: int) -> tuple[Frame, bool]:
+        """As the faults have it: what the frame says then, and whether it was sent or will be."""
+        self.release(t)
+        dropped = self.counters.dropped
+        said, copies = faults.send(made, t, boot_ms, self._port.encode)
+        self.counters.withheld += not copies
+        self.counters.duplicated += max(0, copies - 1)
+        self.counters.waiting = len(faults.outbox)
+        self.release(t)
+        return said, copies > 0 and self.counters.dropped == dropped
+
+    def _send(self, letter: Letter) -> bool:
+        """Whether it was taken."""
+        data = self._port.encode(letter.frame, letter.boot_ms) if letter.data is None else letter.data
+        sent = False
+        try:
+            sent = bool(data) and self._port.write(data)
+        finally:  # a link that is lost takes nothing
+            self.counters.dropped += not sent
+        self.counters.delivered += sent and letter.whole
+        self.counters.damaged += sent and not letter.whole
+        self._say_dropping(sent)
+        if sent:
+            for observer in self._wire_observers:
+                observer.wire(data)
+        return sent
+
     def ready_for(self, t: float, heard: float) -> bool:
         """In a replay, read up to `heard`: whether the frame of instant `t` can be made."""
         if heard - t >= _LOOK_AHEAD_S:
@@ -177,18 +237,20 @@ class Emulator:
     def _place(self, frame: LocalFrame) -> None:
         self._receiver.transmitters = transmitters(self._scenario, frame)
 
-    def _count(self, posed: bool, sent: bool, late: float) -> None:
+    def _count(self, posed: bool, late: float) -> None:
         counters = self.counters
         counters.frames += 1
         counters.no_pose += not posed
         counters.latest_s = max(counters.latest_s, late)
-        counters.dropped += not sent
-        if self._dropping == sent and (self.session.vehicle or sent):
+
+    def _say_dropping(self, sent: bool) -> None:
+        """One line when nobody takes the frames any more, one when somebody does; none about a lost link."""
+        if self._dropping == sent and (self.session.vehicle or sent) and not self._port.away:
             self._dropping = not sent
             if self._dropping:
                 self._say("warning", "nobody takes the frames: they are dropped until somebody does")
             else:
-                self._say("info", f"frames are taken; {counters.dropped} were dropped so far")
+                self._say("info", f"frames are taken; {self.counters.dropped} were dropped so far")
 
     def _say_pose(self, fresh: bool, state: VehicleState | None, now: float) -> None:
         """One line when the pose is lost or does not come, one when it is there."""
@@ -216,14 +278,14 @@ class Emulator:
             observer.notice(Notice(level, text))
 
     def _report(self, now: float) -> None:
-        vehicle = self.session.vehicle
+        vehicle, counters = self.session.vehicle, self.counters
         status = Status(
             now - self._start,
             vehicle.short if vehicle else "",
             self.session.rates(now),
             self._last,
-            self.counters.frames,
-            self.counters.dropped,
+            counters.delivered + counters.damaged + counters.dropped,
+            counters.dropped,
         )
         for observer in self._observers:
             observer.status(status)

@@ -58,8 +58,9 @@ def replay(
 
     def emit(everything: bool) -> None:
         while (t := schedule.deadline) <= heard and (everything or emulator.ready_for(t, heard)) and not stopped():
-            while clock is not None and clock.now() < t and not stopped():
-                clock.wait(min(t, clock.now() + _LONGEST_WAIT_S))
+            while clock is not None and (now := clock.now()) < t and not stopped():
+                emulator.release(now)
+                clock.wait(min(t, emulator.next_release, now + _LONGEST_WAIT_S))
             emulator.emit(t, t)
 
     for record in records:
@@ -76,5 +77,6 @@ def replay(
             tend_at = heard + _LONGEST_WAIT_S
     emulator.tend(heard)
     emit(True)
+    emulator.release(heard)
     if emulator.session.vehicle is None:
         raise NoHeartbeatError(emulator.session.heard())

@@ -33,9 +33,9 @@ class Snapshot:
     age_s: float | None  # of the pose
     reading: Reading
     frame: Frame
-    data: bytes
-    sent: bool  # False: nobody takes it, dropped
-    late_s: float  # how long after its instant it was sent
+    sent: bool  # False: nobody takes it, dropped; or a fault keeps it from being sent
+    late_s: float  # how long after its instant it was made
+    faults: tuple[str, ...] = ()  # that it met
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Status:
     vehicle: str  # "" before there is one
     rates: Mapping[str, float]  # Hz by message name
     last: Snapshot | None
-    frames: int
+    frames: int  # that were to be sent
     dropped: int
 
 
@@ -57,7 +57,10 @@ class Observer:
         """Packets as they came, whoever sent them, at `now` on the loop's clock [s]."""
 
     def frame(self, snapshot: Snapshot) -> None:
-        """A frame went out."""
+        """A frame was made, and sent unless it says else."""
+
+    def wire(self, data: bytes) -> None:
+        """These bytes went out."""
 
     def status(self, status: Status) -> None:
         """How things stand."""

@@ -18,8 +18,15 @@ TUNNEL_TYPE: Final = 42071  # 0xA457, in MAVLink's private range
 class Port(Protocol):
     """Where frames go."""
 
-    def send(self, frame: Frame, boot_ms: int) -> tuple[bytes, bool]:
-        """The bytes of one frame, and whether they were taken. `boot_ms`: its instant, vehicle's clock."""
+    def encode(self, frame: Frame, boot_ms: int) -> bytes:
+        """The bytes of one frame, b"" while there is nobody to send it to. `boot_ms`: its instant, vehicle's clock."""
+
+    def write(self, data: bytes) -> bool:
+        """Send bytes; whether they were taken."""
+
+    @property
+    def away(self) -> bool:
+        """Whether they are not because the link is lost."""
 
 
 def frame_of(reading: Reading, sequence: int) -> Frame:
@@ -38,9 +45,15 @@ class WirePort:
         self._link = link
         self._encode = firmware_proto.ENCODERS[format]
 
-    def send(self, frame: Frame, boot_ms: int) -> tuple[bytes, bool]:
-        data = self._encode(frame)
-        return data, self._link.write(data)
+    def encode(self, frame: Frame, boot_ms: int) -> bytes:
+        return self._encode(frame)
+
+    def write(self, data: bytes) -> bool:
+        return self._link.write(data)
+
+    @property
+    def away(self) -> bool:
+        return self._link.away
 
 
 class MavlinkPort:
@@ -51,11 +64,17 @@ class MavlinkPort:
         self._session = session
         self._messages = {"tunnel": self._tunnel, "named": _named, "debug_vect": _debug_vect}[format]
 
-    def send(self, frame: Frame, boot_ms: int) -> tuple[bytes, bool]:
+    def encode(self, frame: Frame, boot_ms: int) -> bytes:
         if self._session.vehicle is None:
-            return b"", False
-        data = b"".join(map(self._session.encoder.pack, self._messages(frame, boot_ms)))
-        return data, self._link.write(data)
+            return b""
+        return b"".join(map(self._session.encoder.pack, self._messages(frame, boot_ms)))
+
+    def write(self, data: bytes) -> bool:
+        return self._link.write(data)
+
+    @property
+    def away(self) -> bool:
+        return self._link.away
 
     def _tunnel(self, frame: Frame, boot_ms: int) -> list[Any]:
         vehicle = self._session.vehicle

@@ -13,6 +13,7 @@ from typing import Any, Final, Literal, get_args
 import yaml
 
 from arva_hil._yaml import Problem, Range, Reader, ScenarioError, read_text
+from arva_hil.faults.spec import Fault, plain_fault, read_faults
 
 __all__ = [
     "DEFAULT",
@@ -20,6 +21,7 @@ __all__ = [
     "RATE_HZ",
     "SEED",
     "Datum",
+    "Fault",
     "Format",
     "Lla",
     "Mount",
@@ -46,6 +48,7 @@ NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))
 RATE_HZ: Final = Range(0.1, 50)
 SEED: Final = Range(0, 2**63 - 1, "a whole number")
 _ID: Final = Range(0, 254, "a whole number")
+_IDS: Final = range(255)
 _TRANSMITTERS: Final = range(1, 256)
 _CHANNELS: Final = Range(1, 16, "a whole number")
 _STRENGTH: Final = Range(0, 1000, above=True)
@@ -137,6 +140,7 @@ class Scenario:
     receiver: Receiver = Receiver()
     output_format: Format = "binary"
     seed: int = 1
+    faults: tuple[Fault, ...] = ()
     source: str = field(default="default scenario", compare=False)
 
 
@@ -152,7 +156,7 @@ def load(path: str | os.PathLike[str]) -> Scenario:
 def parse(text: str, source: str) -> Scenario:
     """The scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
     r = Reader(text, source)
-    f = r.mapping(r.root, "spec datum transmitters receiver output seed", need=["transmitters"])
+    f = r.mapping(r.root, "spec datum transmitters receiver output seed faults", need=["transmitters"])
     r.spec(f.get("spec"), SPEC)
     transmitters = _transmitters(r, f.get("transmitters"))
     datum = _datum(r, f.get("datum"))
@@ -160,8 +164,10 @@ def parse(text: str, source: str) -> Scenario:
     output = r.mapping(f.get("output"), "format")
     output_format = r.word(output.get("format"), DEFAULT.output_format, FORMATS)
     seed = r.integer(f.get("seed"), DEFAULT.seed, SEED)
+    ids = [t.id for t in transmitters]
+    faults = read_faults(r, f.get("faults"), ids if min(ids, default=-1) >= 0 else _IDS, output_format)
     r.finish()
-    return Scenario(transmitters, datum, receiver, output_format, seed, source)
+    return Scenario(transmitters, datum, receiver, output_format, seed, faults, source)
 
 
 def to_dict(scenario: Scenario) -> dict[str, Any]:
@@ -191,6 +197,7 @@ def to_dict(scenario: Scenario) -> dict[str, Any]:
         },
         "output": {"format": scenario.output_format},
         "seed": scenario.seed,
+        "faults": [plain_fault(fault) for fault in scenario.faults],
     }
 
 

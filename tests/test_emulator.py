@@ -284,7 +284,7 @@ def test_a_port_that_nobody_empties_drops_whole_frames_and_holds_nothing_up() ->
     emulator = Emulator(quiet(10), Session(), autopilot, WirePort(port, "binary"), start=0.0, observers=[diary])
     simulator = Simulator(SimulatedVehicle(HOME), [far])
     run([simulator, emulator], clock, until=5.0)
-    assert (emulator.counters.frames, emulator.counters.dropped) == (51, 48)
+    assert (emulator.counters.frames, emulator.counters.delivered, emulator.counters.dropped) == (51, 3, 48)
     assert [s.sent for s in diary.snapshots] == [True] * 3 + [False] * 48
     assert diary.said("nobody takes the frames") == 1
     decoder = Decoder()

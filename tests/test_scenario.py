@@ -110,6 +110,7 @@ def test_everything_but_transmitters_has_the_pinned_default() -> None:
         },
         "output": {"format": "binary"},
         "seed": 1,
+        "faults": [],
     }
     assert scenario.source == "f.yaml"
 
@@ -264,13 +265,14 @@ def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
         ("spec: 2\nunknown: here",
          "7: spec 2 is newer than this program reads (1): upgrade arva-hil, expected spec 1"),
         ("recever: {}", "1: unknown key 'recever', expected one of spec, datum, transmitters, receiver, output, "
-         "seed, did you mean 'receiver'?"),
+         "seed, faults, did you mean 'receiver'?"),
         ("SEED: 1", "1: unknown key 'SEED', expected one of spec, datum, transmitters, receiver, output, seed, "
-         "did you mean 'seed'?"),
-        ("zzz: 1", "1: unknown key 'zzz', expected one of spec, datum, transmitters, receiver, output, seed"),
-        ("<<: {seed: 1}", "1: unknown key '<<', expected one of spec, datum, transmitters, receiver, output, seed"),
+         "faults, did you mean 'seed'?"),
+        ("zzz: 1", "1: unknown key 'zzz', expected one of spec, datum, transmitters, receiver, output, seed, faults"),
+        ("<<: {seed: 1}",
+         "1: unknown key '<<', expected one of spec, datum, transmitters, receiver, output, seed, faults"),
         ("? [a]\n: 1",
-         "3: unknown key a list of 1, expected one of spec, datum, transmitters, receiver, output, seed"),
+         "3: unknown key a list of 1, expected one of spec, datum, transmitters, receiver, output, seed, faults"),
         ("seed: !!python/object:os.system {}",
          "7: the tag '!!python/object:os.system', expected a value without a tag"),
         ("seed: !!int 3", "7: the tag '!!int', expected a value without a tag"),
@@ -281,7 +283,7 @@ def test_a_mistake_on_line_2(text: str, expected: str) -> None:
 
 
 TRANSMITTER = "id, enu, ned, lla, attitude, strength"
-TOP = "spec, datum, transmitters, receiver, output, seed"
+TOP = "spec, datum, transmitters, receiver, output, seed, faults"
 
 
 @pytest.mark.parametrize(

@@ -62,6 +62,7 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
         SearchLog(file)
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")  # it is told by the log
 def test_what_goes_wrong_is_told_at_the_end_and_holds_nobody_up(tmp_path: Path) -> None:
     log = SearchLog(tmp_path)
     log._file.close()

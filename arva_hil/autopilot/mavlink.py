@@ -74,6 +74,11 @@ class Parser:
         self.packets += len(packets)
         return packets
 
+    def cut(self) -> None:
+        """The stream breaks off: the packet that is not whole yet never will be."""
+        self.skipped += len(self._rest)
+        self._rest = b""
+
     def _packet(self, data: bytes, at: int, size: int) -> Packet | None:
         """The candidate at `at` as a packet, or None when it is a false one.
 

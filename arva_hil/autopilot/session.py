@@ -18,6 +18,7 @@ from arva_hil.notice import Notice
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 _HEARTBEAT_S: Final = 1.0
 _LOST_S: Final = 5.0  # without a heartbeat
+_GAP_S: Final = 2.5  # between heartbeats: who was away for so long may have forgotten what was asked
 _REORDER_S: Final = 0.5  # boot time further back than this is a reboot, not a late packet
 _POLL_S: Final = 0.1  # how often requests and time-outs are looked at
 
@@ -65,8 +66,10 @@ class Session:
         self._notices: list[Notice] = []
         self._last_heartbeat = -math.inf
         self._lost = False
+        self._interrupted = ""  # why the link is lost
         self._next_heartbeat = -math.inf
         self._last_boot: float | None = None
+        self._reorder_s = _REORDER_S
         self._handlers: dict[int, Callable[[Any, float], None]] = {
             dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
@@ -124,6 +127,9 @@ class Session:
         if self._passive:
             self.next_due = math.inf
             return b""
+        if self._interrupted:
+            self.next_due = now + _POLL_S
+            return b""
         out = b""
         if now >= self._next_heartbeat:
             due = self._next_heartbeat + _HEARTBEAT_S
@@ -136,10 +142,31 @@ class Session:
         self.next_due = now + _POLL_S
         return out
 
+    def interrupt(self, why: str) -> None:
+        """The link is lost: nothing can be sent, and silence is no vehicle's fault, until `resume`."""
+        self._interrupted = why
+        self.parser.cut()
+
+    def resume(self, now: float) -> None:
+        """The link is a new one: say hello and ask for everything again, at once.
+
+        Whose boot time goes on is the same vehicle, and its pose track goes on; whose goes back has rebooted.
+        """
+        self._interrupted = ""
+        self._next_heartbeat = now
+        self._last_heartbeat = now
+        self._lost = False
+        self._reorder_s = 0.0  # nothing of the old link comes late on the new one
+        self.home = None
+        if self._streams:
+            self._streams.renew(now)
+
     # -- for a person --------------------------------------------------------------------------------------
 
     def heard(self) -> str:
         """What was heard, when no vehicle was found, with the likely cure."""
+        if self._interrupted:
+            return f"no autopilot was heard before {self._interrupted}"
         if not self.bytes:
             return "nothing was heard at all: is the autopilot powered, and sending MAVLink on this link?"
         if not self.parser.packets:
@@ -190,6 +217,8 @@ class Session:
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self.vehicle is not None
+        if now - self._last_heartbeat > _GAP_S and self._streams:
+            self._streams.renew(now)
         self._last_heartbeat = now
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         if armed != self.vehicle.armed:
@@ -199,7 +228,7 @@ class Session:
             self._notices.append(Notice("info", f"vehicle {self.vehicle} is back"))
 
     def _watch_vehicle(self, now: float) -> None:
-        if self.vehicle and not self._lost and now - self._last_heartbeat > _LOST_S:
+        if self.vehicle and not self._lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
             self._lost = True
             self._notices.append(Notice("warning", f"no heartbeat from vehicle {self.vehicle} for {_LOST_S:g} s"))
 
@@ -237,8 +266,9 @@ class Session:
     def _stamp(self, message: Any, now: float) -> float:
         """The message's boot time [s], entered into the clock map; notices a reboot."""
         boot: float = message.time_boot_ms / 1e3
-        if self._last_boot is not None and boot < self._last_boot - _REORDER_S:
+        if self._last_boot is not None and boot < self._last_boot - self._reorder_s:
             self._on_reboot(now)
+        self._reorder_s = _REORDER_S
         self._last_boot = boot if self._last_boot is None else max(boot, self._last_boot)
         self.clock.add(now, boot)
         assert self._streams is not None

@@ -36,6 +36,7 @@ class Stream:
     seen: dict[int, deque[float]] = field(default_factory=dict)  # when each of the ids came lately
     tries: int = 0  # since it was fast enough
     by_group: bool = False
+    anew: bool = False  # to be asked for even if it flows
     next_ask: float = 0.0
 
     def __post_init__(self) -> None:
@@ -92,6 +93,17 @@ class Streams:
         """Measured rates [Hz] by message name."""
         return {stream.name: stream.rate(now, self._since) for stream in self.wanted}
 
+    def renew(self, now: float) -> None:
+        """The vehicle may have forgotten: ask for all of them at once, in the way that has worked so far."""
+        self._since = now
+        self._pending = None
+        self._home_next = now
+        self._home_asks = 0
+        for stream in self.wanted:
+            for times in stream.seen.values():
+                times.clear()
+            stream.tries, stream.next_ask, stream.anew = 0, 0.0, True
+
     def take_notices(self) -> list[Notice]:
         notices, self._notices = self._notices, []
         return notices
@@ -111,7 +123,7 @@ class Streams:
                 break
             if now < stream.next_ask:
                 continue
-            if self._too_slow(stream, now):
+            if stream.anew or self._too_slow(stream, now):
                 messages.append(self._ask(stream, now, system, component))
             else:
                 stream.tries = 0
@@ -141,6 +153,7 @@ class Streams:
             self._change_kind(stream)
         stream.next_ask = now + _AGAIN_S[min(stream.tries, len(_AGAIN_S) - 1)]
         stream.tries += 1
+        stream.anew = False
         if stream.by_group:
             stream.said = f"REQUEST_DATA_STREAM at {stream.want_hz:g} Hz: never acknowledged"
             return dialect.MAVLink_request_data_stream_message(

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from arva_hil.cli import options as opt
-from arva_hil.cli import shared
+from arva_hil.cli.guard import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.clock import RealClock
 
@@ -101,13 +101,13 @@ def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[P
     from arva_hil.campaign.runner import CrewError, MissingExtra, Unreachable
 
     def stopped() -> bool:
-        if signals.caught is None:
+        if guard.caught is None:
             progress.show()
-        return signals.caught is not None
+        return guard.caught is not None
 
     done = len(every) - len(left)
     try:
-        with _crew(options, len(left)) as crew, shared.Signals() as signals:
+        with _crew(options, len(left)) as crew, Guard() as guard:
             _say(f"{len(every)} trials, {done} of them done; {crew.name}")
             with closing(_Progress(len(every), done)) as progress:
                 for planned, result in crew.fly(left, trial.fly, stopped=stopped):
@@ -120,7 +120,7 @@ def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[P
     except CrewError as error:
         code, when = (NO_LINK, " once there is a scheduler") if isinstance(error, Unreachable) else (FAILED, "")
         raise Failure(code, f"{error}; {_progress(kept, every)}; the same command goes on{when}") from None
-    return signals.caught is not None
+    return guard.caught is not None
 
 
 def _crew(options: argparse.Namespace, trials: int) -> AbstractContextManager[Crew]:

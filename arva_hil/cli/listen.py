@@ -16,6 +16,7 @@ from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.autopilot.session import heartbeat
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
+from arva_hil.cli.guard import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.clock import Clock, RealClock
 from arva_hil.console import text
@@ -49,23 +50,23 @@ def main(options: argparse.Namespace) -> int:
         listener.take(b"", PAUSE_S * 2)  # what is not whole by now never will be
         listener.finish()
         return OK
-    clock, signals = RealClock(), shared.Signals()
+    clock, guard = RealClock(), Guard()
     if options.url == "-":
         while not listener.enough and (chunk := os.read(sys.stdin.fileno(), 4096)):
             listener.take(chunk, clock.now())
         listener.finish()
         return OK
-    with closing(shared.open_or_fail(options.url, clock)) as link, signals:
+    with closing(shared.open_or_fail(options.url, clock)) as link, guard:
         print(f"listening at {link.name}", file=sys.stderr)
         listener.links = [link]
         try:
-            done = lambda: listener.enough or signals.caught is not None  # noqa: E731
+            done = lambda: listener.enough or guard.caught is not None  # noqa: E731
             run([listener], clock, until=options.duration, stopped=done)
         except LinkError as error:
             listener.finish()
             raise Failure(FAILED, error) from None
     listener.finish()
-    return INTERRUPTED if signals.caught else OK
+    return INTERRUPTED if guard.caught else OK
 
 
 class Listener:

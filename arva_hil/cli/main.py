@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from arva_hil import __version__
+from arva_hil.cli.guard import interrupting
 from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 
@@ -50,8 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a terminal without ° is no reason to fail
     try:
-        code = _command(arguments)
-        sys.stdout.flush()
+        with interrupting():
+            code = _command(arguments)
+            sys.stdout.flush()
         return code
     except Failure as failure:
         print(f"arva-hil: {failure}", file=sys.stderr)

@@ -6,10 +6,13 @@ import argparse
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from arva_hil.cli.outcome import UsageError
 from arva_hil.links import AddressError, parse
+
+if TYPE_CHECKING:
+    from arva_hil.faults.spec import Fault
 
 PREFIX: Final = "ARVA_HIL_"
 
@@ -41,11 +44,13 @@ class Parser(argparse.ArgumentParser):
             if value.lower() not in ("0", "1", "no", "yes", "false", "true"):
                 raise UsageError(f"{name}={value}: expected 1 or 0")
             return [flag] if value.lower() in ("1", "yes", "true") else []
+        values = value.split() if isinstance(action, argparse._AppendAction) else [value]
         try:
-            self._get_values(action, [value])
+            for one in values:
+                self._get_values(action, [one])
         except argparse.ArgumentError as error:
             raise UsageError(f"{name}={value}: {error.message}") from None
-        return [f"{flag}={value}"]
+        return [f"{flag}={one}" for one in values]
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message}\nsee {self.prog} --help")
@@ -99,6 +104,16 @@ def address(text: str) -> str:
     return text
 
 
+def fault(text: str) -> Fault | None:
+    """A converter for a fault; `none` is None."""
+    from arva_hil.faults.spec import parse_fault  # not for --help of the whole
+
+    try:
+        return None if text == "none" else parse_fault(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def add_scenario(parser: Parser) -> None:
     """Options that say what is emulated."""
     from arva_hil.scenario import FORMATS, RATE_HZ, SEED  # not for --help of the whole
@@ -108,7 +123,14 @@ def add_scenario(parser: Parser) -> None:
     parser.option(
         "--rate", type=number(RATE_HZ.low, RATE_HZ.high, " of Hz"), metavar="HZ", help="of the frames, 0.1…50"
     )
-    parser.option("--seed", type=whole(int(SEED.low), int(SEED.high)), metavar="N", help="of the noise")
+    parser.option("--seed", type=whole(int(SEED.low), int(SEED.high)), metavar="N", help="of the noise and the faults")
+    parser.option(
+        "--fault",
+        type=fault,
+        action="append",
+        metavar="NAME=VALUE@FROM-UNTIL",
+        help="one more fault, e.g. drop=0.02@10-60, in seconds from the start; `none`: no more of those before",
+    )
 
 
 def add_target(parser: Parser) -> None:

@@ -64,6 +64,8 @@ def main(options: argparse.Namespace) -> int:
             patient=True,
             lines=not (options.port or options.out or options.record),
         )
+        if isinstance(out, StdoutLink):
+            out.give_up = surroundings.stopped
         port: Port
         if chosen.output_format in MAVLINK_FORMATS:
             port = MavlinkPort(out, session, chosen.output_format)

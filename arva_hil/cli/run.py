@@ -13,7 +13,11 @@ from arva_hil.cli import shared
 from arva_hil.cli.outcome import UsageError
 from arva_hil.clock import RealClock
 from arva_hil.emulator import Emulator
+from arva_hil.links import Link, parse
 from arva_hil.links.ports import find_autopilot, list_ports
+from arva_hil.links.reopen import open_lasting
+from arva_hil.links.stdout import StdoutLink
+from arva_hil.linkwatch import LinkWatch
 from arva_hil.loop import run
 from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
 
@@ -68,12 +72,15 @@ def main(options: argparse.Namespace) -> int:
     )
     with ExitStack() as stack:
         print(f"autopilot: {address}", file=sys.stderr)
-        link = stack.enter_context(closing(shared.open_or_fail(address, clock)))
+        link = stack.enter_context(closing(shared.open_or_fail(address, clock, open_lasting, answered=True)))
+        out: Link | None = None
         port: Port
         if over_mavlink:
             port = MavlinkPort(link, session, chosen.output_format)
         else:
-            out = stack.enter_context(closing(shared.open_or_fail(options.port, clock)))
+            out = stack.enter_context(closing(shared.open_or_fail(options.port, clock, open_lasting)))
+            if isinstance(out, StdoutLink):
+                out.give_up = lambda: True  # rather drop a frame than be late with the next
             port = WirePort(out, chosen.output_format)
             print(f"frames to: {out.name}", file=sys.stderr)
         surroundings = shared.Run(options, chosen, clock.epoch_us)
@@ -88,8 +95,10 @@ def main(options: argparse.Namespace) -> int:
             max_age_s=options.max_age,
             observers=surroundings.observers,
         )
+        watch = LinkWatch(link, out, session, surroundings.observers)
         until = start + options.duration
-        return surroundings.drive(emulator, lambda: run([emulator], clock, until=until, stopped=surroundings.stopped))
+        loop = lambda: run([watch, emulator], clock, until=until, stopped=surroundings.stopped)  # noqa: E731
+        return surroundings.drive(emulator, loop, watch)
 
 
 def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None:
@@ -105,6 +114,10 @@ def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None
         )
     if options.autopilot == "-":
         raise UsageError("--autopilot -: is stdout, and an autopilot has to be heard")
+    if options.port and parse(options.port).kind == "tlog":
+        raise UsageError(
+            f"--port {options.port}: is a log, and frames cannot go there; --record writes a folder of files"
+        )
     if options.json and options.port == "-":
         raise UsageError("--json and --port - both want stdout: choose one")
 

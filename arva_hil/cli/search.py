@@ -21,6 +21,7 @@ from arva_hil import __version__
 from arva_hil.autopilot.session import Session
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
+from arva_hil.cli.guard import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, UsageError
 from arva_hil.clock import RealClock
 from arva_hil.console import Printer
@@ -122,7 +123,7 @@ def main(options: argparse.Namespace) -> int:
             raise UsageError(f"--{name} is missing, e.g. {example}")
     plan = plan_of(options)
     way = describe(plan)
-    clock, signals = RealClock(), shared.Signals()
+    clock, guard = RealClock(), Guard()
     with ExitStack() as stack:
         autopilot, receiver = (
             stack.enter_context(closing(shared.open_or_fail(url, clock)))
@@ -153,14 +154,14 @@ def main(options: argparse.Namespace) -> int:
         )
 
         def over() -> bool:
-            if signals.caught:
+            if guard.caught:
                 client.stop()
             return client.outcome is not None
 
-        with signals:
+        with guard:
             run([client], clock, stopped=over)
     assert client.outcome is not None
-    code = INTERRUPTED if signals.caught else _EXIT[client.outcome.kind]
+    code = INTERRUPTED if guard.caught else _EXIT[client.outcome.kind]
     first, *lines = result(client.outcome)
     printer.notice(Notice("info" if code in (OK, INTERRUPTED) else "error", first))
     if log is not None:

@@ -6,12 +6,11 @@ import argparse
 import dataclasses
 import gc
 import platform
-import signal
 import sys
+import traceback
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
-from typing import Any, Final
+from typing import Any
 
 import fastcrc
 import numpy
@@ -20,18 +19,19 @@ import serial
 import yaml
 
 from arva_hil import __version__
+from arva_hil.cli.guard import Guard, unforeseen
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.clock import Clock
 from arva_hil.console import Lines, Printer, as_json, plain
 from arva_hil.emulator import Emulator, NoHeartbeatError
+from arva_hil.faults.spec import Fault, misfit
 from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import open_stdout
+from arva_hil.linkwatch import LinkWatch
 from arva_hil.notice import Notice
 from arva_hil.observer import Observer
 from arva_hil.record import Recorder, RecordError
 from arva_hil.scenario import DEFAULT, Scenario, ScenarioError, load, to_dict
-
-_SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 def scenario(options: argparse.Namespace) -> Scenario:
@@ -48,12 +48,24 @@ def scenario(options: argparse.Namespace) -> Scenario:
                 f"--rate {options.rate:g}: the scenario's jitter_s of {receiver.jitter_s:g} is not less than "
                 "half the period"
             )
-    return dataclasses.replace(
+    chosen = dataclasses.replace(
         base,
         receiver=receiver,
         output_format=options.format or base.output_format,
         seed=base.seed if options.seed is None else options.seed,
     )
+    return dataclasses.replace(chosen, faults=_faults(options, chosen))
+
+
+def _faults(options: argparse.Namespace, chosen: Scenario) -> tuple[Fault, ...]:
+    """The scenario's faults, and those that environment and command line add."""
+    faults = chosen.faults
+    for fault in options.fault or ():
+        faults = (*faults, fault) if fault else ()
+    for fault in faults:
+        if wrong := misfit(fault, [t.id for t in chosen.transmitters], chosen.output_format):
+            raise UsageError(f"fault {fault}: {wrong[0]}, expected {wrong[1]}")
+    return faults
 
 
 def describe(chosen: Scenario) -> list[str]:
@@ -66,41 +78,21 @@ def describe(chosen: Scenario) -> list[str]:
             lines.append(f"  transmitter {t.id}: {north:g} m north, {east:g} m east, {down:g} m down of {of}")
         elif t.lla is not None:
             lines.append(f"  transmitter {t.id}: {t.lla.lat:.7f}, {t.lla.lon:.7f}, {t.lla.alt:g} m AMSL")
-    return lines
+    return lines + [f"  fault {fault}" for fault in chosen.faults]
 
 
-def open_or_fail(address: str, clock: Clock) -> Link:
+def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_link, **options: bool) -> Link:
     """A link, or the end of the command."""
     try:
-        return open_link(address, clock=clock)
+        return opener(address, clock=clock, **options)
     except AddressError as error:
         raise UsageError(error) from None
     except LinkError as error:
         raise Failure(NO_LINK, error) from None
 
 
-class Signals:
-    """SIGINT, SIGTERM and SIGHUP: the first one is noted in `caught`, a second one ends the program."""
-
-    def __init__(self) -> None:
-        self.caught: signal.Signals | None = None
-        self._before: dict[int, Any] = {}
-
-    def __enter__(self) -> Signals:
-        self._before = {number: signal.signal(number, self._note) for number in _SIGNALS}
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
-            signal.signal(number, handler)
-
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self.caught = signal.Signals(number)
-        signal.signal(number, signal.default_int_handler)
-
-
 class Run:
-    """One run's surroundings: printer, lines on stdout, recorder and signals, around the loop and gone after it.
+    """One run's surroundings: guard, printer, lines on stdout and recorder, around the loop and gone after it.
 
     `patient`: a replay, which may wait for a slow disk or terminal, and shows a progress bar for a status.
     `lines`: print a line a frame on stdout, unless JSON is wanted there. `live`: a live status line, on a terminal.
@@ -117,8 +109,9 @@ class Run:
         lines: bool = False,
         live: bool = True,
     ) -> None:
+        self._guard = Guard()
         self._scenario = chosen
-        self._signals = Signals()
+        self._traceback = options.verbose > 0
         self._recorder: Recorder | None = None
         self._record_failed = False
         if options.record:
@@ -133,49 +126,64 @@ class Run:
         self.observers: list[Observer] = [observer for observer in every if observer is not None]
         for line in describe(chosen):
             self.printer.say(line)
+        self._guard.__enter__()  # until the end of `drive`
 
     def stopped(self) -> bool:
-        """True once there is no more use in going on: a signal, or nobody reads stdout any more."""
+        """True once there is no more use in going on: a signal, a thread that failed, nobody reads stdout any more."""
         if self._recorder and self._recorder.error and not self._record_failed:
             self._record_failed = True
             self.printer.notice(Notice("error", f"{self._recorder.error}; frames go on"))
-        return self._signals.caught is not None or bool(self._lines and self._lines.error)
+        return bool(self._guard.caught or self._guard.error or (self._lines and self._lines.error))
 
-    def drive(self, emulator: Emulator, loop: Callable[[], None]) -> int:
+    def drive(self, emulator: Emulator, loop: Callable[[], None], links: LinkWatch | None = None) -> int:
         """Run `loop` until it ends, fails or a signal comes; write the record, print the sum; the exit code."""
         failure = None
         gc.freeze()  # or the collector walks all that start-up made, 20 ms long, in the middle of a deadline
         try:
-            with self._signals:
-                loop()
+            loop()
+            if self._guard.error:
+                raise self._guard.error
         except LinkEnded as error:
             self.printer.say(str(error))
         except NoHeartbeatError as error:
             failure = Failure(NO_LINK, error)
         except LinkError as error:
             failure = Failure(FAILED, error)
-        return self._finish(emulator, failure)
+        except KeyboardInterrupt:  # a loop that was stuck
+            pass
+        except Exception as error:
+            failure = Failure(FAILED, unforeseen(error))
+            if self._traceback:
+                self.printer.say("".join(traceback.format_exception(error)).rstrip())
+        self._guard.ending = True
+        try:
+            return self._finish(emulator, failure, links)
+        finally:
+            self._guard.__exit__()
 
-    def _finish(self, emulator: Emulator, failure: Failure | None) -> int:
-        if self._lines and (why := self._lines.close()) and not failure and not self._signals.caught:
+    def _finish(self, emulator: Emulator, failure: Failure | None, links: LinkWatch | None) -> int:
+        caught = self._guard.caught
+        if self._lines and (why := self._lines.close()) and not failure and not caught:
             failure = Failure(FAILED, why)
-        code = failure.code if failure else INTERRUPTED if self._signals.caught else OK
-        how = str(failure) if failure else self._signals.caught.name if self._signals.caught else "finished"
+        code = failure.code if failure else INTERRUPTED if caught else OK
+        how = str(failure) if failure else caught.name if caught else "finished"
         said = [Notice("error", how)] if failure else []
         if self._recorder:
+            if code == OK and self._recorder.error:
+                code, how = FAILED, self._recorder.error
             try:
-                self._recorder.close(self._as_dict(emulator, how, code))
+                self._recorder.close(self._as_dict(emulator, links, how, code))
             except RecordError as error:
                 code = code or FAILED
                 said.append(Notice("error", str(error)))
-        for line in sums(emulator):
+        for line in sums(emulator, links):
             self.printer.say(line)
         for notice in said:
             self.printer.notice(notice)
         self.printer.close()
         return code
 
-    def _as_dict(self, emulator: Emulator, how: str, code: int) -> dict[str, Any]:
+    def _as_dict(self, emulator: Emulator, links: LinkWatch | None, how: str, code: int) -> dict[str, Any]:
         session = emulator.session
         return {
             "ended": how,
@@ -186,7 +194,7 @@ class Run:
             "seed": self._scenario.seed,
             "vehicle": dataclasses.asdict(session.vehicle) if session.vehicle else None,
             "datum": emulator.datum.lla,
-            "counters": counters(emulator),
+            "counters": counters(emulator) | (links.counts() if links else {}),
             "versions": {
                 "arva-hil": __version__,
                 "python": platform.python_version(),
@@ -209,18 +217,27 @@ def counters(emulator: Emulator) -> dict[str, Any]:
         "values_refused": session.refused,
         "positions_before_fix": session.unpositioned,
         "reboots": session.reboots,
+        "faults": emulator.fault_counts(),
     }
 
 
-def sums(emulator: Emulator) -> list[str]:
+def sums(emulator: Emulator, links: LinkWatch | None) -> list[str]:
     """The summary at the end."""
     c, session = emulator.counters, emulator.session
     lines = [
-        f"{c.frames} frames: {c.frames - c.dropped} sent, {c.dropped} dropped, {c.no_pose} without a pose; "
+        f"{c.frames} frames: {c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose; "
         f"worst lateness {c.latest_s * 1e3:.1f} ms",
         f"autopilot: {session.bytes} bytes, {session.parser.packets} packets, {session.parser.bad_crc} bad checksums, "
         f"{session.parser.skipped} bytes skipped, {session.ignored} packets of others ignored",
     ]
+    if counts := emulator.fault_counts():
+        each = ", ".join(f"{name} {count['frames']}" for name, count in counts.items())
+        lines.append(
+            f"faults: {c.withheld} frames withheld, {c.damaged} damaged, {c.duplicated} sent again, "
+            f"{c.waiting} still waiting ({each})"
+        )
+    if links:
+        lines += links.sums()
     if c.skipped:
         lines.append(f"{c.skipped} frames were skipped: the program was held up for more than a second")
     return lines

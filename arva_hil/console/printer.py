@@ -9,7 +9,7 @@ from typing import Final, TextIO
 
 from arva_hil.background import Background
 from arva_hil.console import text
-from arva_hil.links import Link
+from arva_hil.links import Link, LinkError
 from arva_hil.notice import Notice
 from arva_hil.observer import Observer, Snapshot, Status
 
@@ -79,7 +79,7 @@ class Lines(Observer):
         self._link = link
         self._render = render
         self._patient = patient
-        self._background = Background("lines")
+        self._background = Background("lines", (OSError, LinkError))
 
     def frame(self, snapshot: Snapshot) -> None:
         line = (self._render(snapshot) + "\n").encode()

@@ -16,11 +16,14 @@ if TYPE_CHECKING:
 __all__ = ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "open_link", "parse"]
 
 
-def open_link(address: str | Address, *, baud: int = 115200, clock: Clock) -> Link:
+def open_link(
+    address: str | Address, *, baud: int = 115200, clock: Clock, brief: bool = False, answered: bool = False
+) -> Link:
     """Open the link an address names; `baud` (bit/s) is for serial ports whose address names none.
 
-    `clock` paces a log file. Raises AddressError for a string that cannot be read, LinkError for a link that
-    cannot be opened.
+    `clock` paces a log file and tells how long a UDP peer has been silent. `brief`: one try of many, so be quick
+    about it and name no cures. `answered`: the far end takes what it is sent, or the connection is dead (TCP).
+    Raises AddressError for a string that cannot be read, LinkError for a link that cannot be opened.
     """
     if isinstance(address, str):
         address = parse(address)
@@ -28,7 +31,7 @@ def open_link(address: str | Address, *, baud: int = 115200, clock: Clock) -> Li
         case "serial":
             from arva_hil.links.serial import open_serial
 
-            return open_serial(address.path, address.baud or baud)
+            return open_serial(address.path, address.baud or baud, brief=brief)
         case "pyserial":
             from arva_hil.links.serial import open_url
 
@@ -40,19 +43,19 @@ def open_link(address: str | Address, *, baud: int = 115200, clock: Clock) -> Li
         case "udpin":
             from arva_hil.links.udp import UdpInLink
 
-            return UdpInLink(address.host, address.port)
+            return UdpInLink(address.host, address.port, clock)
         case "udpout":
             from arva_hil.links.udp import UdpOutLink
 
             return UdpOutLink(address.host, address.port)
         case "tcp":
-            from arva_hil.links.tcp import TcpLink
+            from arva_hil.links.tcp import BRIEF_S, CONNECT_S, TcpLink
 
-            return TcpLink(address.host, address.port)
+            return TcpLink(address.host, address.port, BRIEF_S if brief else CONNECT_S, answered=answered)
         case "tcpin":
             from arva_hil.links.tcp import TcpServerLink
 
-            return TcpServerLink(address.host, address.port)
+            return TcpServerLink(address.host, address.port, answered=answered)
         case "tlog":
             from arva_hil.links.tlog import TlogLink
 

@@ -25,10 +25,22 @@ class Link(ABC):
 
     `name` is the connection string a person knows it by. `dropped` counts the writes that were dropped whole
     because nobody empties the far end.
+
+    Some kinds outlive their far end. They count `losses`, `why` being the last one's message; `renewals`, each of
+    which put a new far end in the place of a lost one; and `returns`, the renewals that lasted.
     """
 
     name: str
     dropped: int = 0
+    losses: int = 0
+    renewals: int = 0
+    returns: int = 0
+    why: str = ""
+
+    @property
+    def away(self) -> bool:
+        """True from a loss to the return behind it."""
+        return self.losses > self.returns
 
     @abstractmethod
     def read(self) -> bytes:
@@ -41,6 +53,17 @@ class Link(ABC):
     @abstractmethod
     def close(self) -> None:
         """Give everything back; a second call does nothing."""
+
+    def _gone(self, why: LinkError) -> None:
+        """The far end is lost; one that has been lost and did not return is lost once."""
+        if not self.away:
+            self.losses += 1
+            self.why = str(why)
+
+    def _renewed(self, *, lasting: bool = True) -> None:
+        """There is a new far end; if it is `lasting`, this is the return."""
+        self.renewals += 1
+        self.returns += lasting
 
     def fileno(self) -> int | None:
         """What `select` can wait on; None where there is no such thing, and `ready` is polled instead."""

@@ -63,7 +63,7 @@ def list_ports() -> list[Port]:
     """Every serial port of this machine, by device name."""
     from serial.tools.list_ports import comports
 
-    stable = {os.path.realpath(path): path for path in sorted(glob.glob("/dev/serial/by-id/*"))}
+    stable = _stable_names()
     return [
         Port(
             device=info.device,
@@ -93,6 +93,32 @@ def find_autopilot(ports: Iterable[Port], exclude: Collection[str] = ()) -> list
     return list(plugs.values())
 
 
+def stable_name(device: str) -> str:
+    """The name under which a port is found when it is plugged in again; `device` where it has no better one.
+
+    A symlink is the choice of whoever typed it, and stays.
+    """
+    return device if os.path.islink(device) else _stable_names().get(os.path.realpath(device), device)
+
+
+def far_program(device: str) -> str:
+    """The command that holds the other end of a pseudo-terminal, "" when that is unknown or it is none. Linux.
+
+    The number of a pseudo-terminal that is gone is given to the next one there is, whosever that be.
+    """
+    folder, _, number = os.path.realpath(device).rpartition("/")
+    if folder != "/dev/pts":
+        return ""
+    for process in sorted(glob.glob("/proc/[0-9]*"), key=_natural):
+        try:
+            ends = [fd.name for fd in os.scandir(f"{process}/fd") if os.readlink(fd.path).endswith("ptmx")]
+            if any(_number_of(f"{process}/fdinfo/{end}") == number for end in ends):
+                return _command(process)
+        except OSError:  # another user's, or it has ended
+            continue
+    return ""
+
+
 def holders(device: str) -> list[str]:
     """Each process seen to have a device open, as `1234 (command)`. Linux; others' processes only as root."""
     real, found = os.path.realpath(device), []
@@ -100,12 +126,27 @@ def holders(device: str) -> list[str]:
         try:
             if not any(os.readlink(entry.path) == real for entry in os.scandir(f"{process}/fd")):
                 continue
-            with open(f"{process}/cmdline", "rb") as file:
-                command = file.read(200).replace(b"\0", b" ").decode(errors="replace").strip()
+            command = _command(process)
         except OSError:  # another user's, or it has ended
             continue
         found.append(f"{os.path.basename(process)} ({command[:60]})")
     return found
+
+
+def _command(process: str) -> str:
+    with open(f"{process}/cmdline", "rb") as file:
+        return file.read(200).replace(b"\0", b" ").decode(errors="replace").strip()
+
+
+def _number_of(fdinfo: str) -> str:
+    """Of the pseudo-terminal whose master a descriptor is."""
+    with open(fdinfo) as file:
+        return next((line.split()[1] for line in file if line.startswith("tty-index:")), "")
+
+
+def _stable_names() -> dict[str, str]:
+    """Device → its name in /dev/serial/by-id."""
+    return {os.path.realpath(path): path for path in sorted(glob.glob("/dev/serial/by-id/*"))}
 
 
 def _is_autopilot(info: ListPortInfo) -> bool:

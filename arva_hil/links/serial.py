@@ -18,21 +18,22 @@ if TYPE_CHECKING:
     from serial import Serial
 
 
-def open_serial(device: str, baud: int = 115200) -> Link:
+def open_serial(device: str, baud: int = 115200, *, brief: bool = False) -> Link:
     """Open a serial port at `baud` bit/s, 8N1, no flow control, for this program alone.
 
-    Raises LinkError: no such port, no permission, busy, no serial port at all; each with its cure.
+    Raises LinkError: no such port, no permission, busy, no serial port at all; each with its cure, unless it has
+    to be `brief`.
     """
     import serial
 
     with contextlib.suppress(OSError):
         if sys.platform != "win32" and not stat.S_ISCHR(mode := os.stat(device).st_mode):
             what = "is a directory" if stat.S_ISDIR(mode) else "is a file, not a serial port"
-            raise LinkError(device, what, _existing())
+            raise LinkError(device, what, "" if brief else _existing())
     try:
         port = serial.Serial(device, baud, timeout=0, write_timeout=0, exclusive=True)
     except Exception as error:  # OSError, ValueError, termios.error, whatever pyserial lets through
-        raise _open_error(device, error) from error
+        raise (LinkError(device, f"cannot be opened: {error}") if brief else _open_error(device, error)) from error
     if sys.platform == "win32":
         return PyserialLink(device, port)
     with contextlib.suppress(OSError, ValueError, NotImplementedError):  # USB adapters keep bytes up to 16 ms

@@ -13,6 +13,10 @@ CHUNK: Final = 65536  # bytes asked of the system at a time
 AT_ONCE: Final = 1 << 20  # bytes one `read` returns at most, so that a flood cannot hold the loop
 
 
+class EndOfStream(ConnectionError):
+    """The far end closed, in good order."""
+
+
 class StreamLink(Link):
     """A byte stream. Remembers the rest of a write that the system took in part; it goes before the next.
 
@@ -45,7 +49,7 @@ class StreamLink(Link):
             while len(data) < AT_ONCE:
                 chunk = self._receive()
                 if not chunk:
-                    raise ConnectionError("closed by the far end")
+                    raise EndOfStream("closed by the far end")
                 data += chunk
         except BlockingIOError:
             pass

@@ -6,16 +6,12 @@ import errno
 import socket
 from typing import Any, Final
 
+from arva_hil.clock import Clock, RealClock
 from arva_hil.links.base import Link, LinkError
 from arva_hil.links.stream import AT_ONCE, CHUNK
 from arva_hil.links.tcp import listen_error, resolve, show
 
-# Nobody hears now, which is no reason to give up: the far end may start later.
-_UNHEARD: Final = frozenset(
-    getattr(errno, name)
-    for name in ("ECONNREFUSED", "ECONNRESET", "EHOSTUNREACH", "ENETUNREACH", "EHOSTDOWN", "ENETDOWN")
-    if hasattr(errno, name)
-)
+_SILENT_S: Final = 3.0  # a peer that says nothing for this long gives way to whoever speaks: three heartbeats
 
 
 class _UdpLink(Link):
@@ -40,7 +36,7 @@ class _UdpLink(Link):
             except OSError as error:
                 self._judge(error)
                 continue
-            if self._is_peer(sender):
+            if self._accepts(sender, datagram):
                 data += datagram
             if len(data) >= AT_ONCE:
                 break
@@ -67,14 +63,13 @@ class _UdpLink(Link):
     def _transmit(self, data: bytes) -> None:
         self._socket.send(data)
 
-    def _is_peer(self, sender: Any) -> bool:
+    def _accepts(self, sender: Any, datagram: bytes) -> bool:
         return True
 
     def _judge(self, error: OSError) -> None:
-        """Raise LinkError unless the error only says that nobody hears."""
-        if error.errno not in _UNHEARD:
-            what = "is closed" if self.fileno() is None else f"lost: {error.strerror or error}"
-            raise LinkError(self.name, what) from error
+        """Raise LinkError when the link is closed. All else says that nobody hears now; somebody may later."""
+        if self.fileno() is None:
+            raise LinkError(self.name, "is closed") from error
 
 
 class UdpOutLink(_UdpLink):
@@ -96,14 +91,15 @@ class UdpOutLink(_UdpLink):
 
 
 class UdpInLink(_UdpLink):
-    """Listens at `host:port`; its peer is whoever sends the first datagram, for good.
+    """Listens at `host:port`; its peer is whoever sends the first datagram.
 
-    `peer` is that address, None before; `strangers` counts the datagrams of others, which are ignored. A
-    write before the first datagram is dropped and counted. Port 0 takes a free one, see `port`. Raises
-    LinkError when the address cannot be listened at.
+    `peer` is that address, None before; `strangers` counts the datagrams of others, which change nothing while the
+    peer speaks. When it has been silent for 3 s by `clock`, the next to send becomes the peer. A write before the
+    first datagram is dropped and counted. Port 0 takes a free one, see `port`. Raises LinkError when the address
+    cannot be listened at.
     """
 
-    def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
+    def __init__(self, host: str = "127.0.0.1", port: int = 0, clock: Clock | None = None) -> None:
         name = f"udpin:{show(host, port)}"
         family, address = resolve(name, host, port, socket.SOCK_DGRAM)
         sock = socket.socket(family, socket.SOCK_DGRAM)
@@ -115,15 +111,41 @@ class UdpInLink(_UdpLink):
         self.port: int = sock.getsockname()[1]
         self.peer: Any = None
         self.strangers = 0
+        self._clock = clock or RealClock()
+        self._heard = False  # the peer, in this read
+        self._heard_at = 0.0
+        self._other: Any = None  # the first stranger in this read,
+        self._others = bytearray()  # and what it sent
         super().__init__(f"udpin:{show(host, self.port)}", sock)
+
+    def read(self) -> bytes:
+        self._heard, self._other = False, None
+        self._others.clear()
+        data = super().read()
+        now = self._clock.now()
+        if self._heard:
+            self._heard_at = now
+        elif self._other is not None and now - self._heard_at > _SILENT_S:  # all that came was read: it is silent
+            self._gone(LinkError(self.name, f"lost: {show(*self.peer[:2])} is silent"))
+            self.peer, data = self._other, bytes(self._others)
+            self._heard_at = now
+            self._renewed()
+        return data
 
     def _transmit(self, data: bytes) -> None:
         if self.peer is None and self.fileno() is not None:
             raise BlockingIOError
         self._socket.sendto(data, self.peer)
 
-    def _is_peer(self, sender: Any) -> bool:
+    def _accepts(self, sender: Any, datagram: bytes) -> bool:
         if self.peer is None:
             self.peer = sender
-        self.strangers += sender != self.peer
-        return bool(sender == self.peer)
+        if sender == self.peer:
+            self._heard = True
+            return True
+        self.strangers += 1
+        if self._other is None:
+            self._other = sender
+        if sender == self._other:
+            self._others += datagram
+        return False

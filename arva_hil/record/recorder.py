@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable, Mapping, Sequence
+from io import FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -17,10 +19,13 @@ from arva_hil.observer import Observer, Snapshot
 
 COLUMNS: Final = (
     "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
-    "slot id zone d_cm delta_deg true_range_m"
+    "slot id zone d_cm delta_deg true_range_m faults"
 ).split()
 TLOG, FRAMES, READINGS, RUN = FILES = ("autopilot.tlog", "frames.bin", "readings.csv", "run.json")
 _BATCH_BYTES: Final = 1 << 16
+_FEW_JOBS: Final = 8  # a batch each: who can wait for the disk does so rather than keep it all in memory
+_MANY_JOBS: Final = 10_000  # a frame each
+_RESERVED_BYTES: Final = 1 << 15  # for run.json
 
 
 class RecordError(Exception):
@@ -44,13 +49,15 @@ class Recorder(Observer):
             there = [name for name in FILES if (folder / name).exists()]
             if there:
                 raise RecordError(f"{folder}: holds a record already ({', '.join(there)}); name another folder")
-            self._files = {name: (folder / name).open("wb") for name in FILES[:-1]}
+            self._files = {name: (folder / name).open("wb", buffering=0) for name in FILES[:-1]}
             (folder / RUN).touch()
+            with contextlib.suppress(OSError):  # room that no full disk takes away
+                (folder / RUN).write_bytes(b" " * _RESERVED_BYTES)
         except OSError as error:
             raise RecordError(why(folder, error)) from None
         self._pending: dict[str, bytearray] = {name: bytearray() for name in self._files}
         self._pending[READINGS] += (",".join(COLUMNS) + "\n").encode()
-        self._background = Background("record")
+        self._background = Background("record", most_jobs=_FEW_JOBS if patient else _MANY_JOBS)
 
     @property
     def error(self) -> str:
@@ -69,9 +76,10 @@ class Recorder(Observer):
         if len(pending) > _BATCH_BYTES:
             self._flush()
 
+    def wire(self, data: bytes) -> None:
+        self._pending[FRAMES] += data
+
     def frame(self, snapshot: Snapshot) -> None:
-        if snapshot.sent:
-            self._pending[FRAMES] += snapshot.data
         self._pending[READINGS] += rows(snapshot).encode()
         if not self._patient or len(self._pending[READINGS]) > _BATCH_BYTES:
             self._flush()
@@ -83,7 +91,9 @@ class Recorder(Observer):
             self._background.put(file.close, wait=True)
         finished = self._background.close()
         try:
-            (self._folder / RUN).write_text(json.dumps(run, indent=2) + "\n")
+            with (self._folder / RUN).open("r+b") as out:
+                out.write(json.dumps(run, indent=2).encode() + b"\n")
+                out.truncate()
         except OSError as error:
             raise RecordError(why(self._folder, error)) from None
         if self.error:
@@ -107,18 +117,27 @@ def rows(snapshot: Snapshot) -> str:
     boot_ms = "" if snapshot.boot_s is None else repr(snapshot.boot_s * 1e3)
     age_ms = "" if snapshot.age_s is None else repr(snapshot.age_s * 1e3)
     head = ",".join([str(snapshot.frame.sequence), repr(snapshot.time_s), boot_ms, *pose, age_ms])
+    faults = "+".join(snapshot.faults)
     lines = []
     for slot, c in enumerate(snapshot.reading.channels, 1):
         id_ = "" if c.id is None else str(c.id)
         true_range = "" if c.true_range_m is None else repr(c.true_range_m)
-        lines.append(f"{head},{slot},{id_},{int(c.zone)},{c.d_cm},{c.delta_deg},{true_range}\n")
+        lines.append(f"{head},{slot},{id_},{int(c.zone)},{c.d_cm},{c.delta_deg},{true_range},{faults}\n")
     return "".join(lines)
 
 
-def _writing(file: BinaryIO, data: bytes | bytearray) -> Callable[[], None]:
+def _writing(file: FileIO, data: bytes | bytearray) -> Callable[[], None]:
+    """A job that writes all of `data` or, where the disk is full, nothing: a file ends with a whole frame."""
+
     def write() -> None:
-        file.write(data)
-        file.flush()
+        start, left = file.tell(), memoryview(data)
+        try:
+            while left:
+                left = left[file.write(left) :]
+        except OSError:
+            with contextlib.suppress(OSError):
+                file.truncate(start)
+            raise
 
     return write
 

@@ -1,4 +1,4 @@
-"""Links that cannot be opened, stay silent, or are lost: exit 3 before the first heartbeat, 1 while running."""
+"""Links that cannot be opened, or stay silent: exit 3 before the first heartbeat."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import shutil
 import socket
 import threading
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,7 +17,6 @@ from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.clock import RealClock
 from arva_hil.links.ports import list_ports
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tcp import TcpServerLink
 from arva_hil.loop import run
 
 from .far_ends import ORDINARY, Autopilot, Denier, Program, free_port, hears, heartbeat, read_frames
@@ -64,6 +62,12 @@ def test_a_file_is_no_serial_port(arva: Arva) -> None:
     code, _, err = arva("--autopilot", "pty", "--port", __file__)
     assert code == 3
     assert f"{__file__}: is a file, not a serial port" in err
+
+
+def test_a_log_is_no_place_for_frames(arva: Arva) -> None:
+    code, _, err = arva("--autopilot", "pty", "--port", "flight.tlog")
+    assert code == 2
+    assert "--port flight.tlog: is a log, and frames cannot go there" in err
 
 
 def test_a_tcp_server_that_is_not_there(arva: Arva) -> None:
@@ -141,45 +145,7 @@ def test_a_denied_position_is_a_warning_and_frames_go_on_with_no_signal(
     assert not any(channel.valid for frame in frames for channel in frame.channels)
 
 
-# -- links lost while running ------------------------------------------------------------------------------
-
-
-def test_the_autopilots_link_is_lost(start: Start, keep: Keep, line: PtyLink) -> None:
-    autopilot = Autopilot(PtyLink())
-    path = autopilot.address
-    program = start("--port", line.path, "--autopilot", path, "--rate", 50)
-    try:
-        frames = read_frames(line, 50)
-    finally:
-        autopilot.close()
-    assert program.ends() == 1
-    assert hears(frames[-1])
-    assert f"error: {path}: lost" in program.err
-    assert "was it unplugged" in program.err
-
-
-def test_the_autopilots_server_ends(start: Start, line: PtyLink) -> None:
-    autopilot = Autopilot(TcpServerLink())
-    address = autopilot.address.replace("tcpin", "tcp")
-    program = start("--port", line.path, "--autopilot", address)
-    try:
-        program.says("vehicle ardupilotmega")
-    finally:
-        autopilot.close()
-    assert program.ends() == 1
-    assert f"error: {address}: lost" in program.err
-
-
-def test_the_consumers_port_is_lost(start: Start, autopilot: Autopilot, tmp_path: Path) -> None:
-    line = PtyLink()
-    program = start("--port", line.path, "--autopilot", autopilot.address, "--rate", 20, "--record", tmp_path)
-    try:
-        program.says("vehicle ardupilotmega")
-    finally:
-        line.close()
-    assert program.ends() == 1
-    assert f"error: {line.path}: lost" in program.err
-    assert f"{line.path}: lost" in (tmp_path / "run.json").read_text()
+# -- a vehicle that is silent ------------------------------------------------------------------------------
 
 
 def test_a_vehicle_that_falls_silent_is_reported_and_frames_go_on(start: Start, line: PtyLink, keep: Keep) -> None:

@@ -24,7 +24,7 @@ from .far_ends import ORDINARY, Autopilot, Program, frames_in, hears, read_frame
 DATA = Path(__file__).parent.parent / "data"
 COLUMNS = (
     "seq,time_s,boot_ms,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg,pose_age_ms,"
-    "slot,id,zone,d_cm,delta_deg,true_range_m"
+    "slot,id,zone,d_cm,delta_deg,true_range_m,faults"
 ).split(",")
 
 Start = Callable[..., Program]
@@ -183,6 +183,14 @@ def test_a_full_disk_ends_the_record_but_not_the_frames(
     assert hears(frames[-1])
     assert program.err.count("frames go on") == 1
     assert f"error: {tmp_path / 'record'}: cannot record: File too large" in program.err.splitlines()[-1]
+    recorded = frames_in((tmp_path / "record" / "frames.bin").read_bytes())
+    assert 0 < len(recorded) < len(frames)
+    rows = (tmp_path / "record" / "readings.csv").read_text().splitlines()
+    assert {row.count(",") for row in rows} == {len(COLUMNS) - 1}
+    run = json.loads((tmp_path / "record" / "run.json").read_bytes())
+    assert run["exit_code"] == 1
+    assert "File too large" in run["ended"]
+    assert run["counters"]["frames"] >= len(frames)
 
 
 def test_a_full_disk_ends_a_replay_with_an_error(arva: Arva) -> None:

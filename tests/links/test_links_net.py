@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import socket
@@ -9,11 +10,13 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
 from links_waiting import DEADLINE_S, receive, until
 
+from arva_hil.clock import StepClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink, open_stdout
 from arva_hil.links.tcp import TcpLink, TcpServerLink
@@ -54,6 +57,58 @@ def test_udpin_keeps_its_first_peer_and_counts_the_others(udpin: UdpInLink, keep
     assert second.read() == b""
 
 
+@pytest.fixture
+def stepped(keep: Keep) -> tuple[UdpInLink, StepClock]:
+    clock = StepClock(50.0)
+    link = UdpInLink(clock=clock)
+    keep(link)
+    return link, clock
+
+
+def test_a_udp_peer_that_is_gone_for_some_seconds_gives_way(stepped: tuple[UdpInLink, StepClock], keep: Keep) -> None:
+    near, clock = stepped
+    first, second, third = (keep(UdpOutLink("127.0.0.1", near.port)) for _ in range(3))
+    first.write(b"first")
+    assert receive(near, 5) == b"first"
+    first.close()
+    for _ in range(5):
+        second.write(b"too early")
+        until(near.ready, near)
+        assert near.read() == b""
+        clock.wait(clock.now() + 0.5)
+    assert (near.losses, near.strangers) == (0, 5)
+    clock.wait(clock.now() + 0.6)
+    for _ in range(3):
+        second.write(b"now")
+        third.write(b"behind")
+    assert near.ready()
+    assert near.read() == b"nownownow"
+    assert (near.losses, near.renewals, near.returns) == (1, 1, 1)
+    assert "is silent" in near.why
+    assert near.write(b"answer")
+    assert receive(second, 6) == b"answer"
+    third.write(b"no")
+    until(near.ready, near)
+    assert near.read() == b""
+
+
+def test_a_udp_peer_that_lives_stays_however_long_nobody_read(stepped: tuple[UdpInLink, StepClock], keep: Keep) -> None:
+    near, clock = stepped
+    first, second = (keep(UdpOutLink("127.0.0.1", near.port)) for _ in range(2))
+    first.write(b"first")
+    assert receive(near, 5) == b"first"
+    clock.wait(clock.now() + 60)
+    second.write(b"second")
+    first.write(b"alive")
+    assert near.read() == b"alive"
+    for _ in range(10):
+        clock.wait(clock.now() + 2.9)
+        second.write(b"second")
+        first.write(b"alive")
+        assert near.read() == b"alive"
+    assert (near.losses, near.strangers) == (0, 11)
+
+
 def test_udpin_without_a_peer_drops(udpin: UdpInLink) -> None:
     assert not udpin.write(b"to nobody")
     assert udpin.dropped == 1
@@ -87,9 +142,12 @@ def test_udpout_does_not_mind_that_nobody_listens_yet(keep: Keep) -> None:
     assert link.dropped == 0
 
 
-def test_an_unreachable_network_is_counted(udpin: UdpInLink, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("number", [errno.ENETUNREACH, errno.EPERM, errno.ENOBUFS, errno.EADDRNOTAVAIL])
+def test_a_datagram_that_cannot_go_is_counted(udpin: UdpInLink, monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    """No network, a firewall, no memory, an address that is gone: all of them may pass."""
+
     def unreachable(data: bytes) -> None:
-        raise OSError(101, "Network is unreachable")
+        raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(udpin, "_transmit", unreachable)
     assert not udpin.write(b"x")
@@ -220,11 +278,44 @@ def test_the_next_client_gets_no_half_frame(tcpin: TcpServerLink, keep: Keep) ->
     while tcpin.write(b"x" * 99_991):
         assert tcpin.dropped == 0
     assert tcpin._rest
+    served = tcpin._client
     first.close()
     second = keep(TcpLink("127.0.0.1", tcpin.port))
-    until(lambda: tcpin.read() == b"" and tcpin._client is None, tcpin)
+    until(lambda: tcpin.read() == b"" and tcpin._client is not served, tcpin)
     until(lambda: tcpin.write(b"frame"), tcpin)
     assert receive(second, 5) == b"frame"
+
+
+def test_a_client_that_only_listens_may_close_its_sending_side(tcpin: TcpServerLink) -> None:
+    """As `ncat HOST PORT < /dev/null` does; the next client takes its place."""
+    first = socket.create_connection(("127.0.0.1", tcpin.port), DEADLINE_S)
+    first.shutdown(socket.SHUT_WR)
+    until(lambda: tcpin.read() == b"" and tcpin._mute, tcpin)
+    assert not tcpin.ready()  # or no loop would ever wait again
+    assert tcpin.write(b"frame")
+    assert first.recv(5) == b"frame"
+    assert tcpin.losses == 0
+    second = socket.create_connection(("127.0.0.1", tcpin.port), DEADLINE_S)
+    until(tcpin.ready, tcpin)
+    assert tcpin.write(b"another")
+    assert second.recv(7) == b"another"
+    assert first.recv(1) == b""
+    assert (tcpin.losses, tcpin.returns) == (1, 1)
+    first.close()
+    second.close()
+
+
+def test_a_client_that_spoke_and_closes_its_sending_side_has_left(tcpin: TcpServerLink, keep: Keep) -> None:
+    for n in range(1, 4):
+        client = socket.create_connection(("127.0.0.1", tcpin.port), DEADLINE_S)
+        client.send(b"hello")
+        assert receive(tcpin, 5) == b"hello"
+        assert (tcpin.losses, tcpin.returns, tcpin.away) == (n - 1, n - 1, False)
+        client.shutdown(socket.SHUT_WR)
+        until(lambda: tcpin.read() == b"" and tcpin.away, tcpin)
+        assert "lost: closed by the far end, waiting for the next client" in tcpin.why
+        client.close()
+    assert not tcpin.write(b"to nobody")
 
 
 # Standard output
@@ -279,6 +370,51 @@ def test_stdout_of_a_full_disk_and_of_a_closed_link() -> None:
     with pytest.raises(LinkError, match="closed"):
         link.write(b"x")
     assert memory.getvalue() == b"kept"  # closing the link leaves the file open
+
+
+def test_a_disk_that_fills_up_keeps_whole_writes_only(tmp_path: Path) -> None:
+    class Full(io.FileIO):
+        room = 12
+
+        def write(self, data: Any) -> int:
+            if not self.room:
+                raise OSError(28, "No space left on device")
+            taken = super().write(bytes(data)[: self.room])
+            self.room -= taken
+            return taken
+
+    path = tmp_path / "frames.bin"
+    with Full(path, "w") as file:
+        link = StdoutLink(file)
+        assert link.write(b"frame one")
+        with pytest.raises(LinkError, match="cannot be written: No space left"):
+            link.write(b"frame two")
+    assert path.read_bytes() == b"frame one"
+
+
+def test_stdout_whose_reader_stands_still_drops_whole_writes_when_told_to() -> None:
+    reader, writer = os.pipe()
+    asked = 0
+
+    def give_up() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked % 3 == 0
+
+    with open(writer, "wb", buffering=0) as file:
+        link = StdoutLink(file)
+        link.give_up = give_up
+        taken = 0
+        while link.write(b"x" * 997):
+            taken += 1
+        assert (link.dropped, asked) == (1, 3)
+        os.set_blocking(reader, False)
+        got = b""
+        while len(got) < taken * 997:
+            got += os.read(reader, 65536)
+        assert link.write(b"next")
+        assert os.read(reader, 65536) == b"next"
+    os.close(reader)
 
 
 def test_a_program_whose_reader_went_chooses_its_own_exit_code() -> None:

@@ -1,0 +1,93 @@
+"""The faults of one run, as the emulator meets them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+from arva_hil.faults.hearing import FaultyReceiver
+from arva_hil.faults.sending import SENDERS, Letter, Outbox, Sending
+from arva_hil.faults.spec import KINDS
+from arva_hil.faults.switch import Switch
+from arva_hil.faults.wire import GARBLERS
+from arva_hil.scenario import Scenario
+from firmware_proto import Frame
+
+
+class Faults:
+    """Remembers which faults are on, which of them the present frame met, and what waits to be sent.
+
+    For each frame: `begin`, then a reading of `receiver`, then `send`. Same scenario, same frame, same faults.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        order = list(KINDS)
+        seen: Counter[str] = Counter()
+        self._switches = []
+        for fault in sorted(scenario.faults, key=lambda fault: order.index(fault.name)):
+            seen[fault.name] += 1
+            self._switches.append(Switch(fault, f"{scenario.seed} {fault.name} {seen[fault.name]}"))
+        self.receiver = FaultyReceiver(scenario, self._switches)
+        self.outbox = Outbox()
+        self.met: tuple[str, ...] = ()  # names, in the order in which they struck
+        self._frames: Counter[str] = Counter()
+        self._bytes: Counter[str] = Counter()
+        self._on: list[Switch] = []
+        self._number = 0
+
+    def begin(self, number: int, time_s: float) -> None:
+        """Frame `number` is about to be made; `time_s` is its instant from the start of the run."""
+        time_us = round(time_s * 1e6)
+        self._on = [switch for switch in self._switches if switch.turn(time_us)]
+        self._number = number
+        self.met = ()
+        for switch in self._on:
+            if KINDS[switch.fault.name].stage == "heard":
+                self._meet(switch)
+        self.receiver.begin()
+
+    def send(self, frame: Frame, t: float, boot_ms: int, encode: Callable[[Frame, int], bytes]) -> tuple[Frame, int]:
+        """Put a frame into the outbox; what it says now, and how many copies of it are left.
+
+        `t` is its instant on the caller's clock [s]. `encode` gives the frame's bytes, and is asked only while there
+        are faults on the wire.
+        """
+        sending = Sending(frame, may_wait=not self.outbox.holds)
+        for switch in self._on:
+            sender = SENDERS.get(switch.fault.name)
+            if sender and sending.copies and sender(sending, switch.fault.value, switch.random(self._number)):
+                self._meet(switch)
+        letters = [Letter(sending.frame, boot_ms)] * sending.copies
+        if letters and (garblers := [s for s in self._on if s.fault.name in GARBLERS]):
+            letters = self._garble(letters, encode(sending.frame, boot_ms), garblers)
+        self.outbox.put(letters, t + sending.late_s, sending.overtaken)
+        return sending.frame, len(letters)
+
+    def counts(self) -> dict[str, dict[str, int]]:
+        """By name: how many frames met it, and how many bytes it hit."""
+        names = dict.fromkeys(switch.fault.name for switch in self._switches)
+        return {
+            name: {"frames": self._frames[name]} | ({"bytes": self._bytes[name]} if name in GARBLERS else {})
+            for name in names
+        }
+
+    def _garble(self, letters: list[Letter], data: bytes, switches: list[Switch]) -> list[Letter]:
+        """The copies after all that befalls their bytes; those of which nothing is left are gone."""
+        left = [data] * len(letters)
+        for switch in switches:
+            random, hits = switch.random(self._number), 0
+            for n, copy in enumerate(left):
+                left[n], hit = GARBLERS[switch.fault.name](copy, switch.fault.value, random)
+                hits += hit
+            if hits:
+                self._bytes[switch.fault.name] += hits
+                self._meet(switch)
+        return [
+            letter._replace(data=copy, whole=data in copy) for letter, copy in zip(letters, left, strict=True) if copy
+        ]
+
+    def _meet(self, switch: Switch) -> None:
+        name = switch.fault.name
+        if name not in self.met:
+            self.met += (name,)
+            self._frames[name] += 1

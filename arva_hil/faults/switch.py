@@ -1,0 +1,29 @@
+"""One fault while it runs."""
+
+from __future__ import annotations
+
+from random import Random
+
+from arva_hil.faults.spec import Fault
+
+
+class Switch:
+    """A fault of the scenario: remembers since when it is on.
+
+    What befalls a frame depends on `key` and the frame's number alone, whatever other faults there are.
+    """
+
+    def __init__(self, fault: Fault, key: str) -> None:
+        self.fault = fault
+        self.since_s: float | None = None  # how long it has been on, None when it is off
+        self._key = key
+
+    def turn(self, time_us: int) -> bool:
+        """On or off, as it has to be at this time of the run [µs]; which of them."""
+        since = self.fault.since(time_us)
+        self.since_s = None if since is None else since / 1e6
+        return since is not None
+
+    def random(self, number: int) -> Random:
+        """The random numbers for one frame."""
+        return Random(f"{self._key} {number}")

@@ -1,0 +1,100 @@
+"""Links that are lost and come back, while a run goes on: who has to know, and what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from arva_hil.autopilot.session import Session
+from arva_hil.clock import Clock, Waitable
+from arva_hil.links import Link
+from arva_hil.notice import Level, Notice
+from arva_hil.observer import Observer
+
+_LOOK_S: Final = 0.1
+_WORTH_SAYING_S: Final = 0.05  # shorter than this, it was no absence
+
+
+class LinkWatch:
+    """Tells of both links of a run, one line when one is lost and one when it is back, and starts the session anew.
+
+    `port` is None where frames go over the autopilot's link. It is a task, to be served before the emulator: what
+    comes in at the port, which the emulator never reads, is read and forgotten, and so a loss shows there at once.
+    """
+
+    links: Sequence[Waitable] = ()
+
+    def __init__(self, autopilot: Link, port: Link | None, session: Session, observers: Sequence[Observer]) -> None:
+        self._autopilot = Watched(autopilot)
+        self._port = Watched(port) if port else None
+        self._session = session
+        self._observers = observers
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        if self._port:
+            self._port.link.read()
+            self._tell(self._port, now)
+        link = self._autopilot
+        if link.lost_again:
+            self._session.interrupt(link.link.why)
+        if link.renewed_again:
+            self._session.resume(now)
+        self._tell(link, now)
+        return now + _LOOK_S
+
+    def counts(self) -> dict[str, int]:
+        """How often each link was lost, and how often it came back."""
+        return {
+            f"{name}_link_{what}": getattr(side.link, what) if side else 0
+            for name, side in (("autopilot", self._autopilot), ("port", self._port))
+            for what in ("losses", "returns")
+        }
+
+    def sums(self) -> list[str]:
+        """A line for each link that was lost, for a person."""
+        sides = [("the autopilot's link", self._autopilot), ("the port", self._port)]
+        return [
+            f"{what} was lost {side.link.losses} ×, and came back {side.link.returns} ×"
+            for what, side in sides
+            if side and side.link.losses
+        ]
+
+    def _tell(self, side: Watched, now: float) -> None:
+        link = side.link
+        if side.lost_again:
+            self._say("warning", link.why)
+            side.lost_at = now
+        if side.back_again:
+            away = now - side.lost_at
+            self._say("info", f"{link.name}: back" + (f" after {away:.1f} s" if away > _WORTH_SAYING_S else ""))
+        side.note()
+
+    def _say(self, level: Level, text: str) -> None:
+        for observer in self._observers:
+            observer.notice(Notice(level, text))
+
+
+class Watched:
+    """A link, and what was last seen of it."""
+
+    def __init__(self, link: Link) -> None:
+        self.link = link
+        self.lost_at = 0.0
+        self.note()
+
+    def note(self) -> None:
+        """Whatever happened up to now is known."""
+        self._losses, self._renewals, self._returns = self.link.losses, self.link.renewals, self.link.returns
+
+    @property
+    def lost_again(self) -> bool:
+        return self.link.losses > self._losses
+
+    @property
+    def renewed_again(self) -> bool:
+        return self.link.renewals > self._renewals
+
+    @property
+    def back_again(self) -> bool:
+        return self.link.returns > self._returns

@@ -1,0 +1,151 @@
+"""Links that are lost while `run` goes on, and come back."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from arva_hil.autopilot.mavlink import Encoder, dialect
+from arva_hil.links.pty import PtyLink
+from arva_hil.links.tcp import TcpLink, TcpServerLink
+from arva_hil.links.udp import UdpOutLink
+from firmware_proto import Decoder, Frame
+
+from .far_ends import Autopilot, Program, free_port, hears, heartbeat, read_frames, until
+
+Start = Callable[..., Program]
+Keep = Callable[[Any], Any]
+
+
+@pytest.fixture(params=["pty", "tcp"])
+def plug(request: pytest.FixtureRequest, tmp_path: Path, keep: Keep) -> Callable[[], Any]:
+    """Makes a far end, always at the same place, whose address is `plug.url`."""
+    if request.param == "pty":
+        path = str(tmp_path / "line")
+        made: Callable[[], Any] = lambda: keep(PtyLink(path))  # noqa: E731
+        made.url = path  # type: ignore[attr-defined]
+        return made
+    port = free_port(socket.SOCK_STREAM)
+    made = lambda: keep(TcpServerLink("127.0.0.1", port))  # noqa: E731
+    made.url = f"tcp:127.0.0.1:{port}"  # type: ignore[attr-defined]
+    return made
+
+
+class Consumer:
+    """Reads a line all the time; `frames` of it."""
+
+    def __init__(self, link: Any) -> None:
+        self.frames: list[Frame] = []
+        self.decoder = Decoder()
+        self._link = link
+
+    def hears(self) -> bool:
+        """Read on; whether the last frame hears a transmitter."""
+        self.frames += self.decoder.feed(self._link.read(), 0.0)
+        return bool(self.frames) and hears(self.frames[-1])
+
+
+def test_an_autopilot_unplugged_and_plugged_again(
+    start: Start, keep: Keep, line: PtyLink, plug: Any, tmp_path: Path
+) -> None:
+    first = keep(Autopilot(plug()))
+    program = start(
+        *("--port", line.path, "--autopilot", plug.url, "--rate", 50, "--max-age", 0.3),
+        *("--record", tmp_path / "record"),
+    )
+    consumer = Consumer(line)
+    until(consumer.hears)
+    first.close()
+    until(lambda: not consumer.hears())
+    program.says(rf"\nwarning: {plug.url}: lost: closed by the far end, looking for it")
+    keep(Autopilot(plug()))
+    until(consumer.hears)
+    program.says(rf"\n{plug.url}: back after \d+\.\d s")
+    program.send(signal.SIGTERM)
+    assert program.ends() == 130
+    assert (consumer.decoder.lost, consumer.decoder.bad_crc) == (0, 0)
+    counters = json.loads((tmp_path / "record" / "run.json").read_bytes())["counters"]
+    assert (counters["autopilot_link_losses"], counters["autopilot_link_returns"]) == (1, 1)
+    assert (counters["port_link_losses"], counters["skipped"]) == (0, 0)
+    assert program.err.count(": lost: ") == program.err.count(": back") == 1
+    assert "the autopilot's link was lost 1 ×, and came back 1 ×" in program.err
+
+
+def test_a_consumer_unplugged_and_plugged_again(start: Start, autopilot: Autopilot, plug: Any, tmp_path: Path) -> None:
+    line = plug()
+    record = tmp_path / "record"
+    program = start("--port", plug.url, "--autopilot", autopilot.address, "--rate", 50, "--record", record)
+    before = read_frames(line, 60)
+    line.close()
+    program.says(rf"\nwarning: {plug.url}: lost")
+    after = read_frames(plug(), 20)
+    program.says(rf"\n{plug.url}: back")
+    program.send(signal.SIGTERM)
+    assert program.ends() == 130
+    assert hears(before[-1])
+    assert all(map(hears, after))  # the autopilot's side went on all the time
+    counters = json.loads((record / "run.json").read_bytes())["counters"]
+    assert (counters["port_link_losses"], counters["port_link_returns"]) == (1, 1)
+    assert counters["dropped"] > 0
+    assert counters["autopilot_link_losses"] == 0
+    assert "nobody takes" not in program.err  # it is said already
+
+
+@pytest.mark.parametrize("kind", ["tcpin", "udpin"])
+def test_a_server_takes_the_next_client(start: Start, keep: Keep, line: PtyLink, kind: str) -> None:
+    """The autopilot, or what forwards it, is started again; over UDP it has another port then."""
+    port = free_port(socket.SOCK_DGRAM if kind == "udpin" else socket.SOCK_STREAM)
+    client = {"udpin": UdpOutLink, "tcpin": TcpLink}[kind]
+    url = f"{kind}:127.0.0.1:{port}"
+    program = start("--port", line.path, "--autopilot", url, "--rate", 50, "--max-age", 0.3)
+    program.says("frames to")
+    consumer = Consumer(line)
+    first = keep(Autopilot(client("127.0.0.1", port), speaks_first=True))
+    until(consumer.hears)
+    first.close()
+    until(lambda: not consumer.hears())
+    keep(Autopilot(keep(client("127.0.0.1", port)), speaks_first=True))
+    until(consumer.hears)
+    program.says(rf"\nwarning: {url}: lost: ")
+    program.says(rf"\n{url}: back")
+    program.send(signal.SIGTERM)
+    assert program.ends() == 130
+
+
+def test_a_link_that_stays_away_does_not_end_the_run(start: Start, keep: Keep, line: PtyLink, tmp_path: Path) -> None:
+    vehicle = keep(Autopilot(keep(PtyLink(path := str(tmp_path / "fc")))))
+    program = start("--port", line.path, "--autopilot", path, "--rate", 50, "--duration", 2)
+    frames = read_frames(line, 55)
+    vehicle.close()
+    frames += read_frames(line, 40)
+    assert program.ends() == 0
+    assert "the autopilot's link was lost 1 ×, and came back 0 ×" in program.err
+
+
+def test_a_link_lost_before_the_first_heartbeat_is_the_reason_given(start: Start, keep: Keep, tmp_path: Path) -> None:
+    line = keep(PtyLink(path := str(tmp_path / "fc")))
+    program = start("--port", "pty", "--autopilot", path, "--timeout", 1)
+    program.says("scenario")
+    line.write(heartbeat(Encoder(255, 190), dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID))
+    line.close()
+    assert program.ends() == 3
+    assert f"error: no autopilot was heard before {path}: lost" in program.err
+
+
+def test_one_port_frames_survive_an_absence(start: Start, keep: Keep, plug: Any) -> None:
+    first = keep(Autopilot(plug()))
+    program = start("--autopilot", plug.url, "--format", "tunnel", "--rate", 20)
+    program.says("readings are real")
+    first.close()
+    program.says("lost")
+    second = keep(Autopilot(plug()))
+    program.says("back")
+    until(lambda: second.heard.count(b"\xa4\x57") > 10)
+    program.send(signal.SIGTERM)
+    assert program.ends() == 130

@@ -1,0 +1,314 @@
+"""A run whose links are lost and come back: what the session does, what the frames say, what a person is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import pytest
+
+from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
+from arva_hil.autopilot.session import Session
+from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.clock import Clock, StepClock
+from arva_hil.emulator import Emulator, NoHeartbeatError
+from arva_hil.links import Link, LinkError
+from arva_hil.links.memory import MemoryLink, pair
+from arva_hil.links.reopen import Reopening
+from arva_hil.linkwatch import LinkWatch
+from arva_hil.loop import run
+from arva_hil.notice import Notice
+from arva_hil.observer import Observer, Snapshot
+from arva_hil.output import MavlinkPort, WirePort
+from arva_hil.scenario import parse
+from firmware_proto import Decoder, Frame
+
+HOME = (46.0123, 7.7456, 1650.0)
+SCENARIO = parse("receiver: {noise: {kind: off}, rate_hz: 20}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]", "test")
+SET_INTERVAL, REQUEST_MESSAGE = dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MESSAGE
+
+
+class Diary(Observer):
+    def __init__(self) -> None:
+        self.notices: list[Notice] = []
+        self.snapshots: list[Snapshot] = []
+
+    def notice(self, notice: Notice) -> None:
+        self.notices.append(notice)
+
+    def frame(self, snapshot: Snapshot) -> None:
+        self.snapshots.append(snapshot)
+
+    def said(self, part: str) -> int:
+        return sum(part in notice.text for notice in self.notices)
+
+
+class Socket:
+    """Where a far end is plugged in: `far` is None while it is not."""
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self._name = name
+        self.far: MemoryLink | None = None
+        self.link = Reopening(self.open(plug=True), self.open, clock, start=lambda job: job())
+
+    def open(self, *, plug: bool = False) -> Link:
+        if self.far is None and not plug:
+            raise LinkError(self._name, "is not there")
+        near, self.far = pair()
+        near.name = self._name
+        return near
+
+    def pull(self) -> None:
+        assert self.far
+        self.far.close()
+        self.far = None
+
+    def plug(self) -> None:
+        self.far, _ = pair()  # until it is opened
+
+    def read(self) -> bytes:
+        return self.far.read() if self.far and self.far.ready() else b""
+
+
+class Bench:
+    """A vehicle, a run and a consumer; a task, too: the vehicle's part. `heard`: what was said to the vehicle."""
+
+    def __init__(self, **options: float) -> None:
+        self.clock = StepClock()
+        self.vehicle = SimulatedVehicle(HOME)
+        self.autopilot, self.port = Socket("autopilot", self.clock), Socket("port", self.clock)
+        self.heard: list[tuple[float, Any]] = []
+        self.links: Sequence[Link] = ()
+        self.diary = Diary()
+        self.session = Session()
+        self._parser = Parser()
+        self._decoder = Decoder()
+        self.frames: list[Frame] = []
+        link, port = self.autopilot.link, self.port.link
+        self.watch = LinkWatch(link, port, self.session, [self.diary])
+        wire = WirePort(port, "binary")
+        self.emulator = Emulator(
+            SCENARIO, self.session, link, wire, start=0.0, observers=[self.diary], **{"max_age_s": 1.0, **options}
+        )
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        chunk = self.autopilot.read()
+        self.heard += [(now, self._parser.decode(packet)) for packet in self._parser.feed(chunk)]
+        self.vehicle.feed(chunk, now)
+        if (said := self.vehicle.poll(now)) and self.autopilot.far:
+            self.autopilot.far.write(said)
+        self.frames += self._decoder.feed(self.port.read(), now)
+        return now + 0.01
+
+    def run(self, seconds: float) -> None:
+        run([self, self.watch, self.emulator], self.clock, until=self.clock.now() + seconds)
+
+    def asked(self, since: float, command: int, param1: float | None = None) -> list[float]:
+        """When a command came."""
+        return [
+            at - since
+            for at, message in self.heard
+            if at >= since and getattr(message, "command", None) == command and param1 in (None, message.param1)
+        ]
+
+    @property
+    def posed(self) -> bool:
+        return self.diary.snapshots[-1].pose is not None
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    made.run(5.0)
+    assert made.posed
+    yield made
+    for side in (made.autopilot, made.port):
+        side.link.close()
+
+
+def test_the_autopilots_link_goes_and_comes_while_frames_keep_their_rhythm(bench: Bench) -> None:
+    bench.autopilot.pull()
+    bench.run(3.0)
+    assert not bench.posed
+    bench.autopilot.plug()
+    bench.run(1.0)
+    assert bench.posed
+    times = [s.time_s for s in bench.diary.snapshots]
+    assert times == pytest.approx([n / 20 for n in range(len(times))])
+    absent = [s.time_s for s in bench.diary.snapshots if s.pose is None and s.time_s > 5]
+    assert absent[0] == pytest.approx(6.0, abs=0.11)  # the pose is too old
+    assert absent[-1] < 8.0 + 1.0
+    assert [frame.sequence for frame in bench.frames] == [n % 256 for n in range(len(bench.frames))]
+    assert all(s.sent for s in bench.diary.snapshots)
+    assert (bench.session.reboots, bench.emulator.counters.skipped) == (0, 0)
+
+
+def test_one_line_for_lost_and_one_for_back(bench: Bench) -> None:
+    before = len(bench.diary.notices)
+    for n, side in enumerate((bench.autopilot, bench.port), 1):
+        side.pull()
+        bench.run(8.0)  # longer than any patience with a silent vehicle
+        side.plug()
+        bench.run(1.0)
+        name = side.link.name
+        of_links = [notice for notice in bench.diary.notices[before:] if "pose" not in notice.text]
+        assert [notice.level for notice in of_links] == ["warning", "info"] * n
+        assert of_links[-2].text == f"{name}: lost: closed by the far end, looking for it"
+        assert of_links[-1].text.startswith(f"{name}: back after 8.")
+    counts = {"autopilot_link_losses": 1, "autopilot_link_returns": 1, "port_link_losses": 1, "port_link_returns": 1}
+    assert bench.watch.counts() == counts
+    assert len(bench.watch.sums()) == 2
+
+
+def test_a_link_that_was_never_lost_has_no_line() -> None:
+    bench = Bench()
+    bench.run(1.0)
+    assert bench.watch.sums() == []
+    assert set(bench.watch.counts().values()) == {0}
+
+
+@pytest.mark.parametrize("rebooted", [False, True])
+def test_streams_are_asked_for_again_at_once(bench: Bench, rebooted: bool) -> None:
+    """An autopilot keeps its intervals over an absence or, when it has started again, has none."""
+    bench.autopilot.pull()
+    bench.run(2.0)
+    if rebooted:
+        bench.vehicle.reboot(bench.clock.now())
+    bench.autopilot.plug()
+    at = bench.clock.now()
+    bench.run(2.0)
+    for msgid in (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_ATTITUDE):
+        assert bench.asked(at, SET_INTERVAL, msgid)[0] < 0.8
+    assert bench.asked(at, REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HOME_POSITION)[0] < 0.8
+    assert bench.session.home is not None
+    assert bench.posed
+    assert bench.session.reboots == rebooted
+    assert bench.diary.said("has rebooted") == rebooted
+    assert min(bench.session.rates(bench.clock.now()).values()) > 40
+
+
+def test_whose_boot_time_is_a_little_less_on_a_new_link_has_rebooted(bench: Bench) -> None:
+    """On the same link it may be a packet that comes late."""
+    boot = bench.session.clock.boot(bench.clock.now())
+    assert boot is not None
+    late = dialect.MAVLink_attitude_message(round(boot * 1e3) - 300, 0, 0, 0, 0, 0, 0)
+    packet = Encoder(1, 1).pack(late)
+    bench.session.feed(packet, bench.clock.now())
+    assert bench.session.reboots == 0
+    bench.session.interrupt("")
+    bench.session.resume(bench.clock.now())
+    bench.session.feed(packet, bench.clock.now())
+    assert bench.session.reboots == 1
+
+
+def test_nothing_is_asked_twice_of_one_that_stayed(bench: Bench) -> None:
+    at = bench.clock.now()
+    bench.run(10.0)
+    assert not bench.asked(at, SET_INTERVAL)
+
+
+def test_a_packet_torn_by_the_loss_costs_nothing_of_the_next_session(bench: Bench) -> None:
+    torn = bench.vehicle.poll(bench.clock.now() + 1.0)[:100]
+    assert bench.autopilot.far
+    bench.autopilot.far.write(torn[:-3])
+    bench.run(0.05)
+    bench.autopilot.pull()
+    bench.run(1.0)
+    bench.autopilot.plug()
+    bench.run(2.0)
+    assert bench.session.parser.bad_crc == 0
+    assert bench.session.parser.skipped < 100
+    assert bench.posed
+
+
+def test_what_a_consumer_says_is_read_and_forgotten(bench: Bench) -> None:
+    assert bench.port.far
+    bench.port.far.write(b"hello?")
+    bench.run(0.3)
+    assert not bench.port.link.ready()
+    assert bench.session.parser.skipped == 0
+
+
+def test_a_lost_port_is_noticed_and_found_between_two_frames() -> None:
+    bench = Bench()
+    bench.emulator.schedule._rate = 0.1  # one frame in 10 s
+    bench.run(1.0)
+    bench.port.pull()
+    bench.run(0.2)
+    assert bench.watch.counts()["port_link_losses"] == 1
+    bench.port.plug()
+    bench.run(1.0)
+    assert bench.watch.counts()["port_link_returns"] == 1
+
+
+def test_frames_inside_mavlink_survive_an_absence() -> None:
+    bench = Bench()
+    port = MavlinkPort(bench.autopilot.link, bench.session, "tunnel")
+    bench.watch = LinkWatch(bench.autopilot.link, None, bench.session, [bench.diary])
+    bench.emulator = Emulator(SCENARIO, bench.session, bench.autopilot.link, port, start=0.0, observers=[bench.diary])
+    bench.run(3.0)
+    bench.autopilot.pull()
+    bench.run(1.0)
+    bench.autopilot.plug()
+    bench.run(1.0)
+    at = bench.clock.now()
+    bench.run(1.0)
+    assert sum(when >= at and message.get_type() == "TUNNEL" for when, message in bench.heard) in (19, 20, 21)
+    assert bench.diary.said("nobody takes") == 0
+    assert bench.watch.counts()["autopilot_link_returns"] == 1
+    assert bench.watch.counts()["port_link_losses"] == 0
+
+
+def test_a_link_lost_before_any_vehicle_was_heard_is_what_the_end_tells() -> None:
+    bench = Bench(timeout_s=2.0)
+    bench.autopilot.pull()
+    with pytest.raises(NoHeartbeatError, match="no autopilot was heard before autopilot: lost: closed by the far end"):
+        bench.run(5.0)
+
+
+def test_a_vehicle_that_was_silent_for_some_seconds_is_asked_again_at_once(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As over UDP, where nothing is ever lost: it may have started again, and then streams nothing."""
+    poll = bench.vehicle.poll
+    monkeypatch.setattr(bench.vehicle, "poll", lambda now: poll(now) and b"")
+    bench.run(4.5)  # between two tries of the usual kind
+    bench.vehicle.reboot(bench.clock.now())
+    monkeypatch.setattr(bench.vehicle, "poll", poll)
+    at = bench.clock.now()
+    bench.run(1.0)
+    assert bench.asked(at, SET_INTERVAL)[0] < 0.3
+    assert bench.posed
+    assert bench.session.reboots == 1
+
+
+class Still(Link):
+    """A link whose counters are set by the test."""
+
+    name = "still"
+
+    def read(self) -> bytes:
+        return b""
+
+    def write(self, data: bytes) -> bool:
+        return True
+
+    def close(self) -> None: ...
+
+
+@pytest.mark.parametrize(
+    ("happens", "lines"),
+    [
+        (lambda link: link._gone(LinkError("still", "lost")), ["still: lost"]),
+        (lambda link: (link._gone(LinkError("still", "lost")), link._renewed()), ["still: lost", "still: back"]),
+    ],
+)
+def test_what_happens_between_two_looks_is_told_too(happens: Callable[[Still], None], lines: list[str]) -> None:
+    link, diary, session = Still(), Diary(), Session()
+    watch = LinkWatch(link, None, session, [diary])
+    watch.service(StepClock())
+    happens(link)
+    for _ in range(2):
+        watch.service(StepClock())
+    assert [notice.text for notice in diary.notices] == lines

@@ -1,0 +1,236 @@
+"""Runs the emulator for hours with faults on, and checks that nothing drifts, grows or gets lost.
+
+    python tools/long_run.py                  # 4 h of emulated time, as fast as it goes
+    python tools/long_run.py --real 1800      # half an hour in real time, over pseudo-terminals
+
+The built-in vehicle flies a square, the emulator follows and records, a consumer reads the frames. Ends with 1 when
+something is not as it should be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import gc
+import json
+import math
+import os
+import sys
+import tempfile
+import time
+from collections import Counter, deque
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from arva_hil.autopilot.mavlink import Encoder, dialect
+from arva_hil.autopilot.session import Session
+from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.cli.shared import counters
+from arva_hil.clock import Clock, RealClock, StepClock
+from arva_hil.emulator import Emulator
+from arva_hil.links import Link, memory, open_link
+from arva_hil.links.pty import PtyLink
+from arva_hil.loop import run
+from arva_hil.observer import Observer, Snapshot
+from arva_hil.output import WirePort
+from arva_hil.record import Recorder
+from arva_hil.scenario import load
+from arva_hil.simulator import Simulator
+from firmware_proto import DECODERS
+
+HOME = (46.0123, 7.7456, 1650.0)
+HEIGHT_M = 2.0
+SPEED_M_S = 2.0
+SQUARE = ((30.0, 20.0), (30.0, -20.0), (-10.0, -20.0), (-10.0, 20.0))
+GUIDED = 4
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenario", default=Path(__file__).parent.parent / "configs" / "faults.yaml", metavar="FILE")
+    parser.add_argument("--hours", type=float, default=4.0, help="of emulated time; default 4")
+    parser.add_argument("--real", type=float, metavar="S", help="of real time instead")
+    parser.add_argument("--record", type=Path, metavar="DIR", help="keep the record; default: none is kept")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        sys.exit(0 if long_run(options, options.record or Path(temporary, "record")) else 1)
+
+
+def long_run(options: argparse.Namespace, folder: Path) -> bool:
+    """Fly, then check; whether all is well."""
+    scenario = load(options.scenario)
+    clock: RealClock | StepClock = RealClock() if options.real else StepClock()
+    wall = RealClock()
+    with ExitStack() as stack:
+        ends = pseudo_terminals(stack, clock) if options.real else (*memory.pair(), *memory.pair())
+        autopilot, far, port, reader = ends
+        recorder, watch = Recorder(folder, 0, patient=not options.real), Watch()
+        start = clock.now()
+        until = start + (options.real or options.hours * 3600)
+        vehicle = SimulatedVehicle(HOME, boot_time=start)
+        wire = WirePort(port, scenario.output_format)
+        emulator = Emulator(scenario, Session(), autopilot, wire, start=start, observers=[recorder, watch])
+        consumer = Consumer(reader, scenario.output_format)
+        gc.freeze()  # as the commands do
+        run([Simulator(vehicle, [far]), Pilot(vehicle), emulator, consumer, Memory(watch)], clock, until=until)
+        run([consumer], clock, until=clock.now() + 0.5)  # what is still on its way
+    took = wall.now()
+    counts = counters(emulator)
+    recorder.close({"scenario": os.fspath(options.scenario), "counters": counts})
+    return all([check_time(watch, scenario.receiver.rate_hz, took), *check_counts(counts, consumer, folder, watch)])
+
+
+def pseudo_terminals(stack: ExitStack, clock: Clock) -> tuple[Link, Link, Link, Link]:
+    """The autopilot's line and the receiver's: near end, far end; and the same again."""
+    fc, port = (stack.enter_context(closing(PtyLink())) for _ in range(2))
+    autopilot, reader = (stack.enter_context(closing(open_link(p.path, clock=clock))) for p in (fc, port))
+    return autopilot, fc, port, reader
+
+
+class Pilot:
+    """Takes off and flies round and round a square."""
+
+    links: Sequence[Link] = ()
+
+    def __init__(self, vehicle: SimulatedVehicle) -> None:
+        self._vehicle = vehicle
+        self._say = Encoder(255, 190)
+        self._next = 0.0
+        self._corner = 0
+
+    def service(self, clock: Clock) -> float:
+        if (now := clock.now()) >= self._next:
+            self._next = now + 0.5
+            self._steer(now)
+        return self._next
+
+    def _steer(self, now: float) -> None:
+        north, east, down = self._vehicle.truth(now).ned
+        if down > -0.8 * HEIGHT_M:
+            self._command(now, dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, GUIDED)
+            self._command(now, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+            self._command(now, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, HEIGHT_M)
+            return
+        to_north, to_east = SQUARE[self._corner][0] - north, SQUARE[self._corner][1] - east
+        away = math.hypot(to_north, to_east)
+        if away < 1.0:
+            self._corner = (self._corner + 1) % len(SQUARE)
+        speed = min(SPEED_M_S / away, 1.0)
+        move = dialect.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, 1, 0b110111000111, 0, 0, 0, speed * to_north, speed * to_east, 0, 0, 0, 0, 0, 0
+        )
+        self._vehicle.feed(self._say.pack(move), now)
+
+    def _command(self, now: float, command: int, *params: float) -> None:
+        padded = [*params, *[0.0] * (7 - len(params))]
+        self._vehicle.feed(self._say.pack(dialect.MAVLink_command_long_message(1, 1, command, 0, *padded)), now)
+
+
+class Consumer:
+    """What a driver does: reads the port and counts."""
+
+    def __init__(self, link: Link, format: str) -> None:
+        self.links: Sequence[Link] = [link]
+        self.decoder = DECODERS[format]()
+        self.bytes = 0
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        chunk = self.links[0].read()
+        self.bytes += len(chunk)
+        self.decoder.feed(chunk, now)
+        return now + 0.1
+
+
+class Watch(Observer):
+    """Remembers the last frame, how late frames were, how many met a fault, and what memory was."""
+
+    def __init__(self) -> None:
+        self.last: Snapshot | None = None
+        self.late_s: deque[float] = deque(maxlen=600)
+        self.met: Counter[str] = Counter()
+        self.memory_mb: list[float] = []
+
+    def frame(self, snapshot: Snapshot) -> None:
+        self.last = snapshot
+        self.late_s.append(snapshot.late_s)
+        self.met.update(snapshot.faults)
+
+
+class Memory:
+    """Looks at the process's resident memory once a minute of the run's time."""
+
+    links: Sequence[Link] = ()
+
+    def __init__(self, watch: Watch) -> None:
+        self._watch = watch
+        self._next: float | None = None
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        if self._next is None:
+            self._next = now + 60
+        if now >= self._next:
+            self._next += 60
+            pages = int(Path("/proc/self/statm").read_text().split()[1])
+            self._watch.memory_mb.append(pages * os.sysconf("SC_PAGE_SIZE") / 1e6)
+        return self._next
+
+
+def check_time(watch: Watch, rate_hz: float, took_s: float) -> bool:
+    """The last deadline is where it belongs, and memory has stayed what it was."""
+    assert watch.last is not None
+    last, memory_mb = watch.last, watch.memory_mb
+    drift_s = last.time_s - last.number / rate_hz
+    late_ms = 1e3 * median(watch.late_s)
+    print(
+        f"{last.time_s:.0f} s in {took_s:.0f} s of real time: {last.time_s / took_s:.1f} ×; "
+        f"{time.process_time():.0f} s of processor time\n"
+        f"the last frame, number {last.number}: deadline {1e3 * drift_s:+.6f} ms from number / rate; "
+        f"the last {len(watch.late_s)} frames were {late_ms:.3f} ms late in the median"
+    )
+    growth_mb = max(memory_mb, default=0.0) - memory_mb[0] if memory_mb else math.nan
+    if memory_mb:
+        print(
+            f"memory: {memory_mb[0]:.2f} MB after the first minute, {memory_mb[len(memory_mb) // 2]:.2f} MB half-way, "
+            f"{memory_mb[-1]:.2f} MB at the end, at most {growth_mb:+.2f} MB more"
+        )
+    return abs(drift_s) < 1e-3 and not growth_mb >= 1.0
+
+
+def check_counts(counts: dict[str, Any], consumer: Consumer, folder: Path, watch: Watch) -> list[bool]:
+    """Every frame is accounted for, and all who counted agree."""
+    print(json.dumps(counts))
+    c = {name: value for name, value in counts.items() if isinstance(value, int)}
+    made = c["frames"] + c["duplicated"]
+    gone = sum(c[name] for name in ("delivered", "damaged", "withheld", "dropped", "waiting"))
+    decoder = consumer.decoder
+    print(f"{made} frames and copies, {gone} accounted for; skipped {c['skipped']}")
+    print(
+        f"the consumer read {decoder.good} frames ({c['delivered']} were delivered whole), {decoder.bad_crc} bad "
+        f"checksums, {decoder.dropped} bytes dropped, {decoder.lost} lost by the sequence"
+    )
+    met: Counter[str] = Counter()
+    rows = 0
+    with (folder / "readings.csv").open(newline="") as file:
+        for row in csv.DictReader(file):
+            if row["slot"] == "1":
+                rows += 1
+                met.update(filter(None, row["faults"].split("+")))
+    size = (folder / "frames.bin").stat().st_size
+    counted = {name: count["frames"] for name, count in counts["faults"].items() if count["frames"]}
+    print(f"readings.csv: {rows} frames, faults marked {sum(met.values())} times; frames.bin: {size} bytes")
+    return [
+        made == gone,
+        decoder.good == c["delivered"],
+        rows == c["frames"],
+        size == consumer.bytes,
+        met == watch.met == counted,
+    ]
+
+
+if __name__ == "__main__":
+    main()
