@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from enum import Enum, auto
 from typing import Any, Final
 
-from arva_hil.autopilot.mavlink import Packet, dialect
-from arva_hil.autopilot.modes import ARDUCOPTER, command, modes_of
+from arva_hil.autopilot.mavlink import RESULTS, Packet, command, dialect
+from arva_hil.autopilot.modes import ARDUCOPTER, modes_of
 from arva_hil.autopilot.pose import PositionSample
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.status_text import StatusTexts, unwell
-from arva_hil.model import LocalFrame, rotation
+from arva_hil.model import rotation
 from arva_hil.notice import Notice
 
 _REPEAT_S: Final = 1.0
@@ -34,7 +34,6 @@ _LAND_S: Final = 90.0  # and 2 s more a metre
 _RISEN_M: Final = 0.5  # no drift of an altitude: it has taken off
 _NEARLY_M: Final = 1.5  # PX4 calls a take-off done within 0.8 m
 _VELOCITY_AND_YAW: Final = 0b100111000111  # what the type mask ignores: position, acceleration, yaw rate
-_RESULTS: Final = {value: entry.name for value, entry in dialect.enums["MAV_RESULT"].items()}
 _STILL: Final = (0.0, 0.0, 0.0)
 
 
@@ -182,17 +181,18 @@ class Commander:
         """The order that is not carried out yet, None when all are; and when to look again, in seconds."""
         vehicle, modes = self._session.vehicle, self._modes
         assert vehicle is not None
+        to = vehicle.system, vehicle.component
         if self.phase is Phase.CLIMBING:
             assert self.origin is not None
             risen = self.height > _RISEN_M
             return None if risen else modes.to_take_off(vehicle, self._take_off_m, self.origin.alt), _REPEAT_S
         if self.phase is Phase.LANDING and not self._taken_off:
-            return command(vehicle, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0), _REPEAT_S
+            return command(*to, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0), _REPEAT_S
         if self._mode == self._wanted:
-            arm = command(vehicle, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+            arm = command(*to, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
             return (arm, _ARM_AGAIN_S) if self.phase is Phase.ARMING else (None, _REPEAT_S)
         if self.phase is Phase.LANDING:
-            return command(vehicle, dialect.MAV_CMD_NAV_LAND), _REPEAT_S
+            return command(*to, dialect.MAV_CMD_NAV_LAND), _REPEAT_S
         return modes.to_set(vehicle, self._wanted), _REPEAT_S
 
     def _set_point(self) -> Any:
@@ -243,7 +243,7 @@ class Commander:
     def _stand(self, armed: bool, now: float) -> None:
         """Note place and heading: until it arms an autopilot still moves them while it settles."""
         place = self._session.track.last_position
-        if place is not None and (state := self._session.state_at(now, LocalFrame(*place[1:4]))) is not None:
+        if place is not None and (state := self._session.state_at(now, place.frame)) is not None:
             self.origin = place
             self._yaw = rotation.to_euler(rotation.to_matrix(state.attitude))[2]
         if armed and self.origin is not None:
@@ -251,11 +251,10 @@ class Commander:
             self._enter(Phase.CLIMBING, now, self._modes.take_off, _CLIMB_S + self._take_off_m)
 
     def _on_ack(self, message: Any, now: float) -> None:
-        us = self._session.encoder.system, self._session.component
-        if message.command not in _ORDERS or (message.target_system, message.target_component) not in (us, (0, 0)):
+        if message.command not in _ORDERS or not self._session.answers_us(message):
             return
         if message.result not in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
-            result = _RESULTS.get(message.result, f"result {message.result}").removeprefix("MAV_RESULT_")
+            result = RESULTS.get(message.result, f"result {message.result}").removeprefix("MAV_RESULT_")
             self._answer = f"{_ORDERS[message.command]}: {result}"
         elif self.phase is Phase.CLIMBING and message.command == dialect.MAV_CMD_NAV_TAKEOFF:
             self._next_order = now + _TAKE_OFF_AGAIN_S

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-__all__ = ["Encoder", "Packet", "Parser", "dialect"]
+__all__ = ["RESULTS", "Encoder", "Packet", "Parser", "command", "dialect"]
 
 Message = Any  # pymavlink's generated classes carry no types
 
@@ -25,6 +25,9 @@ _MAGIC: Final = re.compile(b"[\xfd\xfe]")
 _SIGNED: Final = 0x01  # the one incompatibility flag there is; a packet with another must be dropped
 _SIGNATURE_BYTES: Final = 13
 _CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
+
+
+RESULTS: Final[dict[int, str]] = {value: entry.name for value, entry in dialect.enums["MAV_RESULT"].items()}
 
 
 class Packet(NamedTuple):
@@ -145,6 +148,11 @@ class Encoder:
             raise ValueError(f"{message.get_type()}: {error}") from error
         self._codec.seq = (self._codec.seq + 1) % 256
         return bytes(raw)
+
+
+def command(system: int, component: int, number: int, *params: float) -> Message:
+    """COMMAND_LONG `number` to a component; parameters left out are 0."""
+    return dialect.MAVLink_command_long_message(system, component, number, 0, *params, *[0.0] * (7 - len(params)))
 
 
 def _size(data: bytes, at: int) -> int:

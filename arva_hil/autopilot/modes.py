@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from arva_hil.autopilot.finder import Vehicle
-from arva_hil.autopilot.mavlink import dialect
+from arva_hil.autopilot.mavlink import command, dialect
 
 _MULTIROTORS: Final = {
     dialect.MAV_TYPE_QUADROTOR,
@@ -58,13 +58,20 @@ class Modes:
     def to_set(self, vehicle: Vehicle, mode: int) -> Any:
         """DO_SET_MODE; believe the heartbeat, not the acknowledgement."""
         main, sub = (mode >> 16 & 0xFF, mode >> 24) if self.px4 else (mode, 0)
-        return command(vehicle, dialect.MAV_CMD_DO_SET_MODE, dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, main, sub)
+        return command(
+            vehicle.system,
+            vehicle.component,
+            dialect.MAV_CMD_DO_SET_MODE,
+            dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+            main,
+            sub,
+        )
 
     def to_take_off(self, vehicle: Vehicle, height: float, ground_amsl: float) -> Any:
         """NAV_TAKEOFF to a height above the ground, straight up, heading kept."""
         here = float("nan") if self.px4 else 0.0  # PX4 takes a number for a place, ArduPilot ignores it
         level = ground_amsl + height if self.px4 else height
-        return command(vehicle, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, here, here, here, level)
+        return command(vehicle.system, vehicle.component, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, here, here, here, level)
 
 
 _GUIDED: Final = dialect.COPTER_MODE_GUIDED
@@ -80,9 +87,3 @@ def modes_of(vehicle: Vehicle) -> Modes:
     if vehicle.kind not in _MULTIROTORS:
         raise ValueError(f"{vehicle} is not a multirotor")
     return modes
-
-
-def command(vehicle: Vehicle, number: int, *params: float) -> Any:
-    """COMMAND_LONG to the vehicle."""
-    padded = [*params, *[0.0] * (7 - len(params))]
-    return dialect.MAVLink_command_long_message(vehicle.system, vehicle.component, number, 0, *padded)

@@ -28,6 +28,11 @@ class PositionSample(NamedTuple):
     alt: float
     velocity: tuple[float, float, float]
 
+    @property
+    def frame(self) -> LocalFrame:
+        """NED from there."""
+        return LocalFrame(self.lat, self.lon, self.alt)
+
 
 class AttitudeSample(NamedTuple):
     """Roll, pitch, yaw in radians or a quaternion (w, x, y, z), body FRD → NED; body rates in rad/s; boot time in

@@ -110,6 +110,11 @@ class Session:
         """Measured rates [Hz] of the pose streams."""
         return self._streams.rates(now) if self._streams else {}
 
+    def answers_us(self, message: Any) -> bool:
+        """Whether a COMMAND_ACK is for us, or, from an older autopilot, for nobody by name."""
+        addressee = (message.target_system, message.target_component)
+        return addressee in ((self.encoder.system, self.component), (0, 0))
+
     def take_notices(self) -> list[Notice]:
         """What there is to say since the last call."""
         if self._streams:
@@ -292,7 +297,5 @@ class Session:
         self.home = (lat, lon, message.altitude / 1e3)
 
     def _on_ack(self, message: Any, now: float) -> None:
-        ours = (self.encoder.system, self.component)
-        addressee = (message.target_system, message.target_component)
-        if self._streams and addressee in (ours, (0, 0)):
+        if self._streams and self.answers_us(message):
             self._streams.acknowledged(message.command, message.result)

@@ -6,7 +6,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from arva_hil.autopilot.mavlink import dialect
+from arva_hil.autopilot.mavlink import RESULTS, command, dialect
 from arva_hil.notice import Notice
 
 _MEASURE_S: Final = 2.0  # the window of a rate
@@ -20,7 +20,6 @@ _PATIENCE: Final = 3  # requests of one kind that change nothing, before the oth
 _SLOWEST_HZ: Final = 4.0
 
 _SET_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-_RESULTS: Final = {value: entry.name for value, entry in dialect.enums["MAV_RESULT"].items()}
 
 
 @dataclass
@@ -135,7 +134,7 @@ class Streams:
             return
         stream, _ = self._pending
         self._pending = None
-        answer = _RESULTS.get(result, f"result {result}")
+        answer = RESULTS.get(result, f"result {result}")
         stream.said = f"SET_MESSAGE_INTERVAL to {stream.want_hz:g} Hz: {answer}"
         if result == dialect.MAV_RESULT_DENIED and stream.want_hz > _SLOWEST_HZ:
             stream.want_hz = max(stream.want_hz / 2, _SLOWEST_HZ)
@@ -161,15 +160,15 @@ class Streams:
             )
         self._pending = (stream, now)
         interval_us = 1e6 / stream.want_hz
-        return _command(system, component, _SET_INTERVAL, stream.request, interval_us)
+        return command(system, component, _SET_INTERVAL, stream.request, interval_us)
 
     def _ask_home(self, system: int, component: int) -> Any:
         """REQUEST_MESSAGE and the older GET_HOME_POSITION in turn."""
         self._home_asks += 1
         if self._home_asks % 2:
             home = dialect.MAVLINK_MSG_ID_HOME_POSITION
-            return _command(system, component, dialect.MAV_CMD_REQUEST_MESSAGE, home)
-        return _command(system, component, dialect.MAV_CMD_GET_HOME_POSITION)
+            return command(system, component, dialect.MAV_CMD_REQUEST_MESSAGE, home)
+        return command(system, component, dialect.MAV_CMD_GET_HOME_POSITION)
 
     def _change_kind(self, stream: Stream) -> None:
         was = stream.said
@@ -181,8 +180,3 @@ class Streams:
 
     def _say(self, text: str) -> None:
         self._notices.append(Notice("warning", text))
-
-
-def _command(system: int, component: int, command: int, *params: float) -> Any:
-    padded = [*params, *[0.0] * (7 - len(params))]
-    return dialect.MAVLink_command_long_message(system, component, command, 0, *padded)

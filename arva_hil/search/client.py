@@ -205,7 +205,7 @@ class SearchClient:
 
     def _has_pose(self, now: float) -> bool:
         place = self._session.track.last_position
-        state = self._session.state_at(now, LocalFrame(*place[1:4])) if place else None
+        state = self._session.state_at(now, place.frame) if place else None
         return state is not None and state.age_s < _OLD_S and not self._session.lost
 
     # -- in the air ----------------------------------------------------------------------------------------
@@ -217,7 +217,7 @@ class SearchClient:
                 self._commander.land(now, self._receiver.why_silent(now))
             return
         if self.origin is None and (origin := self._commander.origin):
-            self.origin = LocalFrame(*origin[1:4])
+            self.origin = origin.frame
         state, velocity = self._state(now), STAY
         if state is None:
             self._fly_blind(now)

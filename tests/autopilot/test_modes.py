@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.autopilot.finder import Vehicle
-from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
-from arva_hil.autopilot.modes import ARDUCOPTER, PX4, command, modes_of
+from arva_hil.autopilot.mavlink import Encoder, Parser, command, dialect
+from arva_hil.autopilot.modes import ARDUCOPTER, PX4, modes_of
 
 QUADROTOR = dialect.MAV_TYPE_QUADROTOR
 
@@ -86,8 +86,10 @@ def test_a_take_off_is_above_home_for_arducopter_and_above_the_sea_for_px4(heigh
 
 
 def test_a_command_is_for_the_vehicle_alone() -> None:
-    message = command(vehicle(), 400, 1)
-    assert (message.target_system, message.target_component, message.confirmation) == (7, 1, 0)
+    message = command(7, 1, 400, 1)
+    for sent in (message, ARDUCOPTER.to_set(vehicle(), 4), PX4.to_take_off(vehicle(), 2.0, 500.0)):
+        assert (sent.target_system, sent.target_component, sent.confirmation) == (7, 1, 0)
+    assert message.command == 400
     assert [getattr(message, f"param{n}") for n in range(1, 8)] == [1, 0, 0, 0, 0, 0, 0]
 
 

@@ -1,7 +1,6 @@
 """The C codec: what it is made of, vectors.json, its own promises, and that sanitizers find nothing."""
 
 import ctypes
-import json
 import os
 import re
 import select
@@ -12,27 +11,15 @@ import tty
 from pathlib import Path
 
 import pytest
+from wire_vectors import VECTORS, as_frame, by_name, follow
 
-import firmware_proto
 from firmware_proto import Channel, Frame, encode
 from tools.c_codec import FOLDER, NEVER, ON_FRAME, SOURCE, CDecoder, Codec, State, compile_c, compiler
 
 TOOLS = Path(__file__).parents[2] / "tools"
-VECTORS = json.loads((Path(firmware_proto.__file__).parent / "vectors.json").read_text(encoding="utf-8"))
 ONE = Frame(1, 1, (Channel(1, 2, 300, 12),))
 FALSE_LONG = bytes.fromhex("A4570163000010")
 COMPILERS = ["cc", *(c for c in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(c))]  # those beyond cc: if there
-
-
-def by_name(values):
-    return [pytest.param(value, id=value["name"]) for value in values]
-
-
-def as_frame(value):
-    return Frame(value["sequence"], value["status"], tuple(Channel(**c) for c in value["channels"]))
-
-
-FRAMES = {value["name"]: as_frame(value) for value in VECTORS["frames"]}
 
 
 @pytest.fixture(scope="session")
@@ -81,11 +68,7 @@ def test_frame(codec, value):
 @pytest.mark.parametrize("value", by_name(VECTORS["streams"]))
 def test_stream(codec, value, epoch_ms, one_byte_a_call):
     decoder = CDecoder(codec, epoch_ms)
-    for step in value["steps"]:
-        data = bytes.fromhex(step["hex"])
-        chunks = [data[k : k + 1] for k in range(len(data))] if one_byte_a_call and data else [data]
-        frames = [frame for chunk in chunks for frame in decoder.feed(chunk, step["t"])]
-        assert frames == [FRAMES[name] for name in step["frames"]]
+    follow(decoder.feed, value, one_byte_a_call)
     assert {name: getattr(decoder, name) for name in value["counters"]} == value["counters"]
 
 

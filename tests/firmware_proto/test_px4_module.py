@@ -1,12 +1,12 @@
 """The PX4 module: its array against vectors.json and its README, and what it does on a stand-in for PX4."""
 
 import ctypes
-import json
 import re
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from wire_vectors import VECTORS, by_name
 
 import firmware_proto
 from firmware_proto import MID, Channel, Frame, encode
@@ -15,7 +15,6 @@ from tools.c_codec import SOURCE, compile_c, compiler
 FOLDER = Path(firmware_proto.__file__).parent / "px4"
 MODULE = FOLDER / "src" / "modules" / "arva_receiver"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")
-VECTORS = json.loads((FOLDER.parent / "vectors.json").read_text(encoding="utf-8"))
 SIZE, CHANNELS, PASS_MS = 58, 13, 10
 FOUR = (Channel(3, 2, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17, True), Channel())
 ROW = re.compile(r"^\| (?:(\d)k \+ )?(\d+) \| (\w+) \|", re.MULTILINE)
@@ -278,7 +277,7 @@ def value(data, name, k=0):
     return data[step * k + offset]
 
 
-@pytest.mark.parametrize("vector", [pytest.param(value, id=value["name"]) for value in VECTORS["frames"]])
+@pytest.mark.parametrize("vector", by_name(VECTORS["frames"]))
 def test_the_array_is_the_frame_in_the_layout_of_the_readme(px4, vector):
     assert sorted(LAYOUT) == sorted("d delta id zone n sequence status lost bad_crc dropped".split())
     data = (ctypes.c_float * SIZE)(*[0.5] * SIZE)

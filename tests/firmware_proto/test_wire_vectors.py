@@ -1,29 +1,16 @@
 """vectors.json against the Python codec; tools/make_vectors.py makes the file without it."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from fastcrc import crc16
+from wire_vectors import FRAMES, VECTORS, as_frame, by_name, follow
 
-import firmware_proto
-from firmware_proto import Channel, Decoder, Frame, NmeaDecoder, TextDecoder, encode, encode_nmea, encode_text
+from firmware_proto import Decoder, NmeaDecoder, TextDecoder, encode, encode_nmea, encode_text
 
-VECTORS = json.loads((Path(firmware_proto.__file__).parent / "vectors.json").read_text(encoding="utf-8"))
 MAKE = Path(__file__).parents[2] / "tools" / "make_vectors.py"
-
-
-def by_name(values):
-    return [pytest.param(value, id=value["name"]) for value in values]
-
-
-def as_frame(value):
-    return Frame(value["sequence"], value["status"], tuple(Channel(**c) for c in value["channels"]))
-
-
-FRAMES = {value["name"]: as_frame(value) for value in VECTORS["frames"]}
 
 
 def test_the_file_is_the_one_that_the_tool_makes():
@@ -61,9 +48,5 @@ def test_frame(value):
 @pytest.mark.parametrize("value", by_name(VECTORS["streams"]))
 def test_stream(value, one_byte_a_call):
     decoder = Decoder()
-    for step in value["steps"]:
-        data = bytes.fromhex(step["hex"])
-        chunks = [data[k : k + 1] for k in range(len(data))] if one_byte_a_call and data else [data]
-        frames = [frame for chunk in chunks for frame in decoder.feed(chunk, step["t"])]
-        assert frames == [FRAMES[name] for name in step["frames"]]
+    follow(decoder.feed, value, one_byte_a_call)
     assert {name: getattr(decoder, name) for name in value["counters"]} == value["counters"]

@@ -8,31 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from world import fly
+from world import PAPER, buried, fly
 
-from arva_hil.model import rotation
 from arva_hil.search.estimate import Estimate
 from arva_hil.search.strategy import STILL, Observation
-
-PAPER = [
-    "{id: 1, enu: [20, 5, 0]}",
-    "{id: 1, enu: [10, 0, 1]}",
-    "{id: 1, enu: [20, -20, -1]}",
-    "{id: 1, enu: [-6, 5, 0]}",
-]
 
 
 def frame(time_s: float, d_cm: int, delta_deg: int = 0, north: float = 0.0, east: float = 0.0) -> Observation:
     return Observation(time_s, (north, east, -1.0), np.eye(3), d_cm, delta_deg, 0 < d_cm <= 300)
-
-
-def buried(seed: int, strength: float = 1.0) -> tuple[str, tuple[float, float]]:
-    """A transmitter at any attitude, and a start 28 m from it."""
-    rng = np.random.default_rng(seed)
-    roll, pitch, yaw = np.degrees(rotation.to_euler(rng.normal(size=4)))
-    pose = f"enu: [0, 0, {-rng.uniform(0, 2)}], attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}"
-    bearing = rng.uniform(0, 2 * math.pi)
-    return f"{{id: 1, {pose}, strength: {strength}}}", (28 * math.cos(bearing), 28 * math.sin(bearing))
 
 
 @pytest.mark.parametrize("transmitter", PAPER)

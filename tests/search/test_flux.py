@@ -9,19 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from world import fly
+from world import PAPER, buried, fly
 
-from arva_hil.model import rotation
 from arva_hil.search.cross import Cross, middle
 from arva_hil.search.flux import Flux
 from arva_hil.search.strategy import STILL, Observation, Velocity
 
-PAPER = [
-    "{id: 1, enu: [20, 5, 0]}",
-    "{id: 1, enu: [10, 0, 1]}",
-    "{id: 1, enu: [20, -20, -1]}",
-    "{id: 1, enu: [-6, 5, 0]}",
-]
 NORTH = np.eye(3)
 SPEED = 2.0
 
@@ -63,12 +56,8 @@ def test_with_a_position_that_is_not_known_well_and_at_any_rate(transmitter: str
 
 @pytest.mark.parametrize("seed", range(12))
 def test_however_it_lies_buried(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    roll, pitch, yaw = np.degrees(rotation.to_euler(rng.normal(size=4)))
-    pose = f"enu: [0, 0, {-rng.uniform(0, 2)}], attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}"
-    bearing = rng.uniform(0, 2 * math.pi)
-    start = 28 * math.cos(bearing), 28 * math.sin(bearing)
-    flight = fly(Flux(3.0), f"{{id: 1, {pose}}}", start=start, seed=seed)
+    transmitter, start = buried(seed)
+    flight = fly(Flux(3.0), transmitter, start=start, seed=seed)
     assert flight.error_m < 1.5
     assert flight.fastest <= 3.0 + 1e-9
 

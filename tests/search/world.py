@@ -16,6 +16,12 @@ from arva_hil.search.strategy import Found, Observation, Position, Strategy
 
 LAG_S = 0.3  # of the point's velocity
 STEP_S = 0.1
+PAPER = [
+    "{id: 1, enu: [20, 5, 0]}",
+    "{id: 1, enu: [10, 0, 1]}",
+    "{id: 1, enu: [20, -20, -1]}",
+    "{id: 1, enu: [-6, 5, 0]}",
+]
 
 
 class Flight(NamedTuple):
@@ -67,6 +73,15 @@ def fly(
     found, target = strategy.found, receiver.transmitters.positions[0]
     error = math.inf if found is None else math.hypot(found.north - target[0], found.east - target[1])
     return Flight(found, error, now, fastest, heard)
+
+
+def buried(seed: int, strength: float = 1.0) -> tuple[str, tuple[float, float]]:
+    """A transmitter at any attitude, and a start 28 m from it."""
+    rng = np.random.default_rng(seed)
+    roll, pitch, yaw = np.degrees(rotation.to_euler(rng.normal(size=4)))
+    pose = f"enu: [0, 0, {-rng.uniform(0, 2)}], attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}"
+    bearing = rng.uniform(0, 2 * math.pi)
+    return f"{{id: 1, {pose}, strength: {strength}}}", (28 * math.cos(bearing), 28 * math.sin(bearing))
 
 
 def _tuple(place: NDArray[np.float64]) -> Position:

@@ -1,0 +1,78 @@
+"""Random and damaged streams of binary frames, cut anywhere: what two decoders are compared on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from random import Random
+
+from firmware_proto import INNER, MAX_CHANNELS, Channel, Frame, encode
+
+SECONDS = 1e-3 * (1 + 1e-9)  # a millisecond, so that 100 of them are not less than PAUSE_S by rounding
+PAUSES_MS = (0, 0, 0, 1, 1, 3, 20, 40, 60, 99, 100, 101, 200, 256, 1000, 70_000)
+HEADS = [bytes.fromhex(text) for text in ("A4", "A457", "A45701", "A4570163", "A4570163000010", "A4570109", "A457010F")]
+
+Call = tuple[int, bytes]  # milliseconds, chunk
+
+
+def frame(random: Random) -> bytes:
+    n = random.choice((1, 1, 1, 2, 4, random.randint(1, MAX_CHANNELS)))
+    slots = [
+        Channel(
+            random.choice((None, 0xA4, 0x57, random.randint(0, 254))),
+            random.randint(0, INNER),
+            random.choice((-1, 0x57A4, random.randint(-0x8000, 0x7FFF))),
+            random.choice((-1, 0x0901, random.randint(-0x8000, 0x7FFF))),
+            random.random() < 0.5,
+        )
+        for _ in range(n)
+    ]
+    return encode(Frame(random.getrandbits(8), random.getrandbits(8), tuple(slots)))
+
+
+def piece(random: Random, frames: list[bytes]) -> bytes:
+    """A frame, a part of one, the head of a false one, or noise."""
+    kind = random.random()
+    if kind < 0.55:
+        return random.choice(frames)
+    if kind < 0.7:
+        raw = random.choice(frames)
+        at = random.randrange(len(raw))
+        return raw[:at] if kind < 0.63 else raw[at:]
+    if kind < 0.85:
+        return random.choice(HEADS)
+    return random.randbytes(random.randrange(20))
+
+
+def damage(random: Random, data: bytearray) -> None:
+    for _ in range(random.choice((0, 0, 1, 2, 5))):
+        at = random.randrange(len(data) + 1)
+        kind = random.random()
+        if kind < 0.3:
+            data.insert(at, random.getrandbits(8))
+        elif kind < 0.6:
+            del data[at : at + 1]
+        elif at < len(data):
+            data[at] ^= 1 << random.getrandbits(3)
+
+
+def cut(random: Random, data: bytes) -> list[Call]:
+    calls, at, now = [], 0, 0
+    longest, paused = random.choice((1, 5, 40, 150)), random.choice((0.0, 0.02, 0.1, 0.4))
+    while at < len(data):
+        now += random.choice(PAUSES_MS) if random.random() < paused else 0
+        size = random.randint(0, longest) if longest > 1 else 1
+        calls.append((now, data[at : at + size]))
+        at += size
+    return [*calls, (now + random.choice(PAUSES_MS), b""), (now + 100_000, b"")]
+
+
+def streams(seed: int, count: int) -> Iterator[list[Call]]:
+    """Calls of `feed`, one list a stream; the last two of each tell only the time, after which nothing is held."""
+    random = Random(seed)
+    frames: list[bytes] = []
+    for k in range(count):
+        if k % 50 == 0:
+            frames = [frame(random) for _ in range(20)]
+        data = bytearray(b"".join(piece(random, frames) for _ in range(random.randint(1, 6))))
+        damage(random, data)
+        yield cut(random, bytes(data))
