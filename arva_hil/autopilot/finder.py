@@ -41,6 +41,10 @@ class Vehicle:
         """Whether a packet is this vehicle's."""
         return packet.system == self.system and packet.component == self.component
 
+    def is_like(self, heartbeat: Any) -> bool:
+        """Whether a heartbeat may be this vehicle's own."""
+        return bool(heartbeat.autopilot == self.autopilot and heartbeat.type not in _NOT_VEHICLES)
+
 
 class Finder:
     """Remembers who was heard. `system`, `component`: look only for these (default: any, component 1)."""

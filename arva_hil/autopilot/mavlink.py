@@ -15,6 +15,8 @@ from typing import Any, Final, NamedTuple
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from arva_hil.autopilot.signing import Signing
+
 __all__ = ["RESULTS", "Encoder", "Packet", "Parser", "command", "dialect"]
 
 Message = Any  # pymavlink's generated classes carry no types
@@ -24,6 +26,9 @@ _MAGIC_V2: Final = 0xFD
 _MAGIC: Final = re.compile(b"[\xfd\xfe]")
 _SIGNED: Final = 0x01  # the one incompatibility flag there is; a packet with another must be dropped
 _SIGNATURE_BYTES: Final = 13
+_BYTES: Final = {"char": 1, "float": 4, "double": 8} | {
+    f"{u}int{n}_t": n // 8 for u in ("", "u") for n in (8, 16, 32, 64)
+}
 _CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
 
 
@@ -45,13 +50,17 @@ class Packet(NamedTuple):
 class Parser:
     """Incremental MAVLink splitter; remembers the bytes of the packet that is not whole yet.
 
-    Counters: `packets`, `bad_crc` (candidates whose checksum failed) and `skipped` (bytes in no packet).
+    Counters: `packets`, `bad_crc` (candidates whose checksum failed), `skipped` (bytes in no packet that
+    is given out), `incompatible` (packets of a later MAVLink, which have to be dropped) and `malformed` (MAVLink 1
+    packets too short for their message).
     """
 
     def __init__(self) -> None:
         self.packets = 0
         self.bad_crc = 0
         self.skipped = 0
+        self.incompatible = 0
+        self.malformed = 0
         self._rest = b""
         self._codec = dialect.MAVLink(None)
 
@@ -66,7 +75,11 @@ class Parser:
                 break
             packet = self._packet(data, at, size) if size else None
             if packet is not None:
-                packets.append(packet)
+                if packet.version == 2 and packet.raw[2] > _SIGNED:
+                    self.incompatible += 1
+                    self.skipped += size
+                else:
+                    packets.append(packet)
                 at += size
                 continue
             found = _MAGIC.search(data, at + 1)
@@ -90,24 +103,27 @@ class Parser:
         """
         raw = data[at : at + size]
         if raw[0] == _MAGIC_V2:
-            version, signed, crc_at = 2, bool(raw[2]), 10 + raw[1]
+            version, signed, crc_at = 2, raw[2] == _SIGNED, 10 + raw[1]
             system, component = raw[5], raw[6]
             msgid = raw[7] | raw[8] << 8 | raw[9] << 16
         else:
             version, signed, crc_at = 1, False, 6 + raw[1]
             system, component, msgid = raw[3], raw[4], raw[5]
-        extra = _CRC_EXTRA.get(msgid)
-        if extra is None:
+        known = msgid in _CRC_EXTRA
+        if not known:
             if data[at + size : at + size + 1] not in (b"", b"\xfd", b"\xfe"):
                 return None
-        elif crc16.mcrf4xx(raw[1:crc_at] + extra) != raw[crc_at] | raw[crc_at + 1] << 8:
+        elif _crc(raw[1:crc_at], msgid) != raw[crc_at : crc_at + 2]:
             self.bad_crc += 1
             return None
-        return Packet(raw, version, signed, system, component, msgid, extra is not None)
+        return Packet(raw, version, signed, system, component, msgid, known)
 
     def decode(self, packet: Packet) -> Message | None:
         """The message in a packet; None when the dialect cannot read it."""
         if not packet.known:
+            return None
+        if packet.version == 1 and packet.raw[1] < _length_v1(packet.msgid):
+            self.malformed += 1
             return None
         if numbers := _layout(packet.msgid):  # without pymavlink's second look at the checksum, most of its time
             kind, packing, places = numbers
@@ -125,12 +141,15 @@ class Encoder:
     """Packs messages as one MAVLink component; remembers its sequence number.
 
     `version` may be set to 1 for a vehicle that speaks MAVLink 1; messages that exist in MAVLink 2 only
-    (id above 255) are sent as MAVLink 2 all the same.
+    (id above 255) are sent as MAVLink 2 all the same. With `signing`, what goes out as MAVLink 2 is signed.
     """
 
-    def __init__(self, system: int, component: int, version: int = 2) -> None:
+    def __init__(self, system: int, component: int, version: int = 2, signing: Signing | None = None) -> None:
         self.version = version
         self._codec = dialect.MAVLink(None, system, component)
+        self._signing = signing
+        if signing:
+            self._codec.signing.secret_key = signing.key
 
     @property
     def system(self) -> int:
@@ -142,12 +161,17 @@ class Encoder:
 
     def pack(self, message: Message) -> bytes:
         """The bytes of one packet. Raises ValueError when a value does not fit; text too long is cut."""
+        msgid = type(message).id  # some messages have a field of that name
+        first = self.version == 1 and msgid <= 255
+        if self._signing and not first:
+            self._codec.signing.timestamp = self._signing.stamp()
+        self._codec.signing.sign_outgoing = self._signing is not None and not first
         try:
-            raw = message.pack(self._codec, force_mavlink1=self.version == 1 and message.id <= 255)
+            raw = bytes(message.pack(self._codec, force_mavlink1=first))
         except (struct.error, OverflowError, IndexError, dialect.MAVError) as error:
             raise ValueError(f"{message.get_type()}: {error}") from error
         self._codec.seq = (self._codec.seq + 1) % 256
-        return bytes(raw)
+        return _without_extensions(raw, msgid) if first else raw
 
 
 def command(system: int, component: int, number: int, *params: float) -> Message:
@@ -161,13 +185,41 @@ def _size(data: bytes, at: int) -> int:
     if magic == _MAGIC_V2:
         if at + 3 > len(data):
             return 12
-        flags = data[at + 2]
-        if flags & ~_SIGNED:
-            return 0
-        return data[at + 1] + (12 + _SIGNATURE_BYTES if flags else 12)
+        return data[at + 1] + (12 + _SIGNATURE_BYTES if data[at + 2] & _SIGNED else 12)
     if magic == _MAGIC_V1:
         return data[at + 1] + 8 if at + 2 <= len(data) else 8
     return 0
+
+
+def _crc(data: bytes, msgid: int) -> bytes:
+    """The checksum of all between the first byte and the checksum of a packet whose message the dialect knows."""
+    return int(crc16.mcrf4xx(data + _CRC_EXTRA[msgid])).to_bytes(2, "little")
+
+
+def _without_extensions(raw: bytes, msgid: int) -> bytes:
+    """A MAVLink 1 packet as it has to be: pymavlink leaves MAVLink 2's extension fields in."""
+    length = _length_v1(msgid)
+    if raw[1] == length:
+        return raw
+    body = bytes([length]) + raw[2 : 6 + length]
+    return raw[:1] + body + _crc(body, msgid)
+
+
+@functools.cache
+def _length_v1(msgid: int) -> int:
+    """Bytes of a message's payload without extension fields: they are the ones that its checksum seed leaves out.
+
+    https://mavlink.io/en/guide/serialization.html#crc_extra
+    """
+    kind = dialect.mavlink_map[msgid]
+    types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
+    crc, size, whole = crc16.mcrf4xx(f"{kind.msgname} ".encode()), 0, 0
+    for name, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True):
+        crc = crc16.mcrf4xx(f"{types[name]} {name} ".encode() + bytes([length] if length else []), crc)
+        size += _BYTES[types[name]] * (length or 1)
+        if (crc & 0xFF) ^ (crc >> 8) == kind.crc_extra:
+            whole = size
+    return whole
 
 
 @functools.cache

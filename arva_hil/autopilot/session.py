@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final
 
 from arva_hil.autopilot.clockmap import ClockMap
 from arva_hil.autopilot.finder import Finder, Vehicle
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
-from arva_hil.autopilot.pose import AttitudeSample, PoseTrack, PositionSample, VehicleState
+from arva_hil.autopilot.navigation import Navigation, Place
+from arva_hil.autopilot.pose import PoseTrack, VehicleState
+from arva_hil.autopilot.signing import Signing, Verdict
 from arva_hil.autopilot.streams import Streams
 from arva_hil.model import LocalFrame
 from arva_hil.notice import Notice
@@ -19,8 +20,14 @@ COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 _HEARTBEAT_S: Final = 1.0
 _LOST_S: Final = 5.0  # without a heartbeat
 _GAP_S: Final = 2.5  # between heartbeats: who was away for so long may have forgotten what was asked
-_REORDER_S: Final = 0.5  # boot time further back than this is a reboot, not a late packet
 _POLL_S: Final = 0.1  # how often requests and time-outs are looked at
+
+_ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
+_DISBELIEVED: Final[dict[Verdict, str]] = {
+    "unsigned": "unsigned packets are ignored, the first from {}: has it been given the key (SETUP_SIGNING)?",
+    "forged": "packets signed with another key are ignored, the first from {}",
+    "replayed": "packets with old time stamps are ignored, the first from {}: replayed, or its clock is behind",
+}
 
 
 def heartbeat() -> Any:
@@ -34,7 +41,8 @@ class Session:
 
     `target_system`, `target_component`: follow only these (default: the first autopilot, component 1).
     `rate_hz`: of the pose streams wanted. `passive`: never sends, for a log. `component`: our own id.
-    Times are host seconds from the caller's clock. What other systems send changes nothing.
+    `signing`: believe only what is signed with its key, and sign. Times are host seconds from the caller's clock. What
+    other systems send changes nothing.
     """
 
     def __init__(
@@ -45,38 +53,28 @@ class Session:
         rate_hz: float = 50.0,
         passive: bool = False,
         component: int = COMPONENT,
+        signing: Signing | None = None,
     ) -> None:
         self.parser = Parser()
-        self.encoder = Encoder(target_system or 1, component)
+        self.encoder = Encoder(target_system or 1, component, signing=signing)
         self.component = component
         self.vehicle: Vehicle | None = None
-        self.track = PoseTrack()
-        self.clock = ClockMap()
-        self.home: tuple[float, float, float] | None = None  # degrees, degrees, metres AMSL
-        self.reboots = 0
-        self.refused = 0  # messages of the vehicle whose values are no pose
-        self.ignored = 0  # packets of other systems and components
-        self.unpositioned = 0  # position messages that came before the first fix
+        self.navigation = Navigation(self._say)
+        self._wanted = self.navigation.handles | {_ACK}
+        self.ignored = 0  # packets of other systems and components, and of who only claims to be the vehicle
         self.bytes = 0
         self.next_due = -math.inf
         self._finder = Finder(target_system, target_component)
         self._rate_hz = rate_hz
         self._passive = passive
+        self._signing = signing
+        self._disbelieved: set[Verdict] = set()
         self._streams: Streams | None = None
         self._notices: list[Notice] = []
         self._last_heartbeat = -math.inf
         self._lost = False
         self._interrupted = ""  # why the link is lost
         self._next_heartbeat = -math.inf
-        self._last_boot: float | None = None
-        self._reorder_s = _REORDER_S
-        self._handlers: dict[int, Callable[[Any, float], None]] = {
-            dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
-            dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
-            dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._on_quaternion,
-            dialect.MAVLINK_MSG_ID_HOME_POSITION: self._on_home,
-            dialect.MAVLINK_MSG_ID_COMMAND_ACK: self._on_ack,
-        }
 
     # -- bytes in ------------------------------------------------------------------------------------------
 
@@ -84,17 +82,34 @@ class Session:
         """Take what came at `now`; gives back every packet in it, whoever sent it. Never raises."""
         self.bytes += len(chunk)
         packets = self.parser.feed(chunk)
+        if self._signing:
+            self._signing.advance(now)
         for packet in packets:
             vehicle = self.vehicle
-            if vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            if self._signing and (why := self._signing.judge(packet)):
+                self._disbelieve(packet, why)
+            elif vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 self._look_around(packet, now)
             elif packet.system != vehicle.system or packet.component != vehicle.component:
                 self.ignored += 1
-            elif handler := self._handlers.get(packet.msgid):
-                message = self.parser.decode(packet)
-                if message is not None:
-                    handler(message, now)
+            elif packet.msgid in self._wanted and (message := self.parser.decode(packet)) is not None:
+                self._on_ack(message) if packet.msgid == _ACK else self._navigate(message, now)
         return packets
+
+    @property
+    def track(self) -> PoseTrack:
+        """The vehicle's pose over the last seconds."""
+        return self.navigation.track
+
+    @property
+    def clock(self) -> ClockMap:
+        """The vehicle's clock."""
+        return self.navigation.clock
+
+    @property
+    def home(self) -> Place | None:
+        """Its home, once it has said so."""
+        return self.navigation.home
 
     @property
     def lost(self) -> bool:
@@ -115,6 +130,31 @@ class Session:
         addressee = (message.target_system, message.target_component)
         return addressee in ((self.encoder.system, self.component), (0, 0))
 
+    def counts(self) -> dict[str, int]:
+        """What was heard, and what of it was not believed."""
+        return {
+            "bytes_received": self.bytes,
+            "packets_received": self.parser.packets,
+            "bad_checksums": self.parser.bad_crc,
+            "bytes_skipped": self.parser.skipped,
+            "packets_ignored": self.ignored,
+            **self.disbelieved(),
+            "positions_before_fix": self.navigation.unpositioned,
+            "reboots": self.navigation.reboots,
+        }
+
+    def disbelieved(self) -> dict[str, int]:
+        """What came whole, and changed nothing all the same."""
+        refused = self._signing.refused if self._signing else {}
+        return {
+            "packets_incompatible": self.parser.incompatible,
+            "packets_malformed": self.parser.malformed,
+            **{f"packets_{why}": count for why, count in refused.items()},
+            "values_refused": self.navigation.refused,
+            "stray_times": self.navigation.stray_times,
+            "stray_positions": self.navigation.stray_positions,
+        }
+
     def take_notices(self) -> list[Notice]:
         """What there is to say since the last call."""
         if self._streams:
@@ -129,6 +169,8 @@ class Session:
     def poll(self, now: float) -> bytes:
         """What is due to be sent: the onboard computer's heartbeat, requests for streams. Sets `next_due`."""
         self._watch_vehicle(now)
+        if self._signing:
+            self._signing.advance(now)
         if self._passive:
             self.next_due = math.inf
             return b""
@@ -161,8 +203,7 @@ class Session:
         self._next_heartbeat = now
         self._last_heartbeat = now
         self._lost = False
-        self._reorder_s = 0.0  # nothing of the old link comes late on the new one
-        self.home = None
+        self.navigation.renew()
         if self._streams:
             self._streams.renew(now)
 
@@ -179,6 +220,9 @@ class Session:
                 f"{self.bytes} bytes were heard but no MAVLink packet in them: is the baud rate right, "
                 "and the port's protocol MAVLink?"
             )
+        if self._signing and self._disbelieved:
+            counts = ", ".join(f"{count} {why}" for why, count in self._signing.refused.items())
+            return f"{self.parser.packets} packets were heard, but no autopilot's with the key: {counts}"
         return f"{self.parser.packets} packets were heard, but no autopilot's heartbeat: {self._finder}"
 
     def why_no_pose(self) -> str:
@@ -199,26 +243,33 @@ class Session:
         """A heartbeat, or any packet before the vehicle is known."""
         if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT:
             self._finder.note(packet, "packets")
-        elif (message := self.parser.decode(packet)) is None:
             return
-        elif self.vehicle and self.vehicle.sent(packet):
+        if (message := self.parser.decode(packet)) is None:
+            return
+        known = self.vehicle
+        if known and known.sent(packet) and known.is_like(message):
             self._on_heartbeat(message, now)
-        elif vehicle := self._finder.vehicle(packet, message):
-            if self.vehicle is None:
-                self._follow(vehicle, now)
-            elif self._finder.note(packet, "autopilot"):
-                text = f"another autopilot {packet.system}/{packet.component} on this link is ignored"
-                self._notices.append(Notice("info", f"{text}; --target-system chooses"))
-        if self.vehicle and not self.vehicle.sent(packet):
+            return
+        found = self._finder.vehicle(packet, message)
+        if found and (known is None or (self._lost and known.sent(packet))):
+            self._follow(found, now, signed=packet.signed)
+        elif known:
             self.ignored += 1
+            if (found or known.sent(packet)) and self._finder.note(packet, "other"):
+                text = f"another autopilot {packet.system}/{packet.component} on this link is ignored"
+                self._say(Notice("info", f"{text}; --target-system chooses"))
 
-    def _follow(self, vehicle: Vehicle, now: float) -> None:
+    def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
         self.vehicle = vehicle
+        self._lost = False
         self.encoder.system = vehicle.system
         self.encoder.version = vehicle.version
         self._streams = Streams(self._rate_hz, now)
         self._last_heartbeat = now
-        self._notices.append(Notice("info", f"vehicle {vehicle}, MAVLink {vehicle.version}"))
+        self._say(Notice("info", f"vehicle {vehicle}, MAVLink {vehicle.version}{', signed' if signed else ''}"))
+        if signed and not self._signing:
+            text = "its packets are signed, which nobody checks, and it may take no requests without a signature"
+            self._say(Notice("warning", f"{text}: --signing-key FILE"))
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self.vehicle is not None
@@ -230,72 +281,33 @@ class Session:
             self.vehicle = replace(self.vehicle, armed=armed)
         if self._lost:
             self._lost = False
-            self._notices.append(Notice("info", f"vehicle {self.vehicle} is back"))
+            self._say(Notice("info", f"vehicle {self.vehicle} is back"))
 
     def _watch_vehicle(self, now: float) -> None:
         if self.vehicle and not self._lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
             self._lost = True
-            self._notices.append(Notice("warning", f"no heartbeat from vehicle {self.vehicle} for {_LOST_S:g} s"))
+            self._say(Notice("warning", f"no heartbeat from vehicle {self.vehicle} for {_LOST_S:g} s"))
 
-    # -- the pose ------------------------------------------------------------------------------------------
-
-    def _on_position(self, message: Any, now: float) -> None:
-        boot = self._stamp(message, now)
-        lat, lon, alt = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
-        if message.lat == 0 and message.lon == 0:
-            self.unpositioned += 1
-        elif abs(lat) > 90 or abs(lon) > 180:
-            self.refused += 1
-        else:
-            velocity = (message.vx / 100, message.vy / 100, message.vz / 100)
-            self.track.add_position(PositionSample(boot, lat, lon, alt, velocity))
-
-    def _on_attitude(self, message: Any, now: float) -> None:
-        self._add_attitude(message, (message.roll, message.pitch, message.yaw), now)
-
-    def _on_quaternion(self, message: Any, now: float) -> None:
-        quaternion = (message.q1, message.q2, message.q3, message.q4)
-        if 0.9 < sum(q * q for q in quaternion) < 1.1:
-            self._add_attitude(message, quaternion, now)
-        else:  # NaN included
-            self.refused += 1
-
-    def _add_attitude(self, message: Any, angles: tuple[float, ...], now: float) -> None:
-        boot = self._stamp(message, now)
-        rates = (message.rollspeed, message.pitchspeed, message.yawspeed)
-        if math.isfinite(sum(angles) + sum(rates)):
-            self.track.add_attitude(AttitudeSample(boot, angles, rates))
-        else:
-            self.refused += 1
-
-    def _stamp(self, message: Any, now: float) -> float:
-        """The message's boot time [s], entered into the clock map; notices a reboot."""
-        boot: float = message.time_boot_ms / 1e3
-        if self._last_boot is not None and boot < self._last_boot - self._reorder_s:
-            self._on_reboot(now)
-        self._reorder_s = _REORDER_S
-        self._last_boot = boot if self._last_boot is None else max(boot, self._last_boot)
-        self.clock.add(now, boot)
+    def _navigate(self, message: Any, now: float) -> None:
         assert self._streams is not None
-        self._streams.note(message.id, now)
-        return boot
+        judgement = self.navigation.hear(message, now)
+        if judgement == "anew":
+            self._streams = Streams(self._rate_hz, now)
+            self._say(Notice("warning", f"vehicle {self.vehicle} has rebooted: a new session"))
+        if judgement != "stray" and message.id != dialect.MAVLINK_MSG_ID_HOME_POSITION:
+            self._streams.note(message.id, now)
 
-    def _on_reboot(self, now: float) -> None:
-        self.reboots += 1
-        self.track = PoseTrack()
-        self.clock = ClockMap()
-        self.home = None
-        self._last_boot = None
-        self._streams = Streams(self._rate_hz, now)
-        self._notices.append(Notice("warning", f"vehicle {self.vehicle} has rebooted: a new session"))
-
-    def _on_home(self, message: Any, now: float) -> None:
-        lat, lon = message.latitude / 1e7, message.longitude / 1e7
-        if (message.latitude, message.longitude) == (0, 0) or abs(lat) > 90 or abs(lon) > 180:
-            self.refused += 1
-            return
-        self.home = (lat, lon, message.altitude / 1e3)
-
-    def _on_ack(self, message: Any, now: float) -> None:
+    def _on_ack(self, message: Any) -> None:
         if self._streams and self.answers_us(message):
             self._streams.acknowledged(message.command, message.result)
+
+    # -- who is not believed -------------------------------------------------------------------------------
+
+    def _disbelieve(self, packet: Packet, why: Verdict) -> None:
+        """One line for each reason, with the first who gave it."""
+        if why not in self._disbelieved:
+            self._disbelieved.add(why)
+            self._say(Notice("warning", _DISBELIEVED[why].format(f"{packet.system}/{packet.component}")))
+
+    def _say(self, notice: Notice) -> None:
+        self._notices.append(notice)

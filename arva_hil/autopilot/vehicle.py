@@ -13,6 +13,7 @@ from typing import Any, Final, NamedTuple
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.multirotor import STEP_US, Vector
 from arva_hil.autopilot.multirotor_pilot import Mode, Pilot
+from arva_hil.autopilot.signing import Signing
 from arva_hil.autopilot.vehicle_messages import BUILDERS, GROUPS, Home, Report, Wander, read_set_point
 
 __all__ = ["SimulatedVehicle", "Truth"]
@@ -47,7 +48,7 @@ class SimulatedVehicle:
     `home`: latitude and longitude in degrees, altitude above mean sea level in metres: where it stands,
     heading north, on flat ground. `wind`: NED, m/s. `gps_noise_m`: sigma on each axis of reported positions.
     `boot_time`: when it is switched on. `fix_after`: seconds from boot until it knows where it is. `streams`:
-    message id → Hz, sent unasked. `version`: of MAVLink, 1 or 2.
+    message id → Hz, sent unasked. `version`: of MAVLink, 1 or 2. `signing`: sign, and obey only what is signed.
     Raises ValueError for a stream it does not have.
     """
 
@@ -63,9 +64,11 @@ class SimulatedVehicle:
         fix_after: float = 0.0,
         streams: Mapping[int, float] | None = None,
         version: int = 2,
+        signing: Signing | None = None,
     ) -> None:
         self.system = system
         self.version = version
+        self._signing = signing
         self._home = Home(*home)
         self._pilot = Pilot(wind)
         self._wander = Wander(gps_noise_m, seed)
@@ -80,7 +83,7 @@ class SimulatedVehicle:
 
     def _boot(self, at: int) -> None:
         self._boot_at = at
-        self._encoder = Encoder(self.system, _COMPONENT, self.version)
+        self._encoder = Encoder(self.system, _COMPONENT, self.version, self._signing)
         self._parser = Parser()
         self._heard = False  # events are only for a link on which somebody has spoken
         self._was_armed = False
@@ -94,7 +97,11 @@ class SimulatedVehicle:
     def feed(self, chunk: bytes, now: float) -> None:
         """Take bytes, cut anywhere, that have arrived by `now`."""
         self._advance(self._us(now))
+        if self._signing:
+            self._signing.advance(now)
         for packet in self._parser.feed(chunk):
+            if self._signing and self._signing.judge(packet):
+                continue
             self._heard = True
             message = self._parser.decode(packet)
             handler = _HANDLERS.get(packet.msgid)

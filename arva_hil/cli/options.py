@@ -139,6 +139,16 @@ def add_target(parser: Parser) -> None:
     parser.option("--target-component", type=whole(1, 255), metavar="N", help="… and component id; default 1")
 
 
+def add_signing(parser: Parser) -> None:
+    """MAVLink 2 signing."""
+    parser.option(
+        "--signing-key",
+        metavar="FILE",
+        help="sign what goes out, and believe only what is signed with the same key: 64 hexadecimal digits, or a "
+        "passphrase as MAVProxy and QGroundControl take it; readable by its owner alone",
+    )
+
+
 def add_max_age(parser: Parser) -> None:
     """How old a pose may be."""
     parser.option(

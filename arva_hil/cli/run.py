@@ -10,6 +10,7 @@ from contextlib import ExitStack, closing
 from arva_hil.autopilot.session import Session
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
+from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import UsageError
 from arva_hil.clock import RealClock
 from arva_hil.emulator import Emulator
@@ -40,6 +41,7 @@ def add_options(parser: opt.Parser) -> None:
     )
     opt.add_scenario(parser)
     opt.add_target(parser)
+    opt.add_signing(parser)
     opt.add_max_age(parser)
     parser.option(
         "--stream-rate",
@@ -69,6 +71,7 @@ def main(options: argparse.Namespace) -> int:
         target_system=options.target_system,
         target_component=options.target_component,
         rate_hz=options.stream_rate,
+        signing=signing(options.signing_key, clock.epoch_us),
     )
     with ExitStack() as stack:
         print(f"autopilot: {address}", file=sys.stderr)

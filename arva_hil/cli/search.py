@@ -22,6 +22,7 @@ from arva_hil.autopilot.session import Session
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
 from arva_hil.cli.guard import Guard
+from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, UsageError
 from arva_hil.clock import RealClock
 from arva_hil.console import Printer
@@ -56,6 +57,7 @@ def add_options(parser: opt.Parser) -> None:
     )
     parser.option("--arm-timeout", type=seconds, default=60.0, metavar="S", help="for the autopilot to arm; default 60")
     opt.add_target(parser)
+    opt.add_signing(parser)
     parser.option(
         "--stream-rate", type=opt.number(4, 50, " of Hz"), default=10.0, metavar="HZ", help="of the pose; default 10"
     )
@@ -124,6 +126,7 @@ def main(options: argparse.Namespace) -> int:
     plan = plan_of(options)
     way = describe(plan)
     clock, guard = RealClock(), Guard()
+    key = signing(options.signing_key, clock.epoch_us)
     with ExitStack() as stack:
         autopilot, receiver = (
             stack.enter_context(closing(shared.open_or_fail(url, clock)))
@@ -138,6 +141,7 @@ def main(options: argparse.Namespace) -> int:
             target_component=options.target_component,
             rate_hz=options.stream_rate,
             component=COMPONENT,
+            signing=key,
         )
         client = SearchClient(
             plan,

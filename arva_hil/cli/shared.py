@@ -206,17 +206,9 @@ class Run:
 
 def counters(emulator: Emulator) -> dict[str, Any]:
     """Every counter of a run."""
-    session = emulator.session
     return {
         **dataclasses.asdict(emulator.counters),
-        "bytes_received": session.bytes,
-        "packets_received": session.parser.packets,
-        "bad_checksums": session.parser.bad_crc,
-        "bytes_skipped": session.parser.skipped,
-        "packets_ignored": session.ignored,
-        "values_refused": session.refused,
-        "positions_before_fix": session.unpositioned,
-        "reboots": session.reboots,
+        **emulator.session.counts(),
         "faults": emulator.fault_counts(),
     }
 
@@ -230,6 +222,8 @@ def sums(emulator: Emulator, links: LinkWatch | None) -> list[str]:
         f"autopilot: {session.bytes} bytes, {session.parser.packets} packets, {session.parser.bad_crc} bad checksums, "
         f"{session.parser.skipped} bytes skipped, {session.ignored} packets of others ignored",
     ]
+    if doubts := [f"{n} {name.replace('_', ' ')}" for name, n in session.disbelieved().items() if n]:
+        lines.append(f"not believed: {', '.join(doubts)}")
     if counts := emulator.fault_counts():
         each = ", ".join(f"{name} {count['frames']}" for name, count in counts.items())
         lines.append(

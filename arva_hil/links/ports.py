@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import os
 import re
@@ -121,16 +122,19 @@ def far_program(device: str) -> str:
 
 def holders(device: str) -> list[str]:
     """Each process seen to have a device open, as `1234 (command)`. Linux; others' processes only as root."""
-    real, found = os.path.realpath(device), []
-    for process in sorted(glob.glob("/proc/[0-9]*"), key=_natural):
-        try:
-            if not any(os.readlink(entry.path) == real for entry in os.scandir(f"{process}/fd")):
-                continue
-            command = _command(process)
-        except OSError:  # another user's, or it has ended
-            continue
-        found.append(f"{os.path.basename(process)} ({command[:60]})")
+    found: list[str] = []
+    with contextlib.suppress(OSError):
+        wanted = os.stat(device)
+        for process in sorted(glob.glob("/proc/[0-9]*"), key=_natural):
+            with contextlib.suppress(OSError):  # another user's, or it has ended
+                if any(_is_open(entry.path, wanted) for entry in os.scandir(f"{process}/fd")):
+                    found.append(f"{os.path.basename(process)} ({_command(process)[:60]})")
     return found
+
+
+def _is_open(fd: str, wanted: os.stat_result) -> bool:
+    """Whether a descriptor is of that very file; a container's /dev/pts/0 is another."""
+    return os.readlink(fd).startswith("/dev/") and os.path.samestat(os.stat(fd), wanted)
 
 
 def _command(process: str) -> str:

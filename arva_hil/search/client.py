@@ -159,7 +159,7 @@ class SearchClient:
             return
         if phase is Phase.IDLE:
             self._wait(now)
-        elif self._session.reboots > self._reboots:
+        elif self._session.navigation.reboots > self._reboots:
             self._cut_off("the autopilot has rebooted")
         elif self._session.lost:
             self._cut_off("the autopilot is not heard any more")
@@ -189,7 +189,7 @@ class SearchClient:
         elif not self._has_pose(now):
             self._lack("a pose", "failed", lambda: f"no pose: {session.why_no_pose()}", waited / 2)
         else:
-            self._reboots = session.reboots
+            self._reboots = session.navigation.reboots
             try:
                 self._commander.launch(now)
                 self._tell("info", f"arming {session.vehicle}")

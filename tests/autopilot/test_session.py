@@ -80,8 +80,14 @@ def following(now: float = 100.0, source: tuple[int, int] = (1, 1), **options: A
 
 def knowledge(session: Session, now: float) -> str:
     """All that a session tells about its vehicle."""
-    known = session.vehicle, session.home, session.track.newest, session.track.first_position, session.reboots
-    counts = session.refused, session.unpositioned, session.rates(now), session.clock.boot(now)
+    known = (
+        session.vehicle,
+        session.home,
+        session.track.newest,
+        session.track.first_position,
+        session.navigation.reboots,
+    )
+    counts = session.navigation.refused, session.navigation.unpositioned, session.rates(now), session.clock.boot(now)
     return repr((known, counts, session.state_at(now, FRAME)))
 
 
@@ -169,7 +175,7 @@ def test_the_chosen_one_is_obeyed() -> None:
     np.testing.assert_allclose(state.velocity, [1.0, -2.0, 0.5])
     tell(session, heartbeat(), 102.0, (7, 1))
     assert not session.vehicle.armed
-    assert session.ignored == session.refused == 0
+    assert session.ignored == session.navigation.refused == 0
 
 
 @given(OTHERS, st.sampled_from([{}, {"target_system": 1}]))
@@ -232,6 +238,13 @@ ODD = {
     "south": position(11.0, lat=-90.1),
     "longitude": position(11.0, lon=180.1),
     "west": position(11.0, lon=-180.1),
+    "far above": position(11.0, alt=100_001.0),
+    "far below": position(11.0, alt=-1_001.0),
+    "many turns": attitude(11.0, 0, 0, 8.0, 0, 0, 0),
+    "a giant angle": attitude(11.0, 1e30, 0, 0, 0, 0, 0),
+    "a spin": attitude(11.0, 0, 0, 0, 0, 0, -101.0),
+    "quaternion with a spin": quaternion(11.0, 1, 0, 0, 0, 0, 1e20, 0),
+    "home in space": home(alt=200_000.0),
     "home of zeros": home(0.0, 0.0, 0.0),
     "home's latitude": home(lat=91.0),
     "home's longitude": home(lon=-181.0),
@@ -244,7 +257,7 @@ def test_values_that_are_no_pose_are_refused_and_counted(message: Any) -> None:
     before = session.state_at(101.0, FRAME)
     tell(session, message, 101.0)
     after = session.state_at(101.0, FRAME)
-    assert session.refused == 1
+    assert session.navigation.refused == 1
     assert repr(after) == repr(before)
     assert session.home == HOME
 
@@ -255,7 +268,7 @@ def test_zero_latitude_and_longitude_are_no_position() -> None:
         tell(session, message, 100.0)
     assert session.track.first_position is None
     assert session.state_at(100.0, FRAME) is None
-    assert (session.unpositioned, session.refused) == (1, 0)
+    assert (session.navigation.unpositioned, session.navigation.refused) == (1, 0)
 
 
 @pytest.mark.parametrize(("lat", "lon"), [(0.0, 11.0), (46.0, 0.0), (90.0, 180.0), (-90.0, -180.0)])
@@ -264,7 +277,7 @@ def test_a_place_on_the_equator_or_the_edge_is_a_position(lat: float, lon: float
     tell(session, heartbeat(), 100.0)
     tell(session, position(10.0, lat, lon), 100.0)
     assert session.track.first_position is not None
-    assert session.refused == session.unpositioned == 0
+    assert session.navigation.refused == session.navigation.unpositioned == 0
 
 
 def test_an_unknown_message_is_counted_as_a_packet_and_changes_nothing() -> None:
@@ -310,15 +323,16 @@ def test_no_values_of_the_vehicle_make_it_raise(said: list[tuple[int, bytes]]) -
 
 @pytest.mark.parametrize("message", [position, attitude])
 @pytest.mark.parametrize(("back", "rebooted"), [(0.2, 0), (0.49, 0), (0.51, 1), (9.9, 1)])
-def test_time_that_goes_back_is_a_reboot(message: Any, back: float, rebooted: int) -> None:
+def test_time_that_goes_back_for_good_is_a_reboot(message: Any, back: float, rebooted: int) -> None:
     session = following(100.0)  # boot time 10 s
-    tell(session, message(10.0 - back), 100.1)
-    assert session.reboots == rebooted
+    tell(session, message(10.0 - back), 100.6)
+    tell(session, message(10.005 - back), 100.62)
+    assert session.navigation.reboots == rebooted
     if rebooted:
         assert session.home is None
         assert session.track.newest is None
-        assert session.state_at(100.1, FRAME) is None
-        assert session.clock.boot(100.1) == pytest.approx(10.0 - back)
+        assert session.state_at(100.62, FRAME) is None
+        assert session.clock.boot(100.62) == pytest.approx(10.005 - back)
         (said,) = texts(session)
         assert "rebooted" in said
     else:
@@ -331,20 +345,117 @@ def test_a_reboot_is_reckoned_from_the_newest_time_heard() -> None:
     session = following(100.0)
     for back in (0.2, 0.45, 0.3):
         tell(session, attitude(10.0 - back), 100.1)
-    assert session.reboots == 0
-    tell(session, attitude(10.0 - 0.6), 100.1)
-    assert session.reboots == 1
+    assert session.navigation.reboots == 0
+    for now in (100.7, 100.8):
+        tell(session, attitude(10.0 - 0.6), now)
+    assert session.navigation.reboots == 1
+
+
+@pytest.mark.parametrize("stray", [0.0, 3.0, 9.4, 25.0, 1000.0, 4294967.0])
+def test_one_time_out_of_line_changes_nothing_and_is_counted(stray: float) -> None:
+    session = following(100.0)
+    before = session.state_at(100.02, FRAME)
+    for message in (attitude, position, attitude):
+        tell(session, message(stray), 100.02)
+        assert repr(session.state_at(100.02, FRAME)) == repr(before)
+        tell(session, attitude(10.0), 100.02)
+    assert session.navigation.stray_times == 3
+    assert session.navigation.reboots == 0
+    assert texts(session) == []
+
+
+@pytest.mark.parametrize("other", [2.0, 5000.0])
+def test_of_two_clocks_at_once_the_first_is_believed(other: float) -> None:
+    """Another device with the vehicle's ids on the same link, as lively as the vehicle."""
+    session = following(100.0)
+    for i in range(500):
+        now = 0.02 * i
+        tell(session, attitude(10.0 + now), 100.0 + now)
+        for late in (0.005, 0.01):
+            tell(session, attitude(other + now + late), 100.0 + now + late)
+    assert session.navigation.reboots == 0
+    assert session.navigation.stray_times == 1000
+    assert session.clock.boot(110.0) == pytest.approx(20.0)
 
 
 def test_after_a_reboot_there_is_a_pose_again() -> None:
     session = following(100.0)
-    for message in (position(0.3), attitude(0.3), home(46.6)):
+    for message in (attitude(0.28), position(0.3), attitude(0.3), home(46.6)):
         tell(session, message, 101.0)
     state = session.state_at(101.1, FRAME)
     assert state is not None
     assert state.boot_s == pytest.approx(0.4)
     assert session.home == (46.6, HOME[1], HOME[2])
-    assert session.reboots == 1
+    assert session.navigation.reboots == 1
+
+
+# -- a position that jumps ---------------------------------------------------------------------------------
+
+NEAR, FAR = (HOME[0] + 0.0005, *HOME[1:]), (HOME[0] + 0.05, *HOME[1:])  # 56 m, 5.6 km north
+
+
+def northing(session: Session, now: float) -> float:
+    state = session.state_at(now, FRAME)
+    assert state is not None
+    return float(state.position[0])
+
+
+@pytest.mark.parametrize("stray", [FAR, (HOME[0], HOME[1] - 0.05, HOME[2]), (*HOME[:2], HOME[2] + 5000)])
+def test_one_position_far_off_changes_nothing_and_is_counted(stray: tuple[float, float, float]) -> None:
+    session = following(100.0)
+    tell(session, position(10.02, *stray), 100.02)
+    assert session.navigation.stray_positions == 1
+    assert abs(northing(session, 100.02)) < 1
+    tell(session, position(10.04), 100.04)
+    assert session.navigation.stray_positions == 1
+    assert abs(northing(session, 100.04)) < 1
+    assert texts(session) == []
+
+
+def test_an_estimator_may_correct_itself_by_some_metres() -> None:
+    session = following(100.0)
+    tell(session, position(10.02, *NEAR), 100.02)
+    assert northing(session, 100.02) == pytest.approx(55.6, abs=0.1)
+    assert session.navigation.stray_positions == 0
+
+
+def test_a_position_that_stays_far_off_is_believed_after_half_a_second() -> None:
+    """A simulator that was moved, or an estimator that was badly wrong."""
+    session = following(100.0)
+    for i in range(1, 30):
+        now = 0.02 * i
+        tell(session, position(10.0 + now, *FAR), 100.0 + now)
+        assert (northing(session, 100.0 + now) > 5000) == (now >= 0.5)
+    assert session.navigation.stray_positions == 24
+    (said,) = texts(session)
+    assert "jumped by 5566 m" in said
+
+
+# -- the vehicle's own ids from somebody else ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("kind", "autopilot"), [(GCS, NONE), (QUADROTOR, NONE), (GIMBAL, ARDUPILOT), (QUADROTOR, 12)])
+def test_a_heartbeat_with_its_ids_that_is_not_its_own_changes_nothing(kind: int, autopilot: int) -> None:
+    session = following(100.0)
+    before = knowledge(session, 101.0)
+    for i in range(70):
+        tell(session, heartbeat(kind, autopilot, armed=True), 100.0 + i / 10)
+    assert knowledge(session, 101.0) == before
+    assert session.ignored == 70
+    session.poll(107.0)
+    said = texts(session)
+    assert [text for text in said if "another autopilot 1/1 on this link is ignored" in text] == said[:1]
+    assert "no heartbeat" in said[1]
+    assert session.lost
+
+
+def test_when_the_vehicle_is_lost_another_autopilot_may_take_its_place() -> None:
+    """The board was flashed with the other firmware."""
+    session = following(100.0)
+    session.poll(106.0)
+    tell(session, heartbeat(autopilot=12), 107.0)
+    assert session.vehicle is not None
+    assert (session.vehicle.autopilot, session.lost) == (12, False)
 
 
 # -- what is said to the vehicle ---------------------------------------------------------------------------
@@ -563,7 +674,7 @@ def test_a_recorded_flight_is_read_in_full(flight: Path) -> None:
     vehicle = session.vehicle
     assert seen == session.parser.packets == count
     assert session.parser.bad_crc == session.parser.skipped == 0
-    assert session.refused == session.unpositioned == session.reboots == 0
+    assert session.navigation.refused == session.navigation.unpositioned == session.navigation.reboots == 0
     assert vehicle is not None
     assert (vehicle.system, vehicle.component, vehicle.version) == (1, 1, 2)
     assert str(vehicle) == f"{'px4' if flight.stem == 'px4' else 'ardupilotmega'} quadrotor 1/1"

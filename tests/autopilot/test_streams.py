@@ -257,7 +257,7 @@ def test_after_a_reboot_all_is_asked_for_again() -> None:
     vehicle.reboot(bench.now)
     bench.run(8)
     again = bench.asked(since=20.0)
-    assert bench.session.reboots == 1
+    assert bench.session.navigation.reboots == 1
     assert {ASKED_HOME, (SET_INTERVAL, POSITION), (SET_INTERVAL, ATTITUDE)} == set(again)
     assert bench.rates() == pytest.approx((50, 50), rel=0.05)
     assert bench.session.home == pytest.approx(HOME)

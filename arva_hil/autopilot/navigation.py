@@ -1,0 +1,144 @@
+"""Where one vehicle says it is: its clock, its pose track and its home, out of messages that may be wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+from arva_hil.autopilot.clockmap import ClockMap
+from arva_hil.autopilot.doubt import Doubt, Judgement
+from arva_hil.autopilot.mavlink import dialect
+from arva_hil.autopilot.pose import AttitudeSample, PoseTrack, PositionSample
+from arva_hil.notice import Notice
+
+Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
+
+_REORDER_S: Final = 0.5  # boot time further back than this is a reboot, not a late packet
+_AHEAD_S: Final = 10.0  # boot time may be so far ahead of what it was,
+_FASTEST: Final = 20.0  # and a simulator's clock run so much faster than ours
+_JUMP_M: Final = 100.0  # an estimator may correct itself by so much
+_SPEED_MS: Final = 100.0
+_ALTITUDES_M: Final = (-1_000.0, 100_000.0)
+_LARGEST_ANGLE: Final = 7.0  # radians; yaw comes as 0…2π or as ±π
+_LARGEST_RATE: Final = 100.0  # rad/s
+_M_PER_DEG: Final = 111_320.0
+
+
+class Navigation:
+    """Remembers what the vehicle's own messages made known, and has `say` tell a person. Times are host seconds.
+
+    Counts what it did not believe: `refused` (values that are no pose), `unpositioned` (positions before the first
+    fix), `stray_times` and `stray_positions` (which did not follow from those before, nor last).
+    """
+
+    def __init__(self, say: Callable[[Notice], None]) -> None:
+        self.track = PoseTrack()
+        self.clock = ClockMap()
+        self.home: Place | None = None
+        self.refused = 0
+        self.unpositioned = 0
+        self.reboots = 0
+        self._say = say
+        self._time = Doubt(self._time_follows, best=max)
+        self._place = Doubt(_place_follows)
+        self._reorder_s = _REORDER_S
+        self._stamped: dict[int, Callable[[Any, float, float], None]] = {
+            dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
+            dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
+            dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._on_quaternion,
+        }
+        self.handles = frozenset({*self._stamped, dialect.MAVLINK_MSG_ID_HOME_POSITION})
+
+    @property
+    def stray_times(self) -> int:
+        return self._time.strays
+
+    @property
+    def stray_positions(self) -> int:
+        return self._place.strays
+
+    def hear(self, message: Any, now: float) -> Judgement:
+        """One of the messages it `handles`: "anew" when its boot time says that the vehicle has rebooted."""
+        if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
+            self._on_home(message)
+            return "follows"
+        boot = message.time_boot_ms / 1e3
+        judgement = self._time.judge(boot, now)
+        if judgement == "stray":
+            return judgement
+        if judgement == "anew":
+            self._on_reboot()
+        self._reorder_s = _REORDER_S
+        self.clock.add(now, boot)
+        self._stamped[message.id](message, boot, now)
+        return judgement
+
+    def renew(self) -> None:
+        """The link is a new one: nothing of the old one comes late on it."""
+        self._reorder_s = 0.0
+        self.home = None
+
+    def _time_follows(self, old: float, new: float, gap_s: float) -> bool:
+        return -self._reorder_s <= new - old <= _AHEAD_S + _FASTEST * gap_s
+
+    def _on_reboot(self) -> None:
+        self.reboots += 1
+        self.track = PoseTrack()
+        self.clock = ClockMap()
+        self.home = None
+        self._place.forget()
+
+    def _on_position(self, message: Any, boot: float, now: float) -> None:
+        place = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
+        if message.lat == 0 and message.lon == 0:
+            self.unpositioned += 1
+            return
+        if not _is_place(place):
+            self.refused += 1
+            return
+        before = self.track.last_position
+        judgement = self._place.judge(place, now)
+        if judgement == "stray":
+            return
+        if judgement == "anew" and before:
+            self._say(Notice("warning", f"the vehicle's position has jumped by {_distance(before[1:4], place):.0f} m"))
+        velocity = message.vx / 100, message.vy / 100, message.vz / 100
+        self.track.add_position(PositionSample(boot, *place, velocity))
+
+    def _on_attitude(self, message: Any, boot: float, now: float) -> None:
+        angles = message.roll, message.pitch, message.yaw
+        self._add_attitude(message, boot, angles, max(map(abs, angles)) < _LARGEST_ANGLE)
+
+    def _on_quaternion(self, message: Any, boot: float, now: float) -> None:
+        quaternion = message.q1, message.q2, message.q3, message.q4
+        self._add_attitude(message, boot, quaternion, 0.9 < sum(q * q for q in quaternion) < 1.1)
+
+    def _add_attitude(self, message: Any, boot: float, angles: tuple[float, ...], possible: bool) -> None:
+        rates = message.rollspeed, message.pitchspeed, message.yawspeed
+        if possible and math.isfinite(sum(angles)) and all(-_LARGEST_RATE < rate < _LARGEST_RATE for rate in rates):
+            self.track.add_attitude(AttitudeSample(boot, angles, rates))
+        else:
+            self.refused += 1
+
+    def _on_home(self, message: Any) -> None:
+        home = message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3
+        if _is_place(home) and home[:2] != (0, 0):
+            self.home = home
+        else:
+            self.refused += 1
+
+
+def _is_place(place: Place) -> bool:
+    lat, lon, alt = place
+    return abs(lat) <= 90 and abs(lon) <= 180 and _ALTITUDES_M[0] <= alt <= _ALTITUDES_M[1]
+
+
+def _place_follows(old: Place, new: Place, gap_s: float) -> bool:
+    return _distance(old, new) <= _JUMP_M + _SPEED_MS * gap_s
+
+
+def _distance(a: Place, b: Place) -> float:
+    """Metres, on a sphere and roughly."""
+    east = (b[1] - a[1] + 180) % 360 - 180
+    return math.hypot((b[0] - a[0]) * _M_PER_DEG, east * _M_PER_DEG * math.cos(math.radians(a[0])), b[2] - a[2])

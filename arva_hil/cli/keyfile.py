@@ -1,0 +1,46 @@
+"""The file that --signing-key names."""
+
+from __future__ import annotations
+
+import os
+import stat
+from typing import Final
+
+from arva_hil.autopilot.signing import Signing, key_of
+from arva_hil.cli.outcome import UsageError
+
+_LARGEST: Final = 4096  # bytes
+
+
+def signing(path: str | None, epoch_us: int) -> Signing | None:
+    """Signing with the key in a file, by a clock that read 0 at `epoch_us` (µs since 1970). Raises UsageError."""
+    return Signing(_key(path), epoch_us) if path else None
+
+
+def _key(path: str) -> bytes:
+    wanted = "expected 64 hexadecimal digits (the key) or a passphrase, on one line"
+    try:
+        with open(path, "rb", opener=_open) as file:
+            mode = os.fstat(file.fileno()).st_mode
+            if not stat.S_ISREG(mode):
+                raise UsageError(f"--signing-key {path}: is no file, {wanted}")
+            if os.name == "posix" and mode & 0o077:
+                raise UsageError(
+                    f"--signing-key {path}: others may read or write it ({mode & 0o777:o}): chmod 600 {path}"
+                )
+            data = file.read(_LARGEST + 1)
+    except OSError as error:
+        raise UsageError(f"--signing-key {path}: {error.strerror}, {wanted}") from None
+    if len(data) > _LARGEST:
+        raise UsageError(f"--signing-key {path}: more than {_LARGEST} bytes, {wanted}")
+    try:
+        return key_of(data.decode())
+    except UnicodeDecodeError as error:
+        raise UsageError(f"--signing-key {path}: byte {error.start + 1} is no text, {wanted}") from None
+    except ValueError as error:
+        raise UsageError(f"--signing-key {path}: {error}, {wanted}") from None
+
+
+def _open(path: str, flags: int) -> int:
+    """A pipe that nobody writes into must not hold us up."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

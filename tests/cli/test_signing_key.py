@@ -1,0 +1,101 @@
+"""--signing-key: which files are taken, and a run with a vehicle that has the same key."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from arva_hil.links.pty import PtyLink
+
+from .far_ends import Autopilot, Program, hears, read_frames
+
+Start = Callable[..., Program]
+Keep = Callable[[Any], Any]
+Arva = Callable[..., Any]
+KEY = "0123456789abcdef" * 4
+
+
+def key_file(folder: Path, content: bytes, mode: int = 0o600) -> Path:
+    file = folder / "key"
+    file.write_bytes(content)
+    file.chmod(mode)
+    return file
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o644, 0o660, 0o777, 0o601])
+def test_a_key_that_others_may_read_is_refused(arva: Arva, tmp_path: Path, mode: int) -> None:
+    file = key_file(tmp_path, KEY.encode(), mode)
+    code, _, err = arva("--port", "pty", "--signing-key", file)
+    assert code == 2
+    assert f"{file}: others may read or write it ({mode:o}): chmod 600 {file}" in err
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (b"", "empty"),
+        (b"\n", "empty"),
+        (b"one\ntwo\n", "2 lines"),
+        (b"pass\xffphrase", "byte 5 is no text"),
+        (b"x" * 5000, "more than 4096 bytes"),
+    ],
+)
+@pytest.mark.parametrize("command", [["--port", "pty"], ["search", "--autopilot", "pty", "--receiver", "pty"]])
+def test_a_file_without_a_key_is_refused(
+    arva: Arva, tmp_path: Path, command: list[str], content: bytes, what: str
+) -> None:
+    file = key_file(tmp_path, content)
+    code, _, err = arva(*command, "--signing-key", file)
+    assert code == 2
+    assert f"--signing-key {file}: {what}, expected 64 hexadecimal digits" in err
+    assert KEY not in err
+
+
+def test_what_is_no_file_is_refused(arva: Arva, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe, 0o600)
+    for path, what in ((tmp_path / "none", "No such file"), (tmp_path, "Is a directory"), (pipe, "is no file")):
+        code, _, err = arva("--port", "pty", "--signing-key", path)
+        assert code == 2
+        assert f"--signing-key {path}: {what}" in err
+
+
+def test_with_the_vehicles_key_all_is_as_without(start: Start, keep: Keep, line: PtyLink, tmp_path: Path) -> None:
+    vehicle = keep(Autopilot(keep(PtyLink()), key=bytes.fromhex(KEY)))
+    options = ["--signing-key", key_file(tmp_path, KEY.encode()), "--record", tmp_path / "record", "--rate", 20]
+    program = start("--port", line.path, "--autopilot", vehicle.address, *options, "--duration", 1.5)
+    frames = read_frames(line, 28)
+    assert program.ends() == 0
+    assert hears(frames[-1])
+    assert "MAVLink 2, signed" in program.err
+    counters = json.loads((tmp_path / "record" / "run.json").read_text())["counters"]
+    assert {name: counters[f"packets_{name}"] for name in ("unsigned", "forged", "replayed")} == {
+        "unsigned": 0,
+        "forged": 0,
+        "replayed": 0,
+    }
+    assert not any(KEY.encode() in file.read_bytes() for file in (tmp_path / "record").iterdir())
+
+
+def test_with_another_key_no_autopilot_is_heard(start: Start, keep: Keep, line: PtyLink, tmp_path: Path) -> None:
+    vehicle = keep(Autopilot(keep(PtyLink()), key=bytes(32)))
+    options = ["--signing-key", key_file(tmp_path, KEY.encode()), "--timeout", 1.5]
+    program = start("--port", line.path, "--autopilot", vehicle.address, *options)
+    assert program.ends() == 3
+    assert "packets signed with another key are ignored, the first from 1/1" in program.err
+    assert "no autopilot's with the key: 0 unsigned, " in program.err
+    assert not hears(read_frames(line, 1)[-1])
+
+
+def test_without_a_key_a_vehicle_that_signs_takes_no_request(start: Start, keep: Keep, line: PtyLink) -> None:
+    vehicle = keep(Autopilot(keep(PtyLink()), key=bytes(32)))
+    program = start("--port", line.path, "--autopilot", vehicle.address, "--duration", 1.5)
+    assert program.ends() == 0
+    assert "its packets are signed, which nobody checks" in program.err
+    assert "--signing-key FILE" in program.err
+    assert not hears(read_frames(line, 1)[-1])

@@ -1,0 +1,304 @@
+"""Throws packets and noise at the session with an autopilot, and checks that nothing of it is believed.
+
+    python tools/hostile.py [--packets 10000000] [--random-mb 200]
+
+Half of the packets go to a session without a key, half to one that verifies signatures; both follow a vehicle that
+goes on speaking in between, and every pose has to be that vehicle's. Among them: valid and invalid checksums, wrong
+lengths, packets of later versions, 255 systems, signatures, the vehicle's own ids from others, its clock and position
+far off, values that are no pose; and to the session with a key, packets that only lack the signature. Then come random
+bytes, and what costs the parser most. Ends with 1 when something is not as it should be.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import math
+import os
+import random
+import struct
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from fastcrc import crc16
+
+from arva_hil.autopilot.mavlink import Encoder, dialect
+from arva_hil.autopilot.session import Session
+from arva_hil.autopilot.signing import Signing
+from arva_hil.model import LocalFrame
+
+HOME = (46.0123, 7.7456, 1650.0)
+FRAME = LocalFrame(*HOME)
+KEY, OTHER_KEY = hashlib.sha256(b"ours").digest(), hashlib.sha256(b"theirs").digest()
+STEP_S = 0.02  # between what the vehicle says
+BURST = 500  # packets in between
+GROWTH_KB = 1024
+POSITION, ATTITUDE, QUATERNION, BEAT, LAST_HOME, ACK = 33, 30, 31, 0, 242, 77
+LAYOUTS = {POSITION: "<IiiiihhhH", ATTITUDE: "<Iffffff", QUATERNION: "<Ifffffff", BEAT: "<IBBBBB", ACK: "<HB"}
+EXTRA = {msgid: bytes([kind.crc_extra]) for msgid, kind in dialect.mavlink_map.items()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--packets", type=int, default=10_000_000, metavar="N", help="default 10,000,000")
+    parser.add_argument("--random-mb", type=int, default=200, metavar="MB", help="default 200")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    numbers = random.Random(options.seed)
+    well = [throw_packets(Bench(numbers, key), options.packets // 2) for key in (None, KEY)]
+    well += [throw_noise(Bench(numbers, key), options.random_mb * 500_000) for key in (None, KEY)]
+    well.append(measure_cost(numbers))
+    sys.exit(0 if all(well) else 1)
+
+
+class Bench:
+    """A session and its vehicle, which flies east at 1 m/s. Remembers what was not as it should be."""
+
+    def __init__(self, numbers: random.Random, key: bytes | None) -> None:
+        self.numbers = numbers
+        self.key = key
+        self.now = 1000.0
+        self.wrong: Counter[str] = Counter()
+        self.poses = 0
+        self.session = Session(target_system=1, signing=Signing(key, 1_700_000_000_000_000) if key else None)
+        self._vehicle = Encoder(1, 1, signing=Signing(key, 1_700_000_000_000_000) if key else None)
+        self._steps = 0
+        self._tell(dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3))
+        self._tell(dialect.MAVLink_home_position_message(*self._place(0), 0, 0, 0, [1, 0, 0, 0], 0, 0, 0))
+        assert self.session.vehicle
+        for _ in range(2):
+            self.fly()
+        self.wrong.clear()  # of the very first position nothing is interpolated
+
+    @property
+    def boot(self) -> float:
+        """Its time [s]."""
+        return self.now - 900
+
+    def fly(self) -> None:
+        """The vehicle says where it is; then the session has to know just that."""
+        self.now += STEP_S
+        self._steps += 1
+        ms = round(self.boot * 1e3)
+        if self._steps % 50 == 0:
+            self._tell(dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3))
+        yaw = math.remainder(self._steps * 1e-3, math.tau)
+        self._tell(dialect.MAVLink_attitude_message(ms, 0.1, 0.2, yaw, 0, 0, 1e-3 / STEP_S))
+        self._tell(dialect.MAVLink_global_position_int_message(ms, *self._place(self._steps), 0, 0, 100, 0, 0))
+        self.session.poll(self.now)
+        self._check("lost its pose")
+
+    def hear(self, data: bytes) -> None:
+        """What others say; it must change nothing."""
+        before = self.session.track.last_position, self.session.vehicle, self.session.home
+        self.session.feed(data, self.now)
+        if before != (self.session.track.last_position, self.session.vehicle, self.session.home):
+            self.wrong["believed others"] += 1
+        self._check("took another's pose")
+
+    def _check(self, what: str) -> None:
+        lat, lon, alt = self._place(self._steps)
+        state = self.session.state_at(self.now, FRAME)
+        self.poses += 1
+        truth = FRAME.ned(lat / 1e7, lon / 1e7, alt / 1e3)
+        if state is None or state.age_s > 2 * STEP_S or max(abs(state.position - truth)) > 0.1:
+            self.wrong[what] += 1
+
+    def _place(self, steps: int) -> tuple[int, int, int]:
+        lat, lon, alt = HOME
+        east = steps * STEP_S
+        return round(lat * 1e7), round((lon + east / 77_300) * 1e7), round(alt * 1e3)
+
+    def _tell(self, message: Any) -> None:
+        if self.key:
+            self._vehicle._signing.advance(self.now)  # type: ignore[union-attr]
+        self.session.feed(self._vehicle.pack(message), self.now)
+
+
+def packet(msgid: int, payload: bytes, source: tuple[int, int], flags: int = 0, version: int = 2) -> bytes:
+    """A packet with a right checksum."""
+    if version == 1:
+        body = bytes((len(payload), 7, *source, msgid)) + payload
+    else:
+        body = bytes((len(payload), flags, 0, 7, *source)) + msgid.to_bytes(3, "little") + payload
+    crc = crc16.mcrf4xx(body + EXTRA.get(msgid, b"\0"))
+    return (b"\xfe" if version == 1 else b"\xfd") + body + crc.to_bytes(2, "little")
+
+
+class Enemy:
+    """Makes hostile packets, one kind as likely as another. `boot`: the vehicle's time [s]."""
+
+    def __init__(self, numbers: random.Random, keyed: bool) -> None:
+        self.kinds: list[Callable[[float], bytes]] = [
+            self.stranger, self.other_component, self.bad_checksum, self.short, self.long, self.later_version,
+            self.unknown, self.signed, self.spoofed_heartbeat, self.no_values, self.no_place, self.odd_time, self.jump,
+        ]  # fmt: skip
+        if keyed:
+            self.kinds += [self.unsigned, self.forged]
+        self._n = numbers
+        self._pick = numbers.choice
+        self.made: Counter[str] = Counter()
+
+    def __call__(self, boot: float) -> bytes:
+        kind = self._pick(self.kinds)
+        self.made[kind.__name__] += 1
+        return kind(boot)
+
+    def _any(self, boot: float) -> tuple[int, bytes]:
+        """A message as the vehicle might send it, with other values."""
+        n, ms = self._n, round(boot * 1e3)
+        msgid = self._pick((POSITION, ATTITUDE, QUATERNION, BEAT, ACK))
+        if msgid == POSITION:
+            return msgid, struct.pack(LAYOUTS[msgid], ms, n.randrange(1, 9 * 10**8), 70_000_000, 10**6, 0, 0, 0, 0, 0)
+        if msgid == ATTITUDE:
+            return msgid, struct.pack(LAYOUTS[msgid], ms, n.random(), 1, 2, 0, 0, 0)
+        if msgid == QUATERNION:
+            return msgid, struct.pack(LAYOUTS[msgid], ms, 0, 1, 0, 0, 0, 0, 0)
+        if msgid == BEAT:
+            return msgid, struct.pack(LAYOUTS[msgid], 0, 2, 3, 128, 4, 3)
+        return msgid, struct.pack(LAYOUTS[msgid], 511, 4)
+
+    def stranger(self, boot: float) -> bytes:
+        source = self._n.randrange(2, 256), self._n.randrange(256)
+        return packet(*self._any(boot), source, version=self._pick((1, 2)))
+
+    def other_component(self, boot: float) -> bytes:
+        return packet(*self._any(boot), (1, self._n.randrange(2, 256)))
+
+    def bad_checksum(self, boot: float) -> bytes:
+        raw = packet(*self._any(boot), (1, 1))
+        return raw[:-2] + bytes((raw[-2] ^ self._n.randrange(1, 256), raw[-1]))
+
+    def short(self, boot: float) -> bytes:
+        msgid, payload = self._pick((POSITION, ATTITUDE)), struct.pack("<Iii", round(boot * 1e3), 460_000_000, 7)
+        return packet(msgid, payload[: self._n.randrange(12)], (1, 1), version=1)
+
+    def long(self, boot: float) -> bytes:
+        msgid, payload = self._any(boot)
+        return packet(msgid, payload + self._n.randbytes(self._n.randrange(1, 200)), (2, 1))
+
+    def later_version(self, boot: float) -> bytes:
+        return packet(*self._any(boot), (1, 1), flags=self._n.randrange(2, 256, 2))
+
+    def unknown(self, boot: float) -> bytes:
+        return packet(self._n.randrange(60_000, 2**24), self._n.randbytes(self._n.randrange(256)), (1, 1))
+
+    def signed(self, boot: float) -> bytes:
+        return packet(*self._any(boot), (self._n.randrange(2, 256), 1), flags=1) + self._n.randbytes(13)
+
+    def spoofed_heartbeat(self, boot: float) -> bytes:
+        kind, autopilot = self._pick(((6, 8), (2, 8), (2, 12), (26, 3), (18, 8)))
+        return packet(BEAT, struct.pack(LAYOUTS[BEAT], 0, kind, autopilot, 128, 4, 3), (1, 1))
+
+    def no_values(self, boot: float) -> bytes:
+        odd = self._pick((math.nan, math.inf, -math.inf, 1e30, 50.0))
+        values = [odd if self._n.random() < 0.3 else 0.0 for _ in range(6)] + [odd]
+        return packet(QUATERNION, struct.pack(LAYOUTS[QUATERNION], round(boot * 1e3), *values), (1, 1))
+
+    def no_place(self, boot: float) -> bytes:
+        place = self._pick(
+            ((0, 0, 0), (910_000_000, 0, 0), (1, -(2**31), 0), (1, 1, 2**31 - 1), (460_000_000, 7, -(10**7)))
+        )
+        return packet(POSITION, struct.pack(LAYOUTS[POSITION], round(boot * 1e3), *place, 0, 0, 0, 0, 0), (1, 1))
+
+    def odd_time(self, boot: float) -> bytes:
+        ms = self._pick((0, 2**32 - 1, round(boot * 500), round(boot * 2e3), round(boot * 1e3) - 600))
+        return packet(ATTITUDE, struct.pack(LAYOUTS[ATTITUDE], ms, 1, 1, 1, 0, 0, 0), (1, 1))
+
+    def jump(self, boot: float) -> bytes:
+        far = round((HOME[0] + self._pick((-1, 1)) * self._n.uniform(0.01, 40)) * 1e7)
+        return packet(
+            POSITION, struct.pack(LAYOUTS[POSITION], round(boot * 1e3), far, 77_456_000, 0, 0, 0, 0, 0, 0), (1, 1)
+        )
+
+    def unsigned(self, boot: float) -> bytes:
+        ms = round(boot * 1e3) + 1
+        return packet(
+            POSITION, struct.pack(LAYOUTS[POSITION], ms, 460_123_100, 77_456_000, 10**6, 0, 0, 0, 0, 0), (1, 1)
+        )
+
+    def forged(self, boot: float) -> bytes:
+        raw = packet(*self._any(boot + 0.001), (1, 1), flags=1) + bytes(1) + (2**47).to_bytes(6, "little")
+        return raw + hashlib.sha256(OTHER_KEY + raw).digest()[:6]
+
+
+def throw_packets(bench: Bench, count: int) -> bool:
+    enemy = Enemy(bench.numbers, bool(bench.key))
+    cost, memory = [], []
+    for burst in range(count // BURST):
+        data = b"".join(enemy(bench.boot) for _ in range(BURST))
+        before = time.process_time()
+        bench.hear(data)
+        cost.append((time.process_time() - before) / len(data))
+        bench.fly()
+        if burst % 100 == 99:
+            memory.append(memory_kb())
+    print(f"{sum(enemy.made.values())} packets, {'verified' if bench.key else 'without a key'}: {dict(enemy.made)}")
+    return report(bench, cost, memory)
+
+
+def throw_noise(bench: Bench, size: int) -> bool:
+    cost, memory, sent = [], [], 0
+    while sent < size:
+        data = bench.numbers.randbytes(bench.numbers.choice((1, 100, 10_000, 1_000_000)))
+        sent += len(data)
+        before = time.process_time()
+        bench.hear(data)
+        if len(data) > 100:
+            cost.append((time.process_time() - before) / len(data))
+            bench.hear(bytes(300))  # or what the vehicle says next may be taken for the end of a packet in the noise
+            bench.fly()
+            memory.append(memory_kb())
+    print(f"{sent / 1e6:.0f} MB of random bytes, {'verified' if bench.key else 'without a key'}")
+    return report(bench, cost, memory)
+
+
+def report(bench: Bench, cost: list[float], memory: list[int]) -> bool:
+    tenth = max(1, len(cost) // 10)
+    first, last = 1e9 * median(cost[:tenth]), 1e9 * median(cost[-tenth:])
+    warm = memory[len(memory) // 10 :]
+    print(f"  {bench.poses} poses looked at, wrong: {dict(bench.wrong) or 0}")
+    print(f"  {bench.session.counts()}")
+    print(f"  per byte {first:.0f} ns in the first tenth, {last:.0f} ns in the last: {last / first:.2f} ×")
+    print(f"  memory {warm[0]} kB after a tenth, {warm[-1]} kB in the end, at most {max(warm) - warm[0]:+d} kB")
+    return not bench.wrong and max(warm) - warm[0] < GROWTH_KB
+
+
+def measure_cost(numbers: random.Random) -> bool:
+    """What a byte costs, cut into chunks of any size: no path may be quadratic."""
+    beat = packet(BEAT, struct.pack(LAYOUTS[BEAT], 0, 2, 3, 0, 4, 3), (1, 1))
+    flood = {
+        "heartbeats": beat,
+        "random": numbers.randbytes(1 << 20),
+        "0xFD": b"\xfd",
+        "0xFE": b"\xfe",
+        "false headers": b"\xfd\xff\0\0\0\1\1\0\0\0",
+        "false headers, MAVLink 1": b"\xfe\xff\0\1\1\0",
+    }
+    well = True
+    print("ns per byte, by the size of the chunks")
+    for name, pattern in flood.items():
+        costs = {}
+        for size in (1, 16, 280, 4096, 65536, 1 << 20):
+            data = (pattern * ((1 << 20) // len(pattern) + 1))[: 1 << 20 if size > 16 else 1 << 16]
+            session = Session()
+            before = time.process_time()
+            for at in range(0, len(data), size):
+                session.feed(data[at : at + size], 0.0)
+            costs[size] = 1e9 * (time.process_time() - before) / len(data)
+        print(f"  {name}: " + ", ".join(f"{size}: {cost:.0f}" for size, cost in costs.items()))
+        well &= costs[1 << 20] < 3 * costs[4096]
+    return well
+
+
+def memory_kb() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") // 1024
+
+
+if __name__ == "__main__":
+    main()
