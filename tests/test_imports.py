@@ -67,6 +67,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.scenario",
         "arva_hil.search",
     },
+    "arva_hil/watchdog.py": {"arva_hil.clock", "arva_hil.console", "arva_hil.observer"},
     "arva_hil/plots.py": {"arva_hil.search.client"},
     "arva_hil/console": {
         "arva_hil.console",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import sys
 from contextlib import ExitStack, closing
 
@@ -21,6 +22,7 @@ from arva_hil.links.stdout import StdoutLink
 from arva_hil.linkwatch import LinkWatch
 from arva_hil.loop import run
 from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
+from arva_hil.watchdog import Watchdog
 
 DEFAULT_AUTOPILOT = "udpin:127.0.0.1:14550"
 
@@ -87,6 +89,8 @@ def main(options: argparse.Namespace) -> int:
             port = WirePort(out, chosen.output_format)
             print(f"frames to: {out.name}", file=sys.stderr)
         surroundings = shared.Run(options, chosen, clock.epoch_us)
+        watchdog = Watchdog(os.environ)
+        surroundings.observers.append(watchdog)
         start = clock.now()
         emulator = Emulator(
             chosen,
@@ -100,7 +104,11 @@ def main(options: argparse.Namespace) -> int:
         )
         watch = LinkWatch(link, out, session, surroundings.observers)
         until = start + options.duration
-        loop = lambda: run([watch, emulator], clock, until=until, stopped=surroundings.stopped)  # noqa: E731
+
+        def loop() -> None:
+            with closing(watchdog):
+                run([watch, emulator, watchdog], clock, until=until, stopped=surroundings.stopped)
+
         return surroundings.drive(emulator, loop, watch)
 
 
