@@ -24,7 +24,7 @@ def _key(path: str) -> bytes:
             mode = os.fstat(file.fileno()).st_mode
             if not stat.S_ISREG(mode):
                 raise UsageError(f"--signing-key {path}: is no file, {wanted}")
-            if os.name == "posix" and mode & 0o077:
+            if os.name == "posix" and mode & 0o077 and not _is_credential(path):
                 raise UsageError(
                     f"--signing-key {path}: others may read or write it ({mode & 0o777:o}): chmod 600 {path}"
                 )
@@ -39,6 +39,12 @@ def _key(path: str) -> bytes:
         raise UsageError(f"--signing-key {path}: byte {error.start + 1} is no text, {wanted}") from None
     except ValueError as error:
         raise UsageError(f"--signing-key {path}: {error}, {wanted}") from None
+
+
+def _is_credential(path: str) -> bool:
+    """Whether a service manager keeps it for us: systemd lets in the service's user by an access list."""
+    folder = os.environ.get("CREDENTIALS_DIRECTORY")
+    return bool(folder) and os.path.dirname(os.path.realpath(path)) == os.path.realpath(str(folder))
 
 
 def _open(path: str, flags: int) -> int:

@@ -35,6 +35,17 @@ def test_a_key_that_others_may_read_is_refused(arva: Arva, tmp_path: Path, mode:
     assert f"{file}: others may read or write it ({mode:o}): chmod 600 {file}" in err
 
 
+def test_a_key_that_a_service_manager_keeps_is_taken(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = key_file(tmp_path, KEY.encode(), 0o440)
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path))
+    options = ["--port", "pty", "--autopilot", "pty", "--duration", "0.1", "--timeout", "0.1"]
+    assert arva(*options, "--signing-key", file).code == 3
+    monkeypatch.setenv("CREDENTIALS_DIRECTORY", str(tmp_path / "elsewhere"))
+    assert arva(*options, "--signing-key", file).code == 2
+
+
 @pytest.mark.parametrize(
     ("content", "what"),
     [
