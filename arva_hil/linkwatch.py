@@ -8,18 +8,18 @@ from typing import Final
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import Clock, Waitable
 from arva_hil.links import Link
-from arva_hil.notice import Level, Notice
 from arva_hil.observer import Observer
+from arva_hil.watched import Watched
 
 _LOOK_S: Final = 0.1
-_WORTH_SAYING_S: Final = 0.05  # shorter than this, it was no absence
 
 
 class LinkWatch:
     """Tells of both links of a run, one line when one is lost and one when it is back, and starts the session anew.
 
-    `port` is None where frames go over the autopilot's link. It is a task, to be served before the emulator: what
-    comes in at the port, which the emulator never reads, is read and forgotten, and so a loss shows there at once.
+    One more line between the two says what a person has to see to before it can be back. `port` is None where frames
+    go over the autopilot's link. It is a task, to be served before the emulator: what comes in at the port, which the
+    emulator never reads, is read and forgotten, and so a loss shows there at once.
     """
 
     links: Sequence[Waitable] = ()
@@ -44,11 +44,11 @@ class LinkWatch:
         return now + _LOOK_S
 
     def counts(self) -> dict[str, int]:
-        """How often each link was lost, and how often it came back."""
+        """How often each link was lost and came back, and what strangers sent to it."""
         return {
             f"{name}_link_{what}": getattr(side.link, what) if side else 0
             for name, side in (("autopilot", self._autopilot), ("port", self._port))
-            for what in ("losses", "returns")
+            for what in ("losses", "returns", "strangers")
         }
 
     def sums(self) -> list[str]:
@@ -61,40 +61,6 @@ class LinkWatch:
         ]
 
     def _tell(self, side: Watched, now: float) -> None:
-        link = side.link
-        if side.lost_again:
-            self._say("warning", link.why)
-            side.lost_at = now
-        if side.back_again:
-            away = now - side.lost_at
-            self._say("info", f"{link.name}: back" + (f" after {away:.1f} s" if away > _WORTH_SAYING_S else ""))
-        side.note()
-
-    def _say(self, level: Level, text: str) -> None:
-        for observer in self._observers:
-            observer.notice(Notice(level, text))
-
-
-class Watched:
-    """A link, and what was last seen of it."""
-
-    def __init__(self, link: Link) -> None:
-        self.link = link
-        self.lost_at = 0.0
-        self.note()
-
-    def note(self) -> None:
-        """Whatever happened up to now is known."""
-        self._losses, self._renewals, self._returns = self.link.losses, self.link.renewals, self.link.returns
-
-    @property
-    def lost_again(self) -> bool:
-        return self.link.losses > self._losses
-
-    @property
-    def renewed_again(self) -> bool:
-        return self.link.renewals > self._renewals
-
-    @property
-    def back_again(self) -> bool:
-        return self.link.returns > self._returns
+        for notice in side.news(now):
+            for observer in self._observers:
+                observer.notice(notice)

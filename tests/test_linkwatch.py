@@ -14,7 +14,7 @@ from arva_hil.clock import Clock, StepClock
 from arva_hil.emulator import Emulator, NoHeartbeatError
 from arva_hil.links import Link, LinkError
 from arva_hil.links.memory import MemoryLink, pair
-from arva_hil.links.reopen import Reopening
+from arva_hil.links.reopen import Barred, Reopening
 from arva_hil.linkwatch import LinkWatch
 from arva_hil.loop import run
 from arva_hil.notice import Notice
@@ -44,14 +44,17 @@ class Diary(Observer):
 
 
 class Socket:
-    """Where a far end is plugged in: `far` is None while it is not."""
+    """Where a far end is plugged in: `far` is None while it is not, and `bars` says what keeps it from being opened."""
 
     def __init__(self, name: str, clock: Clock) -> None:
         self._name = name
         self.far: MemoryLink | None = None
+        self.bars = ""  # what a person has to see to
         self.link = Reopening(self.open(plug=True), self.open, clock, start=lambda job: job())
 
     def open(self, *, plug: bool = False) -> Link:
+        if self.bars:
+            raise Barred(self._name, self.bars)
         if self.far is None and not plug:
             raise LinkError(self._name, "is not there")
         near, self.far = pair()
@@ -156,9 +159,29 @@ def test_one_line_for_lost_and_one_for_back(bench: Bench) -> None:
         assert [notice.level for notice in of_links] == ["warning", "info"] * n
         assert of_links[-2].text == f"{name}: lost: closed by the far end, looking for it"
         assert of_links[-1].text.startswith(f"{name}: back after 8.")
-    counts = {"autopilot_link_losses": 1, "autopilot_link_returns": 1, "port_link_losses": 1, "port_link_returns": 1}
-    assert bench.watch.counts() == counts
+    counts = {"losses": 1, "returns": 1, "strangers": 0}
+    both = {f"{side}_link_{what}": n for side in ("autopilot", "port") for what, n in counts.items()}
+    assert bench.watch.counts() == both
     assert len(bench.watch.sums()) == 2
+
+
+def test_what_a_person_has_to_see_to_is_one_more_line(bench: Bench) -> None:
+    before = len(bench.diary.notices)
+    bench.port.pull()
+    bench.run(2.0)
+    bench.port.bars = "busy: held by 1234 (mavproxy)"
+    bench.run(8.0)
+    bench.port.bars = ""
+    bench.run(2.0)
+    bench.port.plug()
+    bench.run(1.0)
+    lost, busy, back = bench.diary.notices[before:]
+    assert (lost.level, lost.text) == ("warning", "port: lost: closed by the far end, looking for it")
+    assert (busy.level, busy.text) == ("warning", "port: busy: held by 1234 (mavproxy)")
+    assert back.text.startswith("port: back after 1")
+    bench.port.pull()
+    bench.run(1.0)
+    assert bench.diary.notices[-1] == lost
 
 
 def test_a_link_that_was_never_lost_has_no_line() -> None:

@@ -7,11 +7,10 @@ until heartbeat or height shows that it is carried out, and nothing else counts.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from enum import Enum, auto
 from typing import Any, Final
 
-from arva_hil.autopilot.mavlink import RESULTS, Packet, command, dialect
+from arva_hil.autopilot.mavlink import RESULTS, command, dialect
 from arva_hil.autopilot.modes import ARDUCOPTER, modes_of
 from arva_hil.autopilot.pose import PositionSample
 from arva_hil.autopilot.session import Session
@@ -121,14 +120,11 @@ class Commander:
 
     # -- what the vehicle says -----------------------------------------------------------------------------
 
-    def hear(self, packets: Sequence[Packet], now: float) -> None:
-        """Take the packets that the session has split off."""
-        vehicle = self._session.vehicle
-        for packet in packets:
-            if vehicle and packet.msgid in _HEARD and vehicle.sent(packet):
-                message = self._session.parser.decode(packet)
-                if message is not None:
-                    _HEARD[packet.msgid](self, message, now)
+    def hear(self, now: float) -> None:
+        """Take what the session was fed last."""
+        for packet in self._session.own:
+            if packet.msgid in _HEARD and (message := self._session.parser.decode(packet)) is not None:
+                _HEARD[packet.msgid](self, message, now)
 
     def take_notices(self) -> list[Notice]:
         return [Notice("warning", f"the autopilot says: {text}") for text in self._texts.take()]

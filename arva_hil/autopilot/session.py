@@ -61,6 +61,7 @@ class Session:
         self.vehicle: Vehicle | None = None
         self.navigation = Navigation(self._say)
         self._wanted = self.navigation.handles | {_ACK}
+        self.own: list[Packet] = []  # of what was fed last, the vehicle's own packets that are believed
         self.ignored = 0  # packets of other systems and components, and of who only claims to be the vehicle
         self.bytes = 0
         self.next_due = -math.inf
@@ -82,6 +83,7 @@ class Session:
         """Take what came at `now`; gives back every packet in it, whoever sent it. Never raises."""
         self.bytes += len(chunk)
         packets = self.parser.feed(chunk)
+        self.own.clear()
         if self._signing:
             self._signing.advance(now)
         for packet in packets:
@@ -92,8 +94,8 @@ class Session:
                 self._look_around(packet, now)
             elif packet.system != vehicle.system or packet.component != vehicle.component:
                 self.ignored += 1
-            elif packet.msgid in self._wanted and (message := self.parser.decode(packet)) is not None:
-                self._on_ack(message) if packet.msgid == _ACK else self._navigate(message, now)
+            else:
+                self._take(packet, now)
         return packets
 
     @property
@@ -248,10 +250,12 @@ class Session:
             return
         known = self.vehicle
         if known and known.sent(packet) and known.is_like(message):
+            self.own.append(packet)
             self._on_heartbeat(message, now)
             return
         found = self._finder.vehicle(packet, message)
         if found and (known is None or (self._lost and known.sent(packet))):
+            self.own.append(packet)
             self._follow(found, now, signed=packet.signed)
         elif known:
             self.ignored += 1
@@ -287,6 +291,12 @@ class Session:
         if self.vehicle and not self._lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
             self._lost = True
             self._say(Notice("warning", f"no heartbeat from vehicle {self.vehicle} for {_LOST_S:g} s"))
+
+    def _take(self, packet: Packet, now: float) -> None:
+        """One of the vehicle's own, other than a heartbeat."""
+        self.own.append(packet)
+        if packet.msgid in self._wanted and (message := self.parser.decode(packet)) is not None:
+            self._on_ack(message) if packet.msgid == _ACK else self._navigate(message, now)
 
     def _navigate(self, message: Any, now: float) -> None:
         assert self._streams is not None

@@ -1,4 +1,4 @@
-"""Validate scenario files: every mistake at its line and column."""
+"""Validate scenario files: every mistake at its line and column; of what is right, the transmitters and faults."""
 
 from __future__ import annotations
 
@@ -26,4 +26,6 @@ def main(options: argparse.Namespace) -> int:
         else:
             ids = ", ".join(str(t.id) for t in chosen.transmitters)
             print(f"{name}: ok: transmitters {ids}; {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}")
+            for fault in chosen.faults:
+                print(f"  fault {fault}")
     return code

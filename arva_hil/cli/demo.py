@@ -41,6 +41,7 @@ def main(options: argparse.Namespace) -> int:
     if chosen.output_format in MAVLINK_FORMATS:
         raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
     options.record = options.record or tempfile.mkdtemp(prefix="arva-demo-")
+    search.refuse_log(Path(options.record))  # before the emulator's record is begun beside it
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:

@@ -2,6 +2,8 @@
 
 The vehicle arms, takes off, searches and lands by itself. The pilot takes it back with the mode switch at any time:
 the search then says nothing more to it. Ctrl-C leaves it hovering.
+A receiver that is unplugged is looked for while it hovers. The autopilot's link is looked for before anything is armed;
+lost later, it leaves the vehicle to its own failsafe.
 Exit codes: 0 found, 1 not found or failed, 2 usage, 3 no autopilot or no frames, 130 interrupted.
 """
 
@@ -13,6 +15,7 @@ import math
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -26,11 +29,12 @@ from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, UsageError
 from arva_hil.clock import RealClock
 from arva_hil.console import Printer
+from arva_hil.links.reopen import open_lasting
 from arva_hil.loop import run
 from arva_hil.notice import Notice
 from arva_hil.plots import Track, draw_search
 from arva_hil.record import RecordError
-from arva_hil.record.search_log import TRACK, SearchLog
+from arva_hil.record.search_log import TRACK, SearchLog, refuse_search
 from arva_hil.search import STRATEGIES
 from arva_hil.search.client import COMPONENT, Outcome, Row, SearchClient
 from arva_hil.search.mission import FOUND, NO_ID, Plan
@@ -127,10 +131,12 @@ def main(options: argparse.Namespace) -> int:
     way = describe(plan)
     clock, guard = RealClock(), Guard()
     key = signing(options.signing_key, clock.epoch_us)
+    client: SearchClient | None = None
     with ExitStack() as stack:
+        on_the_ground = partial(open_lasting, wanted=lambda: not (client and client.launched))
         autopilot, receiver = (
-            stack.enter_context(closing(shared.open_or_fail(url, clock)))
-            for url in (options.autopilot, options.receiver)
+            stack.enter_context(closing(shared.open_or_fail(url, clock, opener)))
+            for url, opener in ((options.autopilot, on_the_ground), (options.receiver, open_lasting))
         )
         log = open_log(Path(options.record)) if options.record else None
         printer = Printer(sys.stderr)
@@ -203,6 +209,14 @@ def rows_to(printer: Printer, log: SearchLog | None) -> Callable[[Row], None]:
             printer.show(row.time_s, f"{row.phase} | {place} | {d}")
 
     return take
+
+
+def refuse_log(folder: Path) -> None:
+    """Raise UsageError when a log could not be opened there, for it would be written over another."""
+    try:
+        refuse_search(folder)
+    except RecordError as error:
+        raise UsageError(error) from None
 
 
 def open_log(folder: Path) -> SearchLog:

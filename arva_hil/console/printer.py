@@ -40,7 +40,7 @@ class Printer(Observer):
 
     def frame(self, snapshot: Snapshot) -> None:
         if self._frames:
-            self.say(f"{snapshot.frame.sequence:3d} {text.reading(snapshot.frame.channels)}")
+            self.say(f"{snapshot.frame.sequence:3d} {_words(snapshot)}")
 
     def status(self, status: Status) -> None:
         if self._status:
@@ -101,7 +101,7 @@ class Lines(Observer):
 
 def plain(snapshot: Snapshot) -> str:
     """One frame in words."""
-    return f"{snapshot.time_s:9.3f} s  {snapshot.frame.sequence:3d}  {text.reading(snapshot.frame.channels)}"
+    return f"{snapshot.time_s:9.3f} s  {snapshot.frame.sequence:3d}  {_words(snapshot)}"
 
 
 def as_json(snapshot: Snapshot) -> str:
@@ -113,6 +113,7 @@ def as_json(snapshot: Snapshot) -> str:
             "ned_m": None if snapshot.pose is None else snapshot.pose.position.tolist(),
             "pose_age_ms": None if snapshot.age_s is None else snapshot.age_s * 1e3,
             "sent": snapshot.sent,
+            "faults": list(snapshot.faults),
             **text.frame_json(snapshot.frame),
         }
     )
@@ -129,6 +130,12 @@ def status_line(status: Status) -> str:
     if status.last:  # the longest comes last, to be cut on a narrow terminal
         parts.append(text.reading(status.last.frame.channels))
     return " | ".join(part for part in parts if part)
+
+
+def _words(snapshot: Snapshot) -> str:
+    """What a frame says, and the faults that it met."""
+    met = f"  [{', '.join(snapshot.faults)}]" if snapshot.faults else ""
+    return text.reading(snapshot.frame.channels) + met
 
 
 def _columns(terminal: TextIO) -> int:

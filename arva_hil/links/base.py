@@ -24,14 +24,18 @@ class Link(ABC):
     """A two-way byte stream that never blocks.
 
     `name` is the connection string a person knows it by. `dropped` counts the writes that were dropped whole
-    because nobody empties the far end.
+    because nobody empties the far end, `strangers` what came from another address than the far end's and was not
+    read; `stranger` is the first of those addresses.
 
-    Some kinds outlive their far end. They count `losses`, `why` being the last one's message; `renewals`, each of
+    Some kinds outlive their far end. They count `losses`, `why` being the last one's message, or what a person has to
+    see to before it can be back; `renewals`, each of
     which put a new far end in the place of a lost one; and `returns`, the renewals that lasted.
     """
 
     name: str
     dropped: int = 0
+    strangers: int = 0
+    stranger: str = ""
     losses: int = 0
     renewals: int = 0
     returns: int = 0

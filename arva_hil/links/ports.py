@@ -112,6 +112,8 @@ def far_program(device: str) -> str:
         return ""
     for process in sorted(glob.glob("/proc/[0-9]*"), key=_natural):
         try:
+            if os.stat(f"{process}/root/dev/pts").st_dev != os.stat("/dev/pts").st_dev:
+                continue  # a container numbers its own from 0 too
             ends = [fd.name for fd in os.scandir(f"{process}/fd") if os.readlink(fd.path).endswith("ptmx")]
             if any(_number_of(f"{process}/fdinfo/{end}") == number for end in ends):
                 return _command(process)

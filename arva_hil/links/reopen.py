@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import math
 import os
 import socket
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from arva_hil.clock import Clock
@@ -20,17 +22,25 @@ Job = Callable[[], None]
 _FIRST_PAUSE_S: Final = 0.05  # before the first try, and twice as long before each further one
 _LONGEST_PAUSE_S: Final = 0.4
 _LASTING_S: Final = 0.3  # a connection that holds for so long, or brings bytes, is no false start
+_STUBBORN_S: Final = 1.0  # while a port is plugged in, its permissions come late, and others have a look at it
+_BARRED: Final = frozenset((errno.EBUSY, errno.EAGAIN, errno.EACCES, errno.EPERM))
 
 
 def on_a_thread(job: Job) -> None:
     threading.Thread(target=job, name="reopen", daemon=True).start()
 
 
+class Barred(LinkError):
+    """A link that is there, and that cannot be opened unless a person does something about it."""
+
+
 class Reopening(Link):
     """A link around one that may be lost: while it is away nothing is read, and writes are dropped and counted.
 
     `opener` opens it again; `start` runs that on a thread, for it may take its time. A LinkError or OSError of it
-    only means: not yet. Whatever else it raises, `read` and `write` raise. `sought` is what a person is told.
+    only means: not yet, and of a Barred one `why` tells from then on. Whatever else it raises, `read` and `write`
+    raise. `sought` is what a person is told. `wanted` is asked at a loss: where it says no, the loss is raised and
+    for good.
     """
 
     def __init__(
@@ -40,6 +50,7 @@ class Reopening(Link):
         clock: Clock,
         sought: str = "it",
         start: Callable[[Job], None] = on_a_thread,
+        wanted: Callable[[], bool] = lambda: True,
     ) -> None:
         self.name = link.name
         self._link: Link | None = link
@@ -47,6 +58,7 @@ class Reopening(Link):
         self._clock = clock
         self._sought = sought
         self._start = start
+        self._wanted = wanted
         self._attempt: Attempt | None = None
         self._pause = _FIRST_PAUSE_S
         self._next_try = math.inf
@@ -115,6 +127,9 @@ class Reopening(Link):
         with contextlib.suppress(OSError):
             self._link.close()
         self._link = None
+        if not self._wanted():
+            self.close()
+            raise error
         if not self.away:
             self._pause = _FIRST_PAUSE_S
         self._gone(LinkError(self.name, f"{error.what}, looking for {self._sought}", error.hint))
@@ -136,7 +151,9 @@ class Reopening(Link):
         self._waker.recv(1)
         try:
             self._link = attempt.result()
-        except (LinkError, OSError):
+        except (LinkError, OSError) as error:
+            if isinstance(error, Barred):
+                self.why = str(error)
             self._put_off()
         else:
             self.name = self._link.name
@@ -188,8 +205,67 @@ class Attempt:
                 self._link.close()
 
 
-def open_lasting(address: str | Address, *, clock: Clock, answered: bool = False) -> Link:
-    """Open a link that is opened again whenever it is lost; see `open_link` for what it raises.
+class SerialOpener:
+    """Opens a serial port again, found by its stable name. One that stays busy or forbidden is looked into, once.
+
+    A pseudo-terminal without a name of its own must be the same program's as before: numbers are given away.
+    """
+
+    def __init__(self, address: Address, clock: Clock) -> None:
+        self.path = stable_name(address.path)
+        self._address = address._replace(path=self.path)
+        self._clock = clock
+        self._program = None if os.path.islink(self.path) else far_program(self.path)
+        self._bar = ""  # what has been in the way of every try
+        self._since = 0.0  # when that began; infinite once it was told
+
+    def __call__(self) -> Link:
+        try:
+            link = self._open(brief=True)
+        except LinkError as error:
+            if not self._stubborn(error.what if _barred(error) else ""):
+                raise LinkError(error.link, error.what) from error
+            link = self._look_into()
+        self._bar = ""
+        return link
+
+    def _look_into(self) -> Link:
+        try:
+            return self._open(brief=False)
+        except LinkError as error:
+            if _barred(error):
+                raise Barred(error.link, error.what, error.hint) from error
+            raise
+
+    def _open(self, *, brief: bool) -> Link:
+        if self._program and not os.path.exists(self.path):  # nobody has to be asked whose it is
+            raise LinkError(self.path, "no such port")
+        if self._program is not None and (other := far_program(self.path)) != self._program:
+            whose = f": {other[:60]}" if other else ""
+            hint = "a symlink finds a pseudo-terminal whatever its number"
+            raise Barred(self.path, f"is another program's now{whose}", hint)
+        return open_link(self._address, clock=self._clock, brief=brief)
+
+    def _stubborn(self, bar: str) -> bool:
+        """Whether it has been this for long, and was not told."""
+        now = self._clock.now()
+        if bar != self._bar:
+            self._bar, self._since = bar, now
+        told = bool(bar) and now - self._since >= _STUBBORN_S
+        if told:
+            self._since = math.inf
+        return told
+
+
+def _barred(error: LinkError) -> bool:
+    cause = error.__cause__
+    return isinstance(error, Barred) or getattr(cause, "errno", None) in _BARRED or "PermissionError" in str(cause)
+
+
+def open_lasting(
+    address: str | Address, *, clock: Clock, answered: bool = False, wanted: Callable[[], bool] = lambda: True
+) -> Link:
+    """Open a link that is opened again whenever it is lost and `wanted`; see `open_link` for what it raises.
 
     A serial port is looked for by its stable name. Other kinds than serial and TCP are as they were: what listens
     outlives its far ends by itself, and a log or a pipe has nothing to come back.
@@ -198,22 +274,10 @@ def open_lasting(address: str | Address, *, clock: Clock, answered: bool = False
         address = parse(address)
     link = open_link(address, clock=clock, answered=answered)
     if address.kind == "serial":
-        return _lasting_serial(link, address, clock)
+        again = SerialOpener(address, clock)
+        sought = again.path if again.path != address.path else "it"
+        return Reopening(link, again, clock, sought, wanted=wanted)
     if address.kind in ("tcp", "pyserial"):
-        return Reopening(link, lambda: open_link(address, clock=clock, brief=True, answered=answered), clock)
+        opener = partial(open_link, address, clock=clock, brief=True, answered=answered)
+        return Reopening(link, opener, clock, wanted=wanted)
     return link
-
-
-def _lasting_serial(link: Link, address: Address, clock: Clock) -> Link:
-    """A pseudo-terminal without a name of its own must be the same program's as before: numbers are given away."""
-    path = stable_name(address.path)
-    again = address._replace(path=path)
-    known = os.path.islink(path)
-    program = "" if known else far_program(path)
-
-    def opener() -> Link:
-        if not known and far_program(path) != program:
-            raise LinkError(path, "is another program's")
-        return open_link(again, clock=clock, brief=True)
-
-    return Reopening(link, opener, clock, path if path != address.path else "it")

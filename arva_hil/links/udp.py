@@ -93,10 +93,9 @@ class UdpOutLink(_UdpLink):
 class UdpInLink(_UdpLink):
     """Listens at `host:port`; its peer is whoever sends the first datagram.
 
-    `peer` is that address, None before; `strangers` counts the datagrams of others, which change nothing while the
-    peer speaks. When it has been silent for 3 s by `clock`, the next to send becomes the peer. A write before the
-    first datagram is dropped and counted. Port 0 takes a free one, see `port`. Raises LinkError when the address
-    cannot be listened at.
+    `peer` is that address, None before; the datagrams of strangers change nothing while the peer speaks. When it has
+    been silent for 3 s by `clock`, the next to send becomes the peer. A write before the first datagram is dropped and
+    counted. Port 0 takes a free one, see `port`. Raises LinkError when the address cannot be listened at.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0, clock: Clock | None = None) -> None:
@@ -110,7 +109,6 @@ class UdpInLink(_UdpLink):
             raise listen_error(name, error, port, "-lunp") from error
         self.port: int = sock.getsockname()[1]
         self.peer: Any = None
-        self.strangers = 0
         self._clock = clock or RealClock()
         self._heard = False  # the peer, in this read
         self._heard_at = 0.0
@@ -144,6 +142,7 @@ class UdpInLink(_UdpLink):
             self._heard = True
             return True
         self.strangers += 1
+        self.stranger = self.stranger or show(*sender[:2])
         if self._other is None:
             self._other = sender
         if sender == self._other:

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from arva_hil.autopilot.mavlink import Packet
+from arva_hil.autopilot.mavlink import Packet, dialect
 from arva_hil.background import Background
 from arva_hil.links.tlog import tlog_record
 from arva_hil.model import rotation
@@ -46,9 +46,7 @@ class Recorder(Observer):
         self._patient = patient
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            there = [name for name in FILES if (folder / name).exists()]
-            if there:
-                raise RecordError(f"{folder}: holds a record already ({', '.join(there)}); name another folder")
+            refuse_old(folder, FILES, "a record")
             self._files = {name: (folder / name).open("wb", buffering=0) for name in FILES[:-1]}
             (folder / RUN).touch()
             with contextlib.suppress(OSError):  # room that no full disk takes away
@@ -72,7 +70,8 @@ class Recorder(Observer):
         time_us = self._epoch_us + round(now * 1e6)
         pending = self._pending[TLOG]
         for packet in packets:
-            pending += tlog_record(time_us, packet.raw)
+            if packet.msgid != dialect.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds a key
+                pending += tlog_record(time_us, packet.raw)
         if len(pending) > _BATCH_BYTES:
             self._flush()
 
@@ -106,6 +105,13 @@ class Recorder(Observer):
             if pending:
                 self._pending[name] = bytearray()
                 self._background.put(_writing(self._files[name], pending), wait=self._patient)
+
+
+def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:
+    """Raise RecordError when `folder` holds one of these files: `what` would be written over."""
+    there = [name for name in names if (folder / name).exists()]
+    if there:
+        raise RecordError(f"{folder}: holds {what} already ({', '.join(there)}); name another folder")
 
 
 def rows(snapshot: Snapshot) -> str:

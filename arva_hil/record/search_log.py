@@ -10,11 +10,19 @@ from pathlib import Path
 from typing import Any, Final
 
 from arva_hil.background import Background
-from arva_hil.record.recorder import RecordError, why
+from arva_hil.record.recorder import RecordError, refuse_old, why
 from arva_hil.search.client import Row
 
 TRACK, OUTCOME = SEARCH_FILES = ("search.csv", "search.json")
 _BATCH: Final = 1 << 12  # characters
+
+
+def refuse_search(folder: Path) -> None:
+    """Raise RecordError when `folder` holds a search already; nothing is written."""
+    try:
+        refuse_old(folder, SEARCH_FILES, "a search")
+    except OSError as error:
+        raise RecordError(why(folder, error)) from None
 
 
 class SearchLog:
@@ -29,11 +37,9 @@ class SearchLog:
         self._pending = io.StringIO()
         self._csv = csv.writer(self._pending, lineterminator="\n")
         self._csv.writerow(Row._fields)
+        refuse_search(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            there = [name for name in SEARCH_FILES if (folder / name).exists()]
-            if there:
-                raise RecordError(f"{folder}: holds a search already ({', '.join(there)}); name another folder")
             self._file = (folder / TRACK).open("w")
         except OSError as error:
             raise RecordError(why(folder, error)) from None

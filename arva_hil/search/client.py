@@ -22,10 +22,12 @@ from arva_hil.notice import Level, Notice
 from arva_hil.search.mission import FOUND, Heard, Mission, Plan
 from arva_hil.search.receiver import Receiver
 from arva_hil.search.strategy import Found, Position
+from arva_hil.watched import Watched
 from firmware_proto import Frame, FrameDecoder
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is the first, a listener the second
 
+_HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _STEP_S: Final = 0.2
 _OLD_S: Final = 1.0  # a pose older than this is none to fly by
 
@@ -70,6 +72,8 @@ class Row(NamedTuple):
 class SearchClient:
     """Remembers how far one search is: waiting for vehicle and frames, flying, over. A task for the loop.
 
+    The receiver's link may be lost and come back at any time, the autopilot's until it is `launched`. From then on it
+    should raise when it is lost: who knows who had the vehicle meanwhile.
     `land`: at the end it lands, else it hovers. `timeout_s`: for a heartbeat and a frame, before anything is flown.
     `log` gets five rows a second. `outcome` is None until all is over, the vehicle landed or left hovering.
     """
@@ -95,10 +99,12 @@ class SearchClient:
         self._plan = plan
         self._session = session
         self._autopilot = autopilot
+        self._watched = Watched(autopilot)
         self._receiver = Receiver(receiver, decoder)
         self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=arm_timeout_s)
         self._land = land
         self._start = start
+        self._waiting_since = start
         self._timeout_s = timeout_s
         self._say = say
         self._log = log
@@ -106,6 +112,7 @@ class SearchClient:
         self._waits_for = ""
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
+        self._greeted = False  # a heartbeat came since the autopilot's link was opened
         self._reboots = 0
         self._stopping = False
 
@@ -113,9 +120,14 @@ class SearchClient:
     def links(self) -> Sequence[Link]:
         return [self._autopilot, *self._receiver.links]
 
+    @property
+    def launched(self) -> bool:
+        """The vehicle was told to arm, or never will be."""
+        return self._commander.phase is not Phase.IDLE
+
     def stop(self) -> None:
         """Break it off: what flies is left hovering."""
-        if not self._stopping and self._commander.phase is not Phase.IDLE:
+        if not self._stopping and self.launched:
             self._tell("info", "interrupted: what flies is left hovering")
         self._stopping = True
 
@@ -124,14 +136,21 @@ class SearchClient:
         try:
             chunk = self._autopilot.read()
             now = clock.now()
+            if not self.launched:
+                self._watch_link(now)
             if chunk:
-                self._commander.hear(self._session.feed(chunk, now), now)
+                self._hear(chunk, now)
             for frame in self._receiver.read(now):
                 self._on_frame(frame, now)
             return self._act(now)
         except LinkError as error:  # the autopilot's
             self._cut_off(str(error))
             return math.inf
+
+    def _hear(self, chunk: bytes, now: float) -> None:
+        self._session.feed(chunk, now)
+        self._greeted = self._greeted or any(packet.msgid == _HEARTBEAT for packet in self._session.own)
+        self._commander.hear(now)
 
     def _act(self, now: float) -> float:
         self._pass_on()
@@ -177,10 +196,12 @@ class SearchClient:
 
     def _wait(self, now: float) -> None:
         """Nothing is armed before there are a vehicle with a pose and a receiver that sends."""
-        session, waited = self._session, now - self._start
+        session, waited = self._session, now - self._waiting_since
         if self._stopping:
             self._finish("failed", INTERRUPTED)
-        elif session.vehicle is None:
+        elif self._autopilot.away:
+            self._lack("the autopilot's link", "no link", lambda: self._autopilot.why, waited)
+        elif session.vehicle is None or not self._greeted:
             self._lack("an autopilot", "no link", lambda: f"no autopilot: {session.heard()}", waited)
         elif session.vehicle.armed:
             self._finish("failed", "the vehicle is armed already: a search starts on the ground, disarmed")
@@ -195,6 +216,18 @@ class SearchClient:
                 self._tell("info", f"arming {session.vehicle}")
             except ValueError as error:
                 self._finish("failed", str(error))
+
+    def _watch_link(self, now: float) -> None:
+        """A link that comes back is a new one, to a vehicle that may have rebooted."""
+        link = self._watched
+        if link.lost_again:
+            self._session.interrupt(link.link.why)
+            self._waiting_since = now
+            self._greeted = False
+        if link.renewed_again:
+            self._session.resume(now)
+        for notice in link.news(now):
+            self._say(notice)
 
     def _lack(self, what: str, kind: Kind, why: Callable[[], str], waited: float) -> None:
         if what != self._waits_for:

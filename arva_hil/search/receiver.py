@@ -8,6 +8,7 @@ from typing import Final
 
 from arva_hil.links import Link, LinkError
 from arva_hil.notice import Notice
+from arva_hil.watched import Watched
 from firmware_proto import Frame, FrameDecoder
 
 _SILENT_S: Final = 2.0  # without a frame: it does not work
@@ -15,12 +16,16 @@ _SHOWN: Final = 16  # bytes of what is no frame
 
 
 class Receiver:
-    """Remembers what came from the receiver's link and when. One that is unplugged is silent, and raises nothing."""
+    """Remembers what came from the receiver's link and when. One that is unplugged is silent, and raises nothing.
+
+    A link that comes back is told of, when it is lost and when it is back; any other is gone for good.
+    """
 
     def __init__(self, link: Link, decoder: FrameDecoder) -> None:
         self.links: Sequence[Link] = [link]  # to wait for; none when it is gone
         self.last: Frame | None = None
         self._link = link
+        self._watched = Watched(link)
         self._decoder = decoder
         self._last_s = -math.inf
         self._first_bytes = b""
@@ -28,7 +33,7 @@ class Receiver:
 
     def read(self, now: float) -> list[Frame]:
         """The frames that have come by `now`, s."""
-        chunk = self._read() if self.links else b""
+        chunk = self._read(now) if self.links else b""
         self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
         frames = self._decoder.feed(chunk, now)
         if frames:
@@ -52,10 +57,12 @@ class Receiver:
         notices, self._notices = self._notices, []
         return notices
 
-    def _read(self) -> bytes:
+    def _read(self, now: float) -> bytes:
         try:
-            return self._link.read()
+            chunk = self._link.read()
         except LinkError as error:
             self.links = []
             self._notices.append(Notice("warning", f"the receiver is gone: {error}"))
             return b""
+        self._notices += self._watched.news(now)
+        return chunk

@@ -66,7 +66,8 @@ class Flight:
     def step(self) -> None:
         self.now += self._step
         chunk = self.vehicle.poll(self.now)
-        self.commander.hear(self.session.feed(chunk, self.now), self.now)
+        self.session.feed(chunk, self.now)
+        self.commander.hear(self.now)
         self.vehicle.feed(self.session.poll(self.now), self.now)
         told = self.commander.poll(self.now)
         for packet in self._parser.feed(told):
@@ -232,7 +233,8 @@ class Told:
 
     def say(self, message: Any, source: tuple[int, int] = (1, 1)) -> None:
         encoder = self._encoders.setdefault(source, Encoder(*source))
-        self.commander.hear(self.session.feed(encoder.pack(message), self.now), self.now)
+        self.session.feed(encoder.pack(message), self.now)
+        self.commander.hear(self.now)
 
     def beat(self, mode: int, *, armed: bool = False, source: tuple[int, int] = (1, 1), autopilot: int = -1) -> None:
         autopilot = self.autopilot if autopilot < 0 else autopilot
@@ -677,8 +679,8 @@ def test_no_values_of_the_vehicle_make_it_raise(phase: Phase, said: list[tuple[i
         told.now += 0.7
         head = bytes([len(payload), 0, 0, 0, 1, 1]) + msgid.to_bytes(3, "little")
         crc = x25crc(head + payload + bytes([dialect.mavlink_map[msgid].crc_extra])).crc
-        packets = told.session.feed(b"\xfd" + head + payload + crc.to_bytes(2, "little"), told.now)
-        told.commander.hear(packets, told.now)
+        told.session.feed(b"\xfd" + head + payload + crc.to_bytes(2, "little"), told.now)
+        told.commander.hear(told.now)
         told.hear()
         told.commander.take_notices()
     if told.commander.phase in SILENT:

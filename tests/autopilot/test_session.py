@@ -223,6 +223,18 @@ def test_anothers_heartbeats_do_not_keep_the_vehicle_alive() -> None:
     assert any("no heartbeat from vehicle" in text for text in texts(session))
 
 
+def test_the_vehicles_own_packets_are_those_it_sent_and_is_believed_in() -> None:
+    session = following(100.0)
+    own = [heartbeat(), attitude(11.0), ack(SET_INTERVAL, DENIED, (255, 190)), position(11.0)]
+    mixed = b""
+    for message in own:
+        mixed += Encoder(1, 1).pack(message) + Encoder(1, 2).pack(message) + Encoder(1, 1).pack(heartbeat(GCS, NONE))
+    assert len(session.feed(mixed, 101.0)) == 12
+    assert [packet.raw for packet in session.own] == [Encoder(1, 1).pack(message) for message in own]
+    session.feed(b"", 101.0)
+    assert session.own == []
+
+
 # -- what is no pose ---------------------------------------------------------------------------------------
 
 ODD = {

@@ -80,8 +80,10 @@ def test_the_vehicle_that_has_the_key_is_followed_and_no_other() -> None:
     assert session.vehicle is not None
     before = session.counts()
     assert (before["packets_unsigned"], before["packets_forged"], before["packets_replayed"]) == (1, 1, 0)
+    assert len(session.own) == 1
     for key in (None, OTHER_KEY):
         session.feed(Vehicle(key).says(heartbeat(armed=True)), 0.2)
+        assert session.own == []
     assert not session.vehicle.armed
     said = texts(session)
     assert ["unsigned" in said[0], "another key" in said[1], "signed" in said[2]] == [True] * 3

@@ -85,7 +85,22 @@ def test_check_accepts_every_scenario_that_comes_along(arva: Arva) -> None:
     files = sorted((ROOT / "configs").glob("*.yaml"))
     code, out, err = arva("check", *files)
     assert (code, err) == (0, "")
-    assert [line.split(": ok: ")[0] for line in out.splitlines()] == list(map(str, files))
+    firsts = [line for line in out.splitlines() if not line.startswith("  ")]
+    assert [line.split(": ok: ")[0] for line in firsts] == list(map(str, files))
+
+
+def test_check_shows_the_faults_as_the_command_line_writes_them(arva: Arva, tmp_path: Path) -> None:
+    file = tmp_path / "faults.yaml"
+    faults = "[{drop: 0.02, from_s: 10, until_s: 60}, {interference: 20, every_s: 30, for_s: 2}]"
+    file.write_text(f"transmitters: [{{id: 3, ned: [1, 2, 3]}}]\nfaults: {faults}\n")
+    code, out, err = arva("check", file, DEFAULT)
+    assert (code, err) == (0, "")
+    assert out.splitlines()[:3] == [
+        f"{file}: ok: transmitters 3; 1 Hz, binary",
+        "  fault drop=0.02@10-60",
+        "  fault interference=20,every_s=30,for_s=2",
+    ]
+    assert out.splitlines()[3].startswith(f"{DEFAULT}: ok: ")
 
 
 def test_check_lists_every_mistake_of_every_file_at_its_place(arva: Arva, tmp_path: Path) -> None:

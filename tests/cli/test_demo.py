@@ -130,6 +130,17 @@ def test_a_full_disk_does_not_end_the_flight(start: Start, tmp_path: Path) -> No
     assert f"error: {tmp_path}: cannot record: File too large" in program.err
 
 
+@pytest.mark.parametrize("name", ["search.csv", "search.json", "frames.bin"])
+def test_a_folder_that_holds_a_search_or_a_record_stays_as_it_is(arva: Arva, tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("of yesterday")
+    code, _, err = arva(*MAX, "--record", tmp_path)
+    assert code == 2
+    what = "a record" if name == "frames.bin" else "a search"
+    assert err == f"arva-hil: {tmp_path}: holds {what} already ({name}); name another folder\n"
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == "of yesterday"
+
+
 def test_the_demo_has_a_port_and_no_use_for_frames_inside_mavlink(arva: Arva) -> None:
     code, _, err = arva(*MAX, "--format", "tunnel")
     assert code == 2

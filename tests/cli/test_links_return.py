@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import socket
 from collections.abc import Callable
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import serial
 
 from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.links.pty import PtyLink
@@ -136,6 +138,26 @@ def test_a_link_lost_before_the_first_heartbeat_is_the_reason_given(start: Start
     line.close()
     assert program.ends() == 3
     assert f"error: no autopilot was heard before {path}: lost" in program.err
+
+
+def test_who_keeps_it_from_coming_back_is_named_once(
+    start: Start, autopilot: Autopilot, keep: Keep, tmp_path: Path
+) -> None:
+    path = str(tmp_path / "line")
+    line = keep(PtyLink(path))
+    program = start("--port", path, "--autopilot", autopilot.address, "--rate", 20, "--duration", 60)
+    read_frames(line, 5)
+    line.close()
+    program.says(rf"\nwarning: {path}: lost")
+    again = keep(PtyLink(str(tmp_path / "unseen")))
+    with serial.Serial(again.path, exclusive=True):
+        os.symlink(again.path, path)
+        program.says(rf"\nwarning: {path}: busy: held by (.*, )?{os.getpid()} \(.*\); close the other program\n")
+    read_frames(again, 5)
+    program.says(rf"\n{path}: back")
+    program.send(signal.SIGTERM)
+    assert program.ends() == 130
+    assert program.err.count("busy") == 1
 
 
 def test_one_port_frames_survive_an_absence(start: Start, keep: Keep, plug: Any) -> None:

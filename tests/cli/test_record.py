@@ -15,11 +15,12 @@ from typing import Any, NamedTuple
 import pytest
 from pymavlink import mavutil
 
+from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
 from firmware_proto import Frame
 
-from .far_ends import ORDINARY, Autopilot, Program, frames_in, hears, read_frames
+from .far_ends import ORDINARY, Autopilot, Program, contents, frames_in, hears, heartbeat, read_frames
 
 DATA = Path(__file__).parent.parent / "data"
 COLUMNS = (
@@ -29,6 +30,7 @@ COLUMNS = (
 
 Start = Callable[..., Program]
 Arva = Callable[..., Any]
+Keep = Callable[[Any], Any]
 
 
 class Recorded(NamedTuple):
@@ -197,3 +199,19 @@ def test_a_full_disk_ends_a_replay_with_an_error(arva: Arva) -> None:
     code, _, err = arva("replay", DATA / "px4.tlog", "--out", "/dev/full")
     assert code == 1
     assert "error: /dev/full: cannot be written: No space left on device" in err
+
+
+def test_a_key_on_the_link_is_not_recorded(start: Start, keep: Keep, line: PtyLink, tmp_path: Path) -> None:
+    """Somebody sets up signing on the link that is recorded."""
+    autopilot = keep(PtyLink())
+    program = start("--port", line.path, "--autopilot", autopilot.path, "--record", tmp_path, "--timeout", 30)
+    program.says("frames to")
+    key = list(b"0123456789abcdef" * 2)
+    ground = Encoder(255, 190)
+    autopilot.write(ground.pack(dialect.MAVLink_setup_signing_message(1, 1, key, 1)) + heartbeat(Encoder(1, 1)))
+    program.says("vehicle ardupilotmega")
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
+    assert len(list(read_tlog(tmp_path / "autopilot.tlog"))) == 1
+    assert not any(bytes(key) in data for data in contents(tmp_path).values())
+    assert json.loads((tmp_path / "run.json").read_text())["counters"]["packets_received"] == 2

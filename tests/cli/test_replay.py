@@ -93,6 +93,19 @@ def test_json_is_one_object_a_frame(arva: Arva) -> None:
     assert objects[-1]["channels"][0]["id"] == 1
 
 
+def test_every_line_says_which_faults_its_frame_met(arva: Arva) -> None:
+    faults = ("--fault", "drop=1@10-12", "--fault", "stuck@11-13")
+    met = {10: ["drop"], 11: ["stuck", "drop"], 12: ["stuck"]}
+    ended = arva("replay", LOG, "--json", "--out", os.devnull, *faults)
+    assert {(n, tuple(json.loads(line)["faults"])) for n, line in enumerate(ended.out.splitlines())} == {
+        (n, tuple(met.get(n, ()))) for n in range(frames_of(ended.err))
+    }
+    for said in (arva("replay", LOG, *faults).out, arva("replay", LOG, "--out", os.devnull, "-v", *faults).err):
+        lines = re.findall(r"^(?: +[\d.]+ s )? *(\d+)  ?(?:#|no signal).*?(?:  \[(.*)\])?$", said, re.MULTILINE)
+        assert {int(n): names.split(", ") for n, names in lines if names} == met
+        assert len(lines) == frames_of(ended.err)
+
+
 # -- logs that are not what they should be -----------------------------------------------------------------
 
 

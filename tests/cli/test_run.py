@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import re
 import socket
 from collections.abc import Callable
 from pathlib import Path
@@ -12,13 +13,14 @@ from typing import Any
 
 import pytest
 
+from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp import TcpLink, TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.output import MavlinkDecoder
 from firmware_proto import DECODERS, SYNTHETIC
 
-from .far_ends import Autopilot, Program, frames_in, free_port, hears, read_frames, until
+from .far_ends import Autopilot, Program, frames_in, free_port, hears, heartbeat, read_frames, until
 
 Start = Callable[..., Program]
 Keep = Callable[[Any], Any]
@@ -58,6 +60,32 @@ def test_the_autopilot_and_the_consumer_may_be_on_the_network(start: Start, keep
     program.process.terminate()
     assert program.ends() == 130
     assert hears(frames[-1])
+
+
+def test_who_speaks_from_another_address_changes_nothing_and_is_counted(
+    start: Start, keep: Keep, line: PtyLink, tmp_path: Path
+) -> None:
+    """Heartbeats, a place and a home of the very vehicle, from another socket."""
+    port = free_port(socket.SOCK_DGRAM)
+    program = start("--port", line.path, "--autopilot", f"udpin:127.0.0.1:{port}", "--rate", 50, "--record", tmp_path)
+    program.says("frames to")
+    keep(Autopilot(keep(UdpOutLink("127.0.0.1", port)), speaks_first=True))
+    program.says("there is a pose")
+    stranger, encoder = keep(UdpOutLink("127.0.0.1", port)), Encoder(1, 1)
+    for _ in range(20):
+        home = dialect.MAVLink_home_position_message(1, 1, 1, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+        place = dialect.MAVLink_global_position_int_message(2**31, 1, 1, 1, 0, 0, 0, 0, 0)
+        stranger.write(heartbeat(encoder, dialect.MAV_TYPE_GCS) + encoder.pack(home) + encoder.pack(place))
+        frames = read_frames(line, 2)
+    program.says("what others than its peer send is ignored, as from 127.0.0.1:")
+    program.process.terminate()
+    assert program.ends() == 130
+    assert hears(frames[-1])
+    assert len(re.findall("datum: ", program.err)) == 1
+    assert len(re.findall("is ignored", program.err)) == 1
+    counters = json.loads((tmp_path / "run.json").read_text())["counters"]
+    assert counters["autopilot_link_strangers"] == 20
+    assert counters["packets_ignored"] == counters["stray_times"] == counters["reboots"] == 0
 
 
 def test_a_new_terminal_is_made_its_path_printed_and_its_symlink_gone_in_the_end(

@@ -33,8 +33,8 @@ FLYING = "going for transmitter 4"
 class Beacon:
     """A receiver's wire that says ten times a second what it hears, until it is `quiet`."""
 
-    def __init__(self, encode: Callable[[Frame], bytes] = encode) -> None:
-        self.link = PtyLink()
+    def __init__(self, encode: Callable[[Frame], bytes] = encode, *, symlink: str = "") -> None:
+        self.link = PtyLink(symlink)
         self.quiet = threading.Event()
         self._encode = encode
         self._stop = threading.Event()
@@ -229,13 +229,53 @@ def test_the_receiver_is_unplugged(start: Start, autopilot: Autopilot) -> None:
         beacon.close()
     assert program.ends() == 1
     for line in (
-        f"warning: the receiver is gone: {beacon.link.name.partition('(')[2].rstrip(')')}: lost",
+        f"warning: {beacon.link.path}: lost: closed by the far end, looking for it",
         "warning: no frame for 2 s: hovering",
         "no frame from the receiver for 3 s; landing",
         "error: no frame from the receiver for 3 s; nothing found",
     ):
         assert f"\n{line}" in program.err
     assert orders(autopilot)[-1] == dialect.MAV_CMD_NAV_LAND
+
+
+def test_the_receiver_is_plugged_in_again(start: Start, autopilot: Autopilot, keep: Keep, tmp_path: Path) -> None:
+    path = str(tmp_path / "arva0")
+    beacon = Beacon(symlink=path)
+    try:
+        program = start("search", "--autopilot", autopilot.address, "--receiver", path, *LOW, "--patience", 60)
+        program.says(FLYING)
+    finally:
+        beacon.close()
+    program.says(rf"\nwarning: {path}: lost: closed by the far end, looking for it")
+    program.says("warning: no frame for 2 s: hovering")
+    keep(Beacon(symlink=path))
+    program.says(rf"\n{path}: back after \d+\.\d s")
+    program.says("frames are back: the search goes on")
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
+    assert program.err.count(f"{path}: lost") == 1
+
+
+def test_both_are_waited_for_on_the_ground(start: Start, keep: Keep, tmp_path: Path) -> None:
+    fc, arva = str(tmp_path / "fc"), str(tmp_path / "arva0")
+    first, port = Autopilot(PtyLink(fc)), PtyLink(arva)
+    try:
+        program = start("search", "--autopilot", fc, "--receiver", arva, *LOW)
+        program.says("waiting for a frame from the receiver")
+    finally:
+        first.close()
+        port.close()
+    for path in (fc, arva):
+        program.says(rf"\nwarning: {path}: lost")
+    assert orders(first) == []
+    keep(Autopilot(keep(PtyLink(fc))))
+    keep(Beacon(symlink=arva))
+    program.says("arming")
+    for path in (fc, arva):
+        assert f"\n{path}: back after " in program.err
+    program.says(FLYING)
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
 
 
 def test_the_autopilots_link_is_lost(start: Start, beacon: Beacon) -> None:
@@ -247,6 +287,7 @@ def test_the_autopilots_link_is_lost(start: Start, beacon: Beacon) -> None:
         autopilot.close()
     assert program.ends() == 1
     assert f"error: {autopilot.address}: lost" in program.err
+    assert "looking for it" not in program.err
     assert "the vehicle is left to its own failsafe; nothing found" in program.err
 
 

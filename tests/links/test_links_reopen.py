@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import glob
 import os
 import select
 import socket
@@ -12,14 +14,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import serial
 from links_waiting import receive, until
 
 from arva_hil.clock import RealClock, StepClock
-from arva_hil.links import Link, LinkEnded, LinkError
+from arva_hil.links import Address, Link, LinkEnded, LinkError, parse, reopen
 from arva_hil.links.memory import MemoryLink, pair
-from arva_hil.links.ports import far_program, stable_name
+from arva_hil.links.ports import far_program, holders, stable_name
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.reopen import Job, Reopening, open_lasting
+from arva_hil.links.reopen import Barred, Job, Reopening, SerialOpener, open_lasting
 from arva_hil.links.tcp import TcpLink, TcpServerLink
 
 Keep = Callable[[Link], Link]
@@ -188,6 +191,45 @@ def test_an_os_error_while_opening_means_not_yet(cable: Cable) -> None:
     assert cable.counts == (1, 1)
 
 
+def test_why_it_cannot_be_opened_is_known_and_it_is_tried_on(cable: Cable) -> None:
+    cable.pull()
+    cable.wait(1.0)
+    absent = cable.link.why
+    assert absent == "memory:a: lost: closed by the far end, looking for it"
+    cable.fails = Barred("cable", "busy", "close the other program")
+    cable.wait(1.0)
+    assert cable.link.why == "cable: busy; close the other program"
+    cable.there = True
+    cable.wait(0.8)
+    assert (cable.counts, cable.link.away) == ((1, 1), False)
+    cable.pull()
+    cable.link.read()
+    assert cable.link.why == absent
+
+
+@pytest.mark.parametrize("by", ["read", "write"])
+def test_one_that_is_not_wanted_any_more_raises_and_stays_lost(by: str) -> None:
+    cable = Cable()
+    wanted = [True]
+    cable.link = Reopening(cable.link, cable._open, cable.clock, start=lambda job: job(), wanted=lambda: wanted[0])
+    use = cable.link.read if by == "read" else lambda: cable.link.write(b"x")
+    cable.link._link.close()  # type: ignore[union-attr]
+    assert not use()
+    assert cable.link.away
+    cable.there = True
+    cable.wait(0.5)
+    assert cable.counts == (1, 1)
+    cable.far.close()
+    wanted[0] = False
+    with pytest.raises(LinkError, match=r"lost: closed by the far end$"):
+        use()
+    for again in (cable.link.read, lambda: cable.link.write(b"x")):
+        with pytest.raises(LinkError, match="is closed"):
+            again()
+    assert len(cable.tries) == 1
+    assert cable.link.fileno() is None
+
+
 def test_closing_twice_and_using_a_closed_one(cable: Cable) -> None:
     cable.link.close()
     cable.link.close()
@@ -314,45 +356,155 @@ def test_a_symlink_somebody_chose_is_the_stable_name(tmp_path: Path, monkeypatch
     assert stable_name("COM5") == "COM5"
 
 
-def pty_numbered(path: str) -> tuple[int, int]:
-    """Master and slave of a new pseudo-terminal that has this very number: the lowest free one is given out."""
-    pair = os.openpty()
-    if os.ttyname(pair[1]) != path:
-        os.close(pair[0])
-        os.close(pair[1])
-        pytest.skip("somebody else has taken the number")
-    return pair
+def processes(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """All processes there are, for a test: this one, and what it adds. Others may have ptys of other containers."""
+    seen = [f"/proc/{os.getpid()}"]
+    everything = glob.glob
+    monkeypatch.setattr(glob, "glob", lambda pattern: seen if pattern.startswith("/proc/") else everything(pattern))
+    return seen
 
 
-def test_the_number_of_a_pseudo_terminal_may_be_another_programs_now(monkeypatch: pytest.MonkeyPatch) -> None:
+def unnamed(path: str, monkeypatch: pytest.MonkeyPatch) -> Link:
+    """A link to a pseudo-terminal known by its number only, which here, unlike the system's, can be given away."""
+    with monkeypatch.context() as patch:
+        patch.setattr(os.path, "islink", lambda path: False)
+        return open_lasting(path, clock=RealClock())
+
+
+def test_the_number_of_a_pseudo_terminal_may_be_another_programs_now(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Only the program that had it before is believed to have it again."""
-    far = PtyLink()
-    near = open_lasting(far.path, clock=RealClock())
+    seen = processes(monkeypatch)
+    number = tmp_path / "number"
+    far = PtyLink(str(number))
+    near = unnamed(str(number), monkeypatch)
     far.close()
     until(lambda: near.read() == b"" and near.away, near)
-    pair = pty_numbered(far.path)
+    pair = os.openpty()
     command = [sys.executable, "-c", "import sys; print('mine', flush=True); sys.stdin.read()"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, pass_fds=pair) as other:
         assert other.stdout
         assert other.stdin
         assert other.stdout.readline() == b"mine\n"
+        seen.append(f"/proc/{other.pid}")
+        number.symlink_to(os.ttyname(pair[1]))
         os.close(pair[0])
         os.close(pair[1])
-        assert "sys.stdin.read()" in far_program(far.path)
-        clock = RealClock()
-        while clock.now() < 1.0:
-            clock.wait(clock.now() + 0.05, [near])
-            assert near.read() == b""
-            assert near.away
+        assert "sys.stdin.read()" in far_program(str(number))
+        until(lambda: near.read() == b"" and f"{number}: is another program's now: {sys.executable}" in near.why, near)
+        assert (near.away, near.renewals) == (True, 0)
         other.stdin.close()
-    pair = pty_numbered(far.path)
-    monkeypatch.setattr(os, "openpty", lambda: pair)
-    again = PtyLink()
+    number.unlink()
+    again = PtyLink(str(number))
     until(lambda: near.read() == b"" and not near.away, near)
     assert near.write(b"hello")
     assert receive(again, 5) == b"hello"
     for link in (near, again):
         link.close()
+
+
+def test_one_that_is_not_there_is_nobodys(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All processes are looked through only for a pseudo-terminal that is there."""
+    far = PtyLink()
+    opener = SerialOpener(parse(far.path), StepClock())
+    assert opener.path == far.path
+    far.close()
+    asked: list[str] = []
+    monkeypatch.setattr("arva_hil.links.reopen.far_program", lambda path: asked.append(path) or "")
+    monkeypatch.setattr(os.path, "exists", lambda path: False)
+    with pytest.raises(LinkError, match=f"{far.path}: no such port"):
+        opener()
+    assert not asked
+
+
+class Tries:
+    """A serial port's opener that is called ten times a second; what came of it, and how often it was looked into."""
+
+    def __init__(self, path: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.clock = StepClock(50.0)
+        self.opener = SerialOpener(parse(path), self.clock)
+        self.diagnoses = 0
+        self._holders = holders
+        monkeypatch.setattr("arva_hil.links.serial.holders", self._count)
+
+    def _count(self, device: str) -> list[str]:
+        self.diagnoses += 1
+        return self._holders(device)
+
+    def go(self, seconds: float) -> list[tuple[float, str]]:
+        """When it was Barred, from now, and why; every try has to fail."""
+        start, barred = self.clock.now(), []
+        while self.clock.now() < start + seconds:
+            with pytest.raises(LinkError) as caught:
+                self.opener().close()
+            if isinstance(caught.value, Barred):
+                barred.append((self.clock.now() - start, str(caught.value)))
+            self.clock.wait(self.clock.now() + 0.1)
+        return barred
+
+
+def test_a_port_that_stays_busy_is_told_once_with_who_has_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = str(tmp_path / "line")
+    far = PtyLink(path)
+    tries = Tries(path, monkeypatch)
+    holder = serial.Serial(path, exclusive=True)
+    ((when, why),) = tries.go(20.0)
+    assert 0.95 < when < 1.25  # not while somebody only has a look at what was plugged in
+    assert why.startswith(f"{path}: busy: held by ")
+    assert f" {os.getpid()} (" in why
+    assert why.endswith("; close the other program")
+    assert tries.diagnoses == 1
+    holder.close()
+    tries.opener().close()
+    with serial.Serial(path, exclusive=True):
+        assert tries.go(0.8) == []
+    tries.opener().close()
+    with serial.Serial(path, exclusive=True):
+        assert len(tries.go(5.0)) == 1
+    assert tries.diagnoses == 2
+    far.close()
+    assert tries.go(5.0) == []
+    assert tries.diagnoses == 2
+
+
+def test_one_that_is_free_when_it_is_looked_into_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = str(tmp_path / "line")
+    far = PtyLink(path)
+    tries = Tries(path, monkeypatch)
+    whole = reopen.open_link
+
+    def opens(address: Address, *, clock: StepClock, brief: bool) -> Link:
+        if brief:
+            raise LinkError(path, "cannot be opened") from OSError(errno.EBUSY, "Device or resource busy")
+        return whole(address, clock=clock)
+
+    monkeypatch.setattr(reopen, "open_link", opens)
+    for _ in range(2):  # and the next absence is a new one
+        assert tries.go(0.95) == []
+        tries.opener().close()
+    far.close()
+
+
+@pytest.mark.parametrize(
+    ("number", "what"),
+    [(errno.EACCES, "permission denied"), (errno.ENOENT, ""), (errno.EIO, ""), (errno.ENXIO, "")],
+)
+def test_of_what_stands_in_the_way_only_what_a_person_can_remove_is_told(
+    number: int, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = str(tmp_path / "line")
+    far = PtyLink(path)
+    tries = Tries(path, monkeypatch)
+
+    def refuses(*_: Any, **__: Any) -> None:
+        raise serial.SerialException(number, f"could not open port: {os.strerror(number)}")
+
+    monkeypatch.setattr(serial, "Serial", refuses)
+    barred = tries.go(10.0)
+    assert len(barred) == bool(what)
+    assert all(f"{path}: {what}; " in why for _, why in barred)
+    far.close()
 
 
 def test_what_is_no_pseudo_terminal_has_no_far_program() -> None:

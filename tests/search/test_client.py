@@ -15,7 +15,8 @@ from arva_hil.autopilot.multirotor_pilot import Mode
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.clock import Clock, StepClock
-from arva_hil.links import Link, memory
+from arva_hil.links import Link, LinkError, memory
+from arva_hil.links.reopen import Reopening
 from arva_hil.loop import run
 from arva_hil.search.client import INTERRUPTED, Row, SearchClient
 from arva_hil.search.mission import Plan
@@ -81,9 +82,8 @@ class World:
         self.said: list[str] = []
         self.told: list[tuple[float, Any]] = []
         self.between: Callable[[bytes], bytes] = bytes
-        self.autopilot, self.far = memory.pair()
+        (self.autopilot, self.far), (self.receiver, port) = self._cables()
         self.others, others = memory.pair()
-        self.receiver, port = memory.pair()
         self.port = Port(port)
         self.session = Session(rate_hz=10, component=US)
         self.client = SearchClient(
@@ -99,6 +99,10 @@ class World:
         )
         self._tap()
         self._tasks = [Simulator(vehicle, [self.far, others]), self.port, self.client]  # type: ignore[arg-type]
+
+    def _cables(self) -> tuple[tuple[Link, Link], tuple[Link, Link]]:
+        """Both ends of the autopilot's link and of the receiver's."""
+        return memory.pair(), memory.pair()
 
     def _tap(self) -> None:
         read, write, parser = self.far.read, self.far.write, Parser()
@@ -159,6 +163,50 @@ class World:
             and m.get_type() not in ("HEARTBEAT", "REQUEST_DATA_STREAM")
             and getattr(m, "command", None) not in HARMLESS
         ]
+
+
+class Plug(Link):
+    """The far end of a link that can be pulled and plugged in again; `near` is the search's."""
+
+    name = "plug"
+
+    def __init__(self, clock: Clock, wanted: Callable[[], bool]) -> None:
+        self.there = True
+        self._far: Link | None = None
+        self.near = Reopening(self._open(), self._open, clock, start=lambda job: job(), wanted=wanted)
+
+    def _open(self) -> Link:
+        if not self.there:
+            raise LinkError(self.name, "is not there")
+        near, self._far = memory.pair()
+        near.name = self.name
+        return near
+
+    def pull(self) -> None:
+        assert self._far
+        self._far.close()
+        self._far, self.there = None, False
+
+    def ready(self) -> bool:
+        return self._far is not None and self._far.ready()
+
+    def read(self) -> bytes:
+        return self._far.read() if self._far and self._far.ready() else b""
+
+    def write(self, data: bytes) -> bool:
+        return self._far is not None and self._far.write(data)
+
+    def close(self) -> None: ...
+
+
+class Plugged(World):
+    """Both links come back, the autopilot's until the launch: `plugs` is their far ends."""
+
+    def _cables(self) -> tuple[tuple[Link, Link], tuple[Link, Link]]:
+        one = Plug(self.clock, lambda: not self.client.launched)
+        two = Plug(self.clock, lambda: True)
+        self.plugs = one, two
+        return (one.near, one), (two.near, two)
 
 
 def ardupilot(**options: Any) -> SimulatedVehicle:
@@ -411,6 +459,109 @@ def test_frames_that_stop_in_the_take_off_make_it_land_too() -> None:
     assert world.end() == ("failed", "no frame from the receiver for 10 s")
     assert math.hypot(*world.ned[:2]) < 2.5
     assert not world.armed
+
+
+# -- cables that are pulled, and plugged in again -----------------------------------------------------------
+
+LOST = "plug: lost: closed by the far end, looking for it"
+
+
+@BOTH
+def test_a_receiver_that_is_plugged_in_again_goes_on(make: Callable[[], Any]) -> None:
+    world = Plugged(make())
+    world.hunt()
+    world.plugs[1].pull()
+    world.pass_s(4)
+    before = world.ned
+    world.pass_s(4)
+    assert world.ned == pytest.approx(before, abs=0.1)
+    world.plugs[1].there = True
+    assert world.end() == ("found", "found")
+    lost, hovering, back, on = [
+        text for text in world.said if "plug: " in text or "hover" in text or "go on" in text or "goes on" in text
+    ]
+    assert (lost, hovering, on) == (LOST, "no frame for 2 s: hovering", "frames are back: the search goes on")
+    assert back.startswith("plug: back after 8.")
+
+
+@BOTH
+def test_a_receiver_that_stays_unplugged_makes_it_land(make: Callable[[], Any]) -> None:
+    world = Plugged(make())
+    world.hunt()
+    pulled = world.clock.now()
+    world.plugs[1].pull()
+    assert world.end() == ("failed", "no frame from the receiver for 10 s")
+    assert 9.5 < min(row.time_s for row in world.rows if row.phase == "landing") - pulled < 11
+    assert [text for text in world.said if "plug: " in text] == [LOST]
+    assert not world.armed
+
+
+def test_on_the_ground_both_are_waited_for() -> None:
+    vehicle = ardupilot(fix_after=20.0)
+    world = Plugged(vehicle)
+    for seconds in (5, 4, 9):
+        world.pass_s(seconds)
+        for plug in world.plugs:
+            plug.pull()
+        world.pass_s(6)
+        assert world.orders() == []
+        if seconds == 4:
+            vehicle.reboot(world.clock.now())
+        for plug in world.plugs:
+            plug.there = True
+    back = world.clock.now()
+    assert world.end() == ("found", "found")
+    told = [m for at, m in world.told if at > back]
+    assert "HEARTBEAT" in {m.get_type() for m in told}
+    assert dialect.MAV_CMD_SET_MESSAGE_INTERVAL in {getattr(m, "command", None) for m in told}
+    assert world.said.count(LOST) == sum(text.startswith("plug: back after 6.") for text in world.said) == 6
+    assert "waiting for the autopilot's link" in world.said
+
+
+def test_an_autopilot_whose_link_stays_lost_on_the_ground_is_none() -> None:
+    world = Plugged(ardupilot(fix_after=1e6))
+    world.pass_s(29)
+    world.plugs[0].pull()
+    assert world.end() == ("no link", LOST)
+    assert 59 < world.clock.now() < 60
+    assert world.orders() == []
+
+
+def test_who_had_the_vehicle_meanwhile_is_seen_before_anything_is_ordered() -> None:
+    """After an absence the pose may be there before the first heartbeat is."""
+    vehicle = ardupilot()
+    world = Plugged(vehicle)
+    world.port.says = lambda now: None
+    world.until(lambda: world.session.track.newest)
+    world.plugs[0].pull()
+    world.pass_s(3)
+    vehicle._pilot.arm()
+    world.port.says = frames
+    world.plugs[0].there = True
+    world.between = without(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+    world.pass_s(4)
+    assert world.client._has_pose(world.clock.now())
+    assert (world.client.outcome, world.orders()) == (None, [])
+    world.between = bytes
+    assert world.end(3.0) == (
+        "failed",
+        "the vehicle is armed already: a search starts on the ground, disarmed",
+    )
+    assert world.orders() == []
+
+
+@pytest.mark.parametrize("phase", ["arming", "climbing", "flying"])
+def test_from_the_launch_on_an_autopilot_whose_link_was_lost_is_let_go(phase: str) -> None:
+    world = Plugged(px4(healthy=phase != "arming"), take_off=6.0)
+    world.reach(phase)
+    world.pass_s(1)
+    pulled = world.clock.now()
+    world.plugs[0].pull()
+    world.plugs[0].there = True
+    lost = "plug: lost: closed by the far end; the vehicle is left to its own failsafe"
+    assert world.end(1.0) == ("failed", lost)
+    assert world.plugs[0].near.fileno() is None  # nobody looks for it
+    assert [at for at, _ in world.told if at > pulled] == []
 
 
 # -- the pilot, and other ends of an autopilot -------------------------------------------------------------
