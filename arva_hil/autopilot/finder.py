@@ -30,12 +30,12 @@ class Vehicle:
     version: int  # of MAVLink, as its heartbeats come
 
     def __str__(self) -> str:
-        return f"{_short('MAV_AUTOPILOT', self.autopilot)} {self.short}"
+        return f"{short_name('MAV_AUTOPILOT', self.autopilot)} {self.short}"
 
     @property
     def short(self) -> str:
         """Its kind and ids, e.g. 'quadrotor 1/1'."""
-        return f"{_short('MAV_TYPE', self.kind)} {self.system}/{self.component}"
+        return f"{short_name('MAV_TYPE', self.kind)} {self.system}/{self.component}"
 
     def sent(self, packet: Packet) -> bool:
         """Whether a packet is this vehicle's."""
@@ -59,12 +59,11 @@ class Finder:
         if (
             packet.system == (self._system or packet.system or -1)
             and packet.component == self._component
-            and heartbeat.autopilot != dialect.MAV_AUTOPILOT_INVALID
-            and heartbeat.type not in _NOT_VEHICLES
+            and is_autopilot(heartbeat)
         ):
             armed = bool(heartbeat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
             return Vehicle(packet.system, packet.component, heartbeat.autopilot, heartbeat.type, armed, packet.version)
-        self.note(packet, f"heartbeats of {_short('MAV_TYPE', heartbeat.type)}")
+        self.note(packet, f"heartbeats of {short_name('MAV_TYPE', heartbeat.type)}")
         return None
 
     def note(self, packet: Packet, kind: str) -> bool:
@@ -80,7 +79,12 @@ class Finder:
         return ", ".join(f"{kind} from {s}/{c} ×{n}" for (s, c, kind), n in self._heard.items())
 
 
-def _short(enum: str, value: int) -> str:
+def is_autopilot(heartbeat: Any) -> bool:
+    """Whether a heartbeat is a vehicle's, and not a ground station's or a gimbal's."""
+    return heartbeat.autopilot != dialect.MAV_AUTOPILOT_INVALID and heartbeat.type not in _NOT_VEHICLES
+
+
+def short_name(enum: str, value: int) -> str:
     """An enum entry's name without the enum's own, e.g. 'quadrotor'."""
     entry = dialect.enums[enum].get(value)
     return entry.name.removeprefix(enum + "_").lower() if entry else f"{enum} {value}"

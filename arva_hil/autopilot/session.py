@@ -147,15 +147,19 @@ class Session:
 
     def disbelieved(self) -> dict[str, int]:
         """What came whole, and changed nothing all the same."""
-        refused = self._signing.refused if self._signing else {}
+        signatures = self.disbelieved_signatures() or {}
         return {
             "packets_incompatible": self.parser.incompatible,
             "packets_malformed": self.parser.malformed,
-            **{f"packets_{why}": count for why, count in refused.items()},
+            **{f"packets_{why}": count for why, count in signatures.items()},
             "values_refused": self.navigation.refused,
             "stray_times": self.navigation.stray_times,
             "stray_positions": self.navigation.stray_positions,
         }
+
+    def disbelieved_signatures(self) -> dict[str, int] | None:
+        """How many packets were refused for their signature, by why; None without a key."""
+        return dict(self._signing.refused) if self._signing else None
 
     def take_notices(self) -> list[Notice]:
         """What there is to say since the last call."""

@@ -43,7 +43,7 @@ class Signing:
 
     def __init__(self, key: bytes, epoch_us: int) -> None:
         self.key = key
-        self.refused: dict[Verdict, int] = {"unsigned": 0, "forged": 0, "replayed": 0}
+        self.refused: dict[str, int] = {"unsigned": 0, "forged": 0, "replayed": 0}
         self._ticks_at_0 = max(0, epoch_us - _EPOCH_US) // _TICK_US
         self._newest = self._ticks_at_0
         self._streams: dict[tuple[int, int, int], int] = {}  # (link, system, component) → its last time stamp

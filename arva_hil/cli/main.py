@@ -24,6 +24,7 @@ COMMANDS: Final = {
     "listen": "decode and print frames, like a consumer",
     "check": "validate scenario files",
     "ports": "what is plugged in",
+    "doctor": "what is wrong, and the cure",
 }
 HELP: Final = """\
 usage: arva-hil [COMMAND] [OPTIONS]

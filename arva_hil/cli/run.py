@@ -68,7 +68,7 @@ def main(options: argparse.Namespace) -> int:
     over_mavlink = chosen.output_format in MAVLINK_FORMATS
     _check(options, chosen.output_format, over_mavlink)
     clock = RealClock()
-    address = options.autopilot or _find_autopilot(options.port)
+    address = options.autopilot or choose_autopilot(options.port)
     session = Session(
         target_system=options.target_system,
         target_component=options.target_component,
@@ -133,7 +133,7 @@ def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None
         raise UsageError("--json and --port - both want stdout: choose one")
 
 
-def _find_autopilot(port: str | None) -> str:
+def choose_autopilot(port: str | None) -> str:
     """The one autopilot on USB, else the port where ground stations listen. Raises UsageError for several."""
     found = find_autopilot(list_ports(), exclude=[port.partition(",")[0]] if port else [])
     if len(found) > 1:

@@ -6,7 +6,8 @@ import contextlib
 import glob
 import os
 import re
-from collections.abc import Collection, Iterable
+import sys
+from collections.abc import Callable, Collection, Iterable
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ _PRODUCTS: Final = frozenset(
         (0x0483, 0xA330),  # ModalAI
     )
 )
+_PTYS: Final = "/dev/pts/"
 _WORDS: Final = re.compile(
     r"\bardu(?!ino)|px4|pixhawk|pixracer|fmu|\bcube(?!mx)|holybro|cuav|\bmro|matek|kakute|durandal|speedybee",
     re.IGNORECASE,
@@ -107,15 +109,13 @@ def far_program(device: str) -> str:
 
     The number of a pseudo-terminal that is gone is given to the next one there is, whosever that be.
     """
-    folder, _, number = os.path.realpath(device).rpartition("/")
-    if folder != "/dev/pts":
+    real = os.path.realpath(device)
+    if not real.startswith(_PTYS):
         return ""
     for process in sorted(glob.glob("/proc/[0-9]*"), key=_natural):
         try:
-            if os.stat(f"{process}/root/dev/pts").st_dev != os.stat("/dev/pts").st_dev:
-                continue  # a container numbers its own from 0 too
-            ends = [fd.name for fd in os.scandir(f"{process}/fd") if os.readlink(fd.path).endswith("ptmx")]
-            if any(_number_of(f"{process}/fdinfo/{end}") == number for end in ends):
+            ends = os.listdir(f"{process}/fd")
+            if any(_is_master(f"{process}/fd/{end}", f"{process}/fdinfo/{end}", real) for end in ends):
                 return _command(process)
         except OSError:  # another user's, or it has ended
             continue
@@ -124,19 +124,69 @@ def far_program(device: str) -> str:
 
 def holders(device: str) -> list[str]:
     """Each process seen to have a device open, as `1234 (command)`. Linux; others' processes only as root."""
-    found: list[str] = []
-    with contextlib.suppress(OSError):
-        wanted = os.stat(device)
-        for process in sorted(glob.glob("/proc/[0-9]*"), key=_natural):
-            with contextlib.suppress(OSError):  # another user's, or it has ended
-                if any(_is_open(entry.path, wanted) for entry in os.scandir(f"{process}/fd")):
-                    found.append(f"{os.path.basename(process)} ({_command(process)[:60]})")
+    real = os.path.realpath(device)
+    return _who(lambda fd, target: target == real and _here(fd, real))
+
+
+def listeners(port: int, protocol: str) -> list[str]:
+    """Each process seen to listen at a port of this machine, as `1234 (command)`. Linux, as `holders`.
+
+    `protocol` is tcp or udp.
+    """
+    sockets = {f"socket:[{inode}]" for table in (protocol, f"{protocol}6") for inode in _bound(table, port)}
+    return _who(lambda _, target: target in sockets) if sockets else []
+
+
+def unread(device: str) -> int:
+    """Bytes that wait in a terminal for whoever reads it; 0 where that cannot be told."""
+    with contextlib.suppress(ImportError, OSError):
+        import fcntl
+        import termios
+
+        fd = os.open(device, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            return int.from_bytes(fcntl.ioctl(fd, termios.FIONREAD, bytes(4)), sys.byteorder)
+        finally:
+            os.close(fd)
+    return 0
+
+
+def _who(wanted: Callable[[str, str], bool]) -> list[str]:
+    """Each process that has such a thing open; `wanted` is asked about a descriptor's path and its target."""
+    found = []
+    for process in sorted(glob.glob("/proc/[0-9]*"), key=_natural):
+        try:
+            if not any(wanted(entry.path, os.readlink(entry.path)) for entry in os.scandir(f"{process}/fd")):
+                continue
+            command = _command(process)
+        except OSError:  # another user's, or it has ended
+            continue
+        found.append(f"{os.path.basename(process)} ({command[:60]})")
     return found
 
 
-def _is_open(fd: str, wanted: os.stat_result) -> bool:
-    """Whether a descriptor is of that very file; a container's /dev/pts/0 is another."""
-    return os.readlink(fd).startswith("/dev/") and os.path.samestat(os.stat(fd), wanted)
+def _here(fd: str, device: str) -> bool:
+    """Whether what is open is this machine's: a container has pseudo-terminals of its own, by the same names."""
+    return not device.startswith(_PTYS) or os.stat(fd).st_dev == os.stat(device).st_dev
+
+
+def _is_master(fd: str, fdinfo: str, device: str) -> bool:
+    """Whether a descriptor is the master of a pseudo-terminal."""
+    path = os.readlink(fd)
+    if not path.endswith("ptmx") or _number_of(fdinfo) != device.removeprefix(_PTYS):
+        return False
+    return not path.startswith(_PTYS) or _here(fd, device)
+
+
+def _bound(table: str, port: int) -> list[str]:
+    """Inodes of the sockets in /proc/net that are bound to a port, and for TCP listen there."""
+    try:
+        with open(f"/proc/net/{table}") as file:
+            rows = [line.split() for line in file][1:]
+    except OSError:
+        return []
+    wait = "0A" if table.startswith("tcp") else "07"
+    return [row[9] for row in rows if row[1].endswith(f":{port:04X}") and row[3] == wait]
 
 
 def _command(process: str) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from arva_hil.cli.main import COMMANDS
 from arva_hil.links.ports import list_ports
 from arva_hil.links.pty import PtyLink
 from firmware_proto import Channel, Frame, encode
@@ -131,11 +132,11 @@ def test_ports_lists_what_there_is(arva: Arva) -> None:
 def test_help_names_every_command(arva: Arva, arguments: list[str]) -> None:
     code, out, err = arva(*arguments)
     assert (code, err) == (0, "")
-    for command in ("run", "replay", "demo", "search", "campaign", "listen", "check", "ports"):
+    for command in ("run", "replay", "demo", "search", "campaign", "listen", "check", "ports", "doctor"):
         assert re.search(rf"^  {command} ", out, re.MULTILINE)
 
 
-@pytest.mark.parametrize("command", ["run", "replay", "demo", "search", "campaign", "listen", "check", "ports"])
+@pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help(arva: Arva, command: str) -> None:
     code, out, err = arva(command, "--help")
     assert (code, err) == (0, "")

@@ -1,0 +1,354 @@
+"""What is wrong with the links, and the cure: looks at both sides as `run` would, and says in order what it finds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing, suppress
+from functools import partial
+from typing import Final
+
+from arva_hil import diagnosis as look
+from arva_hil.autopilot.session import Session
+from arva_hil.autopilot.signing import Signing
+from arva_hil.cli import options as opt
+from arva_hil.cli.guard import Guard, unforeseen
+from arva_hil.cli.keyfile import signing
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, Failure, UsageError
+from arva_hil.cli.run import DEFAULT_AUTOPILOT, choose_autopilot
+from arva_hil.clock import Clock, RealClock
+from arva_hil.console.text import wants_colour
+from arva_hil.diagnosis import Finding
+from arva_hil.examination import Ear, Mouth
+from arva_hil.links import Address, Link, LinkError, open_link, parse
+from arva_hil.links.ports import Port as SerialPort
+from arva_hil.links.ports import far_program, list_ports, listeners
+from arva_hil.loop import run
+from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
+from arva_hil.scenario import FORMATS
+
+BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
+_TRY_S: Final = 1.3  # for each baud rate: a heartbeat comes within
+_ANSWER_S: Final = 2.0  # for a vehicle to stream what it is asked for
+_COLOURS: Final = {"ok": "\x1b[32m", "note": "\x1b[33m", "fail": "\x1b[31m"}
+
+
+def add_options(parser: opt.Parser) -> None:
+    parser.option(
+        "--autopilot",
+        "--master",
+        type=opt.address,
+        metavar="URL",
+        help=f"where the autopilot is; default: the one on USB, else {DEFAULT_AUTOPILOT}",
+    )
+    parser.option("--port", type=opt.address, metavar="URL", help="where frames go; without it that side is left out")
+    parser.option("--format", choices=FORMATS, default="binary", help="of the frames; default binary")
+    opt.add_target(parser)
+    opt.add_signing(parser)
+    parser.option(
+        "--stream-rate",
+        type=opt.number(1, 200, " of Hz"),
+        default=50.0,
+        metavar="HZ",
+        help="of the position and attitude asked for; default 50",
+    )
+    parser.option(
+        "--listen", type=opt.number(0.2, 3600, " of s"), default=6.0, metavar="S", help="listen this long; default 6"
+    )
+    parser.option("--json", action="store_true", help="one JSON object a finding on stdout")
+
+
+def main(options: argparse.Namespace) -> int:
+    address = options.autopilot or choose_autopilot(options.port)
+    _check(options, parse(address))
+    report, guard, clock = Report(as_json=options.json), Guard(), RealClock()
+    sign = partial(signing, options.signing_key, clock.epoch_us)
+    sign()
+    try:
+        with ExitStack() as stack, guard:
+            Doctor(options, address, report, clock, stack, lambda: guard.caught is not None, sign).examine()
+    except (Failure, OSError):
+        raise
+    except Exception as error:
+        raise Failure(FAILED, unforeseen(error)) from error
+    return INTERRUPTED if guard.caught else look.exit_code(report.findings)
+
+
+def _check(options: argparse.Namespace, autopilot: Address) -> None:
+    over_mavlink = options.format in MAVLINK_FORMATS
+    port = parse(options.port) if options.port else None
+    if over_mavlink and port:
+        raise UsageError(
+            f"--format {options.format} goes over the autopilot's own link: leave out --port, or choose "
+            "--format binary, nmea or text"
+        )
+    if autopilot.kind == "stdout":
+        raise UsageError("--autopilot -: is stdout, and an autopilot has to be heard")
+    if over_mavlink and autopilot.kind == "tlog":
+        raise UsageError(f"--autopilot {options.autopilot}: is a log, and takes no --format {options.format}")
+    if port and port.kind == "stdout":
+        raise UsageError("--port -: is stdout, where the findings go; `run` can send frames there")
+    if port and port.kind == "tlog":
+        raise UsageError(f"--port {options.port}: is a log, and frames cannot go there")
+    if port and port != Address("pty") and _place(autopilot) == _place(port):
+        raise UsageError(
+            f"the autopilot and --port are both {options.port}: each side needs its own, or send the frames inside "
+            "MAVLink with --format tunnel"
+        )
+
+
+def _place(address: Address) -> Address:
+    """What two addresses of the same thing have in common."""
+    return address._replace(path=os.path.realpath(address.path) if address.path else "", baud=None)
+
+
+class Report:
+    """Prints findings as they are known, and remembers them."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        self.findings: list[Finding] = []
+        self._as_json = as_json
+        self._colour = wants_colour(sys.stdout)
+
+    def add(self, finding: Finding | None) -> None:
+        if finding is None:
+            return
+        self.findings.append(finding)
+        print(json.dumps(finding._asdict()) if self._as_json else self._line(finding), flush=True)
+
+    def _line(self, finding: Finding) -> str:
+        state = f"{'FAIL' if finding.state == 'fail' else finding.state:<4}"
+        if self._colour:
+            state = f"{_COLOURS[finding.state]}{state}\x1b[0m"
+        return f"{state}  {finding.check:<19}  {finding.found}" + (f" → {finding.cure}" if finding.cure else "")
+
+
+class Doctor:
+    """One examination: remembers both links and what was seen of them. `stack` closes them."""
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        address: str,
+        report: Report,
+        clock: Clock,
+        stack: ExitStack,
+        stopped: Callable[[], bool],
+        sign: Callable[[], Signing | None],
+    ) -> None:
+        self._options = options
+        self._report = report
+        self._clock = clock
+        self._stack = stack
+        self._stopped = stopped
+        self._sign = sign
+        self._address = address
+        self._autopilot = parse(address)
+        self._out: Link | None = None
+        self._mouth: Mouth | None = None
+
+    def examine(self) -> None:
+        """All of it, to the verdict, unless it is stopped."""
+        self._say_autopilot()
+        link = self._open(self._autopilot, "link", answered=True)
+        self._out = self._open_port()
+        ear = self._listen(link)
+        if ear and not self._stopped():
+            ear = self._judge_packets(ear) or ear
+        if ear and not self._stopped() and ear.known:
+            self._judge_vehicle(ear)
+        if self._stopped():
+            return
+        if self._mouth:
+            way = self._mouth.way()
+            self._report.add(look.frames(way, self._options.format))
+            self._report.add(look.reader(way))
+        self._report.add(look.verdict(self._report.findings, self._command()))
+
+    # -- opening ---------------------------------------------------------------------------------------------
+
+    def _say_autopilot(self) -> None:
+        if self._options.autopilot:
+            why = "as asked" if self._autopilot.kind != "tlog" else "a log, played in real time; nobody can ask it"
+        elif self._address == DEFAULT_AUTOPILOT:
+            why = "none is on USB, so the port where ground stations listen"
+        else:
+            named = {port.device: port.description or port.usb for port in list_ports()}
+            why = f"on USB: {named.get(self._address, '')}"
+        self._report.add(Finding("autopilot", "ok", f"{self._address}, {why}"))
+
+    def _open(self, address: Address, check: str, *, answered: bool = False) -> Link | None:
+        """A link, which is a finding; None, which is another."""
+        try:
+            link = self._stack.enter_context(closing(open_link(address, clock=self._clock, answered=answered)))
+        except LinkError as error:
+            who = _who_has(address) if "listens" in error.what or "exists" in error.what else []
+            held = f", held by {', '.join(who)}" if who else ""
+            self._report.add(Finding(check, "fail", f"{error.link}: {error.what}{held}", error.hint))
+            return None
+        self._report.add(Finding(check, "ok", f"{link.name} is open"))
+        return link
+
+    def _open_port(self) -> Link | None:
+        if self._options.port:
+            return self._open(parse(self._options.port), "port")
+        if self._options.format not in MAVLINK_FORMATS:
+            self._report.add(look.no_port([port.device for port in _candidates(self._autopilot)]))
+        return None
+
+    # -- listening -------------------------------------------------------------------------------------------
+
+    def _session(self) -> Session:
+        return Session(
+            target_system=self._options.target_system,
+            target_component=self._options.target_component,
+            rate_hz=self._options.stream_rate,
+            passive=self._autopilot.kind == "tlog",
+            signing=self._sign(),
+        )
+
+    def _listen(self, link: Link | None) -> Ear | None:
+        """Hear the autopilot and send frames, for a while."""
+        ear = Ear(link, self._session(), self._clock.now(), self._first_bytes) if link else None
+        if port := self._port(ear, link):
+            address = parse(self._options.port) if self._options.port else None
+            self._mouth = Mouth(port, self._out, address, self._clock.now())
+        if tasks := [task for task in (ear, self._mouth) if task]:
+            print(f"listening for {self._options.listen:g} s", file=sys.stderr)
+            self._attend(tasks, ear)
+        return ear
+
+    def _port(self, ear: Ear | None, link: Link | None) -> Port | None:
+        """Where frames go, for as long as the autopilot's link is this one; None where they go already, or cannot."""
+        form = self._options.format
+        if form in MAVLINK_FORMATS:
+            return MavlinkPort(link, ear.session, form) if ear and link else None
+        return WirePort(self._out, form) if self._out and not self._mouth else None
+
+    def _attend(self, tasks: Sequence[Ear | Mouth], ear: Ear | None) -> None:
+        """Serve both sides for as long as asked; a vehicle found late is given the time to answer."""
+        seconds, start = self._options.listen, self._clock.now()
+
+        def enough() -> bool:
+            late = ear.followed_at + min(seconds, _ANSWER_S) if ear and ear.session.vehicle else start
+            return (ear is not None and ear.over) or self._clock.now() >= max(start + seconds, late)
+
+        run(tasks, self._clock, stopped=lambda: self._stopped() or enough())
+
+    def _first_bytes(self, after_s: float) -> None:
+        self._report.add(Finding("bytes", "ok", f"the first came after {after_s:.1f} s"))
+
+    def _judge_packets(self, ear: Ear, *, again: bool = False) -> Ear | None:
+        """Bytes, packets, baud; the ear that listened `again`, at a rate that brings packets."""
+        now, session = self._clock.now(), ear.session
+        if not session.bytes:
+            self._report.add(look.silence(self._autopilot.kind, now - ear.start, refused=ear.refused))
+        if ear.lost:
+            self._report.add(Finding("link", "fail", ear.lost))
+        if not session.bytes:
+            return None
+        if ear.known:
+            traffic = ear.traffic(now)
+            self._report.add(look.packets(traffic))
+            self._report.add(look.signing(traffic))
+            self._report.add(look.strangers(*ear.strangers))
+            return None
+        self._report.add(look.garbage(self._autopilot.kind, session.bytes, bytes(ear.sample)))
+        if self._autopilot.kind != "serial" or ear.lost or again:
+            return None
+        ear.close()
+        found = self._sweep()
+        if self._stopped() or found is None:
+            return None
+        self._autopilot = self._autopilot._replace(baud=found)
+        link = self._open(self._autopilot, "link", answered=True)
+        if link is None:
+            return None
+        heard = self._listen(link)
+        if heard and not self._stopped():
+            self._judge_packets(heard, again=True)
+        return heard
+
+    def _sweep(self) -> int | None:
+        """The baud rate at which there are packets."""
+        asked = self._autopilot.baud or 115200
+        rates = [asked, *(baud for baud in BAUDS if baud != asked)]
+        found = None
+        each = min(_TRY_S, self._options.listen)
+        print(f"trying other baud rates, {each:g} s each", file=sys.stderr)
+        for baud in rates[1:]:
+            with suppress(LinkError):  # a rate that this adapter does not know
+                with closing(open_link(self._autopilot._replace(baud=baud), clock=self._clock)) as link:
+                    ear = Ear(link, self._session(), self._clock.now())
+                    self._try(ear, each)
+                if ear.known:
+                    found = baud
+            if found or self._stopped():
+                break
+        if not self._stopped():
+            self._report.add(look.baud(self._autopilot.path, rates, found))
+        return found
+
+    def _try(self, ear: Ear, seconds: float) -> None:
+        """Listen until there is a packet."""
+        until = self._clock.now() + seconds
+        run([ear], self._clock, until=until, stopped=lambda: self._stopped() or ear.over or ear.known > 0)
+
+    # -- the vehicle -----------------------------------------------------------------------------------------
+
+    def _judge_vehicle(self, ear: Ear) -> None:
+        now, session = self._clock.now(), ear.session
+        vehicle = session.vehicle
+        if vehicle is None and any((session.disbelieved_signatures() or {}).values()):
+            return
+        followed = (vehicle.system, vehicle.component) if vehicle else None
+        target = (self._options.target_system, self._options.target_component)
+        add = self._report.add
+        add(look.heartbeat(ear.sources(), followed, target))
+        if vehicle is None:
+            return
+        for stream in ear.streams(now, self._options.stream_rate, recorded=self._autopilot.kind == "tlog"):
+            add(look.stream(stream))
+        last = session.track.last_position
+        place = (last.lat, last.lon, last.alt) if last else None
+        add(look.position(look.Position(place, session.navigation.unpositioned, session.navigation.refused, ear.fix)))
+        add(look.home(session.home, armed=vehicle.armed))
+        state = session.state_at(now, last.frame) if last else None
+        add(look.pose(state.age_s if state else None))
+        add(look.clock(ear.lags(now), session.navigation.reboots))
+
+    def _command(self) -> str:
+        """What to type next."""
+        options = self._options
+        words = ["arva-hil", "run", "--autopilot", str(self._autopilot)]
+        if options.format in MAVLINK_FORMATS:
+            words += ["--format", options.format]
+        else:
+            usb = [port.device for port in _candidates(self._autopilot) if port.usb]
+            words += ["--port", options.port or (usb[0] if len(usb) == 1 else "pty:/tmp/arva0")]
+            words += ["--format", options.format] if options.format != "binary" else []
+        for name in ("target_system", "target_component"):
+            if (value := getattr(options, name)) is not None:
+                words += [f"--{name.replace('_', '-')}", str(value)]
+        if options.signing_key:
+            words += ["--signing-key", options.signing_key]
+        if options.stream_rate != 50.0:
+            words += ["--stream-rate", f"{options.stream_rate:g}"]
+        return shlex.join(words)
+
+
+def _who_has(address: Address) -> list[str]:
+    """Who is in the way where an address cannot be opened."""
+    if address.kind == "pty":
+        return [who] if (who := far_program(address.path)) else []
+    return listeners(address.port, "tcp" if address.kind == "tcpin" else "udp")
+
+
+def _candidates(autopilot: Address) -> list[SerialPort]:
+    """Serial ports that no autopilot is at."""
+    taken = os.path.realpath(autopilot.path)
+    return [port for port in list_ports() if not port.autopilot and port.device != taken]

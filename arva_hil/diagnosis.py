@@ -1,0 +1,397 @@
+"""What was measured of both links becomes findings: what it means, and the cure. Values in, values out.
+
+`arva-hil doctor` measures. Parameters: https://ardupilot.org/copter/docs/parameters.html,
+https://docs.px4.io/main/en/advanced_config/parameter_reference.html
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, NamedTuple
+
+State = Literal["ok", "note", "fail"]
+
+ENOUGH: Final = 0.7  # of the rate asked for; the session asks again below it
+MAX_AGE_S: Final = 2.0  # of a pose, as `run` has it
+_BAD_SHARE: Final = 0.02  # of packets with bad checksums, above which the line is worth a word
+_LATE_S: Final = 0.2  # a pose this much later than the quickest is worth one, too
+_SLOW_HEARTBEAT_HZ: Final = 0.6
+_PRINTABLE: Final = frozenset(range(32, 127)) | {9, 10, 13}
+_NO_LINK: Final = frozenset(("link", "port", "bytes", "packets", "baud", "signing", "heartbeat"))
+
+_SERIAL_CURE: Final = (
+    "ArduPilot: SERIALn_PROTOCOL 2, SERIALn_BAUD; PX4: MAV_n_CONFIG names the port, SER_*_BAUD, on USB SYS_USB_AUTO 2"
+)
+_SIGNING_CURE: Final = "ArduPilot: in MAVProxy signing setup KEY, signing remove KEY; PX4: v1.16 does not sign"
+_STREAM_CURE: Final = {
+    "GLOBAL_POSITION_INT": "ArduPilot: SRn_POSITION (from 4.7 on MAVn_POSITION); "
+    "PX4: MAV_n_MODE 2 (onboard), MAV_n_RATE, or mavlink stream -d DEVICE -s GLOBAL_POSITION_INT -r 50",
+    "ATTITUDE": "ArduPilot: SRn_EXTRA1 (from 4.7 on MAVn_EXTRA1); "
+    "PX4: MAV_n_MODE 2 (onboard), MAV_n_RATE, or mavlink stream -d DEVICE -s ATTITUDE -r 50",
+}
+_FIX_CURE: Final = (
+    "wait for GPS under an open sky, a minute when cold, indoors forever; ArduPilot: GPS1_TYPE, in SITL 10 s after "
+    "boot; PX4: GPS_1_CONFIG, EKF2_GPS_CTRL, listener vehicle_gps_position"
+)
+_SILENT_CURE: Final = {
+    "serial": f"is it powered, RX on TX, a cable with data lines? {_SERIAL_CURE}",
+    "udpin": "ArduPilot: SITL sends here with --serial1 udpclient:HOST:PORT, MAVProxy with --out HOST:PORT; "
+    "PX4: SITL sends to 14550 and 14540, and goes on with whoever answered first: restart it, or let that ground "
+    "station forward",
+    "udpout": "does the autopilot listen there? ArduPilot: NET_Pn_TYPE UDP server; PX4: MAV_n_UDP_PRT, SITL 18570",
+    "tcp": "ArduPilot: each port has one client, another may have it: take the next, in SITL tcp:127.0.0.1:5762 or "
+    "5763; PX4: speaks UDP, not TCP",
+    "tcpin": "no client speaks; ArduPilot: NET_Pn_TYPE TCP client, in SITL --serial1 tcpclient:HOST:PORT; "
+    "PX4: speaks UDP, not TCP",
+    "pty": "give its path to the program that is the autopilot; ArduPilot: SITL --serial1 uart:PATH",
+    "tlog": "is it a MAVLink telemetry log?",
+}
+_TONGUES: Final = (  # what others say → who it is
+    (rb"\xa4\x57\x01", "frames of a receiver, as arva-hil sends them: is it the other port?"),
+    (rb"\xb5\x62[\x01\x02\x0a]", "u-blox: a GPS receiver"),
+    (rb"\$G[A-Z]{4},", "NMEA: a GPS receiver"),
+    (rb"nsh>", "PX4's shell"),
+)
+
+
+class Finding(NamedTuple):
+    """One line: what was looked at, how it is, what was found and, unless that is well, what to do."""
+
+    check: str
+    state: State
+    found: str
+    cure: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """Packets of everybody, in `seconds`."""
+
+    seconds: float
+    size: int  # bytes
+    packets: int
+    old: int  # of them MAVLink 1
+    signed: int
+    bad: int  # checksums
+    refused: Mapping[str, int] | None = None  # for their signature, by why; None without a key
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Who sends heartbeats. `hz` is None when one alone came; `pilot`: it is an autopilot."""
+
+    system: int
+    component: int
+    name: str
+    pilot: bool
+    count: int
+    hz: float | None
+
+    def __str__(self) -> str:
+        rate = f" at {self.hz:.1f} Hz" if self.hz is not None else ""
+        return f"{self.name} {self.system}/{self.component} ×{self.count}{rate}"
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """One kind of pose message. `hz`: lately; `said`: how the vehicle answered when it was asked for."""
+
+    name: str
+    count: int
+    hz: float
+    wanted_hz: float
+    said: str = ""
+    recorded: bool = False  # it comes from a log, which nobody can ask
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """`place`: degrees, degrees, metres AMSL. `zeros`, `refused`: messages with no position, with an impossible one."""
+
+    place: tuple[float, float, float] | None
+    zeros: int
+    refused: int
+    fix: str = ""  # what GPS_RAW_INT says, if it comes
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """How the port does. `kind` is a link's, or mavlink; `seen`: who holds the other end; `unread`: bytes there."""
+
+    kind: str
+    name: str
+    taken: int
+    dropped: int
+    answered: int = 0  # bytes that came back
+    seen: Sequence[str] = ()
+    unread: int = 0
+    refused: bool = False  # by the far machine: nobody listens there
+    lost: str = ""
+
+
+def rate(times: Sequence[float], now: float, window_s: float = 2.0) -> float:
+    """Messages per second lately; 0 when there are not two."""
+    recent = [t for t in times if t > now - window_s]
+    return (len(recent) - 1) / (now - recent[0]) if len(recent) > 1 and now > recent[0] else 0.0
+
+
+# -- the autopilot's link ------------------------------------------------------------------------------------
+
+
+def silence(kind: str, seconds: float, *, refused: bool = False) -> Finding:
+    """No byte came."""
+    found = f"nothing was heard in {seconds:.1f} s"
+    if refused:
+        found += ": nobody listens there"
+    return Finding("bytes", "fail", found, _SILENT_CURE.get(kind, _SERIAL_CURE))
+
+
+def garbage(kind: str, size: int, sample: bytes) -> Finding:
+    """Bytes came, and no packet was in them; `sample` is how they begin."""
+    found = f"none in {size} bytes"
+    for mark, who in _TONGUES:
+        if re.search(mark, sample):
+            return Finding("packets", "fail", f"{found}, but {who}", _SERIAL_CURE)
+    if sample and sum(byte in _PRINTABLE for byte in sample) > 0.9 * len(sample):
+        begins = " ".join(sample.decode("ascii", "replace").split())[:60]
+        return Finding("packets", "fail", f"{found}, but plain text: {begins!r}", _SERIAL_CURE)
+    cure = _SERIAL_CURE if kind in ("serial", "pyserial") else f"is it MAVLink that is sent there? {_SERIAL_CURE}"
+    return Finding("packets", "fail", found, cure)
+
+
+def baud(device: str, tried: Sequence[int], found: int | None) -> Finding:
+    """Bytes without packets at the first rate of `tried`, and what the others brought."""
+    if found is None:
+        rates = ", ".join(map(str, tried))
+        return Finding(
+            "baud", "fail", f"no MAVLink at {rates}", f"the port's protocol is probably not MAVLink: {_SERIAL_CURE}"
+        )
+    return Finding("baud", "fail", f"{found} brings packets, {tried[0]} does not", f"--autopilot {device},{found}")
+
+
+def packets(t: Traffic) -> Finding:
+    """How many, which MAVLink, how clean."""
+    versions = {0: "MAVLink 2", t.packets: "MAVLink 1"}.get(t.old, f"MAVLink 2, {t.old} of them MAVLink 1")
+    found = f"{t.packets} in {t.seconds:.1f} s, {t.size / 1000 / t.seconds:.1f} kB/s, {versions}"
+    share = t.bad / (t.bad + t.packets)
+    found += f", {share:.1%} bad checksums" if t.bad else ", every checksum right"
+    if t.bad > 2 and share > _BAD_SHARE:
+        cure = "bytes are lost or bent: a shorter cable, a lower baud rate, or flow control (ArduPilot: BRD_SERn_RTSCTS"
+        return Finding("packets", "note", found, cure + "; PX4: MAV_n_FLOW_CTRL)")
+    return Finding("packets", "ok", found)
+
+
+def signing(t: Traffic) -> Finding:
+    """Whether the vehicle signs, and with the key that was given."""
+    if t.refused is None:
+        if not t.signed:
+            return Finding("signing", "ok", "not signed")
+        found = f"{t.signed} of {t.packets} packets are signed: what is asked without a signature may be refused"
+        return Finding("signing", "note", found, f"--signing-key FILE, or clear the vehicle's; {_SIGNING_CURE}")
+    good = t.packets - sum(t.refused.values())
+    why = ", ".join(f"{count} {name}" for name, count in t.refused.items() if count)
+    if not good:
+        cure = f"give the vehicle this very key, or leave out --signing-key; {_SIGNING_CURE}"
+        return Finding("signing", "fail", f"no packet is believed: {why}", cure)
+    if why:
+        found = f"{good} of {t.packets} packets are signed with the key; ignored: {why}"
+        return Finding("signing", "note", found, "who else speaks on this link?")
+    return Finding("signing", "ok", f"all {good} packets are signed with the key")
+
+
+def strangers(count: int, first: str) -> Finding | None:
+    """Who else sends to a UDP port; None when nobody does."""
+    if not count:
+        return None
+    found = f"{count} datagrams of others are ignored, as from {first}"
+    return Finding("strangers", "note", found, "only the first to speak is heard; let the others send elsewhere")
+
+
+def heartbeat(
+    sources: Sequence[Source], followed: tuple[int, int] | None, target: tuple[int | None, int | None]
+) -> Finding:
+    """From whom, and which is followed. `followed`: system and component; `target`: those asked for."""
+    pilots = [s for s in sources if s.pilot]
+    heard = ", ".join(map(str, sources))
+    if not sources:
+        cure = "who forwards this link has to forward HEARTBEAT; " + _SERIAL_CURE
+        return Finding("heartbeat", "fail", "none from anybody", cure)
+    if not pilots:
+        cure = (
+            "forward the vehicle here (MAVProxy: output add HOST:PORT; QGroundControl: Application Settings, MAVLink, "
+            "forwarding), or take a port of its own (ArduPilot: SITL tcp:127.0.0.1:5762; "
+            "PX4: SITL udpin:127.0.0.1:14540)"
+        )
+        return Finding("heartbeat", "fail", f"no autopilot's, only {heard}", cure)
+    if followed is None:
+        asked = "/".join("any" if n is None else str(n) for n in (target[0], target[1] or 1))
+        return Finding("heartbeat", "fail", f"none from {asked}, but {heard}", _choose(pilots))
+    mine = next((s for s in pilots if (s.system, s.component) == followed), pilots[0])
+    rest = [str(s) for s in sources if s is not mine]
+    found = f"{mine} is followed" + (f"; also {', '.join(rest)}" if rest else "")
+    if len(pilots) > 1 and target[0] is None:
+        return Finding("heartbeat", "note", found, f"the first heard was taken; {_choose(pilots)} chooses")
+    if mine.hz is not None and mine.hz < _SLOW_HEARTBEAT_HZ:
+        return Finding("heartbeat", "note", found, "one a second is usual: the link loses packets or is too slow")
+    return Finding("heartbeat", "ok", found)
+
+
+def _choose(pilots: Sequence[Source]) -> str:
+    """The options that name each of the autopilots."""
+    each = [
+        f"--target-system {s.system}" + (f" --target-component {s.component}" if s.component != 1 else "")
+        for s in pilots
+    ]
+    return " or ".join(each)
+
+
+# -- the pose ------------------------------------------------------------------------------------------------
+
+
+def stream(s: Stream) -> Finding:
+    """Whether a pose message comes, and as fast as was asked."""
+    said = f" ({s.said})" if s.said else ""
+    cure = "" if s.recorded else _STREAM_CURE.get(s.name, "")
+    if not s.count:
+        if "ACCEPTED" in s.said and s.name == "GLOBAL_POSITION_INT":
+            cure = f"promised and silent: PX4 sends no position before it has one; {cure}"
+        return Finding(s.name, "fail", f"none came{said}", cure)
+    if not s.hz:
+        return Finding(s.name, "fail", f"{s.count} came, none in the last 2 s{said}", cure)
+    found = f"{s.hz:.1f} Hz, {s.wanted_hz:g} were asked for"
+    if s.recorded:
+        return Finding(s.name, "ok", f"{s.hz:.1f} Hz, as recorded")
+    if s.hz < ENOUGH * s.wanted_hz:
+        return Finding(s.name, "note", found + said, f"--stream-rate {max(1, round(s.hz))}, or a faster link; {cure}")
+    return Finding(s.name, "ok", found)
+
+
+def position(p: Position) -> Finding:
+    """Whether the vehicle knows where it is."""
+    fix = f", {p.fix}" if p.fix else ""
+    if p.place:
+        return Finding("position", "ok", _lla(p.place) + fix)
+    if p.zeros:
+        return Finding("position", "fail", f"all zeros in {p.zeros} messages: no GPS fix yet{fix}", _FIX_CURE)
+    if p.refused:
+        found = f"out of range in {p.refused} messages{fix}"
+        return Finding("position", "fail", found, "is the estimator healthy? reboot the autopilot")
+    return Finding("position", "fail", f"unknown: no GLOBAL_POSITION_INT came{fix}", _FIX_CURE)
+
+
+def home(place: tuple[float, float, float] | None, *, armed: bool) -> Finding:
+    """Whether the scenario's `datum: home` has a home."""
+    state = "armed" if armed else "not armed"
+    if place:
+        return Finding("home", "ok", f"{_lla(place)}, {state}")
+    cure = (
+        "`run` takes the first valid position after 5 s; wait for the estimator to settle (ArduPilot: 20 s after boot; "
+        "PX4: commander check), or put a datum into the scenario"
+    )
+    return Finding("home", "note", f"unknown yet, {state}", cure)
+
+
+def pose(age_s: float | None) -> Finding:
+    """Whether a frame made now would have a pose; `age_s` of its older part."""
+    if age_s is None:
+        return Finding("pose", "fail", "none: position and attitude are both needed", "see the lines above")
+    if age_s > MAX_AGE_S:
+        return Finding("pose", "fail", f"{age_s:.1f} s old, too old to be used", "the streams have stopped, see above")
+    return Finding("pose", "ok", f"there is one, {1e3 * age_s:.0f} ms old")
+
+
+def clock(lags_s: Sequence[float], reboots: int) -> Finding:
+    """How late pose messages come by their boot time; `lags_s` against the quickest of them."""
+    if reboots:
+        cure = "power? a brown-out on USB? `run` goes on with a new session"
+        return Finding("clock", "note", f"boot time went back {reboots} ×: the vehicle has rebooted", cure)
+    if not lags_s:
+        return Finding("clock", "note", "no boot time came", "see the lines above")
+    late = sorted(lags_s)[int(0.95 * (len(lags_s) - 1))]
+    found = f"messages come up to {1e3 * max(lags_s):.0f} ms later than the quickest, 95 % within {1e3 * late:.0f} ms"
+    if late > _LATE_S:
+        return Finding("clock", "note", found, "the link or the machine is overloaded: --stream-rate 10, a higher baud")
+    return Finding("clock", "ok", found)
+
+
+def _lla(place: tuple[float, float, float]) -> str:
+    return "{:.7f}, {:.7f}, {:.1f} m AMSL".format(*place)
+
+
+# -- the port ------------------------------------------------------------------------------------------------
+
+
+def no_port(candidates: Sequence[str]) -> Finding:
+    """No port was named; only the autopilot's side is looked at."""
+    there = f"there is {', '.join(candidates[:6])}" if candidates else "no serial port is free for it"
+    return Finding("port", "note", f"none was named; {there}", "--port /dev/ttyUSB0, --port pty, or --format tunnel")
+
+
+def frames(way: Way, form: str) -> Finding:
+    """Whether the port takes them."""
+    if way.lost:
+        return Finding("frames", "fail", way.lost, "plug it in again, or start what is behind it")
+    found = f"{way.taken} of {way.taken + way.dropped} {form} frames were taken, all saying no signal"
+    if not way.taken:
+        cure = {
+            "mavlink": "there is no vehicle to send them to, see above",
+            "tcpin": "start the consumer: nobody is connected; `run` waits for it",
+            "udpin": "let the consumer send a datagram first, or name it: --port udpout:HOST:PORT",
+            "serial": "the other end is full and not read, or holds CTS: is the consumer running?",
+        }.get(way.kind, "start the consumer: nobody takes them; `run` waits for it")
+        return Finding("frames", "fail", found, cure)
+    if way.dropped:
+        return Finding("frames", "note", found, "the consumer came late, or is slower than the frames")
+    return Finding("frames", "ok", found)
+
+
+def reader(way: Way) -> Finding | None:
+    """Whether anybody reads; None when no frame was taken, which says it."""
+    if way.refused:
+        return Finding("reader", "fail", "none: nobody listens there", "start the consumer, or correct --port")
+    if not way.taken or way.lost:
+        return None
+    if way.answered:
+        return Finding("reader", "ok", f"{way.answered} bytes came back")
+    who = ", ".join(way.seen)
+    if way.kind == "pty":
+        if who and way.unread:
+            return Finding("reader", "note", f"{who} has it open and left {way.unread} bytes unread", "let it read")
+        if who or not way.unread:
+            return Finding("reader", "ok", f"{who or 'somebody'} reads it")
+        return Finding("reader", "note", "nobody has it open", f"arva-hil listen {way.name}, or start the consumer")
+    if way.kind in ("tcp", "tcpin"):
+        return Finding("reader", "ok", "connected")
+    if way.kind == "udpin":
+        return Finding("reader", "ok", "a datagram came from there")
+    if who:
+        return Finding("reader", "ok", f"{who} has the other end")
+    cure = {
+        "mavlink": "a Lua script or a companion has to; PX4 keeps them in its log, see firmware_proto/px4",
+        "udpout": "UDP does not tell; at the other end: arva-hil listen udpin:0.0.0.0:PORT",
+    }.get(
+        way.kind,
+        "a serial line does not tell; ArduPilot: SERIALn_PROTOCOL 28 and SCR_ENABLE 1 for the Lua driver, SERIALn_BAUD "
+        "115; PX4: arva_receiver status; elsewhere arva-hil listen",
+    )
+    return Finding("reader", "note", "unknown", cure)
+
+
+# -- all in all ----------------------------------------------------------------------------------------------
+
+
+def exit_code(findings: Sequence[Finding]) -> int:
+    """0: it can run; 3: no link or no heartbeat; 1: no valid pose, or frames do not go out."""
+    failed = {finding.check for finding in findings if finding.state == "fail"}
+    return (3 if failed & _NO_LINK else 1) if failed else 0
+
+
+def verdict(findings: Sequence[Finding], command: str) -> Finding:
+    """One sentence, with the command that does it."""
+    failed = dict.fromkeys(finding.check for finding in findings if finding.state == "fail")
+    if not failed:
+        return Finding("verdict", "ok", f"it can run: {command}")
+    found = f"it cannot run yet, because of: {', '.join(failed)}"
+    return Finding("verdict", "fail", found, f"begin with the first; then: {command}")

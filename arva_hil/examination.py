@@ -1,0 +1,260 @@
+"""What `arva-hil doctor` does with both links: hears one, sends frames on the other, and counts."""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final
+
+from arva_hil import diagnosis as look
+from arva_hil.autopilot.finder import is_autopilot, short_name
+from arva_hil.autopilot.mavlink import RESULTS, Packet, dialect
+from arva_hil.autopilot.session import Session
+from arva_hil.clock import Clock
+from arva_hil.links import Address, Link, LinkEnded, LinkError
+from arva_hil.links.ports import far_program, holders, unread
+from arva_hil.links.pty import PtyLink
+from arva_hil.links.udp import UdpOutLink
+from arva_hil.output import MavlinkPort, Port, frame_of
+from arva_hil.scenario import DEFAULT
+from arva_hil.scene import receiver
+
+_FRAME_S: Final = 0.5
+_SAMPLE: Final = 4096  # bytes kept of what begins
+_LATELY_S: Final = 2.0
+_MOST_SOURCES: Final = 32  # of heartbeats; a hostile link has 65,536
+_POSE: Final = {
+    "GLOBAL_POSITION_INT": (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,),
+    "ATTITUDE": (dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION),
+}
+
+
+@dataclass
+class _Heartbeats:
+    """Of one sender; `first` and `last` are when they came."""
+
+    name: str
+    pilot: bool
+    first: float
+    last: float = 0.0
+    count: int = 0
+
+    @property
+    def hz(self) -> float | None:
+        return (self.count - 1) / (self.last - self.first) if self.last > self.first else None
+
+
+class Ear:
+    """The autopilot's side: talks as `run` does, and remembers what came. A task for the loop."""
+
+    def __init__(
+        self, link: Link, session: Session, start: float, first: Callable[[float], None] = lambda after_s: None
+    ) -> None:
+        self.session = session
+        self.start = start
+        self.links: Sequence[Link] = [link]
+        self.sample = bytearray()
+        self.known = 0  # packets whose checksum could be verified
+        self.refused = False
+        self.over = False
+        self.followed_at = math.inf  # when a vehicle was first followed
+        self.lost = ""
+        self.fix = ""
+        self._link = link
+        self._first = first
+        self._old = self._signed = 0
+        self._heartbeats: dict[tuple[int, int], _Heartbeats] = {}
+        self._times: dict[int, deque[float]] = defaultdict(lambda: deque(maxlen=4096))
+        self._counts: Counter[int] = Counter()
+        self._offsets: deque[tuple[float, float]] = deque(maxlen=4096)  # host time, host − boot
+        self._acks: Counter[str] = Counter()
+        self._said: dict[str, str] = {}
+
+    def close(self) -> None:
+        self.over = True
+        self.links = []
+        self._link.close()
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        if self.over:
+            return now + 1.0
+        self.refused |= was_refused(self._link)
+        try:
+            self.hear(self._link.read(), now)
+            if out := self.session.poll(now):
+                self._link.write(out)
+        except LinkEnded:
+            self.over = True
+        except LinkError as error:
+            self.over, self.lost = True, str(error)
+        if self.over:
+            self.links = []
+        return self.session.next_due
+
+    def hear(self, chunk: bytes, now: float) -> None:
+        """Count what came."""
+        if chunk and not self.session.bytes:
+            self._first(now - self.start)
+        self.sample += chunk[: _SAMPLE - len(self.sample)]
+        for packet in self.session.feed(chunk, now):
+            self.known += packet.known
+            self._old += packet.version == 1
+            self._signed += packet.signed
+            if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self._on_heartbeat(packet, now)
+        for packet in self.session.own:
+            self._on_vehicle(packet, now)
+        if self.session.vehicle:
+            self.followed_at = min(self.followed_at, now)
+        for notice in self.session.take_notices():
+            for name in _POSE:
+                if notice.text.startswith(name):
+                    self._said[name] = notice.text.removeprefix(name).lstrip(": ")
+
+    def _on_heartbeat(self, packet: Packet, now: float) -> None:
+        message = self.session.parser.decode(packet)
+        if message is None:
+            return
+        key = packet.system, packet.component
+        if key not in self._heartbeats:
+            if len(self._heartbeats) >= _MOST_SOURCES:
+                return
+            kind, pilot = short_name("MAV_TYPE", message.type), is_autopilot(message)
+            name = f"{short_name('MAV_AUTOPILOT', message.autopilot)} {kind}" if pilot else kind
+            self._heartbeats[key] = _Heartbeats(name, pilot, now)
+        known = self._heartbeats[key]
+        known.count += 1
+        known.last = now
+
+    def _on_vehicle(self, packet: Packet, now: float) -> None:
+        if any(packet.msgid in ids for ids in _POSE.values()):
+            self._counts[packet.msgid] += 1
+            self._times[packet.msgid].append(now)
+            if (message := self.session.parser.decode(packet)) is not None:
+                self._offsets.append((now, now - message.time_boot_ms / 1e3))
+        elif packet.msgid == dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
+            if (message := self.session.parser.decode(packet)) is not None:
+                self.fix = (
+                    f"GPS {short_name('GPS_FIX_TYPE', message.fix_type)}, {message.satellites_visible} satellites"
+                )
+        elif packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_ACK:
+            message = self.session.parser.decode(packet)
+            if (
+                message is not None
+                and message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+                and self.session.answers_us(message)
+            ):
+                self._acks[RESULTS.get(message.result, f"result {message.result}")] += 1
+
+    # -- what it amounts to ----------------------------------------------------------------------------------
+
+    def traffic(self, now: float) -> look.Traffic:
+        session, parser = self.session, self.session.parser
+        counts = now - self.start, session.bytes, parser.packets, self._old, self._signed, parser.bad_crc
+        return look.Traffic(*counts, session.disbelieved_signatures())
+
+    @property
+    def strangers(self) -> tuple[int, str]:
+        """How many datagrams came from others than the peer, and from where the first."""
+        return self._link.strangers, self._link.stranger
+
+    def sources(self) -> list[look.Source]:
+        """Autopilots first."""
+        every = [look.Source(*key, h.name, h.pilot, h.count, h.hz) for key, h in self._heartbeats.items()]
+        return sorted(every, key=lambda source: not source.pilot)
+
+    def streams(self, now: float, wanted_hz: float, *, recorded: bool) -> list[look.Stream]:
+        every = ", ".join(f"{result} ×{n}" for result, n in self._acks.items())
+        acks = f"SET_MESSAGE_INTERVAL: {every or 'never answered'}"
+        return [
+            look.Stream(
+                name,
+                sum(self._counts[msgid] for msgid in ids),
+                max(look.rate(self._times[msgid], now) for msgid in ids),
+                wanted_hz,
+                "" if recorded else self._said.get(name, acks),
+                recorded,
+            )
+            for name, ids in _POSE.items()
+        ]
+
+    def lags(self, now: float) -> list[float]:
+        """How much later than the quickest each pose message came lately [s]."""
+        offsets = [offset for at, offset in self._offsets if at > now - _LATELY_S]
+        return [offset - min(offsets) for offset in offsets]
+
+
+class Mouth:
+    """The port's side: sends frames that say no signal, and remembers what became of them. A task for the loop.
+
+    `out` is None where the frames go over the autopilot's link, which is read elsewhere; `address` is `out`'s.
+    """
+
+    def __init__(self, port: Port, out: Link | None, address: Address | None, start: float) -> None:
+        self.links: Sequence[Link] = [out] if out else []
+        self._port = port
+        self._out = out
+        self._address = address
+        self._receiver = receiver(DEFAULT)
+        self._next = start
+        self._sequence = 0
+        self._taken = self._dropped = self._answered = 0
+        self._refused = False
+        self._lost = ""
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        if self._lost:
+            return now + 1.0
+        try:
+            if self._out:
+                self._refused |= was_refused(self._out)
+                self._answered += len(self._out.read())
+            if now >= self._next:
+                self._next = now + _FRAME_S
+                self._send(now)
+        except LinkError as error:
+            self._lost, self.links = str(error), []
+        return self._next
+
+    def _send(self, now: float) -> None:
+        frame = frame_of(self._receiver.nothing(), self._sequence % 256)
+        data = self._port.encode(frame, round(now * 1e3))
+        self._sequence += 1
+        if data or not isinstance(self._port, MavlinkPort):
+            self._refused = False  # the consumer may have come since
+            sent = self._port.write(data)
+            self._taken += sent
+            self._dropped += not sent
+
+    def way(self) -> look.Way:
+        """What became of the frames, and who is seen at the other end."""
+        kind, name = (self._address.kind, str(self._address)) if self._address else ("mavlink", "")
+        seen: list[str] = []
+        waiting = 0
+        if isinstance(self._out, PtyLink):
+            name = self._out.symlink or self._out.path
+            own = str(os.getpid())
+            seen = [who for who in holders(self._out.path) if who.split()[0] != own]
+            waiting = unread(self._out.path)
+        elif self._address and kind == "serial" and (program := far_program(self._address.path)):
+            seen = [program]
+        return look.Way(
+            kind, name, self._taken, self._dropped, self._answered, seen, waiting, self._refused, self._lost
+        )
+
+
+def was_refused(link: Link) -> bool:
+    """Whether the far machine has said that nobody listens at its UDP port. Asking forgets it."""
+    fd = link.fileno()
+    if fd is None or not isinstance(link, UdpOutLink):
+        return False
+    with suppress(OSError), socket.socket(fileno=os.dup(fd)) as same:
+        return same.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) != 0
+    return False
