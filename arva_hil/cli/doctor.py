@@ -19,7 +19,7 @@ from arva_hil.cli import options as opt
 from arva_hil.cli.guard import Guard, unforeseen
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, Failure, UsageError
-from arva_hil.cli.run import DEFAULT_AUTOPILOT, choose_autopilot
+from arva_hil.cli.sides import DEFAULT_AUTOPILOT, add_autopilot, check_sides, choose_autopilot
 from arva_hil.clock import Clock, RealClock
 from arva_hil.console.text import wants_colour
 from arva_hil.diagnosis import Finding
@@ -38,24 +38,11 @@ _COLOURS: Final = {"ok": "\x1b[32m", "note": "\x1b[33m", "fail": "\x1b[31m"}
 
 
 def add_options(parser: opt.Parser) -> None:
-    parser.option(
-        "--autopilot",
-        "--master",
-        type=opt.address,
-        metavar="URL",
-        help=f"where the autopilot is; default: the one on USB, else {DEFAULT_AUTOPILOT}",
-    )
+    add_autopilot(parser)
     parser.option("--port", type=opt.address, metavar="URL", help="where frames go; without it that side is left out")
     parser.option("--format", choices=FORMATS, default="binary", help="of the frames; default binary")
     opt.add_target(parser)
     opt.add_signing(parser)
-    parser.option(
-        "--stream-rate",
-        type=opt.number(1, 200, " of Hz"),
-        default=50.0,
-        metavar="HZ",
-        help="of the position and attitude asked for; default 50",
-    )
     parser.option(
         "--listen", type=opt.number(0.2, 3600, " of s"), default=6.0, metavar="S", help="listen this long; default 6"
     )
@@ -64,7 +51,9 @@ def add_options(parser: opt.Parser) -> None:
 
 def main(options: argparse.Namespace) -> int:
     address = options.autopilot or choose_autopilot(options.port)
-    _check(options, parse(address))
+    check_sides(address, options.port, options.format)
+    if options.port == "-":
+        raise UsageError("--port -: is stdout, where the findings go; `run` can send frames there")
     report, guard, clock = Report(as_json=options.json), Guard(), RealClock()
     sign = partial(signing, options.signing_key, clock.epoch_us)
     sign()
@@ -76,34 +65,6 @@ def main(options: argparse.Namespace) -> int:
     except Exception as error:
         raise Failure(FAILED, unforeseen(error)) from error
     return INTERRUPTED if guard.caught else look.exit_code(report.findings)
-
-
-def _check(options: argparse.Namespace, autopilot: Address) -> None:
-    over_mavlink = options.format in MAVLINK_FORMATS
-    port = parse(options.port) if options.port else None
-    if over_mavlink and port:
-        raise UsageError(
-            f"--format {options.format} goes over the autopilot's own link: leave out --port, or choose "
-            "--format binary, nmea or text"
-        )
-    if autopilot.kind == "stdout":
-        raise UsageError("--autopilot -: is stdout, and an autopilot has to be heard")
-    if over_mavlink and autopilot.kind == "tlog":
-        raise UsageError(f"--autopilot {options.autopilot}: is a log, and takes no --format {options.format}")
-    if port and port.kind == "stdout":
-        raise UsageError("--port -: is stdout, where the findings go; `run` can send frames there")
-    if port and port.kind == "tlog":
-        raise UsageError(f"--port {options.port}: is a log, and frames cannot go there")
-    if port and port != Address("pty") and _place(autopilot) == _place(port):
-        raise UsageError(
-            f"the autopilot and --port are both {options.port}: each side needs its own, or send the frames inside "
-            "MAVLink with --format tunnel"
-        )
-
-
-def _place(address: Address) -> Address:
-    """What two addresses of the same thing have in common."""
-    return address._replace(path=os.path.realpath(address.path) if address.path else "", baud=None)
 
 
 class Report:

@@ -13,18 +13,16 @@ from arva_hil.cli import options as opt
 from arva_hil.cli import shared
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.sides import add_autopilot, check_sides, choose_autopilot
 from arva_hil.clock import RealClock
 from arva_hil.emulator import Emulator
-from arva_hil.links import Link, parse
-from arva_hil.links.ports import find_autopilot, list_ports
+from arva_hil.links import Link
 from arva_hil.links.reopen import open_lasting
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.linkwatch import LinkWatch
 from arva_hil.loop import run
 from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
 from arva_hil.watchdog import Watchdog
-
-DEFAULT_AUTOPILOT = "udpin:127.0.0.1:14550"
 
 
 def add_options(parser: opt.Parser) -> None:
@@ -34,24 +32,11 @@ def add_options(parser: opt.Parser) -> None:
         metavar="URL",
         help="where frames go: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:…, tcp:…, -",
     )
-    parser.option(
-        "--autopilot",
-        "--master",
-        type=opt.address,
-        metavar="URL",
-        help=f"where the autopilot is; default: the one on USB, else {DEFAULT_AUTOPILOT}",
-    )
+    add_autopilot(parser)
     opt.add_scenario(parser)
     opt.add_target(parser)
     opt.add_signing(parser)
     opt.add_max_age(parser)
-    parser.option(
-        "--stream-rate",
-        type=opt.number(1, 200, " of Hz"),
-        default=50.0,
-        metavar="HZ",
-        help="of the position and attitude asked for; default 50",
-    )
     opt.add_duration(parser)
     parser.option(
         "--timeout",
@@ -113,30 +98,11 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None:
-    if over_mavlink and options.port:
-        raise UsageError(
-            f"--format {format} goes over the autopilot's own link: leave out --port, or choose "
-            "--format binary, nmea or text"
-        )
     if not over_mavlink and not options.port:
         raise UsageError(
             "--port is missing: where do the frames go? e.g. --port /dev/ttyUSB0, --port pty, "
             "or --format tunnel to send them inside MAVLink"
         )
-    if options.autopilot == "-":
-        raise UsageError("--autopilot -: is stdout, and an autopilot has to be heard")
-    if options.port and parse(options.port).kind == "tlog":
-        raise UsageError(
-            f"--port {options.port}: is a log, and frames cannot go there; --record writes a folder of files"
-        )
     if options.json and options.port == "-":
         raise UsageError("--json and --port - both want stdout: choose one")
-
-
-def choose_autopilot(port: str | None) -> str:
-    """The one autopilot on USB, else the port where ground stations listen. Raises UsageError for several."""
-    found = find_autopilot(list_ports(), exclude=[port.partition(",")[0]] if port else [])
-    if len(found) > 1:
-        names = ", ".join(p.device for p in found)
-        raise UsageError(f"several autopilots are plugged in ({names}): choose one with --autopilot")
-    return found[0].device if found else DEFAULT_AUTOPILOT
+    check_sides(options.autopilot, options.port, format)

@@ -191,7 +191,7 @@ def test_what_is_chosen_without_an_autopilot_is_said_and_why(
     def opener(address: Address, **_: Any) -> Link:
         raise LinkError(str(address), "is not there")
 
-    monkeypatch.setattr("arva_hil.cli.run.list_ports", lambda: ports)
+    monkeypatch.setattr("arva_hil.cli.sides.list_ports", lambda: ports)
     monkeypatch.setattr(doctor, "list_ports", lambda: ports)
     monkeypatch.setattr(doctor, "open_link", opener)
     said = examine()
