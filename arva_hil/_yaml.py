@@ -20,7 +20,9 @@ _LARGEST_FILE: Final = 1 << 20  # bytes
 _DEEPEST: Final = 20
 _REFUSED: Final = "refused"  # the tag of a node that stands for one already complained about
 _START: Final = yaml.Mark("", 0, 0, 0, None, 0)
+_BREAK: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 _FLOAT: Final = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
+_TYPED: Final = {ord("\N{MINUS SIGN}"): "-", ord("\N{EN DASH}"): "-", ord(","): "."}  # where a number was meant
 _WHOLE: Final = re.compile(r"[-+]?(0|[1-9][0-9]{0,18})")
 
 _Word = TypeVar("_Word", bound=str)
@@ -148,7 +150,9 @@ class Reader:
         value = float(plain) if _FLOAT.fullmatch(plain) else float("nan")
         if value in valid:
             return value
-        self.wrong(node, _describe(node), str(valid))
+        meant = plain.translate(_TYPED)
+        hint = meant if _FLOAT.fullmatch(meant) and float(meant) in valid else None
+        self.wrong(node, _describe(node), str(valid), hint)
         return default
 
     def integer(self, node: yaml.Node | None, default: int, valid: Range) -> int:
@@ -201,9 +205,7 @@ class Reader:
         try:
             loader = _Loader(text, self)
         except yaml.reader.ReaderError as error:
-            lines = text[: error.position].split("\n")
-            at = yaml.Mark("", 0, len(lines) - 1, len(lines[-1]), None, 0)
-            self.fail(at, f"the character {text[error.position]!r}", "printable text")
+            self.fail(_end(text[: error.position]), f"the character {text[error.position]!r}", "printable text")
         try:
             root = loader.get_node() if loader.check_node() else None
             if root is None:
@@ -215,11 +217,25 @@ class Reader:
             at = error.problem_mark or loader.get_mark()
             if text[at.index : at.index + 1] == "\t":
                 self.fail(at, "a tab", "spaces")
-            why = ", ".join(part for part in (error.context, error.problem) if part)
-            self.fail(at, f"not YAML ({why})", "indentation, brackets and quotes that match")
+            self._fail_syntax(error, at, text)
         except (ValueError, OverflowError):  # where PyYAML trusts the number in "\U…" and %YAML
             self.fail(loader.get_mark(), "not YAML (a number too large)", "a smaller one")
         return root
+
+    def _fail_syntax(self, error: yaml.MarkedYAMLError, at: yaml.Mark, text: str) -> NoReturn:
+        """Say what PyYAML found, and where the mistake is rather than where it came out."""
+        context, problem, begun = error.context or "", error.problem or "", error.context_mark
+        if begun and context == "while scanning a simple key":
+            line = _BREAK.split(text[begun.index : begun.index + 1000])[0].strip()
+            self.fail(begun, repr(_short(line)), "a key, a colon and a blank")
+        if begun and context == "while scanning a quoted scalar" and "end of stream" in problem:
+            self.fail(begun, "a quote that is not closed", "another one")
+        if problem.startswith("expected '<document start>'"):
+            self.fail(at, "text behind the end of the document", "one document")
+        if begun and begun.line < at.line:
+            context += f" that began on line {begun.line + 1}"
+        why = ", ".join(part for part in (context, problem) if part)
+        self.fail(at, f"not YAML ({why})", "indentation, brackets and quotes that match")
 
 
 class _Loader(yaml.BaseLoader):
@@ -255,8 +271,12 @@ class _Loader(yaml.BaseLoader):
 def read_text(path: str | os.PathLike[str], what: str) -> str:
     """What is in a file of at most 1 MiB. Raises ScenarioError when it cannot be read; `what` was expected."""
     source = os.fspath(path)
+    if not source:
+        raise ScenarioError([Problem("''", 1, 1, "an empty name", what)])
     try:
-        with open(source, "rb") as file:
+        with open(source, "rb", opener=_at_once) as file:
+            if file.isatty():  # which would wait for somebody to type
+                raise ValueError("a terminal")
             data = file.read(_LARGEST_FILE + 1)
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
@@ -266,9 +286,23 @@ def read_text(path: str | os.PathLike[str], what: str) -> str:
     try:
         return data.decode()
     except UnicodeDecodeError as error:
-        lines = data[: error.start].decode().split("\n")
+        at = _end(data[: error.start].decode())
         found = f"the byte 0x{data[error.start]:02x}"
-        raise ScenarioError([Problem(source, len(lines), len(lines[-1]) + 1, found, "UTF-8")]) from error
+        raise ScenarioError([Problem(source, at.line + 1, at.column + 1, found, "UTF-8")]) from error
+
+
+def _at_once(path: str, flags: int) -> int:
+    """Opens a pipe that nobody writes to without waiting: it is empty."""
+    file = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+    if hasattr(os, "O_NONBLOCK"):
+        os.set_blocking(file, True)
+    return file
+
+
+def _end(text: str) -> yaml.Mark:
+    """The place behind a text, lines counted as YAML does."""
+    lines = _BREAK.split(text)
+    return yaml.Mark("", 0, len(lines) - 1, len(lines[-1]), None, 0)
 
 
 def whole(node: yaml.Node) -> int | None:

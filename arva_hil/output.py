@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final, Protocol
 
 import firmware_proto
@@ -10,6 +11,7 @@ from arva_hil.autopilot.session import Session
 from arva_hil.links import Link
 from arva_hil.model import Reading
 from firmware_proto import Channel, Frame, FrameDecoder
+from firmware_proto.frame import check
 
 MAVLINK_FORMATS: Final = ("tunnel", "named", "debug_vect")
 TUNNEL_TYPE: Final = 42071  # 0xA457, in MAVLink's private range
@@ -141,7 +143,7 @@ class MavlinkDecoder(FrameDecoder):
     def _on_named(self, message: Any, now: float) -> None:
         if message.get_type() != "NAMED_VALUE_INT" or not message.name.startswith("ARVA"):
             return
-        if message.name == "ARVA1_D" and self._values:
+        if message.name == "ARVA1_D":
             channels = []
             for slot in range(1, firmware_proto.MAX_CHANNELS + 1):
                 if (d := self._values.get(f"ARVA{slot}_D")) is not None:
@@ -156,17 +158,26 @@ class MavlinkDecoder(FrameDecoder):
     def _on_vector(self, message: Any, now: float) -> None:
         if message.get_type() != "DEBUG_VECT" or message.name not in ("a", "b"):
             return
+        if not math.isfinite(message.x + message.y + message.z):
+            self._slots = []
+            return
         d = message.time_usec - 2**64 if message.time_usec >= 2**63 else message.time_usec
         pairs = [(d, int(message.x)), (int(message.y), int(message.z))]
         channels = [Channel(None, _zone(d, delta), d, delta) for d, delta in pairs]
         self._slots = channels if message.name == "a" else [*self._slots, *channels]
         if message.name == "b":
-            self._deliver(self._slots[:4])
+            self._deliver(self._slots if len(self._slots) == 4 else [])
+            self._slots = []
 
     def _deliver(self, channels: list[Channel]) -> None:
-        sequence = self.good % 256
-        self._count(sequence)
-        self._frames.append(Frame(sequence, firmware_proto.SYNTHETIC, tuple(channels)))
+        """A frame, unless no receiver can have said it: this link is everybody's."""
+        frame = Frame(self.good % 256, firmware_proto.SYNTHETIC, tuple(channels))
+        try:
+            check(frame)
+        except ValueError:
+            return
+        self._count(frame.sequence)
+        self._frames.append(frame)
 
 
 def _zone(d: int, delta: int) -> int:

@@ -20,7 +20,7 @@ from arva_hil.cli.guard import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.clock import Clock, RealClock
 from arva_hil.console import text
-from arva_hil.links import Link, LinkError
+from arva_hil.links import AddressError, Link, LinkError, parse
 from arva_hil.loop import run
 from arva_hil.output import MAVLINK_FORMATS, MavlinkDecoder
 from arva_hil.scenario import FORMATS
@@ -45,11 +45,17 @@ def main(options: argparse.Namespace) -> int:
     hello = Encoder(1, _COMPONENT) if options.format in MAVLINK_FORMATS else None
     listener = Listener(decoder, hello, as_json=options.json, count=options.count)
     path = Path(options.url)
-    if path.is_file() and path.suffix != ".tlog":
+    if os.path.isfile(path) and path.suffix != ".tlog":
         listener.take(_contents(path), 0.0)
         listener.take(b"", PAUSE_S * 2)  # what is not whole by now never will be
         listener.finish()
         return OK
+    try:
+        parse(options.url)
+    except AddressError as error:
+        raise UsageError(f"{error}; or a file, and there is none of that name" if options.url else error) from None
+    if os.path.isdir(path):
+        raise UsageError(f"{path}: is a directory: write the file in it, e.g. {path / 'frames.bin'}")
     clock, guard = RealClock(), Guard()
     if options.url == "-":
         while not listener.enough and (chunk := os.read(sys.stdin.fileno(), 4096)):

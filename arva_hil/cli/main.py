@@ -80,6 +80,12 @@ def _command(arguments: list[str]) -> int:
         if name not in COMMANDS:
             near = difflib.get_close_matches(name, COMMANDS, 1)
             hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
+            if name.startswith(("\N{EN DASH}", "\N{EM DASH}", "\N{MINUS SIGN}")):
+                hint = f"did you mean --{name.lstrip(name[0])}, with two hyphens?"
+            elif name.endswith(".tlog"):
+                hint = f"did you mean replay {name}?"
+            elif name == "pty" or name.startswith(("/dev/", "pty:", "tcp", "udp")):
+                hint = f"did you mean --port {name}?"
             raise UsageError(f"no command {name!r}; {hint}")
     module = importlib.import_module(f"arva_hil.cli.{name}")
     parser = Parser(prog=f"arva-hil {name}", description=module.__doc__)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import math
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from arva_hil.faults.spec import Fault
 
 PREFIX: Final = "ARVA_HIL_"
+_NUMBER: Final = r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?|inf"
 
 
 class Parser(argparse.ArgumentParser):
@@ -53,17 +56,21 @@ class Parser(argparse.ArgumentParser):
         return [f"{flag}={one}" for one in values]
 
     def error(self, message: str) -> NoReturn:
-        raise UsageError(f"{message}\nsee {self.prog} --help")
+        hint = ""
+        if unknown := re.match(r"unrecognized arguments: (\S+)", message):
+            word = re.sub(r"^[-\N{EN DASH}\N{EM DASH}\N{MINUS SIGN}]+", "--", unknown[1]).lower()
+            near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+        elif missing := re.match(r"argument (\S+): expected one argument", message):
+            hint = f"; one that begins with a dash needs a sign: {missing[1].split('/')[0]}=-…"
+        raise UsageError(f"{message}{hint}\nsee {self.prog} --help")
 
 
 def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
     """A converter for a finite number from `low` to `high`, both included."""
 
     def convert(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
+        value = float(text) if re.fullmatch(_NUMBER, text) else math.nan
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(f"{text!r}: expected a number{unit} {_range(low, high)}")
         return value
@@ -75,10 +82,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     """A converter for a whole number from `low` to `high`, both included."""
 
     def convert(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
+        value = int(text) if re.fullmatch("[-+]?[0-9]{1,19}", text) else low - 1
         if not low <= value <= high:
             raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number {low}…{high}")
         return value

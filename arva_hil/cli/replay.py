@@ -42,6 +42,8 @@ def add_options(parser: opt.Parser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
+    if not options.log:
+        raise UsageError("the log's name is empty: write LOG.tlog")
     if options.port and options.out:
         raise UsageError("--port and --out: choose one")
     if options.json and "-" in (options.out, options.port):

@@ -105,7 +105,7 @@ def area(text: str) -> tuple[float, float, float, float]:
     except ValueError:
         south = west = north = east = math.nan
     if not (-10_000 <= south < north <= 10_000 and -10_000 <= west < east <= 10_000):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected south,west,north,east in m, e.g. -50,-50,50,50")
+        raise argparse.ArgumentTypeError(f"{text!r}: expected south,west,north,east in m, e.g. --area=-50,-50,50,50")
     return south, west, north, east
 
 

@@ -191,7 +191,7 @@ _OPTION: Final = re.compile(rf"(\w+(?:=(?:{_VALUE}))?(?:,\w+(?:=(?:{_VALUE}))?)*
 def parse_fault(text: str) -> Fault:
     """The fault that `NAME=VALUE,KEY=VALUE@FROM-UNTIL` is. Raises ValueError that says what is wrong with it."""
     match = _OPTION.fullmatch(text)
-    if match is None:
+    if match is None or ("@" in text and not any(match.groups()[1:])):
         raise ValueError(f"{text!r}: expected NAME=VALUE@FROM-UNTIL, e.g. drop=0.02@10-60 or silence@30-35")
     keys, start, end = match.groups()
     pairs = [item.partition("=") for item in re.split(r",(?![^\[]*\])", keys)]

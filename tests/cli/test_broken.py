@@ -1,0 +1,358 @@
+"""What people get wrong: hundreds of broken files and command lines, and the answer that each has to get.
+
+The corpus is tests/broken. There an entry is `=== TITLE`, a line `#> LINE:COLUMN: ANSWER` for every problem (`…` stands
+for anything, `+` for further problems), and the file's text. files/ has those that no editor would leave as they are.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+import shlex
+import socket
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+BROKEN = Path(__file__).parent.parent / "broken"
+DATA = Path(__file__).parent.parent / "data"
+GOOD = "transmitters: [{id: 1, ned: [1, 2, 3]}]\n"
+
+Arva = Callable[..., Any]
+
+
+class Entry(NamedTuple):
+    title: str
+    answers: list[str]
+    data: bytes
+
+
+def entries(path: Path) -> Iterator[Entry]:
+    for part in re.split(rb"(?m)^(?==== )", path.read_bytes()):
+        if part.startswith(b"=== "):
+            head, *rest = part.decode().splitlines(keepends=True)
+            answers = [line[3:].rstrip("\n") for line in rest if line.startswith("#> ")]
+            body = part.split(b"\n", 1 + len(answers))[-1]
+            yield Entry(head[4:].strip(), answers, body)
+
+
+def params(found: dict[str, list[Entry]]) -> list[Any]:
+    return [pytest.param(e, id=f"{name}: {e.title}") for name, all_of in found.items() for e in all_of]
+
+
+SCENARIOS = {path.stem: list(entries(path)) for path in sorted(BROKEN.glob("scenarios/*.txt"))}
+SCENARIOS["files"] = [e._replace(data=(BROKEN / "files" / e.title).read_bytes()) for e in entries(BROKEN / "files.txt")]
+CAMPAIGNS = {"campaigns": list(entries(BROKEN / "campaigns.txt"))}
+
+
+def command_lines() -> list[tuple[str, str]]:
+    """What is typed, and what the answer has to have."""
+    lines = (BROKEN / "command_lines.txt").read_text(encoding="utf-8").splitlines()
+    return [(a[2:], b[2:]) for a, b in itertools.pairwise(lines) if a.startswith("$ ")]
+
+
+def matches(answer: str, line: str) -> bool:
+    return re.fullmatch(".*".join(map(re.escape, answer.split("…"))), line) is not None
+
+
+def check_answers(err: str, entry: Entry) -> None:
+    """Each problem where and as the entry has it, one a line, and nothing else."""
+    assert "Traceback" not in err
+    lines = err.rstrip("\n").split("\n")
+    wanted = [f"f.yaml:{a}" if a[0].isdigit() else a for a in entry.answers if a != "+"]
+    assert wanted
+    for answer, line in zip(wanted, lines, strict="+" not in entry.answers):
+        assert matches(answer, line), line
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where everything is, and what is not broken there."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+# -- scenarios ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("entry", params(SCENARIOS))
+def test_a_broken_scenario_is_answered_at_its_place_and_alike_by_check_and_run(arva: Arva, entry: Entry) -> None:
+    Path("f.yaml").write_bytes(entry.data)
+    code, out, err = arva("check", "f.yaml")
+    assert (code, out) == (2, "")
+    check_answers(err, entry)
+    assert arva("run", "--port", "pty", "--scenario", "f.yaml") == (2, "", f"arva-hil: {err}")
+
+
+def shape(entry: Entry) -> str:
+    """The first answer without its place and what was found."""
+    return re.sub(r"^\d+:\d+: ((the text )?('[^']*'|\"[^\"]*\"))?", "", entry.answers[0])
+
+
+def test_there_are_hundreds_and_they_differ() -> None:
+    every = [entry for all_of in SCENARIOS.values() for entry in all_of]
+    assert len(every) >= 300
+    assert len({entry.data for entry in every}) == len(every)
+    assert len({entry.title for entry in every}) == len(every)
+    shapes = Counter(map(shape, every))
+    assert len(shapes) >= 200
+    assert max(shapes.values()) <= 15
+    assert {path.name for path in (BROKEN / "files").glob("[!.]*")} == {e.title for e in SCENARIOS["files"]}
+
+
+def too_large() -> str:
+    Path("f.yaml").write_bytes(GOOD.encode() + b"#" * (1 << 20))
+    return "f.yaml"
+
+
+def folder_in_its_place() -> str:
+    Path("f.yaml").mkdir()
+    return "f.yaml"
+
+
+def pipe_without_a_writer() -> str:
+    os.mkfifo("f.yaml")
+    return "f.yaml"
+
+
+def links_in_a_circle() -> str:
+    Path("f.yaml").symlink_to("f.yaml")
+    return "f.yaml"
+
+
+def link_to_nowhere() -> str:
+    Path("f.yaml").symlink_to("nowhere.yaml")
+    return "f.yaml"
+
+
+def unix_socket() -> str:
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind("f.yaml")
+    return "f.yaml"
+
+
+def below_a_file() -> str:
+    Path("f.yaml").write_text(GOOD)
+    return "f.yaml/f.yaml"
+
+
+@pytest.mark.parametrize(
+    ("make", "answer"),
+    [
+        (too_large, "more than 1 MiB"),
+        (folder_in_its_place, "Is a directory"),
+        (pipe_without_a_writer, "an empty file"),
+        (links_in_a_circle, "Too many levels of symbolic links"),
+        (link_to_nowhere, "No such file or directory"),
+        (unix_socket, "No such device or address"),
+        (below_a_file, "Not a directory"),
+        (lambda: "/dev/null", "an empty file"),
+        (lambda: "/dev/zero", "more than 1 MiB"),
+        (lambda: "f" * 300, "File name too long"),
+        (lambda: "f.yaml\0", "embedded null byte"),
+        (lambda: "f.yaml/", "No such file or directory"),
+        (lambda: "", "an empty name"),
+    ],
+)
+@pytest.mark.skipif(sys.platform == "win32", reason="files as Unix has them")
+def test_what_is_no_file_to_read_is_answered_without_waiting(arva: Arva, make: Callable[[], str], answer: str) -> None:
+    name = make()
+    code, out, err = arva("check", name)
+    assert (code, out) == (2, "")
+    quoted = name or "''"
+    assert err.startswith(f"{quoted}:1:1: {answer}, expected a ")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files as Unix has them")
+def test_a_pipe_that_is_written_to_is_read(arva: Arva) -> None:
+    read, write = os.pipe()
+    os.write(write, GOOD.encode())
+    os.close(write)
+    try:
+        assert arva("check", f"/dev/fd/{read}").code == 0
+    finally:
+        os.close(read)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files as Unix has them")
+def test_a_terminal_is_no_scenario(arva: Arva) -> None:
+    ends = os.openpty()
+    try:
+        name = os.ttyname(ends[1])
+        assert arva("check", name) == (2, "", f"{name}:1:1: a terminal, expected a scenario file\n")
+    finally:
+        for end in ends:
+            os.close(end)
+
+
+@contextmanager
+def ordinary() -> Iterator[None]:
+    """Not as root, who may read everything."""
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if root:
+            os.seteuid(0)
+
+
+@pytest.mark.parametrize(
+    ("command", "answer"),
+    [
+        ("check {f}", "{f}:1:1: Permission denied, expected a scenario file"),
+        ("run --port pty --scenario {f}", "arva-hil: {f}:1:1: Permission denied, expected a scenario file"),
+        ("campaign {f}", "arva-hil: {f}:1:1: Permission denied, expected the plan of a campaign"),
+        ("replay {f}", "arva-hil: {f}: permission denied"),
+        ("listen {f}", "arva-hil: {f}: cannot be read: Permission denied"),
+    ],
+)
+@pytest.mark.skipif(sys.platform == "win32", reason="permissions as Unix has them")
+def test_what_may_not_be_read_is_answered(arva: Arva, command: str, answer: str) -> None:
+    with tempfile.TemporaryDirectory() as name:
+        os.chmod(name, 0o755)
+        file = Path(name, "f.yaml")
+        file.write_text(GOOD)
+        file.chmod(0)
+        arva(*command.format(f="none.yaml").split())  # what it imports, it imports as root
+        with ordinary():
+            code, out, err = arva(*command.format(f=file).split())
+        assert (code, out) == (2, "")
+        assert err.startswith(answer.format(f=file))
+
+
+def test_each_of_several_files_is_answered(arva: Arva) -> None:
+    Path("good.yaml").write_text(GOOD)
+    Path("broken.yaml").write_text(GOOD + "seed: x\n")
+    code, out, err = arva("check", "broken.yaml", "good.yaml", "none.yaml")
+    assert code == 2
+    assert out.startswith("good.yaml: ok")
+    assert [line.split(": ")[0] for line in err.splitlines()] == ["broken.yaml:2:7", "none.yaml:1:1"]
+
+
+# -- plans of campaigns, logs ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("entry", params(CAMPAIGNS))
+def test_a_broken_plan_is_answered_at_its_place(arva: Arva, entry: Entry) -> None:
+    Path("good.yaml").write_text(GOOD)
+    Path("broken.yaml").write_text(GOOD + "seed: x\n")
+    Path("f.yaml").write_bytes(entry.data)
+    code, out, err = arva("campaign", "f.yaml")
+    assert (code, out) == (2, "")
+    assert err.startswith("arva-hil: ")
+    check_answers(err.removeprefix("arva-hil: "), entry)
+    assert {path.name for path in Path().iterdir()} == {"f.yaml", "good.yaml", "broken.yaml"}, "nothing was written"
+
+
+@pytest.mark.parametrize(
+    ("data", "answer"),
+    [
+        (b"", "no MAVLink packet in its 0 bytes"),
+        (GOOD.encode(), "no MAVLink packet in its 40 bytes"),
+        (b"\xfd" * 1000, "no MAVLink packet in its 1000 bytes"),
+        (bytes(range(256)) * 8, "no MAVLink packet in its 2048 bytes"),
+        (bytes.fromhex("a457011b2a010401 01d204110000ff00ffffffff"), "no MAVLink packet in its 20 bytes"),
+        (b"PK\x03\x04" + bytes(100), "no MAVLink packet in its 104 bytes"),
+        (b"\xa3\x95\x80\x80\x59FMT\0" + bytes(300), "no MAVLink packet in its 309 bytes"),
+        (b"ULog\x01\x12\x35\x01" + bytes(300), "no MAVLink packet in its 308 bytes"),
+        (b"\xfd\x09\0\0\0\1\1\0\0\0" + bytes(11), "no MAVLink packet in its 21 bytes"),
+    ],
+    ids=["empty", "a scenario", "magics", "every byte", "frames", "a zip", "a dataflash log", "a ulog", "no times"],
+)
+def test_what_is_no_log_is_answered(arva: Arva, data: bytes, answer: str) -> None:
+    Path("flight.tlog").write_bytes(data)
+    code, out, err = arva("replay", "flight.tlog")
+    assert (code, out) == (2, "")
+    assert err == f"arva-hil: flight.tlog: {answer}: is it a telemetry log?\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="files as Unix has them")
+def test_a_pipe_is_no_log(arva: Arva) -> None:
+    os.mkfifo("flight.tlog")
+    assert arva("replay", "flight.tlog") == (2, "", "arva-hil: flight.tlog: is not a regular file\n")
+
+
+# -- command lines -----------------------------------------------------------------------------------------
+
+
+def words(line: str, folder: Path) -> tuple[dict[str, str], list[str]]:
+    """Environment and arguments of what is typed."""
+    (folder / "good.yaml").write_text(GOOD)
+    (folder / "broken.yaml").write_text(GOOD + "seed: x\n")
+    (folder / "folder").mkdir()
+    environment: dict[str, str] = {}
+    parts = [fill(part, folder) for part in shlex.split(line)]
+    while parts[0] != "arva-hil":
+        name, _, environment[name] = parts.pop(0).partition("=")
+    return environment, parts[1:]
+
+
+def fill(text: str, folder: Path) -> str:
+    names = {"log": DATA / "px4.tlog", "good": "good.yaml", "broken": "broken.yaml", "folder": "folder"}
+    for name, path in names.items():
+        text = text.replace(f"{{{name}}}", str(folder / path))
+    return text
+
+
+@pytest.mark.parametrize(("line", "answer"), command_lines(), ids=[line for line, _ in command_lines()])
+def test_a_wrong_command_line_is_answered(
+    arva: Arva, folder: Path, monkeypatch: pytest.MonkeyPatch, line: str, answer: str
+) -> None:
+    environment, arguments = words(line, folder)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    code, out, err = arva(*arguments)
+    assert (code, out) == (2, "")
+    assert "Traceback" not in err
+    assert fill(answer, folder) in err
+
+
+def test_there_are_many_of_every_command() -> None:
+    lines = [line for line, _ in command_lines()]
+    assert len(set(lines)) == len(lines) >= 150
+    commands = Counter(next((w for w in shlex.split(line) if w.isalpha()), "") for line in lines)
+    for name in ("run", "replay", "demo", "search", "campaign", "listen", "check", "ports"):
+        assert commands[name] >= 2, name
+    usage = (Path(__file__).parent / "test_usage.py").read_text(encoding="utf-8")
+    assert not [line for line in lines if f'("{line.removeprefix("arva-hil ")}",' in usage], "tested already"
+
+
+HUGE = "x" * 100_000
+PROCESSES = [
+    ([b"--port", b"\xff\xfe"], {}, rb"'\udcff\udcfe' is no connection"),
+    ([b"check", b"\xe9t\xe9.yaml"], {}, rb"\udce9t\udce9.yaml:1:1: No such file or directory"),
+    ([b"r\xfcn"], {}, rb"no command 'r\udcfcn'"),
+    ([b"run", b"--port", b"pty"], {b"ARVA_HIL_FORMAT": b"\xff"}, rb"ARVA_HIL_FORMAT=\udcff"),
+    ([b"run", b"--port", b"pty", b"--fault", b"\x80"], {}, rb"'\udc80'"),
+    ([b"listen", HUGE.encode()], {}, b"no connection"),
+    ([b"run", b"--port", b"pty", b"--scenario", HUGE.encode()], {}, b"File name too long"),
+    ([b"replay", b"\n\x1b[31m.tlog"], {}, b"no such file"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "environment", "answer"), PROCESSES, ids=[str(p[2])[:40] for p in PROCESSES])
+@pytest.mark.skipif(sys.platform == "win32", reason="arguments of bytes")
+def test_a_process_ends_with_2_and_no_traceback(
+    arguments: list[bytes], environment: dict[bytes, bytes], answer: bytes
+) -> None:
+    plain = {name: value for name, value in os.environb.items() if not name.startswith(b"ARVA_HIL_")}
+    root = os.fsencode(BROKEN.parent.parent)
+    done = subprocess.run(
+        [os.fsencode(sys.executable), b"-m", b"arva_hil", *arguments],
+        env={**plain, **environment, b"PYTHONPATH": root},
+        capture_output=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert answer in done.stderr
+    assert b"Traceback" not in done.stderr

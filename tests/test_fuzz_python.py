@@ -1,0 +1,134 @@
+"""tools/fuzz_python.py: what it runs holds on its seeds and a few hundred damaged ones; what it says."""
+
+from __future__ import annotations
+
+import importlib.util
+import random
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+TOOLS = Path(__file__).parent.parent / "tools"
+TOOL = TOOLS / "fuzz_python.py"
+
+
+def module(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, TOOLS / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    found = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
+
+
+targets = module("fuzz_targets")
+tool = module("fuzz_python")
+
+
+def damaged(seeds: list[bytes], count: int) -> list[bytes]:
+    """The same ones each time."""
+    r = random.Random(457)
+    words = [word.encode() for word in tool.dictionary()]
+    out = []
+    for _ in range(count):
+        data = bytearray(r.choice(seeds))
+        for _ in range(r.randint(1, 8)):
+            at = r.randrange(len(data) + 1)
+            data[at : at + r.randrange(2)] = r.choice((b"", r.randbytes(1), r.randbytes(4), bytes(data[at : at + 20])))
+        out.append(tool.reworded(bytes(data), words, r) if r.random() < 0.3 else bytes(data))
+    return out
+
+
+@pytest.mark.parametrize(("target", "count"), [("loader", 250), ("session", 250), ("decoder", 2000)])
+def test_what_has_to_hold_holds_on_the_seeds_and_on_damaged_ones(target: str, count: int) -> None:
+    body, seeds = targets.TARGETS[target]
+    every = list(seeds())
+    assert len(every) >= 5
+    for data in every + damaged(every, count):
+        try:
+            body(data)
+        except Exception as error:
+            raise AssertionError(f"{target}: {data.hex()}") from error
+
+
+FOUND = [  # inputs that once failed
+    ("loader", b"transmitters: []\rseed: 1 # caf\xe9\r"),
+    ("decoder", bytes.fromhex("05 00 1f 02 d204000000000000 0000c07f 00000000 00000000 61 000000000000000000 00")),
+    ("decoder", bytes.fromhex("05 00 1f 02 d204000000000000 0000807f 00000000 00000000 61 000000000000000000 00")),
+    ("decoder", bytes.fromhex("04 00 13 01 01000000 01000000 41525641315f58000000 00 13 01 01000000 01000000")
+     + b"ARVA1_D\0\0\0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("target", "data"), FOUND)
+def test_what_was_found_once(target: str, data: bytes) -> None:
+    targets.TARGETS[target][0](data)
+
+
+def wrong_session(monkeypatch: pytest.MonkeyPatch) -> str:
+    """Knows more than its twin, as if it had listened to somebody else."""
+    monkeypatch.setattr(targets.Bench, "_alone", lambda self, twin, packet: [packet])
+    return "session"
+
+
+def wrong_loader(monkeypatch: pytest.MonkeyPatch) -> str:
+    """Reads back another seed than was written."""
+    plain = targets.to_dict
+    monkeypatch.setattr(targets, "to_dict", lambda scenario: {**plain(scenario), "seed": 7})
+    return "loader"
+
+
+def wrong_decoder(monkeypatch: pytest.MonkeyPatch) -> str:
+    """Says another distance than was sent."""
+
+    class Wrong(targets.DECODERS["binary"]):  # type: ignore[misc]
+        def feed(self, chunk: bytes, now: float) -> Any:
+            return [f._replace(channels=(f.channels[0]._replace(d=5),)) for f in super().feed(chunk, now)]
+
+    monkeypatch.setitem(targets.DECODERS, "binary", Wrong)
+    return "decoder"
+
+
+@pytest.mark.parametrize("make", [wrong_session, wrong_loader, wrong_decoder])
+def test_what_is_wrong_is_found(make: Callable[[pytest.MonkeyPatch], str], monkeypatch: pytest.MonkeyPatch) -> None:
+    body, seeds = targets.TARGETS[make(monkeypatch)]
+    failed = 0
+    for data in seeds():
+        try:
+            body(data)
+        except AssertionError:
+            failed += 1
+    assert failed
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(TOOL), *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
+
+
+def test_an_input_is_tried_again(tmp_path: Path) -> None:
+    good = tmp_path / "good"
+    good.write_bytes(b"seed: 1")
+    done = run("loader", "--reproduce", good)
+    assert (done.returncode, done.stdout) == (0, f"{good}: passes\n")
+
+
+def test_without_atheris_it_says_what_to_install() -> None:
+    hide = "import runpy, sys; sys.modules['atheris'] = None; del sys.argv[0]; "
+    hide += "runpy.run_path(sys.argv[0], run_name='__main__')"
+    command = [sys.executable, "-c", hide, str(TOOL), "loader", "--seconds", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert re.search(r"atheris is not installed: pip install 'arva-hil\[fuzz\]'", done.stderr)
+
+
+def test_a_wrong_target_is_refused() -> None:
+    done = run("lodaer")
+    assert done.returncode == 2
+    assert "invalid choice: 'lodaer'" in done.stderr

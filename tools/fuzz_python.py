@@ -1,0 +1,158 @@
+"""Coverage-guided fuzzing of what reads from outside: scenario files, the autopilot's MAVLink, frames.
+
+    python tools/fuzz_python.py loader|session|decoder [--seconds 600] [--seed N] [--corpus DIR]
+    python tools/fuzz_python.py TARGET --reproduce FILE        one input, without atheris
+
+Needs atheris: pip install 'arva-hil[fuzz]'. What is tried and what has to hold: fuzz_targets.py. It begins with
+configs/, tests/data, tests/broken and vectors.json, and with what is in `--corpus`, which grows. The first finding ends
+the run: its input is left in the current folder. Exit 0 when nothing was found, 1 when something was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import random
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from pathlib import Path
+
+NAMES = ("loader", "session", "decoder")
+LONGEST = {"loader": 4096, "session": 1024, "decoder": 2048}
+INSTRUMENTED = {"loader": ["arva_hil", "yaml"], "session": ["arva_hil"], "decoder": ["arva_hil", "firmware_proto"]}
+SLOWEST_S = 20  # of one input
+LARGEST_MB = 2048
+ROOT = Path(__file__).parent.parent
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("target", choices=NAMES)
+    parser.add_argument("--seconds", type=int, default=600, help="default 600")
+    parser.add_argument("--seed", type=int, default=457)
+    parser.add_argument("--corpus", type=Path, metavar="DIR")
+    parser.add_argument("--reproduce", type=Path, metavar="FILE")
+    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
+    options, rest = parser.parse_known_args()
+    if rest and not options.child:
+        parser.error(f"unrecognized arguments: {' '.join(rest)}")
+    sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
+    if options.reproduce:
+        return reproduce(options.target, options.reproduce)
+    if importlib.util.find_spec("atheris") is None:
+        print("atheris is not installed: pip install 'arva-hil[fuzz]' (or pip install atheris)", file=sys.stderr)
+        return 2
+    return child(options.target, rest) if options.child else fuzz(options)
+
+
+def reproduce(target: str, path: Path) -> int:
+    from fuzz_targets import TARGETS
+
+    try:
+        TARGETS[target][0](path.read_bytes())
+    except Exception:
+        traceback.print_exc()
+        print(f"{path}: fails", file=sys.stderr)
+        return 1
+    print(f"{path}: passes")
+    return 0
+
+
+def fuzz(options: argparse.Namespace) -> int:
+    """The fuzzer in a process of its own, and its sum."""
+    from fuzz_targets import TARGETS
+
+    with tempfile.TemporaryDirectory(prefix="arva-fuzz-") as name:
+        seeds = Path(name, "seeds")
+        seeds.mkdir()
+        for number, seed in enumerate(TARGETS[options.target][1]()):
+            (seeds / f"{number:04}").write_bytes(seed)
+        grown = options.corpus or Path(name, "corpus")
+        grown.mkdir(parents=True, exist_ok=True)
+        words = Path(name, "words")
+        words.write_text("".join(f'"{word}"\n' for word in dictionary()) if options.target == "loader" else "\n")
+        command = [sys.executable, __file__, options.target, "--child"]
+        command += [f"-max_total_time={options.seconds}", f"-seed={options.seed}", f"-dict={words}"]
+        command += [f"-max_len={LONGEST[options.target]}", f"-timeout={SLOWEST_S}", f"-rss_limit_mb={LARGEST_MB}"]
+        command += ["-print_final_stats=1", f"-artifact_prefix={Path.cwd()}/", str(grown), str(seeds)]
+        begun = time.monotonic()
+        said: list[str] = []
+        environment = {**os.environ, "TMPDIR": name}  # libFuzzer ends without cleaning up
+        with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True, errors="replace") as process:
+            for line in process.stderr or ():
+                print(line, end="", file=sys.stderr)
+                said.append(line)
+        seconds = time.monotonic() - begun
+    text = "".join(said)
+    runs = int(next(iter(re.findall(r"stat::number_of_executed_units: +(\d+)", text)), 0))
+    edges = next(iter(reversed(re.findall(r"cov: (\d+)", text))), "?")
+    found = re.findall(r"Test unit written to (\S+)", text)
+    print(
+        f"{options.target}: {runs} runs, {runs / seconds:.0f} runs/s, {seconds:.0f} s, seed {options.seed}, "
+        f"{edges} edges covered, {len(found)} findings"
+    )
+    for path in found:
+        print(f"finding: {path}\nreproduce: python {sys.argv[0]} {options.target} --reproduce {path}")
+    if process.returncode and not found:
+        print(f"the fuzzer ended with {process.returncode}", file=sys.stderr)
+    return 1 if found or process.returncode else 0
+
+
+def child(target: str, arguments: list[str]) -> int:
+    import atheris
+
+    import arva_hil.model  # noqa: F401 - before it could be instrumented: atheris keeps every array that is compared
+
+    with atheris.instrument_imports(include=INSTRUMENTED[target]):
+        from fuzz_targets import TARGETS
+    body = TARGETS[target][0]
+    words = [word.encode() for word in dictionary()]
+
+    def rearranged(data: bytes, largest: int, seed: int) -> bytes:
+        """Now as libFuzzer mutates bytes, now word by word, as people get YAML wrong."""
+        r = random.Random(seed)
+        return (atheris.Mutate(data, largest) if r.random() < 0.5 else reworded(data, words, r))[:largest]
+
+    mutator = {"custom_mutator": rearranged} if target == "loader" else {}
+    atheris.Setup([sys.argv[0], *arguments], body, **mutator)
+    atheris.Fuzz()
+    return 0
+
+
+def dictionary() -> list[str]:
+    """Every word of the scenarios that come with the program, and what YAML makes of punctuation."""
+    text = "\n".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "configs").glob("*.yaml")))
+    words = dict.fromkeys(re.findall(r"[a-z_]{2,}|-?[0-9.]+", re.sub("#.*", "", text)))
+    signs = ": |- |{|}|[|]|, |# |&a |*a|!!int |<<: |---|...|%YAML 1.1|'|? |>|.nan|.inf|-0|1e9|0x1|010|1_0|null|~|true"
+    return [*words, *signs.split("|"), "|"]
+
+
+def reworded(data: bytes, words: list[bytes], r: random.Random) -> bytes:
+    """A few words replaced, left out, said twice, exchanged or put in; lines too."""
+    parts = re.findall(rb"\n *|[\w.-]+| +|[^\w\s]|\s", data) or [b""]
+    for _ in range(r.randint(1, 4)):
+        at, other = r.randrange(len(parts)), r.randrange(len(parts))
+        kind = r.randrange(6)
+        if kind == 0:
+            parts[at] = r.choice(words)
+        elif kind == 1 and len(parts) > 1:
+            del parts[at]
+        elif kind == 2:
+            parts.insert(at, parts[other])
+        elif kind == 3:
+            parts[at], parts[other] = parts[other], parts[at]
+        elif kind == 4:
+            parts.insert(at, r.choice(words))
+        else:
+            low, high = sorted((at, other))
+            parts[low:low] = parts[low:high][:40]
+    return b"".join(parts)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
