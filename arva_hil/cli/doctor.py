@@ -16,9 +16,9 @@ from arva_hil import diagnosis as look
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.signing import Signing
 from arva_hil.cli import options as opt
-from arva_hil.cli.guard import Guard, unforeseen
+from arva_hil.cli.guard import Guard
 from arva_hil.cli.keyfile import signing
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, Failure, UsageError
+from arva_hil.cli.outcome import INTERRUPTED, UsageError
 from arva_hil.cli.sides import DEFAULT_AUTOPILOT, add_autopilot, check_sides, choose_autopilot
 from arva_hil.clock import Clock, RealClock
 from arva_hil.console.text import wants_colour
@@ -57,13 +57,8 @@ def main(options: argparse.Namespace) -> int:
     report, guard, clock = Report(as_json=options.json), Guard(), RealClock()
     sign = partial(signing, options.signing_key, clock.epoch_us)
     sign()
-    try:
-        with ExitStack() as stack, guard:
-            Doctor(options, address, report, clock, stack, lambda: guard.caught is not None, sign).examine()
-    except (Failure, OSError):
-        raise
-    except Exception as error:
-        raise Failure(FAILED, unforeseen(error)) from error
+    with ExitStack() as stack, guard:
+        Doctor(options, address, report, clock, stack, lambda: guard.caught is not None, sign).examine()
     return INTERRUPTED if guard.caught else look.exit_code(report.findings)
 
 

@@ -7,11 +7,12 @@ import importlib
 import io
 import os
 import sys
+import traceback
 from collections.abc import Sequence
 from typing import Final
 
 from arva_hil import __version__
-from arva_hil.cli.guard import interrupting
+from arva_hil.cli.guard import interrupting, unforeseen
 from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 
@@ -65,6 +66,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return FAILED
     except KeyboardInterrupt:
         return INTERRUPTED
+    except Exception as error:
+        if {"-v", "-vv", "--verbose"} & set(arguments):
+            traceback.print_exc()
+        print(f"arva-hil: {unforeseen(error)}", file=sys.stderr)
+        return FAILED
 
 
 def _command(arguments: list[str]) -> int:
