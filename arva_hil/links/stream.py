@@ -10,7 +10,7 @@ from typing import Final
 from arva_hil.links.base import Link, LinkError
 
 CHUNK: Final = 65536  # bytes asked of the system at a time
-AT_ONCE: Final = 1 << 20  # bytes one `read` returns at most, so that a flood cannot hold the loop
+AT_ONCE: Final = 1 << 16  # bytes one `read` returns, give or take a chunk: a flood cannot hold the loop
 
 
 class EndOfStream(ConnectionError):

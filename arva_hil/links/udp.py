@@ -20,6 +20,7 @@ class _UdpLink(Link):
     def __init__(self, name: str, sock: socket.socket) -> None:
         self.name = name
         self._socket = sock
+        self._drained = False  # all that had come was read
         sock.setblocking(False)
 
     def fileno(self) -> int | None:
@@ -28,10 +29,12 @@ class _UdpLink(Link):
 
     def read(self) -> bytes:
         data = bytearray()
+        self._drained = False
         for _ in range(AT_ONCE // 1024):
             try:
                 datagram, sender = self._socket.recvfrom(CHUNK)
             except BlockingIOError:
+                self._drained = True
                 break
             except OSError as error:
                 self._judge(error)
@@ -123,7 +126,7 @@ class UdpInLink(_UdpLink):
         now = self._clock.now()
         if self._heard:
             self._heard_at = now
-        elif self._other is not None and now - self._heard_at > _SILENT_S:  # all that came was read: it is silent
+        elif self._other is not None and self._drained and now - self._heard_at > _SILENT_S:
             self._gone(LinkError(self.name, f"lost: {show(*self.peer[:2])} is silent"))
             self.peer, data = self._other, bytes(self._others)
             self._heard_at = now

@@ -109,6 +109,22 @@ def test_a_udp_peer_that_lives_stays_however_long_nobody_read(stepped: tuple[Udp
     assert (near.losses, near.strangers) == (0, 11)
 
 
+def test_a_flood_of_others_does_not_hide_a_udp_peer_that_lives(
+    stepped: tuple[UdpInLink, StepClock], keep: Keep
+) -> None:
+    near, clock = stepped
+    first, second = (keep(UdpOutLink("127.0.0.1", near.port)) for _ in range(2))
+    first.write(b"first")
+    assert receive(near, 5) == b"first"
+    clock.wait(clock.now() + 60)
+    for _ in range(65):
+        second.write(b"x")
+    first.write(b"alive")
+    assert near.read() == b""  # as much as is taken at once
+    assert near.read() == b"alive"
+    assert (near.losses, near.strangers) == (0, 65)
+
+
 def test_udpin_without_a_peer_drops(udpin: UdpInLink) -> None:
     assert not udpin.write(b"to nobody")
     assert udpin.dropped == 1
