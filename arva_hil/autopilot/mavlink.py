@@ -149,7 +149,7 @@ class Encoder:
         self._codec = dialect.MAVLink(None, system, component)
         self._signing = signing
         if signing:
-            self._codec.signing.secret_key = signing.key
+            self._codec.signing.secret_key, self._codec.signing.link_id = signing.key, signing.link
 
     @property
     def system(self) -> int:

@@ -38,11 +38,13 @@ class Signing:
     """Remembers the newest time stamp of every stream that signed with `key` (32 bytes), and its own.
 
     `epoch_us`: microseconds since 1970 when the caller's clock read 0. A clock that is behind the others' takes
-    theirs. Counts what it `refused`, by why.
+    theirs. `link` tells two programs apart that speak as one component: a receiver wants the time stamps of each
+    system, component and link to grow, and remembers few of them (ArduPilot 16). Counts what it `refused`, by why.
     """
 
-    def __init__(self, key: bytes, epoch_us: int) -> None:
+    def __init__(self, key: bytes, epoch_us: int, link: int = 0) -> None:
         self.key = key
+        self.link = link
         self.refused: dict[str, int] = {"unsigned": 0, "forged": 0, "replayed": 0}
         self._ticks_at_0 = max(0, epoch_us - _EPOCH_US) // _TICK_US
         self._newest = self._ticks_at_0

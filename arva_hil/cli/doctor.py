@@ -55,7 +55,7 @@ def main(options: argparse.Namespace) -> int:
     if options.port == "-":
         raise UsageError("--port -: is stdout, where the findings go; `run` can send frames there")
     report, guard, clock = Report(as_json=options.json), Guard(), RealClock()
-    sign = partial(signing, options.signing_key, clock.epoch_us)
+    sign = partial(signing, options.signing_key, clock.epoch_us, link=1)  # `run` may go on at the same time
     sign()
     with ExitStack() as stack, guard:
         Doctor(options, address, report, clock, stack, lambda: guard.caught is not None, sign).examine()

@@ -12,9 +12,9 @@ from arva_hil.cli.outcome import UsageError
 _LARGEST: Final = 4096  # bytes
 
 
-def signing(path: str | None, epoch_us: int) -> Signing | None:
+def signing(path: str | None, epoch_us: int, link: int = 0) -> Signing | None:
     """Signing with the key in a file, by a clock that read 0 at `epoch_us` (µs since 1970). Raises UsageError."""
-    return Signing(_key(path), epoch_us) if path else None
+    return Signing(_key(path), epoch_us, link) if path else None
 
 
 def _key(path: str) -> bytes:
