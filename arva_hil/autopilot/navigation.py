@@ -20,8 +20,8 @@ _FASTEST: Final = 20.0  # and a simulator's clock run so much faster than ours
 _JUMP_M: Final = 100.0  # an estimator may correct itself by so much
 _SPEED_MS: Final = 100.0
 _ALTITUDES_M: Final = (-1_000.0, 100_000.0)
-_LARGEST_ANGLE: Final = 7.0  # radians; yaw comes as 0…2π or as ±π
-_LARGEST_RATE: Final = 100.0  # rad/s
+_LARGEST_ANGLES: Final = 8.0  # radians, the root of the sum of squares; yaw comes as 0…2π or as ±π
+_LARGEST_RATES: Final = 100.0  # rad/s, likewise
 _M_PER_DEG: Final = 111_320.0
 
 
@@ -108,15 +108,15 @@ class Navigation:
 
     def _on_attitude(self, message: Any, boot: float, now: float) -> None:
         angles = message.roll, message.pitch, message.yaw
-        self._add_attitude(message, boot, angles, max(map(abs, angles)) < _LARGEST_ANGLE)
+        self._add_attitude(message, boot, angles, _square(*angles) < _LARGEST_ANGLES**2)
 
     def _on_quaternion(self, message: Any, boot: float, now: float) -> None:
-        quaternion = message.q1, message.q2, message.q3, message.q4
-        self._add_attitude(message, boot, quaternion, 0.9 < sum(q * q for q in quaternion) < 1.1)
+        w, *xyz = quaternion = message.q1, message.q2, message.q3, message.q4
+        self._add_attitude(message, boot, quaternion, 0.9 < w * w + _square(*xyz) < 1.1)
 
     def _add_attitude(self, message: Any, boot: float, angles: tuple[float, ...], possible: bool) -> None:
         rates = message.rollspeed, message.pitchspeed, message.yawspeed
-        if possible and math.isfinite(sum(angles)) and all(-_LARGEST_RATE < rate < _LARGEST_RATE for rate in rates):
+        if possible and _square(*rates) < _LARGEST_RATES**2:
             self.track.add_attitude(AttitudeSample(boot, angles, rates))
         else:
             self.refused += 1
@@ -127,6 +127,11 @@ class Navigation:
             self.home = home
         else:
             self.refused += 1
+
+
+def _square(x: float, y: float, z: float) -> float:
+    """Of the length; of a NaN it is NaN, which compares with nothing."""
+    return x * x + y * y + z * z
 
 
 def _is_place(place: Place) -> bool:
