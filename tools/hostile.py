@@ -5,8 +5,8 @@
 Half of the packets go to a session without a key, half to one that verifies signatures; both follow a vehicle that
 goes on speaking in between, and every pose has to be that vehicle's. Among them: valid and invalid checksums, wrong
 lengths, packets of later versions, 255 systems, signatures, the vehicle's own ids from others, its clock and position
-far off, values that are no pose; and to the session with a key, packets that only lack the signature. Then come random
-bytes, and what costs the parser most. Ends with 1 when something is not as it should be.
+far off, values that are no pose, its own packets once more; and to the session with a key, packets that only lack the
+signature. Then come random bytes, and what costs the parser most. Ends with 1 when something is not as it should be.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import random
 import struct
 import sys
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from pathlib import Path
 from statistics import median
@@ -65,6 +65,7 @@ class Bench:
         self.now = 1000.0
         self.wrong: Counter[str] = Counter()
         self.poses = 0
+        self.past: deque[bytes] = deque(maxlen=1000)  # what the vehicle has said
         self.session = Session(target_system=1, signing=Signing(key, 1_700_000_000_000_000) if key else None)
         self._vehicle = Encoder(1, 1, signing=Signing(key, 1_700_000_000_000_000) if key else None)
         self._steps = 0
@@ -120,7 +121,8 @@ class Bench:
     def _tell(self, message: Any) -> None:
         if self.key:
             self._vehicle._signing.advance(self.now)  # type: ignore[union-attr]
-        self.session.feed(self._vehicle.pack(message), self.now)
+        self.past.append(self._vehicle.pack(message))
+        self.session.feed(self.past[-1], self.now)
 
 
 def packet(msgid: int, payload: bytes, source: tuple[int, int], flags: int = 0, version: int = 2) -> bytes:
@@ -136,15 +138,17 @@ def packet(msgid: int, payload: bytes, source: tuple[int, int], flags: int = 0, 
 class Enemy:
     """Makes hostile packets, one kind as likely as another. `boot`: the vehicle's time [s]."""
 
-    def __init__(self, numbers: random.Random, keyed: bool) -> None:
+    def __init__(self, bench: Bench) -> None:
         self.kinds: list[Callable[[float], bytes]] = [
             self.stranger, self.other_component, self.bad_checksum, self.short, self.long, self.later_version,
             self.unknown, self.signed, self.spoofed_heartbeat, self.no_values, self.no_place, self.odd_time, self.jump,
+            self.replayed,
         ]  # fmt: skip
-        if keyed:
+        if bench.key:
             self.kinds += [self.unsigned, self.forged]
-        self._n = numbers
-        self._pick = numbers.choice
+        self._n = bench.numbers
+        self._pick = self._n.choice
+        self._past = bench.past
         self.made: Counter[str] = Counter()
 
     def __call__(self, boot: float) -> bytes:
@@ -219,6 +223,9 @@ class Enemy:
             POSITION, struct.pack(LAYOUTS[POSITION], round(boot * 1e3), far, 77_456_000, 0, 0, 0, 0, 0, 0), (1, 1)
         )
 
+    def replayed(self, boot: float) -> bytes:
+        return self._pick(self._past)
+
     def unsigned(self, boot: float) -> bytes:
         ms = round(boot * 1e3) + 1
         return packet(
@@ -231,7 +238,7 @@ class Enemy:
 
 
 def throw_packets(bench: Bench, count: int) -> bool:
-    enemy = Enemy(bench.numbers, bool(bench.key))
+    enemy = Enemy(bench)
     cost, memory = [], []
     for burst in range(count // BURST):
         data = b"".join(enemy(bench.boot) for _ in range(BURST))
