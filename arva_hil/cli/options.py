@@ -8,6 +8,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from arva_hil.cli.outcome import UsageError
@@ -26,6 +27,7 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **kwargs)
         self._environment: dict[str, argparse.Action] = {}
+        self._given: Sequence[str] = ()
 
     def option(self, *flags: str, **kwargs: Any) -> None:
         """`add_argument` for an option, with its twin in the environment."""
@@ -35,6 +37,7 @@ class Parser(argparse.ArgumentParser):
     def parse(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> argparse.Namespace:
         """The options. Raises UsageError."""
         environment = os.environ if environment is None else environment
+        self._given = arguments
         weaker: list[str] = []
         for name, action in self._environment.items():
             if value := environment.get(name):
@@ -62,7 +65,10 @@ class Parser(argparse.ArgumentParser):
             near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, 1)
             hint = f"; did you mean {near[0]}?" if near else ""
         elif missing := re.match(r"argument (\S+): expected one argument", message):
-            hint = f"; one that begins with a dash needs a sign: {missing[1].split('/')[0]}=-…"
+            flags = missing[1].split("/")
+            follows = next((after for flag, after in pairwise(self._given) if flag in flags), "")
+            if follows[:1] == "-" and follows not in self._option_string_actions:
+                hint = f"; one that begins with a dash needs a sign: {flags[0]}={follows}"
         raise UsageError(f"{message}{hint}\nsee {self.prog} --help")
 
 
