@@ -70,16 +70,16 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.search",
     },
     "arva_hil/watchdog.py": {"arva_hil.clock", "arva_hil.console", "arva_hil.observer"},
-    "arva_hil/diagnosis.py": set(),
-    "arva_hil/examination.py": {
+    "arva_hil/doctor": {
         "arva_hil.autopilot",
         "arva_hil.clock",
-        "arva_hil.diagnosis",
+        "arva_hil.doctor",
         "arva_hil.links",
         "arva_hil.output",
         "arva_hil.scenario",
         "arva_hil.scene",
     },
+    "arva_hil/doctor/diagnosis.py": {"arva_hil.doctor.values"},
     "arva_hil/plots.py": {"arva_hil.search.client"},
     "arva_hil/console": {
         "arva_hil.console",

@@ -12,7 +12,6 @@ from contextlib import ExitStack, closing, suppress
 from functools import partial
 from typing import Final
 
-from arva_hil import diagnosis as look
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.signing import Signing
 from arva_hil.cli import options as opt
@@ -22,8 +21,9 @@ from arva_hil.cli.outcome import INTERRUPTED, UsageError
 from arva_hil.cli.sides import DEFAULT_AUTOPILOT, add_autopilot, check_sides, choose_autopilot
 from arva_hil.clock import Clock, RealClock
 from arva_hil.console.text import wants_colour
-from arva_hil.diagnosis import Finding
-from arva_hil.examination import Ear, Mouth
+from arva_hil.doctor import diagnosis as look
+from arva_hil.doctor.examination import Ear, Mouth
+from arva_hil.doctor.values import Finding, Position
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.ports import Port as SerialPort
 from arva_hil.links.ports import far_program, list_ports, listeners
@@ -271,7 +271,7 @@ class Doctor:
             add(look.stream(stream))
         last = session.track.last_position
         place = (last.lat, last.lon, last.alt) if last else None
-        add(look.position(look.Position(place, session.navigation.unpositioned, session.navigation.refused, ear.fix)))
+        add(look.position(Position(place, session.navigation.unpositioned, session.navigation.refused, ear.fix)))
         add(look.home(session.home, armed=vehicle.armed))
         state = session.state_at(now, last.frame) if last else None
         add(look.pose(state.age_s if state else None))

@@ -14,13 +14,13 @@ from typing import Any
 
 import pytest
 
-from arva_hil import diagnosis as look
 from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.autopilot.signing import Signing
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.cli import doctor
 from arva_hil.clock import Clock, RealClock
-from arva_hil.examination import Mouth
+from arva_hil.doctor import diagnosis as look
+from arva_hil.doctor.examination import Mouth
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.ports import Port
 from arva_hil.links.pty import PtyLink
@@ -515,7 +515,7 @@ def test_states_are_coloured_on_a_terminal(start: Start, no_color: str, coloured
 
 
 def test_what_nobody_foresaw_is_one_line(arva: Arva, monkeypatch: pytest.MonkeyPatch, line: PtyLink) -> None:
-    monkeypatch.setattr("arva_hil.diagnosis.silence", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("arva_hil.doctor.diagnosis.silence", lambda *_, **__: 1 / 0)
     code, _, err = arva("doctor", "--autopilot", line.path, "--listen", 0.2)
     assert code == 1
     assert "arva-hil: unforeseen ZeroDivisionError" in err

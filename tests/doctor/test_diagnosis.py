@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from arva_hil import diagnosis as look
-from arva_hil.diagnosis import Finding, Position, Source, Stream, Traffic, Way
+from arva_hil.doctor import diagnosis as look
+from arva_hil.doctor.values import Finding, Position, Source, Stream, Traffic, Way
 
 PILOT = Source(1, 1, "ardupilotmega quadrotor", True, 6, 1.0)
 OTHER = Source(2, 1, "px4 quadrotor", True, 6, 1.0)

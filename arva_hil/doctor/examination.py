@@ -11,11 +11,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
-from arva_hil import diagnosis as look
 from arva_hil.autopilot.finder import is_autopilot, short_name
 from arva_hil.autopilot.mavlink import RESULTS, Packet, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import Clock
+from arva_hil.doctor.diagnosis import rate
+from arva_hil.doctor.values import Source, Stream, Traffic, Way
 from arva_hil.links import Address, Link, LinkEnded, LinkError
 from arva_hil.links.ports import far_program, holders, unread
 from arva_hil.links.pty import PtyLink
@@ -154,29 +155,29 @@ class Ear:
 
     # -- what it amounts to ----------------------------------------------------------------------------------
 
-    def traffic(self, now: float) -> look.Traffic:
+    def traffic(self, now: float) -> Traffic:
         session, parser = self.session, self.session.parser
         counts = now - self.start, session.bytes, parser.packets, self._old, self._signed, parser.bad_crc
-        return look.Traffic(*counts, session.disbelieved_signatures())
+        return Traffic(*counts, session.disbelieved_signatures())
 
     @property
     def strangers(self) -> tuple[int, str]:
         """How many datagrams came from others than the peer, and from where the first."""
         return self._link.strangers, self._link.stranger
 
-    def sources(self) -> list[look.Source]:
+    def sources(self) -> list[Source]:
         """Autopilots first."""
-        every = [look.Source(*key, h.name, h.pilot, h.count, h.hz) for key, h in self._heartbeats.items()]
+        every = [Source(*key, h.name, h.pilot, h.count, h.hz) for key, h in self._heartbeats.items()]
         return sorted(every, key=lambda source: not source.pilot)
 
-    def streams(self, now: float, wanted_hz: float, *, recorded: bool) -> list[look.Stream]:
+    def streams(self, now: float, wanted_hz: float, *, recorded: bool) -> list[Stream]:
         every = ", ".join(f"{result} ×{n}" for result, n in self._acks.items())
         acks = f"SET_MESSAGE_INTERVAL: {every or 'never answered'}"
         return [
-            look.Stream(
+            Stream(
                 name,
                 sum(self._counts[msgid] for msgid in ids),
-                max(look.rate(self._times[msgid], now) for msgid in ids),
+                max(rate(self._times[msgid], now) for msgid in ids),
                 wanted_hz,
                 "" if recorded else self._said.get(name, acks),
                 recorded,
@@ -233,7 +234,7 @@ class Mouth:
             self._taken += sent
             self._dropped += not sent
 
-    def way(self) -> look.Way:
+    def way(self) -> Way:
         """What became of the frames, and who is seen at the other end."""
         kind, name = (self._address.kind, str(self._address)) if self._address else ("mavlink", "")
         seen: list[str] = []
@@ -245,9 +246,7 @@ class Mouth:
             waiting = unread(self._out.path)
         elif self._address and kind == "serial" and (program := far_program(self._address.path)):
             seen = [program]
-        return look.Way(
-            kind, name, self._taken, self._dropped, self._answered, seen, waiting, self._refused, self._lost
-        )
+        return Way(kind, name, self._taken, self._dropped, self._answered, seen, waiting, self._refused, self._lost)
 
 
 def was_refused(link: Link) -> bool:

@@ -1,0 +1,1 @@
+"""What `arva-hil doctor` knows: `examination` measures both links, `diagnosis` says what it means."""
