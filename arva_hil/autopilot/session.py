@@ -275,7 +275,7 @@ class Session:
         self._streams = Streams(self._rate_hz, now)
         self._last_heartbeat = now
         self._say(Notice("info", f"vehicle {vehicle}, MAVLink {vehicle.version}{', signed' if signed else ''}"))
-        if signed and not self._signing:
+        if signed and not self._signing and not self._passive:
             text = "its packets are signed, which nobody checks, and it may take no requests without a signature"
             self._say(Notice("warning", f"{text}: --signing-key FILE"))
 

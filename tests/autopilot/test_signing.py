@@ -207,3 +207,11 @@ def test_without_a_key_signed_packets_are_read_and_it_is_said_so() -> None:
     assert "signed" in first
     assert "--signing-key FILE" in second
     assert not any(p.signed for p in Parser().feed(session.poll(0.0)))
+
+
+def test_in_a_log_signed_packets_are_read_without_a_word_about_keys() -> None:
+    session = Session(passive=True)
+    session.feed(Vehicle().says(heartbeat()), 0.0)
+    (said,) = texts(session)
+    assert "signed" in said
+    assert "--signing-key" not in said
