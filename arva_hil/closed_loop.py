@@ -15,8 +15,9 @@ from arva_hil.observer import Observer
 from arva_hil.output import WirePort
 from arva_hil.scenario import Scenario
 from arva_hil.scene import transmitters
-from arva_hil.search.client import COMPONENT, Row, SearchClient
+from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.mission import Plan
+from arva_hil.search.outcome import Row
 from arva_hil.simulator import Simulator
 from firmware_proto import DECODERS
 

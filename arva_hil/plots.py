@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from arva_hil.search.client import Row
+from arva_hil.search.outcome import Row
 
 Place = tuple[float, float]  # north, east of the take-off point, m
 

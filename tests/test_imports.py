@@ -55,7 +55,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.autopilot",
         "arva_hil.model",
         "arva_hil.links",
-        "arva_hil.search.client",
+        "arva_hil.search.outcome",
     },
     "arva_hil/campaign": {
         "arva_hil.__version__",
@@ -80,7 +80,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.scene",
     },
     "arva_hil/doctor/diagnosis.py": {"arva_hil.doctor.values"},
-    "arva_hil/plots.py": {"arva_hil.search.client"},
+    "arva_hil/plots.py": {"arva_hil.search.outcome"},
     "arva_hil/console": {
         "arva_hil.console",
         "arva_hil.observer",

@@ -10,7 +10,7 @@ import pytest
 
 from arva_hil.record import RecordError
 from arva_hil.record.search_log import SearchLog
-from arva_hil.search.client import Row
+from arva_hil.search.outcome import Row
 
 COLUMNS = "time_s,phase,north_m,east_m,down_m,heading_deg,v_north,v_east,v_down,id,d_cm,delta_deg"
 

@@ -21,7 +21,7 @@ from arva_hil.campaign.trial import Trial, fly
 from arva_hil.cli.main import main as arva_hil
 from arva_hil.plots import Track, draw_search
 from arva_hil.search import STRATEGIES
-from arva_hil.search.client import Row
+from arva_hil.search.outcome import Row
 
 PLAN = Path(__file__).parents[1] / "configs/campaigns/paper.yaml"
 CASES = {8: "paper_case_1", 9: "paper_case_2", 10: "paper_case_3", 11: "paper_case_4"}  # by figure

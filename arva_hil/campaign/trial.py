@@ -12,8 +12,8 @@ from arva_hil.links import memory
 from arva_hil.loop import run
 from arva_hil.scenario import Scenario
 from arva_hil.search import STRATEGIES
-from arva_hil.search.client import Row
 from arva_hil.search.mission import FOUND, Plan
+from arva_hil.search.outcome import Row
 
 __all__ = ["FOUND", "Result", "Trial", "fly"]
 

@@ -23,7 +23,7 @@ from arva_hil.links.pty import PtyLink
 from arva_hil.loop import run
 from arva_hil.notice import Notice
 from arva_hil.output import MAVLINK_FORMATS
-from arva_hil.search.client import Outcome
+from arva_hil.search.outcome import Outcome
 
 _AROUND_S: Final = 120.0  # for take-off and landing
 

@@ -36,8 +36,9 @@ from arva_hil.plots import Track, draw_search
 from arva_hil.record import RecordError
 from arva_hil.record.search_log import TRACK, SearchLog, refuse_search
 from arva_hil.search import STRATEGIES
-from arva_hil.search.client import COMPONENT, Outcome, Row, SearchClient
+from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.mission import FOUND, NO_ID, Plan
+from arva_hil.search.outcome import Outcome, Row
 from arva_hil.search.strips import Strips
 from firmware_proto import DECODERS
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from arva_hil.background import Background
 from arva_hil.record.recorder import RecordError, refuse_old, why
-from arva_hil.search.client import Row
+from arva_hil.search.outcome import Row
 
 TRACK, OUTCOME = SEARCH_FILES = ("search.csv", "search.json")
 _BATCH: Final = 1 << 12  # characters

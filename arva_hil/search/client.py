@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple
+from typing import Final
 
 from arva_hil.autopilot.commander import Commander, Phase
 from arva_hil.autopilot.mavlink import dialect
@@ -19,9 +18,10 @@ from arva_hil.links import Link, LinkError
 from arva_hil.model.geodesy import LocalFrame
 from arva_hil.model.rotation import to_euler, to_matrix
 from arva_hil.notice import Level, Notice
-from arva_hil.search.mission import FOUND, Heard, Mission, Plan
+from arva_hil.search.mission import FOUND, Mission, Plan
+from arva_hil.search.outcome import Kind, Outcome, Row
 from arva_hil.search.receiver import Receiver
-from arva_hil.search.strategy import Found, Position
+from arva_hil.search.strategy import Position
 from arva_hil.watched import Watched
 from firmware_proto import Frame, FrameDecoder
 
@@ -33,40 +33,6 @@ _OLD_S: Final = 1.0  # a pose older than this is none to fly by
 
 INTERRUPTED: Final = "interrupted"
 STAY: Final = (0.0, 0.0, 0.0)
-
-Kind = Literal["found", "not found", "no link", "failed"]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a search ended. Places are NED metres from the take-off point; `time_s` from the end of the take-off."""
-
-    kind: Kind
-    how: str
-    id: int | None = None  # of the transmitter searched for, -1 when frames carry none
-    found: Found | None = None
-    lat_lon: tuple[float, float] | None = None  # of `found`, degrees
-    time_s: float = 0.0
-    path_m: float = 0.0
-    frames: int = 0
-    others: tuple[tuple[int, Heard], ...] = ()
-
-
-class Row(NamedTuple):
-    """One step of the flight, for a log. The last three are those of the frame that came in it, else None."""
-
-    time_s: float
-    phase: str
-    north_m: float
-    east_m: float
-    down_m: float
-    heading_deg: float
-    v_north: float
-    v_east: float
-    v_down: float
-    id: int | None
-    d_cm: int | None
-    delta_deg: int | None
 
 
 class SearchClient:

@@ -18,8 +18,9 @@ from arva_hil.clock import Clock, StepClock
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reopen import Reopening
 from arva_hil.loop import run
-from arva_hil.search.client import INTERRUPTED, Row, SearchClient
+from arva_hil.search.client import INTERRUPTED, SearchClient
 from arva_hil.search.mission import Plan
+from arva_hil.search.outcome import Row
 from arva_hil.search.strategy import Found, Observation, Position, Velocity, towards
 from arva_hil.simulator import Simulator
 from firmware_proto import DECODERS, MID, Channel, Frame, encode

@@ -1,0 +1,43 @@
+"""What a search leaves behind: how it ended, and the steps of its flight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from arva_hil.search.mission import Heard
+from arva_hil.search.strategy import Found
+
+Kind = Literal["found", "not found", "no link", "failed"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a search ended. Places are NED metres from the take-off point; `time_s` from the end of the take-off."""
+
+    kind: Kind
+    how: str
+    id: int | None = None  # of the transmitter searched for, -1 when frames carry none
+    found: Found | None = None
+    lat_lon: tuple[float, float] | None = None  # of `found`, degrees
+    time_s: float = 0.0
+    path_m: float = 0.0
+    frames: int = 0
+    others: tuple[tuple[int, Heard], ...] = ()
+
+
+class Row(NamedTuple):
+    """One step of the flight, for a log. The last three are those of the frame that came in it, else None."""
+
+    time_s: float
+    phase: str
+    north_m: float
+    east_m: float
+    down_m: float
+    heading_deg: float
+    v_north: float
+    v_east: float
+    v_down: float
+    id: int | None
+    d_cm: int | None
+    delta_deg: int | None
