@@ -687,6 +687,7 @@ def test_a_recorded_flight_is_read_in_full(flight: Path) -> None:
     assert seen == session.parser.packets == count
     assert session.parser.bad_crc == session.parser.skipped == 0
     assert session.navigation.refused == session.navigation.unpositioned == session.navigation.reboots == 0
+    assert not any(session.disbelieved().values())
     assert vehicle is not None
     assert (vehicle.system, vehicle.component, vehicle.version) == (1, 1, 2)
     assert str(vehicle) == f"{'px4' if flight.stem == 'px4' else 'ardupilotmega'} quadrotor 1/1"
