@@ -98,8 +98,8 @@ class Parser:
     def _packet(self, data: bytes, at: int, size: int) -> Packet | None:
         """The candidate at `at` as a packet, or None when it is a false one.
 
-        The checksum of an unknown id cannot be verified: such a candidate counts only when the next byte,
-        if there is one, starts a packet.
+        The checksum of an unknown id cannot be verified: such a candidate counts only when the next byte, if there is
+        one, starts a packet, and never when its flags are unknown too.
         """
         raw = data[at : at + size]
         if raw[0] == _MAGIC_V2:
@@ -111,9 +111,10 @@ class Parser:
             system, component, msgid = raw[3], raw[4], raw[5]
         known = msgid in _CRC_EXTRA
         if not known:
-            if data[at + size : at + size + 1] not in (b"", b"\xfd", b"\xfe"):
+            later = version == 2 and raw[2] > _SIGNED
+            if later or data[at + size : at + size + 1] not in (b"", b"\xfd", b"\xfe"):
                 return None
-        elif _crc(raw[1:crc_at], msgid) != raw[crc_at : crc_at + 2]:
+        elif _crc(raw[1:crc_at], msgid) != raw[crc_at] | raw[crc_at + 1] << 8:
             self.bad_crc += 1
             return None
         return Packet(raw, version, signed, system, component, msgid, known)
@@ -191,9 +192,9 @@ def _size(data: bytes, at: int) -> int:
     return 0
 
 
-def _crc(data: bytes, msgid: int) -> bytes:
+def _crc(data: bytes, msgid: int) -> int:
     """The checksum of all between the first byte and the checksum of a packet whose message the dialect knows."""
-    return int(crc16.mcrf4xx(data + _CRC_EXTRA[msgid])).to_bytes(2, "little")
+    return int(crc16.mcrf4xx(data + _CRC_EXTRA[msgid]))
 
 
 def _without_extensions(raw: bytes, msgid: int) -> bytes:
@@ -202,7 +203,7 @@ def _without_extensions(raw: bytes, msgid: int) -> bytes:
     if raw[1] == length:
         return raw
     body = bytes([length]) + raw[2 : 6 + length]
-    return raw[:1] + body + _crc(body, msgid)
+    return raw[:1] + body + _crc(body, msgid).to_bytes(2, "little")
 
 
 @functools.cache

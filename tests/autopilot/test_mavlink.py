@@ -134,6 +134,14 @@ def test_garbage_that_looks_like_the_start_of_a_packet_hides_none(
     assert [p.raw for p in found] == [p for _, p in pairs]
 
 
+def test_flags_and_an_id_that_nobody_knows_hide_no_packet() -> None:
+    garbage = b"\xfd\x01\xfe"  # with what follows it would be a packet of a later MAVLink with an unknown message
+    raw = b"\xfe\x04M\x1a\x92\xb3\xe4\xf8\xddZ\xfd\xd4"
+    found, parser = parse(garbage + raw + bytes(LONGEST))
+    assert [p.raw for p in found] == [raw]
+    assert parser.incompatible == 0
+
+
 @given(st.lists(packets() | nasty, max_size=8), st.lists(st.integers(0, 5000), max_size=10))
 def test_every_byte_is_in_a_packet_or_skipped_or_waiting(parts: list[bytes], at: list[int]) -> None:
     stream = b"".join(parts)
