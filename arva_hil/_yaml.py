@@ -14,7 +14,7 @@ from typing import Final, NoReturn, TypeVar
 
 import yaml
 
-__all__ = ["Problem", "Range", "Reader", "ScenarioError", "nearest", "read_text", "whole"]
+__all__ = ["Problem", "Range", "Reader", "ScenarioError", "nearest", "open_at_once", "read_text", "whole"]
 
 _LARGEST_FILE: Final = 1 << 20  # bytes
 _DEEPEST: Final = 20
@@ -274,7 +274,7 @@ def read_text(path: str | os.PathLike[str], what: str) -> str:
     if not source:
         raise ScenarioError([Problem("''", 1, 1, "an empty name", what)])
     try:
-        with open(source, "rb", opener=_at_once) as file:
+        with open(source, "rb", opener=open_at_once) as file:
             if file.isatty():  # which would wait for somebody to type
                 raise ValueError("a terminal")
             data = file.read(_LARGEST_FILE + 1)
@@ -291,7 +291,7 @@ def read_text(path: str | os.PathLike[str], what: str) -> str:
         raise ScenarioError([Problem(source, at.line + 1, at.column + 1, found, "UTF-8")]) from error
 
 
-def _at_once(path: str, flags: int) -> int:
+def open_at_once(path: str, flags: int) -> int:
     """Opens a pipe that nobody writes to without waiting: it is empty."""
     file = os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
     if hasattr(os, "O_NONBLOCK"):

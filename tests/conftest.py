@@ -1,7 +1,10 @@
-"""What the tests share: the recorded flights, and links whose far ends are in the same process."""
+"""What the tests share: the recorded flights, a user who is not root, links whose far ends are in this process."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
@@ -17,3 +20,21 @@ settings.load_profile("repeatable")
 def flight(request: pytest.FixtureRequest) -> Path:
     """A piece of a recorded flight, of either autopilot: take-off and the first corner of the square."""
     return DATA / f"{request.param}.tlog"
+
+
+@pytest.fixture
+def ordinary() -> Callable[[], AbstractContextManager[None]]:
+    """`with ordinary():` not as root, who may read everything."""
+
+    @contextmanager
+    def change() -> Iterator[None]:
+        root = os.geteuid() == 0
+        if root:
+            os.seteuid(65534)
+        try:
+            yield
+        finally:
+            if root:
+                os.seteuid(0)
+
+    return change

@@ -8,8 +8,8 @@ import pickle
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -463,20 +463,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     assert refusal("a\0b") == "a\0b:1:1: embedded null byte, expected a scenario file"
 
 
-@contextmanager
-def ordinary() -> Iterator[None]:
-    """Not as root, who may read everything."""
-    root = os.geteuid() == 0
-    if root:
-        os.seteuid(65534)
-    try:
-        yield
-    finally:
-        if root:
-            os.seteuid(0)
-
-
-def test_a_file_without_permission() -> None:
+def test_a_file_without_permission(ordinary: Callable[[], AbstractContextManager[None]]) -> None:
     with tempfile.TemporaryDirectory() as folder:
         os.chmod(folder, 0o755)
         path = Path(folder, "f.yaml")

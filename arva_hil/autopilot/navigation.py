@@ -97,11 +97,10 @@ class Navigation:
         if not _is_place(place):
             self.refused += 1
             return
-        before = self.track.last_position
         judgement = self._place.judge(place, now)
         if judgement == "stray":
             return
-        if judgement == "anew" and before:
+        if judgement == "anew" and (before := self.track.last_position):
             self._say(Notice("warning", f"the vehicle's position has jumped by {_distance(before[1:4], place):.0f} m"))
         velocity = message.vx / 100, message.vy / 100, message.vz / 100
         self.track.add_position(PositionSample(boot, *place, velocity))

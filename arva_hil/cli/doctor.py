@@ -26,7 +26,7 @@ from arva_hil.doctor.examination import Ear, Mouth
 from arva_hil.doctor.values import Finding, Position
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.ports import Port as SerialPort
-from arva_hil.links.ports import far_program, list_ports, listeners
+from arva_hil.links.ports import list_ports
 from arva_hil.loop import run
 from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
 from arva_hil.scenario import FORMATS
@@ -142,9 +142,7 @@ class Doctor:
         try:
             link = self._stack.enter_context(closing(open_link(address, clock=self._clock, answered=answered)))
         except LinkError as error:
-            who = _who_has(address) if "listens" in error.what or "exists" in error.what else []
-            held = f", held by {', '.join(who)}" if who else ""
-            self._report.add(Finding(check, "fail", f"{error.link}: {error.what}{held}", error.hint))
+            self._report.add(Finding(check, "fail", f"{error.link}: {error.what}", error.hint))
             return None
         self._report.add(Finding(check, "ok", f"{link.name} is open"))
         return link
@@ -295,13 +293,6 @@ class Doctor:
         if options.stream_rate != 50.0:
             words += ["--stream-rate", f"{options.stream_rate:g}"]
         return shlex.join(words)
-
-
-def _who_has(address: Address) -> list[str]:
-    """Who is in the way where an address cannot be opened."""
-    if address.kind == "pty":
-        return [who] if (who := far_program(address.path)) else []
-    return listeners(address.port, "tcp" if address.kind == "tcpin" else "udp")
 
 
 def _candidates(autopilot: Address) -> list[SerialPort]:

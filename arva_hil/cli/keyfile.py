@@ -6,6 +6,7 @@ import os
 import stat
 from typing import Final
 
+from arva_hil._yaml import open_at_once
 from arva_hil.autopilot.signing import Signing, key_of
 from arva_hil.cli.outcome import UsageError
 
@@ -20,7 +21,7 @@ def signing(path: str | None, epoch_us: int, link: int = 0) -> Signing | None:
 def _key(path: str) -> bytes:
     wanted = "expected 64 hexadecimal digits (the key) or a passphrase, on one line"
     try:
-        with open(path, "rb", opener=_open) as file:
+        with open(path, "rb", opener=open_at_once) as file:
             mode = os.fstat(file.fileno()).st_mode
             if not stat.S_ISREG(mode):
                 raise UsageError(f"--signing-key {path}: is no file, {wanted}")
@@ -45,8 +46,3 @@ def _is_credential(path: str) -> bool:
     """Whether a service manager keeps it for us: systemd lets in the service's user by an access list."""
     folder = os.environ.get("CREDENTIALS_DIRECTORY")
     return bool(folder) and os.path.dirname(os.path.realpath(path)) == os.path.realpath(str(folder))
-
-
-def _open(path: str, flags: int) -> int:
-    """A pipe that nobody writes into must not hold us up."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-import socket
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,7 +18,6 @@ from arva_hil.doctor.values import Source, Stream, Traffic, Way
 from arva_hil.links import Address, Link, LinkEnded, LinkError
 from arva_hil.links.ports import far_program, holders, unread
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.udp import UdpOutLink
 from arva_hil.output import MavlinkPort, Port, frame_of
 from arva_hil.scenario import DEFAULT
 from arva_hil.scene import receiver
@@ -61,7 +58,6 @@ class Ear:
         self.links: Sequence[Link] = [link]
         self.sample = bytearray()
         self.known = 0  # packets whose checksum could be verified
-        self.refused = False
         self.over = False
         self.followed_at = math.inf  # when a vehicle was first followed
         self.lost = ""
@@ -85,7 +81,6 @@ class Ear:
         now = clock.now()
         if self.over:
             return now + 1.0
-        self.refused |= was_refused(self._link)
         try:
             self.hear(self._link.read(), now)
             if out := self.session.poll(now):
@@ -161,6 +156,11 @@ class Ear:
         return Traffic(*counts, session.disbelieved_signatures())
 
     @property
+    def refused(self) -> bool:
+        """The far machine has said that nobody listens there."""
+        return self._link.refusals > 0
+
+    @property
     def strangers(self) -> tuple[int, str]:
         """How many datagrams came from others than the peer, and from where the first."""
         return self._link.strangers, self._link.stranger
@@ -206,7 +206,7 @@ class Mouth:
         self._next = start
         self._sequence = 0
         self._taken = self._dropped = self._answered = 0
-        self._refused = False
+        self._refusals = 0  # before the last frame; the consumer may have come since
         self._lost = ""
 
     def service(self, clock: Clock) -> float:
@@ -215,7 +215,6 @@ class Mouth:
             return now + 1.0
         try:
             if self._out:
-                self._refused |= was_refused(self._out)
                 self._answered += len(self._out.read())
             if now >= self._next:
                 self._next = now + _FRAME_S
@@ -229,8 +228,8 @@ class Mouth:
         data = self._port.encode(frame, round(now * 1e3))
         self._sequence += 1
         if data or not isinstance(self._port, MavlinkPort):
-            self._refused = False  # the consumer may have come since
             sent = self._port.write(data)
+            self._refusals = self._out.refusals if self._out else 0
             self._taken += sent
             self._dropped += not sent
 
@@ -246,14 +245,5 @@ class Mouth:
             waiting = unread(self._out.path)
         elif self._address and kind == "serial" and (program := far_program(self._address.path)):
             seen = [program]
-        return Way(kind, name, self._taken, self._dropped, self._answered, seen, waiting, self._refused, self._lost)
-
-
-def was_refused(link: Link) -> bool:
-    """Whether the far machine has said that nobody listens at its UDP port. Asking forgets it."""
-    fd = link.fileno()
-    if fd is None or not isinstance(link, UdpOutLink):
-        return False
-    with suppress(OSError), socket.socket(fileno=os.dup(fd)) as same:
-        return same.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) != 0
-    return False
+        refused = self._out is not None and self._out.refusals > self._refusals
+        return Way(kind, name, self._taken, self._dropped, self._answered, seen, waiting, refused, self._lost)

@@ -24,8 +24,9 @@ class Link(ABC):
     """A two-way byte stream that never blocks.
 
     `name` is the connection string a person knows it by. `dropped` counts the writes that were dropped whole
-    because nobody empties the far end, `strangers` what came from another address than the far end's and was not
-    read; `stranger` is the first of those addresses.
+    because nobody empties the far end, `refusals` how often the far machine said that nobody listens there,
+    `strangers` what came from another address than the far end's and was not read; `stranger` is the first of those
+    addresses.
 
     Some kinds outlive their far end. They count `losses`, `why` being the last one's message, or what a person has to
     see to before it can be back; `renewals`, each of
@@ -34,6 +35,7 @@ class Link(ABC):
 
     name: str
     dropped: int = 0
+    refusals: int = 0
     strangers: int = 0
     stranger: str = ""
     losses: int = 0

@@ -6,6 +6,7 @@ import contextlib
 import os
 
 from arva_hil.links.base import LinkError
+from arva_hil.links.ports import far_program
 from arva_hil.links.stream import FdLink
 
 
@@ -47,6 +48,8 @@ class PtyLink(FdLink):
             if os.path.islink(link):
                 if os.path.exists(link) and os.path.realpath(link) != self.path:
                     held = f"is a symlink to {os.path.realpath(link)}, which exists"
+                    if who := far_program(link):
+                        held += f", held by {who}"
                     raise LinkError(f"pty:{link}", held, f"remove it (rm {link}) or take another name")
                 os.unlink(link)
             os.symlink(self.path, link)

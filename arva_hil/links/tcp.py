@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import errno
 import socket
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from arva_hil.links.base import LinkError
+from arva_hil.links.ports import listeners
 from arva_hil.links.stream import CHUNK, EndOfStream, StreamLink
 
 CONNECT_S: Final = 5.0  # for an answer to the first try to connect,
@@ -66,7 +67,7 @@ class TcpServerLink(StreamLink):
         try:
             self._listener = socket.create_server(address[:2], family=family, backlog=1)
         except OSError as error:
-            raise listen_error(name, error, port, "-ltnp") from error
+            raise listen_error(name, error, port, "tcp") from error
         self._listener.setblocking(False)
         self._answered = answered
         self._client: socket.socket | None = None
@@ -177,10 +178,13 @@ def resolve(name: str, host: str, port: int, kind: int) -> tuple[int, Any]:
     return found[0], found[4]
 
 
-def listen_error(name: str, error: OSError, port: int, ss: str) -> LinkError:
+def listen_error(name: str, error: OSError, port: int, protocol: Literal["tcp", "udp"]) -> LinkError:
     """Why an address cannot be listened at, and the cure."""
     if error.errno == errno.EADDRINUSE:
-        return LinkError(name, "another program listens there", f"to see which: ss {ss} 'sport = :{port}'")
+        what = "another program listens there"
+        if who := listeners(port, protocol):
+            return LinkError(name, f"{what}, held by {', '.join(who)}", "close the other program")
+        return LinkError(name, what, f"to see which: ss -l{protocol[0]}np 'sport = :{port}'")
     if error.errno == errno.EADDRNOTAVAIL:
         return LinkError(name, "is no address of this machine", "0.0.0.0 is all of them")
     if error.errno == errno.EACCES:

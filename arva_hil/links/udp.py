@@ -71,6 +71,7 @@ class _UdpLink(Link):
 
     def _judge(self, error: OSError) -> None:
         """Raise LinkError when the link is closed. All else says that nobody hears now; somebody may later."""
+        self.refusals += error.errno == errno.ECONNREFUSED
         if self.fileno() is None:
             raise LinkError(self.name, "is closed") from error
 
@@ -109,7 +110,7 @@ class UdpInLink(_UdpLink):
             sock.bind(address)
         except OSError as error:
             sock.close()
-            raise listen_error(name, error, port, "-lunp") from error
+            raise listen_error(name, error, port, "udp") from error
         self.port: int = sock.getsockname()[1]
         self.peer: Any = None
         self._clock = clock or RealClock()

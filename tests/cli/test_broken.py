@@ -16,7 +16,7 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -193,19 +193,6 @@ def test_a_terminal_is_no_scenario(arva: Arva) -> None:
             os.close(end)
 
 
-@contextmanager
-def ordinary() -> Iterator[None]:
-    """Not as root, who may read everything."""
-    root = os.geteuid() == 0
-    if root:
-        os.seteuid(65534)
-    try:
-        yield
-    finally:
-        if root:
-            os.seteuid(0)
-
-
 @pytest.mark.parametrize(
     ("command", "answer"),
     [
@@ -217,7 +204,9 @@ def ordinary() -> Iterator[None]:
     ],
 )
 @pytest.mark.skipif(sys.platform == "win32", reason="permissions as Unix has them")
-def test_what_may_not_be_read_is_answered(arva: Arva, command: str, answer: str) -> None:
+def test_what_may_not_be_read_is_answered(
+    arva: Arva, ordinary: Callable[[], AbstractContextManager[None]], command: str, answer: str
+) -> None:
     with tempfile.TemporaryDirectory() as name:
         os.chmod(name, 0o755)
         file = Path(name, "f.yaml")

@@ -184,7 +184,18 @@ def test_listening_is_on_the_loopback_unless_told(udpin: UdpInLink, tcpin: TcpSe
     assert tcpin.name == f"tcpin:127.0.0.1:{tcpin.port}"
 
 
-def test_an_address_in_use_says_how_to_find_who(udpin: UdpInLink, tcpin: TcpServerLink) -> None:
+def test_an_address_in_use_says_who_has_it(udpin: UdpInLink, tcpin: TcpServerLink) -> None:
+    held = rf"another program listens there, held by {os.getpid()} \(.*\); close the other program"
+    with pytest.raises(LinkError, match=held):
+        UdpInLink("127.0.0.1", udpin.port)
+    with pytest.raises(LinkError, match=held):
+        TcpServerLink("127.0.0.1", tcpin.port)
+
+
+def test_an_address_in_use_says_how_to_find_who_where_that_cannot_be_seen(
+    udpin: UdpInLink, tcpin: TcpServerLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("arva_hil.links.tcp.listeners", lambda port, protocol: [])
     with pytest.raises(LinkError, match=f"another program listens there; .*ss -lunp 'sport = :{udpin.port}'"):
         UdpInLink("127.0.0.1", udpin.port)
     with pytest.raises(LinkError, match=f"another program listens there; .*ss -ltnp 'sport = :{tcpin.port}'"):
