@@ -21,9 +21,10 @@ from arva_hil.links.reopen import Reopening
 from arva_hil.loop import run
 from arva_hil.model import dipole_field, rotation
 from arva_hil.model.receiver import outputs
-from arva_hil.search.client import INTERRUPTED, SearchClient
+from arva_hil.search.client import SearchClient
 from arva_hil.search.mission import Plan
 from arva_hil.search.outcome import Row
+from arva_hil.search.preflight import INTERRUPTED
 from arva_hil.search.strategy import Found, Observation, Position, Velocity, towards
 from arva_hil.simulator import Simulator
 from firmware_proto import DECODERS, INNER, MID, Channel, Frame, encode
@@ -556,7 +557,7 @@ def test_who_had_the_vehicle_meanwhile_is_seen_before_anything_is_ordered() -> N
     world.plugs[0].there = True
     world.between = without(dialect.MAVLINK_MSG_ID_HEARTBEAT)
     world.pass_s(4)
-    assert world.client._has_pose(world.clock.now())
+    assert world.client._preflight._has_pose(world.clock.now())
     assert (world.client.outcome, world.orders()) == (None, [])
     world.between = bytes
     assert world.end(3.0) == (

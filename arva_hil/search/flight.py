@@ -1,0 +1,121 @@
+"""A search in the air: frames and poses to the mission, its velocities to the commander, a row for each step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from arva_hil.autopilot.commander import Commander, Phase
+from arva_hil.autopilot.pose import VehicleState
+from arva_hil.autopilot.session import Session
+from arva_hil.model.geodesy import LocalFrame
+from arva_hil.model.rotation import to_euler, to_matrix
+from arva_hil.notice import Notice
+from arva_hil.search.mission import Mission, Plan
+from arva_hil.search.outcome import Row
+from arva_hil.search.strategy import Position
+from firmware_proto import Frame
+
+OLD_S: Final = 1.0  # a pose older than this is none to fly by
+STAY: Final = (0.0, 0.0, 0.0)
+
+
+class Flight:
+    """Remembers one flight from its take-off point on; `mission` begins where the take-off ends.
+
+    `land`: at the end it lands, else it hovers. `log` gets a row for each step.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        session: Session,
+        commander: Commander,
+        *,
+        start: float,
+        land: bool,
+        say: Callable[[Notice], None],
+        log: Callable[[Row], None],
+    ) -> None:
+        self.mission: Mission | None = None
+        self.origin: LocalFrame | None = None  # the take-off point
+        self._plan = plan
+        self._session = session
+        self._commander = commander
+        self._start = start
+        self._land = land
+        self._say = say
+        self._log = log
+        self._new_frame: Frame | None = None  # since the last row of the log
+        self._last_pose_s = start
+
+    def hear(self, frame: Frame, now: float) -> None:
+        self._new_frame = frame
+        if self.mission is not None and (state := self._state(now)) is not None:
+            self.mission.hear(frame, now, _position(state), to_matrix(state.attitude))
+
+    def wait(self, now: float) -> None:
+        """It still stands."""
+        self._last_pose_s = now
+
+    def fly(self, now: float) -> None:
+        """One step in the air."""
+        if self.origin is None and (origin := self._commander.origin):
+            self.origin = origin.frame
+        phase, state, velocity = self._commander.phase, self._state(now), STAY
+        if state is None:
+            self._fly_blind(now)
+            return
+        self._last_pose_s = now
+        position = _position(state)
+        if phase is Phase.FLYING:
+            if self.mission is None:
+                self.mission = Mission(self._plan, now, position)
+                self._tell(f"{-position[2]:.1f} m high: the search begins")
+            velocity = self.mission.fly(now, position)
+            self._commander.steer(velocity)
+            if self.mission.ended:
+                self._over(self.mission, now)
+        self._note(now, phase, state, velocity)
+
+    def _fly_blind(self, now: float) -> None:
+        """Without a pose that is new it hovers, then lands."""
+        self._commander.steer(STAY)
+        if now - self._last_pose_s > self._plan.patience_s:
+            self._commander.land(now, f"no pose for {self._plan.patience_s:g} s: {self._session.why_no_pose()}")
+
+    def _over(self, mission: Mission, now: float) -> None:
+        """The search has ended; the flight has not."""
+        self._tell(f"{mission.ended}; {'landing' if self._land else 'hovering'}")
+        if self._land:
+            self._commander.land(now)
+        else:
+            self._commander.hold(now)
+
+    def _state(self, now: float) -> VehicleState | None:
+        """The pose to fly by, None when there is none that is new enough."""
+        state = self._session.state_at(now, self.origin) if self.origin else None
+        return state if state is not None and state.age_s < OLD_S else None
+
+    def _note(self, now: float, phase: Phase, state: VehicleState, velocity: Position) -> None:
+        reading: tuple[int | None, ...] = (None, None, None)
+        if self._new_frame is not None:
+            reading = _reading(self._new_frame, self.mission.target if self.mission else None)
+            self._new_frame = None
+        heading = math.degrees(to_euler(to_matrix(state.attitude))[2])
+        self._log(Row(now - self._start, phase.name.lower(), *_position(state), heading, *velocity, *reading))
+
+    def _tell(self, text: str) -> None:
+        self._say(Notice("info", text))
+
+
+def _reading(frame: Frame, target: int | None) -> tuple[int | None, int, int]:
+    """Id, d and δ of the transmitter searched for, else of the first channel."""
+    channel = next((c for c in frame.channels if c.valid and c.id == target), frame.channels[0])
+    return channel.id, channel.d, channel.delta
+
+
+def _position(state: VehicleState) -> Position:
+    north, east, down = state.position.tolist()
+    return north, east, down

@@ -1,0 +1,90 @@
+"""A search on the ground: nothing is armed before there are a vehicle with a pose and a receiver that sends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from arva_hil.autopilot.session import Session
+from arva_hil.links import Link
+from arva_hil.notice import Notice
+from arva_hil.search.flight import OLD_S
+from arva_hil.search.outcome import Kind
+from arva_hil.search.receiver import Receiver
+from arva_hil.watched import Watched
+
+INTERRUPTED: Final = "interrupted"
+
+
+class Refusal(NamedTuple):
+    """Why a search ends on the ground."""
+
+    kind: Kind
+    how: str
+
+
+class Preflight:
+    """Remembers what a search waits for, and since when. `timeout_s`: for a heartbeat and a frame."""
+
+    def __init__(
+        self,
+        session: Session,
+        autopilot: Link,
+        receiver: Receiver,
+        *,
+        start: float,
+        timeout_s: float,
+        say: Callable[[Notice], None],
+    ) -> None:
+        self._session = session
+        self._autopilot = autopilot
+        self._watched = Watched(autopilot)
+        self._receiver = receiver
+        self._since = start
+        self._timeout_s = timeout_s
+        self._say = say
+        self._waits_for = ""
+        self._greeted = False  # a heartbeat came since the autopilot's link was opened
+
+    def greet(self) -> None:
+        """The vehicle's heartbeat came."""
+        self._greeted = True
+
+    def watch_link(self, now: float) -> None:
+        """A link that comes back is a new one, to a vehicle that may have rebooted."""
+        link = self._watched
+        if link.lost_again:
+            self._session.interrupt(link.link.why)
+            self._since = now
+            self._greeted = False
+        if link.renewed_again:
+            self._session.resume(now)
+        for notice in link.news(now):
+            self._say(notice)
+
+    def look(self, now: float) -> Refusal | bool:
+        """Whether all is there that a flight needs, or why there will be none."""
+        session, waited = self._session, now - self._since
+        if self._autopilot.away:
+            return self._lack("the autopilot's link", "no link", lambda: self._autopilot.why, waited)
+        if session.vehicle is None or not self._greeted:
+            return self._lack("an autopilot", "no link", lambda: f"no autopilot: {session.heard()}", waited)
+        if session.vehicle.armed:
+            return Refusal("failed", "the vehicle is armed already: a search starts on the ground, disarmed")
+        if self._receiver.silent(now):
+            why = self._receiver.why_silent
+            return self._lack("a frame from the receiver", "no link", lambda: why(now), waited)
+        if not self._has_pose(now):
+            return self._lack("a pose", "failed", lambda: f"no pose: {session.why_no_pose()}", waited / 2)
+        return True
+
+    def _lack(self, what: str, kind: Kind, why: Callable[[], str], waited: float) -> Refusal | bool:
+        if what != self._waits_for:
+            self._waits_for = what
+            self._say(Notice("info", f"waiting for {what}"))
+        return Refusal(kind, why()) if waited > self._timeout_s else False
+
+    def _has_pose(self, now: float) -> bool:
+        place = self._session.track.last_position
+        state = self._session.state_at(now, place.frame) if place else None
+        return state is not None and state.age_s < OLD_S and not self._session.lost
