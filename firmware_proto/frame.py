@@ -20,6 +20,7 @@ MARKED: Final = 0x80  # added to the zone on the wire
 
 MAX_CHANNELS: Final = 16
 NO_SIGNAL: Final = -1  # d and δ of a channel that hears nothing
+RESTART: Final = 16  # a number below it, where more frames than this would be missing: the receiver has restarted
 PAUSE_S: Final = 0.1  # seconds; the bytes of one frame come without a pause as long as this
 
 
@@ -54,7 +55,7 @@ class FrameDecoder(ABC):
     """The face of the three decoders: feed bytes, get frames. Wrong bytes are counted and never raise.
 
     Counters: `good` (frames delivered), `bad_crc` (candidates whose checksum failed), `dropped` (bytes in no
-    frame) and `lost` (frames missing from the sequence; a receiver that restarts shows up here too).
+    frame) and `lost` (frames missing from the sequence; a receiver that restarts has lost none).
     """
 
     def __init__(self) -> None:
@@ -75,8 +76,14 @@ class FrameDecoder(ABC):
         """Count a good frame and those missing before it; one that comes twice is not a gap."""
         self.good += 1
         if self._sequence is not None:
-            self.lost += max((sequence - self._sequence) % 256 - 1, 0)
+            self.lost += missing(self._sequence, sequence)
         self._sequence = sequence
+
+
+def missing(before: int, sequence: int) -> int:
+    """How many frames were lost between two good ones, by their sequence numbers (PROTOCOL.md, "Lost frames")."""
+    gap = max((sequence - before) % 256 - 1, 0)
+    return 0 if sequence < RESTART < gap else gap
 
 
 def check(frame: Frame) -> None:

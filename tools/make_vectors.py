@@ -24,7 +24,7 @@ ABOUT = [
     "streams: a fresh binary decoder is fed each step's `hex` at time `t`, in seconds; `frames` names those it",
     "delivers in that call. A decoder that takes one byte a call gets the bytes of a step at the same t.",
     "An empty hex only tells the time. counters: after the last step. dropped: bytes that are in no frame and",
-    "no longer awaited; lost: frames missing from the sequence.",
+    "no longer awaited; lost: frames missing from the sequence, none where the receiver has restarted.",
 ]
 
 Wire = dict[str, Any]  # a frame as JSON has it
@@ -185,6 +185,14 @@ def damaged(raw: bytes, numbers: Numbers) -> bytes:
     return bytes(out)
 
 
+def missing(before: int, sequence: int) -> int:
+    """Frames lost between two numbers, one at a time."""
+    count, number = 0, (before + 1) % 256
+    while sequence not in (before, number):
+        count, number = count + 1, (number + 1) % 256
+    return 0 if count > 16 and sequence < 16 else count
+
+
 def at_once(name: str, why: str, pieces: list[tuple[bytes, str]]) -> dict[str, Any]:
     """Pieces fed in one chunk: bytes, and the name of the frame that is whole in them or "".
 
@@ -201,7 +209,7 @@ def at_once(name: str, why: str, pieces: list[tuple[bytes, str]]) -> dict[str, A
     heads = [bytes([0xA4, 0x57, 1, 3 + 6 * n]) for n in range(1, 17)]
     failed = [k for k in free if data[k : k + 4] in heads and 6 * data[k + 6] + 3 == data[k + 3]]
     sequences = [FRAMES[name]["sequence"] for name in delivered]
-    lost = sum(max((b - a) % 256 - 1, 0) for a, b in pairwise(sequences))
+    lost = sum(missing(a, b) for a, b in pairwise(sequences))
     return Stream(name, why).step(0, data, *delivered).end(bad_crc=len(failed), lost=lost)
 
 
@@ -241,7 +249,7 @@ def streams() -> list[dict[str, Any]]:
         Stream("whole", "a frame in one piece").step(0, one, "one").end(),
         Stream("glued", "frames without a byte between")
         .step(0, one + n_16 + two, "one", "n_16", "two")
-        .end(lost=(116 - 1 - 1) + (2 - 116) % 256 - 1),
+        .end(lost=116 - 1 - 1),
         Stream("cut", "frames cut across calls")
         .step(0, one + two[:1], "one")
         .step(0.001, two[1:14])
@@ -262,7 +270,7 @@ def streams() -> list[dict[str, Any]]:
         .end(),
         Stream("sync_inside", "sync bytes and heads in the payload of a good frame")
         .step(0, BYTES["sync_inside"] + one, "sync_inside", "one")
-        .end(lost=(1 - 31) % 256 - 1),
+        .end(),
         Stream("frame_inside_bad", "a whole frame inside one whose CRC fails: only one byte was dropped")
         .step(0, seal(CARRIER)[:-1] + bytes([seal(CARRIER)[-1] ^ 1]), "one")
         .end(bad_crc=1),
@@ -364,6 +372,16 @@ def streams() -> list[dict[str, Any]]:
         .step(2, three, "three")
         .step(3, seven, "seven")
         .end(lost=4),
+        Stream("restart", "below 16 where more than 16 would be missing: a receiver that counts from 0 again")
+        .step(0, seven + BYTES["sync_inside"], "seven", "sync_inside")
+        .step(5, BYTES["seq_0"] + one, "seq_0", "one")
+        .step(10, BYTES["n_16"], "n_16")
+        .step(15, BYTES["status_all"], "status_all")
+        .end(lost=(31 - 7 - 1) + (116 - 1 - 1)),
+        Stream("no_restart", "16 missing before 15, and 17 or more before 16 and above, are lost frames")
+        .step(0, BYTES["seq_254"] + BYTES["status_all"], "seq_254", "status_all")
+        .step(1, BYTES["n_4"] + BYTES["zones"], "n_4", "zones")
+        .end(lost=16 + (104 - 15 - 1) + (20 - 104) % 256 - 1),
         Stream("unknown_zone", "a zone that is not known is no reason to drop a good frame")
         .step(0, BYTES["zone_3"] + BYTES["zone_127_marked"], "zone_3", "zone_127_marked")
         .end(),

@@ -26,6 +26,7 @@ local HEAD_BYTES = 7       -- up to the number of channels
 local CHANNEL_BYTES = 6
 local LENGTH_1 = 9         -- of the payload of 1 channel and of 16
 local LENGTH_16 = 99
+local RESTART = 16         -- a number below it where more frames than this would be missing: the receiver has restarted
 local PAUSE_MS = 100       -- the bytes of one frame come without a pause as long as this
 local RING = 127           -- mask; the largest frame has 105 bytes
 local REFUSAL_WORK = 4     -- work: as much as to take a byte, about 20 instructions
@@ -111,7 +112,10 @@ local function Decoder(on_frame)
       drop(size)
       self.good = self.good + 1
       if sequence and frame.sequence ~= sequence then
-         self.lost = self.lost + (frame.sequence - sequence - 1 & 0xFF)
+         local gap = frame.sequence - sequence - 1 & 0xFF
+         if frame.sequence >= RESTART or gap <= RESTART then
+            self.lost = self.lost + gap
+         end
       end
       sequence = frame.sequence
       work = work - FRAME_WORK - CHANNEL_WORK * frame.n

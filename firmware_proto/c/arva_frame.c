@@ -58,12 +58,18 @@ static size_t needs(const uint8_t *bytes, size_t size)
     return bytes[3] == LENGTH(bytes[6]) ? BYTES(bytes[6]) : 0;
 }
 
+/* The frames that were lost between two good ones, by their numbers; those of a receiver that restarted begin anew. */
+static uint32_t missing(uint8_t before, uint8_t sequence)
+{
+    const uint32_t gap = sequence == before ? 0 : (uint8_t)(sequence - before - 1);
+    return sequence < ARVA_RESTART && gap > ARVA_RESTART ? 0 : gap;
+}
+
 /* Count the good frame in `bytes`, whose last byte came at `came_ms`, and hand it on. */
 static void deliver(arva_decoder *decoder, const uint8_t *bytes, uint32_t came_ms)
 {
-    const uint8_t gap = (uint8_t)(bytes[4] - decoder->sequence);
-    if (decoder->heard && gap > 1) {
-        decoder->lost += gap - 1u;
+    if (decoder->heard) {
+        decoder->lost += missing(decoder->sequence, bytes[4]);
     }
     decoder->good++;
     decoder->heard = 1;

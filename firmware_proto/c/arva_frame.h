@@ -23,6 +23,7 @@ extern "C" {
 #define ARVA_MAX_CHANNELS 16
 #define ARVA_MAX_FRAME_BYTES (9 + 6 * ARVA_MAX_CHANNELS)
 #define ARVA_PAUSE_MS 100u /* the bytes of one frame come without a pause as long as this */
+#define ARVA_RESTART 16u   /* a number below it where more frames than this would be missing: the receiver restarted */
 #define ARVA_NO_ID 255
 #define ARVA_NO_SIGNAL (-1)
 #define ARVA_NEVER UINT32_MAX
@@ -52,7 +53,7 @@ typedef struct {
     uint32_t good;    /* frames delivered. This and the next three are for reading, and wrap */
     uint32_t bad_crc; /* candidates whose CRC failed */
     uint32_t dropped; /* bytes in no frame */
-    uint32_t lost;    /* frames missing from the sequence */
+    uint32_t lost;    /* frames missing from the sequence; a receiver that restarts has lost none */
     /* private from here on */
     arva_on_frame on_frame;
     void *context;
