@@ -2,257 +2,43 @@
 
 import ctypes
 import re
+import shutil
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from px4_stand_in import CONSTANTS, DRIVER, FOLDER, HEADERS, LAYOUT, MODULE, SIZE, STAND_IN, Px4, c_struct
 from wire_vectors import VECTORS, by_name
 
 import firmware_proto
 from firmware_proto import MID, Channel, Frame, encode
+from tools.c_codec import FOLDER as CODEC
 from tools.c_codec import SOURCE, compile_c, compiler
 
-FOLDER = Path(firmware_proto.__file__).parent / "px4"
-MODULE = FOLDER / "src" / "modules" / "arva_receiver"
-README = (FOLDER / "README.md").read_text(encoding="utf-8")
-SIZE, CHANNELS, PASS_MS = 58, 13, 10
+CHANNELS, PASS_MS = 13, 10
 FOUR = (Channel(3, 2, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17, True), Channel())
-ROW = re.compile(r"^\| (?:(\d)k \+ )?(\d+) \| (\w+) \|", re.MULTILINE)
-LAYOUT = {name: (int(step or 0), int(offset)) for step, offset, name in ROW.findall(README)}
-
-
-HEADERS = """drivers/drv_hrt.h parameters/param.h px4_platform_common/Serial.hpp px4_platform_common/cli.h
-    px4_platform_common/getopt.h px4_platform_common/log.h px4_platform_common/module.h systemlib/mavlink_log.h
-    px4_platform_common/px4_work_queue/ScheduledWorkItem.hpp uORB/Publication.hpp uORB/topics/debug_array.h"""
-
-# What the module uses of PX4: a clock, a port that may be unplugged, a work item, a topic without a queue.
-STAND_IN = r"""
-#pragma once
-#include <cerrno>
-#include <cstdint>
-#include <cstdio>
-#include <cstdlib>
-#include <cstring>
-#include <string>
-#include <vector>
-#include <sys/types.h>
-#define __EXPORT
-#define MODULE_NAME "arva_receiver"
-#define ORB_ID(topic) 0
-#define PRINT_MODULE_DESCRIPTION(text)
-#define PRINT_MODULE_USAGE_NAME(...)
-#define PRINT_MODULE_USAGE_COMMAND(...)
-#define PRINT_MODULE_USAGE_PARAM_STRING(...)
-#define PRINT_MODULE_USAGE_PARAM_INT(...)
-#define PRINT_MODULE_USAGE_DEFAULT_COMMANDS()
-#define PX4_INFO(...) say("I", __VA_ARGS__)
-#define PX4_WARN(...) say("W", __VA_ARGS__)
-#define PX4_ERR(...) say("E", __VA_ARGS__)
-#define mavlink_log_info(advert, ...) say("i", __VA_ARGS__)
-#define mavlink_log_warning(advert, ...) say("w", __VA_ARGS__)
-enum { PX4_OK = 0, PX4_ERROR = -1 };
-typedef uint64_t hrt_abstime;
-typedef void *orb_advert_t;
-namespace time_literals {
-constexpr hrt_abstime operator"" _s(unsigned long long x) { return x * 1000000; }
-constexpr hrt_abstime operator"" _ms(unsigned long long x) { return x * 1000; }
-}
-struct debug_array_s {
-	static constexpr int ARRAY_SIZE = 58;
-	uint64_t timestamp;
-	float data[58];
-	uint16_t id;
-	char name[10];
-};
-static hrt_abstime now_us = 1000000;
-static int plugged = 0, baud = 0;  // plugged: how often, 0 when it is not
-static bool fails = false;         // an unplugged port says so, others are silent
-static std::string line, said;
-static std::vector<debug_array_s> published;
-static bool advertised = false;
-template <typename... Args> void say(const char *level, const char *format, Args... args)
-{
-	char text[200] = "";
-	snprintf(text, sizeof(text), format, args...);
-	said += std::string(level) + " " + text + "\n";
-}
-inline hrt_abstime hrt_absolute_time() { return now_us; }
-inline hrt_abstime hrt_elapsed_time(const hrt_abstime *then) { return now_us - *then; }
-inline int param_find(const char *name) { return strcmp(name, "SENS_ARVA_BAUD") == 0 ? 1 : 0; }
-inline int param_get(int handle, int *value) { *value = handle ? 57600 : 0; return 0; }
-inline int px4_get_parameter_value(const char *text, int &value) { value = atoi(text); return value ? 0 : -1; }
-inline int px4_getopt(int argc, char **argv, const char *options, int *index, const char **argument)
-{
-	if (*index + 1 >= argc) { return EOF; }
-	*argument = argv[*index + 1];
-	*index += 2;
-	const char option = argv[*index - 2][1];
-	return strchr(options, option) ? option : '?';
-}
-namespace device {
-struct Serial {
-	int opened = 0;
-	bool setPort(const char *) { return plugged > 0; }
-	bool setBaudrate(uint32_t rate) { baud = (int)rate; return true; }
-	uint32_t getBaudrate() const { return (uint32_t)baud; }
-	bool isOpen() const { return opened > 0; }
-	bool open() { opened = plugged; return true; }
-	bool close() { opened = 0; return true; }
-	void flush() { line.clear(); }
-	ssize_t read(uint8_t *bytes, size_t size)
-	{
-		if (opened != plugged || line.empty()) {
-			errno = opened != plugged && fails ? EIO : EAGAIN;
-			return -1;
-		}
-		size = line.copy((char *)bytes, size);
-		line.erase(0, size);
-		return (ssize_t)size;
-	}
-};
-}
-namespace px4 {
-inline int serial_port_to_wq(const char *) { return 0; }
-struct ScheduledWorkItem;
-static ScheduledWorkItem *scheduled = nullptr;
-static hrt_abstime interval = 0;
-struct ScheduledWorkItem {
-	ScheduledWorkItem(const char *, int) {}
-	virtual ~ScheduledWorkItem() {}
-	virtual void Run() = 0;
-	void ScheduleOnInterval(hrt_abstime us) { scheduled = this; interval = us; }
-	void ScheduleClear() { scheduled = nullptr; }
-};
-}
-namespace uORB {
-template <typename T> struct Publication {
-	Publication(int) {}
-	void advertise() { advertised = true; }
-	void publish(const T &message) { published.push_back(message); }
-};
-}
-template <typename T> struct Holder {
-	T *object = nullptr;
-	void store(T *value) { object = value; }
-};
-template <typename T> struct ModuleBase {
-	static Holder<T> _object;
-	static int _task_id;
-	static constexpr int task_id_is_work_queue = -2;
-	static bool stopping;
-	virtual ~ModuleBase() {}
-	virtual int print_status() = 0;
-	bool should_exit() const { return stopping; }
-	static void exit_and_cleanup() { delete _object.object; _object.object = nullptr; stopping = false; }
-	static int main(int argc, char **argv)
-	{
-		const std::string command = argc > 1 ? argv[1] : "";
-		if (command == "start") { return T::task_spawn(argc - 1, argv + 1); }
-		if (command == "status") { return _object.object->print_status(); }
-		if (command == "stop") { stopping = true; return 0; }
-		return T::custom_command(argc - 1, argv + 1);
-	}
-};
-template <typename T> Holder<T> ModuleBase<T>::_object;
-template <typename T> int ModuleBase<T>::_task_id = -1;
-template <typename T> bool ModuleBase<T>::stopping = false;
-"""
-
-DRIVER = r"""
-#include "arva_receiver.cpp"
-extern "C" {
-int run(unsigned ms)
-{
-	for (const hrt_abstime end = now_us + ms * 1000; now_us < end && px4::scheduled;) {
-		now_us += px4::interval;
-		px4::scheduled->Run();
-	}
-	return px4::scheduled != nullptr;
-}
-void receive(const char *bytes, size_t size) { if (plugged) { line.append(bytes, size); } }
-void plug(int number, int noisy) { plugged = number; fails = noisy; line.clear(); }
-size_t count() { return published.size(); }
-const void *at(size_t k) { return &published[k]; }
-const char *text() { static std::string out; out.swap(said); said.clear(); return out.c_str(); }
-size_t pack(const uint8_t *bytes, size_t size, float *data)
-{
-	static float *to;
-	static arva_decoder decoder;
-	to = data;
-	arva_decoder_init(&decoder, [](void *, const arva_frame *frame) { arva_array_pack(frame, &decoder, to); }, nullptr);
-	return arva_decoder_feed(&decoder, bytes, size, 0);
-}
-int is_advertised() { return advertised; }
-int interval_us() { return (int)px4::interval; }
-int baudrate() { return baud; }
-}
-"""
-
-
-class DebugArray(ctypes.Structure):
-    _fields_ = (
-        ("timestamp", ctypes.c_uint64),
-        ("data", ctypes.c_float * SIZE),
-        ("id", ctypes.c_uint16),
-        ("name", ctypes.c_char * 10),
-    )
 
 
 @pytest.fixture(scope="module")
-def binary(tmp_path_factory):
+def stand_in(tmp_path_factory):
+    """A folder with the headers of PX4 that the module includes."""
     folder = tmp_path_factory.mktemp("px4")
     for name in HEADERS.split():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text('#include "stand_in.hpp"\n')
-    (folder / "stand_in.hpp").write_text(STAND_IN)
+    (folder / "stand_in.hpp").write_text(STAND_IN.replace("ARVA_READING", c_struct()))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def binary(stand_in):
+    folder = stand_in
     (folder / "driver.cpp").write_text(DRIVER)
     codec = compile_c(compiler(), folder / "codec.o", "-std=c99", "-fPIC", "-c", SOURCE)
     command = compiler("g++", "clang++", "c++")
     options = ("-std=c++14", "-Wno-conversion", "-Wno-unused-parameter", "-Wno-format-security", "-fPIC", "-shared")
     include = (f"-I{folder}", f"-I{MODULE}")
     return compile_c(command, folder / "px4.so", *options, *include, folder / "driver.cpp", codec)
-
-
-class Px4:
-    """A PX4 of its own: the library is loaded anew, from a copy."""
-
-    def __init__(self, binary, folder):
-        path = folder / "px4.so"
-        path.write_bytes(binary.read_bytes())
-        self.library = ctypes.CDLL(str(path))
-        self.library.at.restype = ctypes.POINTER(DebugArray)
-        self.library.at.argtypes = (ctypes.c_size_t,)
-        self.library.text.restype = ctypes.c_char_p
-        self.library.receive.argtypes = (ctypes.c_char_p, ctypes.c_size_t)
-        self.times = 0
-
-    def command(self, *words):
-        words = [b"arva_receiver", *(word.encode() for word in words)]
-        return self.library.arva_receiver_main(len(words), (ctypes.c_char_p * len(words))(*words))
-
-    def plug(self):
-        self.times += 1
-        self.library.plug(self.times, 0)
-
-    def unplug(self, noisy=False):
-        self.library.plug(0, int(noisy))
-
-    def receive(self, raw):
-        self.library.receive(raw, len(raw))
-
-    def run(self, ms):
-        return bool(self.library.run(ms))
-
-    def said(self):
-        return self.library.text().decode().splitlines()
-
-    @property
-    def published(self):
-        return [self.library.at(k).contents for k in range(self.library.count())]
-
-    @property
-    def sequences(self):
-        return [int(message.data[LAYOUT["sequence"][1]]) for message in self.published]
 
 
 @pytest.fixture
@@ -319,12 +105,48 @@ def test_no_frame_is_lost(started, hertz, n):
 
 
 def test_of_several_frames_at_once_each_is_published_in_a_pass_of_its_own(started):
-    assert started.library.is_advertised()  # before the first frame, for the logger
+    assert started.library.is_advertised() == 2  # before the first frame, for the logger
     started.receive(b"".join(raw(k) for k in range(20)))
     started.run(30 * PASS_MS)
     assert started.sequences == list(range(20))
     times = [message.timestamp for message in started.published]
     assert min(b - a for a, b in pairwise(times)) == started.library.interval_us()
+
+
+def test_each_frame_is_a_reading_of_the_modules_own_topic_too(started):
+    started.receive(raw(5) + raw(7, (Channel(9, 2, -32768, 32767, True),) * 16))
+    started.run(30 * PASS_MS)
+    four, sixteen = started.readings
+    assert (four.sequence, four.status, four.n) == (5, 1, 4)
+    assert list(zip(four.id, four.zone, four.marked, four.d_cm, four.delta_deg, strict=True)) == [
+        (3, 2, False, 85, 0),
+        (1, 1, False, 1250, -35),
+        (2, 1, True, 4020, 17),
+        *[(255, 0, False, -1, -1)] * 13,
+    ]
+    assert (sixteen.sequence, sixteen.n, sixteen.lost, sixteen.bad_crc, sixteen.dropped) == (7, 16, 1, 0, 0)
+    assert (sixteen.id[15], sixteen.marked[15], sixteen.d_cm[15], sixteen.delta_deg[15]) == (9, True, -32768, 32767)
+    assert [reading.timestamp for reading in started.readings] == [array.timestamp for array in started.published]
+
+
+def test_the_modules_own_topic_has_a_queue_and_the_constants_of_the_wire():
+    assert CONSTANTS["ORB_QUEUE_LENGTH"] >= 8
+    assert (FOLDER / "msg" / "CMakeLists.txt").read_text().split() == [
+        "set(config_msg_list_external", "ArvaReading.msg", "PARENT_SCOPE", ")",
+    ]  # fmt: skip
+    assert {name: number for name, number in CONSTANTS.items() if name != "ORB_QUEUE_LENGTH"} == {
+        "NO_ID": 255, "ZONE_OUTER": firmware_proto.OUTER, "ZONE_MID": MID, "ZONE_INNER": firmware_proto.INNER,
+        "STATUS_SYNTHETIC": firmware_proto.SYNTHETIC, "STATUS_INTERFERENCE": firmware_proto.INTERFERENCE,
+        "STATUS_MORE_TRANSMITTERS": firmware_proto.MORE_TRANSMITTERS,
+        "STATUS_SELF_TEST_FAULT": firmware_proto.SELF_TEST_FAULT,
+    }  # fmt: skip
+
+
+def test_an_emulator_that_restarts_has_lost_no_frames(started):
+    for sequence in (27, 28, 0, 1):
+        started.receive(raw(sequence))
+        started.run(100)
+    assert [reading.lost for reading in started.readings] == [0, 0, 0, 0]
 
 
 def test_counters_are_in_the_array(started):
@@ -408,6 +230,36 @@ def test_status(started):
         "I channel 3: transmitter 2, zone 1 (marked), 4020 cm, 17 degrees",
         "I channel 4: no signal",
     ]
+
+
+def test_status_is_of_one_moment_though_the_next_frame_comes_while_it_is_printed(started):
+    started.receive(raw(7))
+    started.run(40)
+    started.said()
+    started.receive(raw(8, FOUR[:1]))
+    started.library.run_in_next_line()
+    started.command("status")
+    said = started.said()
+    assert [line for line in said if "good" in line or "last" in line] == [
+        "I frames: 1 good, 0 lost, 0 with a wrong CRC; bytes in none: 0",
+        "I last frame: 30 ms ago, sequence 7, status 0x01, channels 4",
+    ]
+    assert said[-1] == "I channel 4: no signal"
+    started.command("status")
+    assert started.said()[2].startswith("I frames: 2 good")
+
+
+ARM = "arm-none-eabi-g++"
+
+
+@pytest.mark.skipif(not shutil.which(ARM), reason=f"no {ARM}; on Debian: apt-get install gcc-arm-none-eabi")
+def test_the_sources_compile_for_a_flight_controller(stand_in, tmp_path):
+    board = ("-mcpu=cortex-m7", "-mthumb", "-Os", "-c")
+    compile_c(ARM.replace("g++", "gcc"), tmp_path / "codec.o", "-std=c99", *board, SOURCE)
+    options = ("-std=gnu++14", "-fno-exceptions", "-fno-rtti", "-Wno-conversion", "-Wno-unused", "-Wno-format-security")
+    include = (f"-I{stand_in}", f"-I{MODULE}", f"-I{CODEC}")
+    options += ("-Wno-unused-parameter",)
+    compile_c(ARM, tmp_path / "module.o", *options, *board, *include, MODULE / "arva_receiver.cpp")
 
 
 def test_start_and_stop(px4):

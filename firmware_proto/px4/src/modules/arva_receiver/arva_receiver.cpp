@@ -10,6 +10,7 @@
 #include <px4_platform_common/log.h>
 #include <systemlib/mavlink_log.h>
 
+static_assert(ARVA_MAX_CHANNELS == sizeof(arva_reading_s::id), "channels");
 static_assert(ARVA_ARRAY_SIZE == debug_array_s::ARRAY_SIZE && (int)ARVA_ARRAY_END == ARVA_ARRAY_SIZE, "layout");
 
 ArvaReceiver::ArvaReceiver(const char *port, uint32_t baudrate) :
@@ -24,7 +25,8 @@ ArvaReceiver::ArvaReceiver(const char *port, uint32_t baudrate) :
 
 void ArvaReceiver::start()
 {
-	_debug_array_pub.advertise(); // the logger looks for new topics only now and then
+	_arva_reading_pub.advertise(); // the logger looks for new topics only now and then
+	_debug_array_pub.advertise();
 	ScheduleOnInterval(INTERVAL);
 }
 
@@ -35,6 +37,8 @@ void ArvaReceiver::Run()
 		exit_and_cleanup();
 		return;
 	}
+
+	LockGuard guard{_mutex};
 
 	if (_at == _count) {
 		_at = 0;
@@ -129,29 +133,62 @@ void ArvaReceiver::take(const arva_frame &frame)
 
 	_frame = frame;
 	_dropped = _decoder.dropped;
+	publish(frame);
+}
+
+void ArvaReceiver::publish(const arva_frame &frame)
+{
+	arva_reading_s reading{};
+	reading.timestamp = hrt_absolute_time();
+	reading.sequence = frame.sequence;
+	reading.status = frame.status;
+	reading.n = frame.n;
+
+	for (unsigned k = 0; k < ARVA_MAX_CHANNELS; k++) {
+		const arva_channel &channel = frame.channels[k];
+		reading.id[k] = channel.id;
+		reading.zone[k] = channel.zone;
+		reading.marked[k] = channel.marked != 0;
+		reading.d_cm[k] = channel.d_cm;
+		reading.delta_deg[k] = channel.delta_deg;
+	}
+
+	reading.lost = _decoder.lost;
+	reading.bad_crc = _decoder.bad_crc;
+	reading.dropped = _decoder.dropped;
+	_arva_reading_pub.publish(reading);
 
 	debug_array_s debug_array{};
-	debug_array.timestamp = hrt_absolute_time();
+	debug_array.timestamp = reading.timestamp;
 	debug_array.id = ARVA_ARRAY_ID;
 	strncpy(debug_array.name, ARVA_ARRAY_NAME, sizeof(debug_array.name) - 1);
 	arva_array_pack(&frame, &_decoder, debug_array.data);
 	_debug_array_pub.publish(debug_array);
 }
 
+ArvaReceiver::Status ArvaReceiver::status()
+{
+	LockGuard guard{_mutex};
+	return {_serial.getBaudrate(), _serial.isOpen(), _lost, _decoder.good, _decoder.lost, _decoder.bad_crc,
+		_decoder.dropped, age_ms(hrt_absolute_time()), _frame};
+}
+
+/* Printing is slow: the work queue does not wait for it. */
 int ArvaReceiver::print_status()
 {
-	PX4_INFO("port %s at %" PRIu32 " baud: %s", _port, _serial.getBaudrate(), _serial.isOpen() ? "open" : "not there");
-	PX4_INFO("receiver: %s", _decoder.good == 0 ? "not heard yet" : _lost ? "lost" : "heard");
+	const Status now = status();
+	PX4_INFO("port %s at %" PRIu32 " baud: %s", _port, now.baudrate, now.open ? "open" : "not there");
+	PX4_INFO("receiver: %s", now.good == 0 ? "not heard yet" : now.silent ? "lost" : "heard");
 	PX4_INFO("frames: %" PRIu32 " good, %" PRIu32 " lost, %" PRIu32 " with a wrong CRC; bytes in none: %" PRIu32,
-		 _decoder.good, _decoder.lost, _decoder.bad_crc, _decoder.dropped);
+		 now.good, now.lost, now.bad_crc, now.dropped);
 
-	if (_decoder.good > 0) {
+	if (now.good > 0) {
 		PX4_INFO("last frame: %" PRIu32 " ms ago, sequence %u, status 0x%02x, channels %u",
-			 age_ms(hrt_absolute_time()), _frame.sequence, _frame.status, _frame.n);
+			 now.age_ms, now.frame.sequence, now.frame.status, now.frame.n);
 	}
 
-	for (unsigned k = 0; k < _frame.n; k++) {
-		const arva_channel &channel = _frame.channels[k];
+	for (unsigned k = 0; k < now.frame.n; k++) {
+		const arva_channel &channel = now.frame.channels[k];
 
 		if (arva_valid(&channel)) {
 			PX4_INFO("channel %u: transmitter %u, zone %u%s, %d cm, %d degrees", k + 1, channel.id, channel.zone,
@@ -168,8 +205,9 @@ int ArvaReceiver::print_status()
 int ArvaReceiver::task_spawn(int argc, char *argv[])
 {
 	const char *port = nullptr;
-	int baudrate = 115200;
-	param_get(param_find("SENS_ARVA_BAUD"), &baudrate);
+	int32_t configured = 115200; // long on a flight controller, which param_get and px4_get_parameter_value tell apart
+	param_get(param_find("SENS_ARVA_BAUD"), &configured);
+	int baudrate = configured;
 
 	int option_index = 1;
 	const char *option_arg = nullptr;
@@ -217,7 +255,7 @@ int ArvaReceiver::print_usage(const char *reason)
 	PRINT_MODULE_DESCRIPTION(
 		R"DESCR_STR(
 ### Description
-Reads an ARVA receiver (avalanche transceiver, 457 kHz) and publishes its frames as debug_array.
+Reads an ARVA receiver (avalanche transceiver, 457 kHz) and publishes its frames as arva_reading and debug_array.
 
 ### Examples
 $ arva_receiver start -d /dev/ttyS3

@@ -1,11 +1,15 @@
-/* Reads an ARVA receiver (457 kHz) on a serial port and publishes its frames as debug_array. See ../../../README.md. */
+/* Reads an ARVA receiver (457 kHz) on a serial port and publishes its frames. See ../../../README.md. */
 #pragma once
 
+#include <pthread.h>
+
+#include <containers/LockGuard.hpp>
 #include <drivers/drv_hrt.h>
 #include <px4_platform_common/Serial.hpp>
 #include <px4_platform_common/module.h>
 #include <px4_platform_common/px4_work_queue/ScheduledWorkItem.hpp>
 #include <uORB/Publication.hpp>
+#include <uORB/topics/arva_reading.h>
 #include <uORB/topics/debug_array.h>
 
 #include "arva_array.h"
@@ -31,12 +35,26 @@ private:
 	static constexpr size_t MOST_BYTES = 256;    // taken in one interval: what comes in it at 230400 baud
 	static constexpr size_t PORT_LENGTH = 32;    // of device::Serial
 
+	struct Status {
+		uint32_t baudrate;
+		bool open;
+		bool silent;
+		uint32_t good, lost, bad_crc, dropped;
+		uint32_t age_ms;
+		arva_frame frame; // the last good one
+	};
+
 	void Run() override;
 	bool open_port();
 	size_t read_port();
 	void watch();
+	Status status();
 	void take(const arva_frame &frame);
-	uint32_t age_ms(hrt_abstime now) const; // of the last good frame; before the first, the time since the start
+	void publish(const arva_frame &frame);
+	uint32_t age_ms(hrt_abstime now) const;      // of the last good frame; before the first, the time since the start
+
+	// Run() is the work queue's, print_status() the shell's: what both use is locked
+	pthread_mutex_t _mutex = PTHREAD_MUTEX_INITIALIZER;
 
 	char _port[PORT_LENGTH] {};
 	device::Serial _serial{};
@@ -52,6 +70,7 @@ private:
 	bool _lost{false};                   // and said so
 	uint32_t _dropped{0};                // bytes, as counted at the last good frame
 
+	uORB::Publication<arva_reading_s> _arva_reading_pub{ORB_ID(arva_reading)};
 	uORB::Publication<debug_array_s> _debug_array_pub{ORB_ID(debug_array)};
 	orb_advert_t _mavlink_log_pub{nullptr};
 };
