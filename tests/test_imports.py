@@ -24,6 +24,7 @@ ROOMS = {  # a room → what of ours it may import
     },
     "arva_hil/_yaml.py": set(),
     "arva_hil/notice.py": set(),
+    "arva_hil/safe_text.py": set(),
     "arva_hil/clock.py": set(),
     "arva_hil/background.py": set(),
     "arva_hil/links": {"arva_hil.links", "arva_hil.clock"},
@@ -66,6 +67,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.links",
         "arva_hil.loop",
         "arva_hil.model",
+        "arva_hil.safe_text",
         "arva_hil.scenario",
         "arva_hil.search",
     },
@@ -87,6 +89,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.background",
         "arva_hil.links",
         "arva_hil.notice",
+        "arva_hil.safe_text",
         "firmware_proto",
     },
 }
@@ -146,3 +149,19 @@ def test_nothing_but_the_commands_imports_the_commands_and_only_they_and_a_trial
 def test_only_the_clock_asks_for_the_time() -> None:
     askers = {path.name for path in files("arva_hil") if imports(path) & {"time", "datetime", "sched"}}
     assert askers == {"clock.py"}
+
+
+def test_what_is_printed_goes_through_one_place() -> None:
+    printers = {
+        str(path.relative_to(ROOT))
+        for path in files("arva_hil")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if (isinstance(node, ast.Name) and node.id == "print")
+        or (
+            isinstance(node, ast.Attribute)
+            and node.attr in ("write", "writelines", "print_exc", "print_exception")
+            and isinstance(node.value, ast.Attribute | ast.Name)
+            and ast.unparse(node.value) in ("sys.stdout", "sys.stderr", "traceback", "stdout", "stderr")
+        )
+    }
+    assert printers == {"arva_hil/cli/terminal.py"}

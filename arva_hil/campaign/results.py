@@ -21,6 +21,7 @@ from typing import Any, Final
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.trial import FOUND, Result
 from arva_hil.clock import RealClock
+from arva_hil.safe_text import cell
 
 __all__ = ["FAILED", "NAME", "Results", "ResultsError", "Row", "row"]
 
@@ -82,7 +83,7 @@ def row(planned: Planned, result: Result) -> Row:
     return Row(
         planned.key,
         trial.scenario.seed,
-        planned.scenario,
+        cell(planned.scenario),
         trial.scenario.receiver.noise.kind,
         planned.wind_m_s,
         trial.gps_noise_m,
@@ -92,7 +93,7 @@ def row(planned: Planned, result: Result) -> Row:
         trial.speed_m_s,
         trial.limit_s,
         min((round(math.hypot(*place[:2]), 3) for place in places), default=None),
-        _one_line(result.outcome),
+        cell(_short(result.outcome)),
         result.error_m,
         result.hover_m,
         result.time_s,
@@ -225,5 +226,5 @@ def _parse(line: bytes, where: str) -> Row:
         raise ResultsError(f"{where}: not a row of results ({error}); the file is left as it is") from None
 
 
-def _one_line(text: str) -> str:
+def _short(text: str) -> str:
     return " ".join(text.encode(errors="backslashreplace").decode().split())[:300]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import os
 import re
 import sys
@@ -20,6 +19,7 @@ from typing import TYPE_CHECKING, Final
 from arva_hil.cli import options as opt
 from arva_hil.cli.guard import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
+from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.clock import RealClock
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def main(options: argparse.Namespace) -> int:
     try:
         plan = read(options.plan, list(STRATEGIES))
     except ScenarioError as error:
-        raise UsageError(error) from None
+        raise UsageError(*error.problems) from None
     every = list(trials(plan))
     title = Path(options.plan).stem
     folder = Path(options.out or f"{title}-results")
@@ -87,7 +87,8 @@ def _campaign(options: argparse.Namespace, plan: Plan, every: Sequence[Planned],
     except ResultsError as error:
         raise Failure(FAILED, error) from None
     if not options.json:
-        print(report.text(rows, plan.success_m))
+        for line in report.text(rows, plan.success_m).splitlines():
+            show(line)
     _say(f"{kept.path}, {path}")
     if failed := [row for row in rows if row.failed]:
         raise Failure(FAILED, f"{len(failed)} of {len(rows)} trials failed, the first one so: {failed[0].outcome}")
@@ -114,7 +115,7 @@ def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[P
                     kept.add(new := row(planned, result))
                     progress.done += 1
                     if options.json:
-                        print(json.dumps(asdict(new)), flush=True)
+                        show_json(asdict(new))
     except MissingExtra as error:
         raise UsageError(error) from None
     except CrewError as error:
@@ -152,7 +153,7 @@ def _refuse_foreign(path: Path) -> None:
 def _say(line: str) -> None:
     """A line on stderr, if anybody is there."""
     with contextlib.suppress(OSError):
-        print(line, file=sys.stderr)
+        tell(line)
 
 
 class _Progress:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import OK, USAGE
+from arva_hil.cli.terminal import show, tell
 
 
 def add_options(parser: Parser) -> None:
@@ -21,11 +21,12 @@ def main(options: argparse.Namespace) -> int:
         try:
             chosen = load(name)
         except ScenarioError as error:
-            print(error, file=sys.stderr)
+            for problem in error.problems:
+                tell(problem)
             code = USAGE
         else:
             ids = ", ".join(str(t.id) for t in chosen.transmitters)
-            print(f"{name}: ok: transmitters {ids}; {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}")
+            show(f"{name}: ok: transmitters {ids}; {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}")
             for fault in chosen.faults:
-                print(f"  fault {fault}")
+                show(f"  fault {fault}")
     return code

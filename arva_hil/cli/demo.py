@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 import tempfile
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Final
 from arva_hil.cli import options as opt
 from arva_hil.cli import search, shared
 from arva_hil.cli.outcome import FAILED, NO_LINK, Failure, UsageError
+from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.closed_loop import ClosedLoop, Ends
 from arva_hil.links import LinkError, memory
@@ -76,7 +76,7 @@ def main(options: argparse.Namespace) -> int:
     elif outcome.kind != "found":
         code = code or FAILED
     for line in search.result(outcome) + _error(loop) + search.close_log(log, outcome, code, _truth(loop)):
-        print(line, file=sys.stderr)
+        tell(line)
     return code
 
 

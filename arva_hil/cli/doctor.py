@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import shlex
 import sys
@@ -19,6 +18,7 @@ from arva_hil.cli.guard import Guard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import INTERRUPTED, UsageError
 from arva_hil.cli.sides import DEFAULT_AUTOPILOT, add_autopilot, check_sides, choose_autopilot
+from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.clock import Clock, RealClock
 from arva_hil.console.text import wants_colour
 from arva_hil.doctor import diagnosis as look
@@ -74,13 +74,13 @@ class Report:
         if finding is None:
             return
         self.findings.append(finding)
-        print(json.dumps(finding._asdict()) if self._as_json else self._line(finding), flush=True)
-
-    def _line(self, finding: Finding) -> str:
+        if self._as_json:
+            show_json(finding._asdict())
+            return
         state = f"{'FAIL' if finding.state == 'fail' else finding.state:<4}"
         if self._colour:
             state = f"{_COLOURS[finding.state]}{state}\x1b[0m"
-        return f"{state}  {finding.check:<19}  {finding.found}" + (f" → {finding.cure}" if finding.cure else "")
+        show(f"  {finding.check:<19}  {finding.found}" + (f" → {finding.cure}" if finding.cure else ""), mark=state)
 
 
 class Doctor:
@@ -172,7 +172,7 @@ class Doctor:
             address = parse(self._options.port) if self._options.port else None
             self._mouth = Mouth(port, self._out, address, self._clock.now())
         if tasks := [task for task in (ear, self._mouth) if task]:
-            print(f"listening for {self._options.listen:g} s", file=sys.stderr)
+            tell(f"listening for {self._options.listen:g} s")
             self._attend(tasks, ear)
         return ear
 
@@ -233,7 +233,7 @@ class Doctor:
         rates = [asked, *(baud for baud in BAUDS if baud != asked)]
         found = None
         each = min(_TRY_S, self._options.listen)
-        print(f"trying other baud rates, {each:g} s each", file=sys.stderr)
+        tell(f"trying other baud rates, {each:g} s each")
         for baud in rates[1:]:
             with suppress(LinkError):  # a rate that this adapter does not know
                 with closing(open_link(self._autopilot._replace(baud=baud), clock=self._clock)) as link:

@@ -72,6 +72,14 @@ def unforeseen(error: BaseException) -> str:
     return f"unforeseen {type(error).__name__}: {error}{where}"
 
 
+def story(error: BaseException) -> list[str]:
+    """The traceback of an error in lines; what the error says, which may have come from outside, is one of them."""
+    lines: list[str] = []
+    for part in traceback.format_exception(error):
+        lines += part.splitlines() if part.startswith("  File ") else [part.strip("\n")]
+    return lines
+
+
 def _set(handler: Any) -> dict[int, Any]:
     """Handle the signals; what did so before. Under `nohup`, SIGHUP stays ignored."""
     if threading.current_thread() is not threading.main_thread():

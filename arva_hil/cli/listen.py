@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import sys
@@ -18,6 +17,7 @@ from arva_hil.cli import options as opt
 from arva_hil.cli import shared
 from arva_hil.cli.guard import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
+from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.clock import Clock, RealClock
 from arva_hil.console import text
 from arva_hil.links import AddressError, Link, LinkError, parse
@@ -63,7 +63,7 @@ def main(options: argparse.Namespace) -> int:
         listener.finish()
         return OK
     with closing(shared.open_or_fail(options.url, clock)) as link, guard:
-        print(f"listening at {link.name}", file=sys.stderr)
+        tell(f"listening at {link.name}")
         listener.links = [link]
         try:
             done = lambda: listener.enough or guard.caught is not None  # noqa: E731
@@ -102,14 +102,14 @@ class Listener:
                 link.write(self._hello.pack(heartbeat()))
         if now > self._alive_until:
             self._alive_until = math.inf
-            print(f"no frame for {_WATCHDOG_S:g} s", file=sys.stderr)
+            tell(f"no frame for {_WATCHDOG_S:g} s")
         return now + PAUSE_S
 
     def take(self, chunk: bytes, now: float) -> None:
         """Decode and print."""
         for frame in self._decoder.feed(chunk, now):
             if self._left > 0:
-                print(self._line(frame), flush=True)
+                self._show(frame)
             self._left -= 1
             self._alive_until = now + _WATCHDOG_S
         self.enough = self._left <= 0
@@ -117,12 +117,13 @@ class Listener:
     def finish(self) -> None:
         """The sum."""
         d = self._decoder
-        print(f"{d.good} frames, {d.lost} lost, {d.bad_crc} bad checksums, {d.dropped} bytes dropped", file=sys.stderr)
+        tell(f"{d.good} frames, {d.lost} lost, {d.bad_crc} bad checksums, {d.dropped} bytes dropped")
 
-    def _line(self, frame: Frame) -> str:
+    def _show(self, frame: Frame) -> None:
         if self._as_json:
-            return json.dumps(text.frame_json(frame))
-        return f"{frame.sequence:3d}  {text.reading(frame.channels)}"
+            show_json(text.frame_json(frame))
+        else:
+            show(f"{frame.sequence:3d}  {text.reading(frame.channels)}")
 
 
 def _contents(path: Path) -> bytes:

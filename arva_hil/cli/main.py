@@ -7,14 +7,14 @@ import importlib
 import io
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 from typing import Final
 
 from arva_hil import __version__
-from arva_hil.cli.guard import interrupting, unforeseen
+from arva_hil.cli.guard import interrupting, story, unforeseen
 from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
+from arva_hil.cli.terminal import show, tell
 
 COMMANDS: Final = {
     "run": "emulate the receiver: autopilot in, frames out (the default command)",
@@ -58,27 +58,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
         return code
     except Failure as failure:
-        print(f"arva-hil: {failure}", file=sys.stderr)
+        first, *rest = failure.lines
+        for line in (f"arva-hil: {first}", *rest):
+            tell(line)
         return failure.code
     except OSError as error:  # links and files have their own: this is stdout, its reader gone or its disk full
-        print(f"arva-hil: stdout: {error}", file=sys.stderr)
+        tell(f"arva-hil: stdout: {error}")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's own flush at exit
         return FAILED
     except KeyboardInterrupt:
         return INTERRUPTED
     except Exception as error:
         if {"-v", "-vv", "--verbose"} & set(arguments):
-            traceback.print_exc()
-        print(f"arva-hil: {unforeseen(error)}", file=sys.stderr)
+            for line in story(error):
+                tell(line)
+        tell(f"arva-hil: {unforeseen(error)}")
         return FAILED
 
 
 def _command(arguments: list[str]) -> int:
     if arguments[:1] in (["-h"], ["--help"], ["help"]):
-        print(HELP.format(commands="\n".join(f"  {name:<8} {what}" for name, what in COMMANDS.items())))
+        for line in HELP.format(
+            commands="\n".join(f"  {name:<8} {what}" for name, what in COMMANDS.items())
+        ).splitlines():
+            show(line)
         return OK
     if arguments[:1] == ["--version"]:
-        print(f"arva-hil {__version__}")
+        show(f"arva-hil {__version__}")
         return OK
     name = "run"
     if arguments and not arguments[0].startswith("-"):

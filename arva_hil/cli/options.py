@@ -69,7 +69,7 @@ class Parser(argparse.ArgumentParser):
             follows = next((after for flag, after in pairwise(self._given) if flag in flags), "")
             if follows[:1] == "-" and follows not in self._option_string_actions:
                 hint = f"; one that begins with a dash needs a sign: {flags[0]}={follows}"
-        raise UsageError(f"{message}{hint}\nsee {self.prog} --help")
+        raise UsageError(f"{message}{hint}", f"see {self.prog} --help")
 
 
 def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+from arva_hil.safe_text import one_line
+
 OK: Final = 0
 FAILED: Final = 1  # while running
 USAGE: Final = 2  # or configuration
@@ -12,15 +14,16 @@ INTERRUPTED: Final = 130
 
 
 class Failure(Exception):
-    """The end of a command: `str()` says what was wrong, where, and what to do."""
+    """The end of a command: `str()` says what was wrong, where, and what to do, a line for each of `lines`."""
 
-    def __init__(self, code: int, why: object) -> None:
+    def __init__(self, code: int, *lines: object) -> None:
         self.code = code
-        super().__init__(str(why))
+        self.lines = tuple(map(one_line, lines))
+        super().__init__("\n".join(self.lines))
 
 
 class UsageError(Failure):
     """The command line, the environment or a file it names is wrong."""
 
-    def __init__(self, why: object) -> None:
-        super().__init__(USAGE, why)
+    def __init__(self, *lines: object) -> None:
+        super().__init__(USAGE, *lines)

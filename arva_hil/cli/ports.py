@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import OK
+from arva_hil.cli.terminal import show, show_json
 
 
 def add_options(parser: Parser) -> None:
@@ -19,10 +19,10 @@ def main(options: argparse.Namespace) -> int:
     ports = list_ports()
     for port in ports:
         if options.json:
-            print(json.dumps({**port._asdict(), "usb": port.usb}))
+            show_json({**port._asdict(), "usb": port.usb})
         else:
             what = " | ".join(filter(None, [port.description, port.usb, port.by_id]))
-            print(f"{port.device}  {'AUTOPILOT  ' if port.autopilot else ''}{what}")
+            show(f"{port.device}  {'AUTOPILOT  ' if port.autopilot else ''}{what}")
     if not ports and not options.json:
-        print("no serial ports; a USB adapter shows up as /dev/ttyUSB0 or /dev/ttyACM0, COM3 on Windows")
+        show("no serial ports; a USB adapter shows up as /dev/ttyUSB0 or /dev/ttyACM0, COM3 on Windows")
     return OK

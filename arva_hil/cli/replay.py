@@ -14,6 +14,7 @@ from arva_hil.autopilot.session import Session
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
 from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.terminal import tell
 from arva_hil.clock import RealClock
 from arva_hil.emulator import Emulator
 from arva_hil.links import Link, LinkError
@@ -89,7 +90,7 @@ def main(options: argparse.Namespace) -> int:
             emulator, lambda: replay(emulator, records, clock=clock, stopped=surroundings.stopped)
         )
         if log.skipped or log.torn:
-            print(f"{options.log}: {log.skipped} bytes of garbage and {log.torn} of a torn tail", file=sys.stderr)
+            tell(f"{options.log}: {log.skipped} bytes of garbage and {log.torn} of a torn tail")
         return code
 
 

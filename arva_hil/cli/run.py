@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import math
 import os
-import sys
 from contextlib import ExitStack, closing
 
 from arva_hil.autopilot.session import Session
@@ -14,6 +13,7 @@ from arva_hil.cli import shared
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.sides import add_autopilot, check_sides, choose_autopilot
+from arva_hil.cli.terminal import tell
 from arva_hil.clock import RealClock
 from arva_hil.emulator import Emulator
 from arva_hil.links import Link
@@ -61,7 +61,7 @@ def main(options: argparse.Namespace) -> int:
         signing=signing(options.signing_key, clock.epoch_us),
     )
     with ExitStack() as stack:
-        print(f"autopilot: {address}", file=sys.stderr)
+        tell(f"autopilot: {address}")
         link = stack.enter_context(closing(shared.open_or_fail(address, clock, open_lasting, answered=True)))
         out: Link | None = None
         port: Port
@@ -72,7 +72,7 @@ def main(options: argparse.Namespace) -> int:
             if isinstance(out, StdoutLink):
                 out.give_up = lambda: True  # rather drop a frame than be late with the next
             port = WirePort(out, chosen.output_format)
-            print(f"frames to: {out.name}", file=sys.stderr)
+            tell(f"frames to: {out.name}")
         surroundings = shared.Run(options, chosen, clock.epoch_us)
         watchdog = Watchdog(os.environ)
         surroundings.observers.append(watchdog)

@@ -10,7 +10,6 @@ Exit codes: 0 found, 1 not found or failed, 2 usage, 3 no autopilot or no frames
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Callable, Mapping
@@ -27,6 +26,7 @@ from arva_hil.cli import shared
 from arva_hil.cli.guard import Guard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, UsageError
+from arva_hil.cli.terminal import show_json
 from arva_hil.clock import RealClock
 from arva_hil.console import Printer
 from arva_hil.links.reopen import open_lasting
@@ -182,7 +182,7 @@ def main(options: argparse.Namespace) -> int:
         printer.say(line)
     printer.close()
     if options.json:
-        print(json.dumps(as_dict(client.outcome)))
+        show_json(as_dict(client.outcome))
     return code
 
 

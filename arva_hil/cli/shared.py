@@ -7,7 +7,6 @@ import dataclasses
 import gc
 import platform
 import sys
-import traceback
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ import serial
 import yaml
 
 from arva_hil import __version__
-from arva_hil.cli.guard import Guard, unforeseen
+from arva_hil.cli.guard import Guard, story, unforeseen
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.clock import Clock
 from arva_hil.console import Lines, Printer, as_json, plain
@@ -39,7 +38,7 @@ def scenario(options: argparse.Namespace) -> Scenario:
     try:
         base = load(options.scenario) if options.scenario else DEFAULT
     except ScenarioError as error:
-        raise UsageError(error) from None
+        raise UsageError(*error.problems) from None
     receiver = base.receiver
     if options.rate is not None:
         receiver = dataclasses.replace(receiver, rate_hz=options.rate)
@@ -154,7 +153,8 @@ class Run:
         except Exception as error:
             failure = Failure(FAILED, unforeseen(error))
             if self._traceback:
-                self.printer.say("".join(traceback.format_exception(error)).rstrip())
+                for line in story(error):
+                    self.printer.say(line)
         self._guard.ending = True
         try:
             return self._finish(emulator, failure, links)

@@ -12,6 +12,7 @@ from arva_hil.console import text
 from arva_hil.links import Link, LinkError
 from arva_hil.notice import Notice
 from arva_hil.observer import Observer, Snapshot, Status
+from arva_hil.safe_text import one_line
 
 _PLAIN_S: Final = 5.0  # between the status lines of a pipe
 _CLEAR: Final = "\r\x1b[K"
@@ -36,7 +37,7 @@ class Printer(Observer):
         self._background = Background("console")
 
     def notice(self, notice: Notice) -> None:
-        self.say(text.notice(notice, self._colour))
+        self._put(text.notice(notice, self._colour))
 
     def frame(self, snapshot: Snapshot) -> None:
         if self._frames:
@@ -48,6 +49,7 @@ class Printer(Observer):
 
     def show(self, time_s: float, line: str) -> None:
         """The status as it is at `time_s`."""
+        line = one_line(line)
         if self._live:
             self._shown = line[: _columns(self._stream) - 1]
             self._write(_CLEAR + self._shown)
@@ -57,6 +59,9 @@ class Printer(Observer):
 
     def say(self, line: str) -> None:
         """One line that stays."""
+        self._put(one_line(line))
+
+    def _put(self, line: str) -> None:
         self._write(f"{_CLEAR}{line}\n{self._shown}" if self._live else line + "\n")
 
     def close(self) -> None:
@@ -101,7 +106,7 @@ class Lines(Observer):
 
 def plain(snapshot: Snapshot) -> str:
     """One frame in words."""
-    return f"{snapshot.time_s:9.3f} s  {snapshot.frame.sequence:3d}  {_words(snapshot)}"
+    return one_line(f"{snapshot.time_s:9.3f} s  {snapshot.frame.sequence:3d}  {_words(snapshot)}")
 
 
 def as_json(snapshot: Snapshot) -> str:
@@ -129,7 +134,7 @@ def status_line(status: Status) -> str:
     parts.append(f"{status.frames - status.dropped} sent, {status.dropped} dropped")
     if status.last:  # the longest comes last, to be cut on a narrow terminal
         parts.append(text.reading(status.last.frame.channels))
-    return " | ".join(part for part in parts if part)
+    return one_line(" | ".join(part for part in parts if part))
 
 
 def _words(snapshot: Snapshot) -> str:

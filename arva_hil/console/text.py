@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any, Final, TextIO
 
 from arva_hil.notice import Notice
+from arva_hil.safe_text import one_line
 from firmware_proto import Channel, Frame
 
 ZONES: Final = ("outer", "mid", "inner")
@@ -34,8 +35,8 @@ def frame_json(frame: Frame) -> dict[str, Any]:
 def notice(said: Notice, colour: bool) -> str:
     """One line, its level named unless it is mere information."""
     if said.level == "info":
-        return said.text
-    line = f"{said.level}: {said.text}"
+        return one_line(said.text)
+    line = one_line(f"{said.level}: {said.text}")
     return f"{_COLOURS[said.level]}{line}\x1b[0m" if colour else line
 
 

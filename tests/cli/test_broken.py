@@ -22,6 +22,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from arva_hil.safe_text import one_line
+
 BROKEN = Path(__file__).parent.parent / "broken"
 DATA = Path(__file__).parent.parent / "data"
 GOOD = "transmitters: [{id: 1, ned: [1, 2, 3]}]\n"
@@ -167,7 +169,7 @@ def test_what_is_no_file_to_read_is_answered_without_waiting(arva: Arva, make: C
     name = make()
     code, out, err = arva("check", name)
     assert (code, out) == (2, "")
-    quoted = name or "''"
+    quoted = one_line(name) or "''"
     assert err.startswith(f"{quoted}:1:1: {answer}, expected a ")
 
 

@@ -1,0 +1,27 @@
+"""Where a command's lines go: data on stdout, everything else on stderr. The only place of `cli` that prints.
+
+Whatever is in a line, it stays one line and changes nothing else on a terminal.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from typing import Any
+
+from arva_hil.safe_text import one_line
+
+
+def tell(line: object) -> None:
+    """A line for a person, on stderr."""
+    print(one_line(line), file=sys.stderr)
+
+
+def show(line: object, *, mark: str = "") -> None:
+    """A line of data on stdout, at once. `mark` goes before it as it is, colours and all."""
+    print(mark + one_line(line), flush=True)
+
+
+def show_json(value: Any) -> None:
+    """A JSON object on a line of its own on stdout, at once; ASCII without control characters."""
+    print(json.dumps(value).replace("\x7f", "\\u007f"), flush=True)
