@@ -129,9 +129,9 @@ class Emulator:
             raise NoHeartbeatError(self.session.heard())
         return min(self.schedule.deadline, self.next_release, self.session.next_due, self._next_status)
 
-    def hear(self, chunk: bytes, now: float) -> None:
-        """Bytes of the autopilot, received at `now`."""
-        packets = self.session.feed(chunk, now)
+    def hear(self, chunk: bytes, now: float, *, whole: bool = False) -> None:
+        """Bytes of the autopilot, received at `now`. `whole`: no packet goes on in the next ones."""
+        packets = self.session.feed(chunk, now, whole=whole)
         for observer in self._packet_observers:
             observer.packets(now, packets)
         if self.datum.update(self.session, now):

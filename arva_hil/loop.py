@@ -71,7 +71,7 @@ def replay(
             emit(False)
             if stopped():
                 return
-        emulator.hear(record.raw, heard)
+        emulator.hear(record.raw, heard, whole=True)
         if heard >= tend_at:
             emulator.tend(heard)
             tend_at = heard + _LONGEST_WAIT_S

@@ -288,6 +288,8 @@ def measure_cost(numbers: random.Random) -> bool:
         "0xFE": b"\xfe",
         "false headers": b"\xfd\xff\0\0\0\1\1\0\0\0",
         "false headers, MAVLink 1": b"\xfe\xff\0\1\1\0",
+        "unknown headers": b"\xfd\xff\0\0\0\1\1\x9f\x86\1",
+        "unknown and false headers": b"\xfd\xfc\0\0\0\1\1\x9f\x86\1\xfe\x20\0\1\1\0",
     }
     well = True
     print("ns per byte, by the size of the chunks")

@@ -62,18 +62,27 @@ class Parser:
         self.incompatible = 0
         self.malformed = 0
         self._rest = b""
+        self._good_at = -1  # in what is fed now: where a packet lies that was verified ahead of its turn
         self._codec = dialect.MAVLink(None)
 
-    def feed(self, chunk: bytes) -> list[Packet]:
-        """The packets completed by `chunk`, which may be cut anywhere. Never raises."""
+    def feed(self, chunk: bytes, *, whole: bool = False) -> list[Packet]:
+        """The packets completed by `chunk`, which may be cut anywhere. Never raises.
+
+        `whole`: no packet of the chunk goes on in the next one, as in a record of a log. The head of a packet that is
+        longer than the chunk is then a false one.
+        """
         data = self._rest + chunk if self._rest else chunk
         packets: list[Packet] = []
         at, end = 0, len(data)
+        self._good_at = -1
         while at < end:
             size = _size(data, at)
-            if at + size > end:
+            if at + size <= end:
+                packet = self._packet(data, at, size) if size else None
+            elif whole or self._is_false_head(data, at):
+                packet = None
+            else:
                 break
-            packet = self._packet(data, at, size) if size else None
             if packet is not None:
                 if packet.version == 2 and packet.raw[2] > _SIGNED:
                     self.incompatible += 1
@@ -99,7 +108,8 @@ class Parser:
         """The candidate at `at` as a packet, or None when it is a false one.
 
         The checksum of an unknown id cannot be verified: such a candidate counts only when the next byte, if there is
-        one, starts a packet, and never when its flags are unknown too.
+        one, starts a packet, when no packet that can be verified starts inside of it, and never when its flags are
+        unknown too.
         """
         raw = data[at : at + size]
         if raw[0] == _MAGIC_V2:
@@ -111,13 +121,26 @@ class Parser:
             system, component, msgid = raw[3], raw[4], raw[5]
         known = msgid in _CRC_EXTRA
         if not known:
-            later = version == 2 and raw[2] > _SIGNED
-            if later or data[at + size : at + size + 1] not in (b"", b"\xfd", b"\xfe"):
+            behind = data[at + size : at + size + 1]
+            if behind not in (b"", b"\xfd", b"\xfe") or self._is_false_head(data, at):
                 return None
         elif _crc(raw[1:crc_at], msgid) != raw[crc_at] | raw[crc_at + 1] << 8:
             self.bad_crc += 1
             return None
         return Packet(raw, version, signed, system, component, msgid, known)
+
+    def _is_false_head(self, data: bytes, at: int) -> bool:
+        """Whether the head at `at` is surely none, whole or not: of an unknown id, and a good packet starts behind it
+        before its own would end, or its flags are unknown too.
+        """
+        if (msgid := _msgid(data, at)) is None or msgid in _CRC_EXTRA:
+            return False
+        if data[at] == _MAGIC_V2 and data[at + 2] > _SIGNED:
+            return True
+        stop = at + _size(data, at)
+        if self._good_at <= at:  # nothing was found yet that lies behind
+            self._good_at = _first_good(data, at + 1, stop)
+        return at < self._good_at < stop
 
     def decode(self, packet: Packet) -> Message | None:
         """The message in a packet; None when the dialect cannot read it."""
@@ -190,6 +213,26 @@ def _size(data: bytes, at: int) -> int:
     if magic == _MAGIC_V1:
         return data[at + 1] + 8 if at + 2 <= len(data) else 8
     return 0
+
+
+def _msgid(data: bytes, at: int) -> int | None:
+    """The message id in the head of the packet that starts at `at`, None while that is not whole."""
+    if data[at] == _MAGIC_V1:
+        return data[at + 5] if at + 6 <= len(data) else None
+    return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 if at + 10 <= len(data) else None
+
+
+def _first_good(data: bytes, start: int, stop: int) -> int:
+    """Where the first whole packet with a right checksum starts in [start, stop), -1 when there is none."""
+    for found in _MAGIC.finditer(data, start, stop):
+        at = found.start()
+        msgid = _msgid(data, at)
+        if msgid is None or msgid not in _CRC_EXTRA or at + _size(data, at) > len(data):
+            continue
+        crc_at = at + data[at + 1] + (10 if data[at] == _MAGIC_V2 else 6)
+        if _crc(data[at + 1 : crc_at], msgid) == data[crc_at] | data[crc_at + 1] << 8:
+            return at
+    return -1
 
 
 def _crc(data: bytes, msgid: int) -> int:

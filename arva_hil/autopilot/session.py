@@ -79,10 +79,13 @@ class Session:
 
     # -- bytes in ------------------------------------------------------------------------------------------
 
-    def feed(self, chunk: bytes, now: float) -> list[Packet]:
-        """Take what came at `now`; gives back every packet in it, whoever sent it. Never raises."""
+    def feed(self, chunk: bytes, now: float, *, whole: bool = False) -> list[Packet]:
+        """Take what came at `now`; gives back every packet in it, whoever sent it. Never raises.
+
+        `whole`: no packet goes on in the next chunk, as in a record of a log.
+        """
         self.bytes += len(chunk)
-        packets = self.parser.feed(chunk)
+        packets = self.parser.feed(chunk, whole=whole)
         self.own.clear()
         if self._signing:
             self._signing.advance(now)

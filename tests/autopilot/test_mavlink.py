@@ -218,6 +218,77 @@ def test_an_unknown_message_with_garbage_behind_it_is_garbage() -> None:
     assert parser.skipped == 12 + 5 + 1
 
 
+# -- heads that cannot be verified ---------------------------------------------------------------------------
+
+
+def false_head(length: int = 255, magic: int = 0xFD, flags: int = 0) -> bytes:
+    """Of a long packet with an id that nobody knows: a station's packet of MAVLink 1 that was damaged, for example."""
+    return bytes([magic, length, flags, 0, 77, 1, 1]) + UNKNOWN.to_bytes(3, "little")
+
+
+def test_a_damaged_packet_of_mavlink_1_with_the_other_magic_as_its_number_costs_only_itself() -> None:
+    head = bytes([28, 0xFD, 255, 0, 30])  # from 255/0: read from its number on it is 267 bytes long
+    damaged = b"\xfe" + head + bytes(28) + (x25crc(head + bytes(28) + b"\x00").crc ^ 1).to_bytes(2, "little")
+    filled = packet(30, bytes(range(1, 29)))
+    stream = good() + damaged + filled * 12
+    for found, parser in (parse(stream), parse(*(stream[k : k + 1] for k in range(len(stream))))):
+        assert [p.raw for p in found] == [good()] + [filled] * 12
+        assert parser.skipped == len(damaged)
+
+
+@pytest.mark.parametrize("behind", [b"", b"\xfe", b"\xfd"])
+@pytest.mark.parametrize("count", [1, 5])
+def test_an_unknown_head_hides_no_packet_that_can_be_verified(behind: bytes, count: int) -> None:
+    """Also where its length leads to the start of a packet or the end of what there is."""
+    inside = good(count)
+    head = false_head(len(inside) + 30)
+    stream = head + inside + bytes(32) + behind
+    found, _ = parse(stream, bytes(LONGEST))
+    assert [p.raw for p in found] == [good()] * count
+
+
+def test_a_packet_behind_an_unknown_head_is_there_with_its_last_byte() -> None:
+    parser = Parser()
+    assert parser.feed(false_head() + good()[:-1]) == []
+    assert [p.raw for p in parser.feed(good()[-1:])] == [good()]
+
+
+def test_an_unknown_head_hides_no_packet_that_ends_behind_its_own_end() -> None:
+    filled = packet(30, b"\xfe" * 28)
+    found, _ = parse(false_head(20) + bytes(8) + filled + good())  # its end is at one of the 0xFE
+    assert [p.raw for p in found] == [filled, good()]
+
+
+def test_flags_and_an_id_that_nobody_knows_hold_up_nothing() -> None:
+    parser = Parser()
+    assert [p.raw for p in parser.feed(false_head(flags=2) + good())] == [good()]
+
+
+def test_the_end_of_a_record_is_the_end_of_its_packets() -> None:
+    parser = Parser()
+    assert [p.raw for p in parser.feed(false_head(magic=0xFE) + good(), whole=True)] == [good()]
+    known = good()[:1] + b"\xff" + good()[2:]
+    assert parser.feed(known, whole=True) == []
+    assert [p.raw for p in parser.feed(good(), whole=True)] == [good()]
+    assert parser.skipped == 10 + len(known)
+
+
+@given(st.lists(packets() | nasty, max_size=6))
+def test_records_are_read_one_by_one_whatever_was_in_the_one_before(parts: list[bytes]) -> None:
+    parser = Parser()
+    each = [parser.feed(part, whole=True) for part in parts]
+    for part, found in zip(parts, each, strict=True):
+        assert Parser().feed(part, whole=True) == found
+    assert sum(len(p.raw) for found in each for p in found) + parser.skipped == sum(map(len, parts))
+
+
+def test_unknown_messages_without_a_packet_inside_are_given_out_however_long() -> None:
+    unknown = packet(UNKNOWN, b"\xfd\xfe" * 127)
+    found, parser = parse(unknown * 20)
+    assert [p.raw for p in found] == [unknown] * 20
+    assert parser.skipped == 0
+
+
 # -- reading -----------------------------------------------------------------------------------------------
 
 
