@@ -7,6 +7,8 @@ import threading
 from collections.abc import Callable
 from typing import Final
 
+Job = Callable[[], object]
+
 _MOST_JOBS: Final = 10_000
 
 
@@ -23,11 +25,12 @@ class Background:
         self.error: Exception | None = None
         self.refused = 0
         self._expected = expected
-        self._jobs: queue.Queue[Callable[[], object] | None] = queue.Queue(most_jobs)
+        self._jobs: queue.Queue[Job | None] = queue.Queue(most_jobs)
+        self._last: tuple[Job, ...] = ()
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    def put(self, job: Callable[[], object], *, wait: bool = False) -> bool:
+    def put(self, job: Job, *, wait: bool = False) -> bool:
         """Queue a job; with `wait`, until there is room. False: refused and counted, the work is too slow."""
         if self.error is None:
             try:
@@ -38,8 +41,9 @@ class Background:
         self.refused += 1
         return False
 
-    def close(self, timeout_s: float = 5.0) -> bool:
-        """Finish what is queued; False when that takes longer than `timeout_s`."""
+    def close(self, *last: Job, timeout_s: float = 5.0) -> bool:
+        """Finish what is queued, then do the `last` jobs, also after an error. False when nothing moves for so long."""
+        self._last = last
         try:
             self._jobs.put(None, timeout=timeout_s)
         except queue.Full:
@@ -50,10 +54,15 @@ class Background:
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
             if self.error is None:
-                try:
-                    job()
-                except Exception as error:
-                    self.error = error
-                    if not isinstance(error, self._expected):
-                        what = (type(error), error, error.__traceback__, threading.current_thread())
-                        threading.excepthook(threading.ExceptHookArgs(what))
+                self._do(job)
+        for job in self._last:
+            self._do(job)
+
+    def _do(self, job: Job) -> None:
+        try:
+            job()
+        except Exception as error:
+            self.error = self.error or error
+            if not isinstance(error, self._expected):
+                what = (type(error), error, error.__traceback__, threading.current_thread())
+                threading.excepthook(threading.ExceptHookArgs(what))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import select
 import time
 from collections.abc import Iterable
+from datetime import UTC, datetime
 from typing import Protocol
 
 _POLL_S = 0.001  # how often a link that select cannot wait on is looked at
@@ -52,6 +53,11 @@ class RealClock:
                 time.sleep(pause)
             elif select.select(fds, [], [], pause)[0]:
                 return
+
+
+def utc(epoch_us: int) -> str:
+    """Microseconds since 1970 in ISO 8601, e.g. 2026-01-31T15:45:00.000Z."""
+    return datetime.fromtimestamp(epoch_us / 1e6, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 class StepClock:

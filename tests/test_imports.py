@@ -27,6 +27,7 @@ ROOMS = {  # a room → what of ours it may import
     "arva_hil/safe_text.py": set(),
     "arva_hil/clock.py": set(),
     "arva_hil/background.py": set(),
+    "arva_hil/files.py": set(),
     "arva_hil/links": {"arva_hil.links", "arva_hil.clock"},
     "arva_hil/linkwatch.py": {
         "arva_hil.links",
@@ -51,6 +52,8 @@ ROOMS = {  # a room → what of ours it may import
     "arva_hil/observer.py": {"arva_hil.autopilot", "arva_hil.model", "arva_hil.notice", "firmware_proto"},
     "arva_hil/record": {
         "arva_hil.record",
+        "arva_hil.clock",
+        "arva_hil.files",
         "arva_hil.observer",
         "arva_hil.background",
         "arva_hil.autopilot",
@@ -64,6 +67,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.campaign",
         "arva_hil.clock",
         "arva_hil.closed_loop",
+        "arva_hil.files",
         "arva_hil.links",
         "arva_hil.loop",
         "arva_hil.model",
@@ -82,7 +86,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.scene",
     },
     "arva_hil/doctor/diagnosis.py": {"arva_hil.doctor.values"},
-    "arva_hil/plots.py": {"arva_hil.search.outcome"},
+    "arva_hil/plots.py": {"arva_hil.files", "arva_hil.search.outcome"},
     "arva_hil/console": {
         "arva_hil.console",
         "arva_hil.observer",

@@ -20,7 +20,7 @@ import yaml
 from arva_hil import __version__
 from arva_hil.cli.guard import Guard, story, unforeseen
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
-from arva_hil.clock import Clock
+from arva_hil.clock import Clock, RealClock, utc
 from arva_hil.console import Lines, Printer, as_json, plain
 from arva_hil.emulator import Emulator, NoHeartbeatError
 from arva_hil.faults.spec import Fault, misfit
@@ -109,13 +109,13 @@ class Run:
         live: bool = True,
     ) -> None:
         self._guard = Guard()
-        self._scenario = chosen
+        self._known = _known(chosen)
         self._traceback = options.verbose > 0
         self._recorder: Recorder | None = None
         self._record_failed = False
         if options.record:
             try:
-                self._recorder = Recorder(Path(options.record), epoch_us, patient=patient)
+                self._recorder = Recorder(Path(options.record), epoch_us, self._known, patient=patient)
             except RecordError as error:
                 raise UsageError(error) from None
         self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live)
@@ -188,20 +188,28 @@ class Run:
         return {
             "ended": how,
             "exit_code": code,
-            "command": sys.argv,
-            "scenario": to_dict(self._scenario),
-            "scenario_source": self._scenario.source,
-            "seed": self._scenario.seed,
+            **self._known,
             "vehicle": dataclasses.asdict(session.vehicle) if session.vehicle else None,
             "datum": emulator.datum.lla,
             "counters": counters(emulator) | (links.counts() if links else {}),
-            "versions": {
-                "arva-hil": __version__,
-                "python": platform.python_version(),
-                **{library.__name__: library.__version__ for library in (fastcrc, numpy, pymavlink, serial, yaml)},
-                "platform": platform.platform(),
-            },
         }
+
+
+def _known(chosen: Scenario) -> dict[str, Any]:
+    """What run.json says from the start."""
+    return {
+        "started": utc(RealClock().epoch_us),
+        "command": sys.argv,
+        "scenario": to_dict(chosen),
+        "scenario_source": chosen.source,
+        "seed": chosen.seed,
+        "versions": {
+            "arva-hil": __version__,
+            "python": platform.python_version(),
+            **{library.__name__: library.__version__ for library in (fastcrc, numpy, pymavlink, serial, yaml)},
+            "platform": platform.platform(),
+        },
+    }
 
 
 def counters(emulator: Emulator) -> dict[str, Any]:

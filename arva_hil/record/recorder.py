@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from io import FileIO
 from pathlib import Path
@@ -11,21 +12,25 @@ from typing import Any, Final
 
 import numpy as np
 
+from arva_hil import files
 from arva_hil.autopilot.mavlink import Packet, dialect
 from arva_hil.background import Background
+from arva_hil.clock import Clock, RealClock
 from arva_hil.links.tlog import tlog_record
 from arva_hil.model import rotation
-from arva_hil.observer import Observer, Snapshot
+from arva_hil.observer import Observer, Snapshot, Status
 
 COLUMNS: Final = (
     "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
     "slot id zone d_cm delta_deg true_range_m faults"
 ).split()
 TLOG, FRAMES, READINGS, RUN = FILES = ("autopilot.tlog", "frames.bin", "readings.csv", "run.json")
+NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # what run.json says until it ends
 _BATCH_BYTES: Final = 1 << 16
+_FLUSH_S: Final = 0.2  # with the status four times a second, what a killed program loses is less than half a second
+_SYNC_S: Final = 1.0  # what is lost besides when the power fails
 _FEW_JOBS: Final = 8  # a batch each: who can wait for the disk does so rather than keep it all in memory
-_MANY_JOBS: Final = 10_000  # a frame each
-_RESERVED_BYTES: Final = 1 << 15  # for run.json
+_MANY_JOBS: Final = 10_000  # a batch each, of 0.2 s
 
 
 class RecordError(Exception):
@@ -35,23 +40,35 @@ class RecordError(Exception):
 class Recorder(Observer):
     """Writes `autopilot.tlog`, `frames.bin`, `readings.csv` and `run.json` into a folder of its own.
 
-    `epoch_us`: microseconds since 1970 at the loop's time 0. `patient`: the loop may be held up while the disk
-    catches up, as a replay may and a live run may not. Raises RecordError when the folder cannot be written or
-    holds a record already.
+    `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: what is known of the run already; run.json says
+    that, and that it has not ended, until `close`. `patient`: the loop may be held up while the disk catches up, as a
+    replay may and a live run may not. `clock`: real time, whatever the loop's is. Files are new: nothing is written
+    through a symlink. Raises RecordError when the folder cannot be written or holds a record already.
     """
 
-    def __init__(self, folder: Path, epoch_us: int, *, patient: bool = False) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        epoch_us: int,
+        run: Mapping[str, Any] | None = None,
+        *,
+        patient: bool = False,
+        clock: Clock | None = None,
+    ) -> None:
         self._folder = folder
         self._epoch_us = epoch_us
         self._patient = patient
+        self._clock = clock or RealClock()
+        self._next_flush = self._next_sync = self._clock.now()
+        self._files: dict[str, FileIO] = {}
         try:
             folder.mkdir(parents=True, exist_ok=True)
             refuse_old(folder, FILES, "a record")
-            self._files = {name: (folder / name).open("wb", buffering=0) for name in FILES[:-1]}
-            (folder / RUN).touch()
-            with contextlib.suppress(OSError):  # room that no full disk takes away
-                (folder / RUN).write_bytes(b" " * _RESERVED_BYTES)
+            for name in FILES[:-1]:
+                self._files[name] = files.create(folder / name)
+            files.replace(folder / RUN, _json({**NOT_ENDED, **(run or {})}))
         except OSError as error:
+            self._take_back()
             raise RecordError(why(folder, error)) from None
         self._pending: dict[str, bytearray] = {name: bytearray() for name in self._files}
         self._pending[READINGS] += (",".join(COLUMNS) + "\n").encode()
@@ -80,25 +97,34 @@ class Recorder(Observer):
 
     def frame(self, snapshot: Snapshot) -> None:
         self._pending[READINGS] += rows(snapshot).encode()
-        if not self._patient or len(self._pending[READINGS]) > _BATCH_BYTES:
-            self._flush()
+        self._flush_now_and_then()
+
+    def status(self, status: Status) -> None:
+        self._flush_now_and_then()
 
     def close(self, run: Mapping[str, Any]) -> None:
-        """Close all files and write `run` as run.json, whatever went wrong before; RecordError when anything did."""
+        """Close all files and replace run.json by `run`, whatever went wrong before; RecordError when anything did."""
         self._flush()
-        for file in self._files.values():
-            self._background.put(file.close, wait=True)
-        finished = self._background.close()
-        try:
-            with (self._folder / RUN).open("r+b") as out:
-                out.write(json.dumps(run, indent=2).encode() + b"\n")
-                out.truncate()
-        except OSError as error:
-            raise RecordError(why(self._folder, error)) from None
+        finished = self._background.close(*(_closing(file) for file in self._files.values()))
+        ending = Background("end of record")  # the other one may hang
+        said = ending.close(lambda: files.replace(self._folder / RUN, _json(run)))
+        if ending.error is not None:
+            raise RecordError(why(self._folder / RUN, ending.error))
         if self.error:
             raise RecordError(self.error)
-        if not finished:
+        if not (finished and said):
             raise RecordError(f"{self._folder}: the disk does not take the record in time")
+
+    def _flush_now_and_then(self) -> None:
+        """Hand over what is pending when some time has passed, whatever there is to write."""
+        now = self._clock.now()
+        if now < self._next_flush and len(self._pending[READINGS]) <= _BATCH_BYTES:
+            return
+        self._next_flush = now + _FLUSH_S
+        self._flush()
+        if now >= self._next_sync and not self._patient:
+            self._next_sync = now + _SYNC_S
+            self._background.put(self._sync)
 
     def _flush(self) -> None:
         for name, pending in self._pending.items():
@@ -106,10 +132,21 @@ class Recorder(Observer):
                 self._pending[name] = bytearray()
                 self._background.put(_writing(self._files[name], pending), wait=self._patient)
 
+    def _sync(self) -> None:
+        for file in self._files.values():
+            os.fsync(file.fileno())
+
+    def _take_back(self) -> None:
+        """Remove the empty files that were made: the same folder can be tried again."""
+        for name, file in self._files.items():
+            file.close()
+            with contextlib.suppress(OSError):
+                (self._folder / name).unlink()
+
 
 def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:
     """Raise RecordError when `folder` holds one of these files: `what` would be written over."""
-    there = [name for name in names if (folder / name).exists()]
+    there = [name for name in names if files.there(folder / name)]
     if there:
         raise RecordError(f"{folder}: holds {what} already ({', '.join(there)}); name another folder")
 
@@ -132,6 +169,10 @@ def rows(snapshot: Snapshot) -> str:
     return "".join(lines)
 
 
+def _json(run: Mapping[str, Any]) -> bytes:
+    return json.dumps(run, indent=2).encode() + b"\n"
+
+
 def _writing(file: FileIO, data: bytes | bytearray) -> Callable[[], None]:
     """A job that writes all of `data` or, where the disk is full, nothing: a file ends with a whole frame."""
 
@@ -146,6 +187,16 @@ def _writing(file: FileIO, data: bytes | bytearray) -> Callable[[], None]:
             raise
 
     return write
+
+
+def _closing(file: FileIO) -> Callable[[], None]:
+    """A job that closes a file once the disk has it."""
+
+    def close() -> None:
+        with file:
+            os.fsync(file.fileno())
+
+    return close
 
 
 def why(folder: Path, error: Exception) -> str:

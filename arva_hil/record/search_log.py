@@ -5,16 +5,20 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from arva_hil import files
 from arva_hil.background import Background
+from arva_hil.clock import Clock, RealClock
 from arva_hil.record.recorder import RecordError, refuse_old, why
 from arva_hil.search.outcome import Row
 
 TRACK, OUTCOME = SEARCH_FILES = ("search.csv", "search.json")
 _BATCH: Final = 1 << 12  # characters
+_FLUSH_S: Final = 0.2  # what a killed program loses, and a row
 
 
 def refuse_search(folder: Path) -> None:
@@ -26,21 +30,24 @@ def refuse_search(folder: Path) -> None:
 
 
 class SearchLog:
-    """Writes `search.csv` and `search.json` into a folder, which may hold the emulator's record too.
+    """Writes `search.csv` and, at the end, `search.json` into a folder, which may hold the emulator's record too.
 
-    Raises RecordError when the folder cannot be written or holds a search already.
+    `clock`: real time, whatever the loop's is. Raises RecordError when the folder cannot be written or holds a search
+    already.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, clock: Clock | None = None) -> None:
         self.rows: list[Row] = []
         self.folder = folder
+        self._clock = clock or RealClock()
+        self._next_flush = self._clock.now()
         self._pending = io.StringIO()
         self._csv = csv.writer(self._pending, lineterminator="\n")
         self._csv.writerow(Row._fields)
         refuse_search(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._file = (folder / TRACK).open("w")
+            self._file = files.create(folder / TRACK)
         except OSError as error:
             raise RecordError(why(folder, error)) from None
         self._background = Background("search log")
@@ -54,30 +61,35 @@ class SearchLog:
         """Take one step."""
         self.rows.append(row)
         self._csv.writerow(row)
-        if self._pending.tell() > _BATCH:
+        if self._pending.tell() > _BATCH or self._clock.now() >= self._next_flush:
             self._flush()
 
     def close(self, outcome: Mapping[str, Any]) -> None:
         """Close the files, `outcome` as search.json; RecordError when anything went wrong."""
         self._flush()
-        self._background.put(self._file.close, wait=True)
-        finished = self._background.close()
-        try:
-            (self.folder / OUTCOME).write_text(json.dumps(outcome, indent=2) + "\n")
-        except OSError as error:
-            raise RecordError(why(self.folder, error)) from None
-        if self._background.error is not None:
-            raise RecordError(why(self.folder, self._background.error))
-        if not finished or self._background.refused:
+        finished = self._background.close(self._end)
+        ending = Background("end of search log")  # the other one may hang
+        data = json.dumps(outcome, indent=2).encode() + b"\n"
+        said = ending.close(lambda: files.replace(self.folder / OUTCOME, data))
+        for error in (ending.error, self._background.error):
+            if error is not None:
+                raise RecordError(why(self.folder, error))
+        if not (finished and said) or self._background.refused:
             raise RecordError(f"{self.folder}: the disk does not take the log in time")
 
     def _flush(self) -> None:
-        text = self._pending.getvalue()
+        self._next_flush = self._clock.now() + _FLUSH_S
+        left = memoryview(self._pending.getvalue().encode())
         self._pending.seek(0)
         self._pending.truncate()
 
         def write() -> None:
-            self._file.write(text)
-            self._file.flush()
+            rest = left
+            while rest:
+                rest = rest[self._file.write(rest) :]
 
         self._background.put(write)
+
+    def _end(self) -> None:
+        with self._file:
+            os.fsync(self._file.fileno())
