@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from arva_hil import files
 from arva_hil.search.outcome import Row
 
 Place = tuple[float, float]  # north, east of the take-off point, m
@@ -26,7 +28,7 @@ def draw_search(
     """A PNG: trajectories seen from above, and the receiver's d and the true distance over time.
 
     `truth`: the transmitters by id, empty when they are not known. `target`: the id of the one searched for.
-    Raises ImportError without matplotlib.
+    A file or symlink of this name is replaced. Raises ImportError without matplotlib, OSError when that cannot be done.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -56,7 +58,9 @@ def draw_search(
     for axes in (above, time):
         axes.grid(alpha=0.3)
         axes.title.set_fontsize(10)
-    figure.savefig(path)
+    png = io.BytesIO()
+    figure.savefig(png, format="png")
+    files.replace(path, png.getvalue())
 
 
 def _draw_path(axes: Any, flown: Sequence[Row], found: Place | None, colour: str) -> None:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+import threading
 from pathlib import Path
 
 import pytest
 
+from arva_hil.clock import StepClock
+from arva_hil.plots import Track, draw_search
 from arva_hil.record import RecordError
 from arva_hil.record.search_log import SearchLog
 from arva_hil.search.outcome import Row
@@ -53,6 +56,43 @@ def test_another_search_is_never_overwritten(tmp_path: Path, name: str) -> None:
         SearchLog(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == [name]
     assert (tmp_path / name).read_text() == "of yesterday"
+
+
+@pytest.mark.parametrize("leads", ["to a file", "nowhere"])
+@pytest.mark.parametrize("name", ["search.csv", "search.json"])
+def test_nothing_is_written_through_a_symlink(tmp_path: Path, name: str, leads: str) -> None:
+    folder, target = tmp_path / "record", tmp_path / "of somebody"
+    folder.mkdir()
+    if leads == "to a file":
+        target.write_text("mine")
+    (folder / name).symlink_to(target)
+    with pytest.raises(RecordError, match=rf"holds a search already \({name}\)"):
+        SearchLog(folder)
+    assert target.read_text() == "mine" if leads == "to a file" else not target.exists()
+
+
+def test_a_picture_is_not_drawn_through_a_symlink(tmp_path: Path) -> None:
+    (tmp_path / "of somebody").write_text("mine")
+    (tmp_path / "search.png").symlink_to(tmp_path / "of somebody")
+    draw_search(tmp_path / "search.png", [Track("search", [row(0), row(1)])], {}, None)
+    assert (tmp_path / "of somebody").read_text() == "mine"
+    assert (tmp_path / "search.png").read_bytes().startswith(b"\x89PNG")
+    assert not (tmp_path / "search.png").is_symlink()
+
+
+def test_rows_are_on_the_disk_soon_whatever_ends_the_program(tmp_path: Path) -> None:
+    clock, over = StepClock(), threading.Event()
+    log = SearchLog(tmp_path, clock)
+    for n in range(5):
+        clock.wait(n * 0.25)
+        log.row(row(n))
+        for _ in range(1000):
+            if (tmp_path / "search.csv").read_bytes().count(b"\n") == n + 2:
+                break
+            over.wait(0.01)
+        else:
+            raise AssertionError("the deadline passed")
+    log.close({})
 
 
 def test_a_file_is_no_folder(tmp_path: Path) -> None:

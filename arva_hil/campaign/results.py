@@ -18,6 +18,7 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
 
+from arva_hil import files
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.trial import FOUND, Result
 from arva_hil.clock import RealClock
@@ -111,7 +112,17 @@ class Results:
         self.rows: dict[str, Row] = {}
         self._clock = RealClock()
         self._synced = self._clock.now()
-        data = self.path.read_bytes() if self.path.exists() else b""
+        self._file = files.grow(self.path)
+        try:
+            self._load()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _load(self) -> None:
+        """Read the rows and drop a torn end."""
+        self._file.seek(0)
+        data = self._file.readall() or b""
         whole = data.rfind(b"\n") + 1
         if not whole and not _line(_COLUMNS).startswith(data):
             raise ResultsError(f"{self.path}: not the results of a campaign: name another folder with --out")
@@ -124,7 +135,6 @@ class Results:
             if number > 1:
                 one = _parse(line, f"{self.path}:{number}")
                 self.rows[one.key] = one
-        self._file = self.path.open("ab")
         self._file.truncate(whole)
         if not whole:
             self._write(_line(_COLUMNS))
@@ -156,8 +166,9 @@ class Results:
 
     def _write(self, line: bytes) -> None:
         try:
-            self._file.write(line)
-            self._file.flush()
+            left = memoryview(line)
+            while left:
+                left = left[self._file.write(left) :]
             if self._clock.now() - self._synced > _SYNC_S:
                 self._sync()
         except OSError as error:
@@ -183,13 +194,8 @@ def opened(folder: Path) -> Iterator[Results]:
 
 def replace(path: Path, data: bytes) -> None:
     """Write a file as a whole or not at all. Raises ResultsError."""
-    new = path.with_name(path.name + ".new")
     try:
-        with new.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        new.replace(path)
+        files.replace(path, data)
     except OSError as error:
         raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
 
@@ -197,16 +203,15 @@ def replace(path: Path, data: bytes) -> None:
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
     """A lock that goes with the process that has it, however that ends."""
-    with (folder / _LOCK).open("a+") as file:
+    with files.grow(folder / _LOCK) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             file.seek(0)
-            who = f"process {file.read().strip()}"
+            who = f"process {(file.read(20) or b'').decode(errors='replace').strip()}"
             raise ResultsError(f"{folder}: another campaign ({who}) is at work there") from None
         file.truncate(0)
-        file.write(f"{os.getpid()}\n")
-        file.flush()
+        file.write(f"{os.getpid()}\n".encode())
         yield
 
 

@@ -21,6 +21,7 @@ from arva_hil.cli.guard import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.clock import RealClock
+from arva_hil.files import there
 
 if TYPE_CHECKING:
     from arva_hil.campaign.plan import Plan, Planned
@@ -146,7 +147,10 @@ def _refuse_foreign(path: Path) -> None:
     """Nobody's page is written over, only a report of ours."""
     from arva_hil.campaign.report import GENERATOR
 
-    if path.exists() and GENERATOR not in path.read_text(errors="replace"):
+    if not there(path):
+        return
+    ours = path.is_file() and not path.is_symlink() and GENERATOR in path.read_text(errors="replace")
+    if not ours:
         raise UsageError(f"{path}: not the report of a campaign: name another folder with --out")
 
 

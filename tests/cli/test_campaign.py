@@ -235,6 +235,27 @@ def test_what_is_not_its_own_is_not_written_over(arva: Arva, plan: Path, name: s
     assert (plan.parent / name).read_text() == "mine\n"
 
 
+@pytest.mark.parametrize("name", ["results.csv", "report.html", ".lock"])
+def test_nothing_is_written_through_a_symlink(arva: Arva, plan: Path, name: str) -> None:
+    folder, target = plan.parent / "out", plan.parent / "of somebody"
+    assert arva("campaign", plan, "--out", folder).code == 0
+    (folder / name).rename(target)
+    kept = target.read_bytes()
+    (folder / name).symlink_to(target)
+    code, _, err = arva("campaign", plan, "--out", folder)
+    assert code == 2
+    assert str(folder / name) in err
+    assert (folder / name).is_symlink()
+    assert target.read_bytes() == kept
+
+
+def test_its_folder_may_be_a_symlink(arva: Arva, plan: Path) -> None:
+    (plan.parent / "disk").mkdir()
+    (plan.parent / "out").symlink_to(plan.parent / "disk")
+    assert arva("campaign", plan, "--out", plan.parent / "out").code == 0
+    assert (plan.parent / "disk" / "results.csv").is_file()
+
+
 def test_every_mistake_in_a_plan_and_its_scenarios_is_shown(arva: Arva, tmp_path: Path) -> None:
     (tmp_path / "a.yaml").write_text("transmitters: []\n")
     plan = tmp_path / "plan.yaml"
