@@ -14,7 +14,7 @@ from arva_hil.clock import Clock
 from arva_hil.datum import Datum
 from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import Letter
-from arva_hil.links import Link
+from arva_hil.links import Link, Sender
 from arva_hil.model import LocalFrame, Reading
 from arva_hil.notice import Level, Notice
 from arva_hil.observer import Observer, Pose, Snapshot, Status
@@ -121,17 +121,23 @@ class Emulator:
         while (now := clock.now()) >= self.schedule.deadline:
             self.emit(self.schedule.deadline, now)
         self.release(now)
-        if self._link and (chunk := self._link.read()):
+        if self._link and (came := self._link.receive()):
             now = clock.now()
-            self.hear(chunk, now)
+            for sender, chunk in came:
+                self.hear(chunk, now, sender)
+            senders = self.session.senders
+            self._link.follow(senders.vehicle, senders.candidates)
         self.tend(now)
         if self.session.vehicle is None and now - self._start > self._timeout_s:
             raise NoHeartbeatError(self.session.heard())
         return min(self.schedule.deadline, self.next_release, self.session.next_due, self._next_status)
 
-    def hear(self, chunk: bytes, now: float, *, whole: bool = False) -> None:
-        """Bytes of the autopilot, received at `now`. `whole`: no packet goes on in the next ones."""
-        packets = self.session.feed(chunk, now, whole=whole)
+    def hear(self, chunk: bytes, now: float, sender: Sender = None, *, whole: bool = False) -> None:
+        """Bytes of the autopilot, received at `now`; `sender` as in `Link.receive`.
+
+        `whole`: no packet goes on in the next ones.
+        """
+        packets = self.session.feed(chunk, now, sender, whole=whole)
         for observer in self._packet_observers:
             observer.packets(now, packets)
         if self.datum.update(self.session, now):

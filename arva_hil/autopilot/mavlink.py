@@ -10,6 +10,7 @@ import functools
 import itertools
 import re
 import struct
+from collections.abc import Hashable
 from typing import Any, Final, NamedTuple
 
 from fastcrc import crc16
@@ -32,6 +33,8 @@ _BYTES: Final = {"char": 1, "float": 4, "double": 8} | {
 _CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
 
 
+_MOST_RESTS: Final = 8  # senders of whom a part of a packet is kept
+
 RESULTS: Final[dict[int, str]] = {value: entry.name for value, entry in dialect.enums["MAV_RESULT"].items()}
 
 
@@ -48,7 +51,7 @@ class Packet(NamedTuple):
 
 
 class Parser:
-    """Incremental MAVLink splitter; remembers the bytes of the packet that is not whole yet.
+    """Incremental MAVLink splitter; remembers, of each of several senders, the bytes of a packet that is not whole yet.
 
     Counters: `packets`, `bad_crc` (candidates whose checksum failed), `skipped` (bytes in no packet that
     is given out), `incompatible` (packets of a later MAVLink, which have to be dropped) and `malformed` (MAVLink 1
@@ -61,17 +64,18 @@ class Parser:
         self.skipped = 0
         self.incompatible = 0
         self.malformed = 0
-        self._rest = b""
+        self._rests: dict[Hashable, bytes] = {}  # by sender, who was heard last at the end
         self._good_at = -1  # in what is fed now: where a packet lies that was verified ahead of its turn
         self._codec = dialect.MAVLink(None)
 
-    def feed(self, chunk: bytes, *, whole: bool = False) -> list[Packet]:
+    def feed(self, chunk: bytes, sender: Hashable = None, *, whole: bool = False) -> list[Packet]:
         """The packets completed by `chunk`, which may be cut anywhere. Never raises.
 
-        `whole`: no packet of the chunk goes on in the next one, as in a record of a log. The head of a packet that is
-        longer than the chunk is then a false one.
+        `sender`: who sent it, where several do; bytes of two are never joined. `whole`: no packet of the chunk goes on
+        in the next one, as in a record of a log. The head of a packet that is longer than the chunk is then a false one.
         """
-        data = self._rest + chunk if self._rest else chunk
+        rest = self._rests.pop(sender, b"")
+        data = rest + chunk if rest else chunk
         packets: list[Packet] = []
         at, end = 0, len(data)
         self._good_at = -1
@@ -95,14 +99,21 @@ class Parser:
             following = found.start() if found else end
             self.skipped += following - at
             at = following
-        self._rest = data[at:]
+        if at < end:
+            self._keep(data[at:], sender)
         self.packets += len(packets)
         return packets
 
     def cut(self) -> None:
         """The stream breaks off: the packet that is not whole yet never will be."""
-        self.skipped += len(self._rest)
-        self._rest = b""
+        self.skipped += sum(map(len, self._rests.values()))
+        self._rests.clear()
+
+    def _keep(self, rest: bytes, sender: Hashable) -> None:
+        """Remember what may become a packet; of many senders, the one heard longest ago is forgotten."""
+        if len(self._rests) >= _MOST_RESTS:
+            self.skipped += len(self._rests.pop(next(iter(self._rests))))
+        self._rests[sender] = rest
 
     def _packet(self, data: bytes, at: int, size: int) -> Packet | None:
         """The candidate at `at` as a packet, or None when it is a false one.

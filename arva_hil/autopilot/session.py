@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable
 from dataclasses import replace
 from typing import Any, Final
 
@@ -11,6 +12,7 @@ from arva_hil.autopilot.finder import Finder, Vehicle
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.navigation import Navigation, Place
 from arva_hil.autopilot.pose import PoseTrack, VehicleState
+from arva_hil.autopilot.senders import Senders
 from arva_hil.autopilot.signing import Signing, Verdict
 from arva_hil.autopilot.streams import Streams
 from arva_hil.model import LocalFrame
@@ -42,7 +44,8 @@ class Session:
     `target_system`, `target_component`: follow only these (default: the first autopilot, component 1).
     `rate_hz`: of the pose streams wanted. `passive`: never sends, for a log. `component`: our own id.
     `signing`: believe only what is signed with its key, and sign. Times are host seconds from the caller's clock. What
-    other systems send changes nothing.
+    other systems send changes nothing. Of several senders on the link only the one that is the vehicle's is believed,
+    `senders.vehicle`; a vehicle of the same ids may speak from another once that one has been silent for 3 s.
     """
 
     def __init__(
@@ -56,6 +59,8 @@ class Session:
         signing: Signing | None = None,
     ) -> None:
         self.parser = Parser()
+        self.senders = Senders()
+        self._strangers = Parser()  # what other senders than the vehicle's sent
         self.encoder = Encoder(target_system or 1, component, signing=signing)
         self.component = component
         self.vehicle: Vehicle | None = None
@@ -79,14 +84,19 @@ class Session:
 
     # -- bytes in ------------------------------------------------------------------------------------------
 
-    def feed(self, chunk: bytes, now: float, *, whole: bool = False) -> list[Packet]:
-        """Take what came at `now`; gives back every packet in it, whoever sent it. Never raises.
+    def feed(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> list[Packet]:
+        """Take what came at `now`; gives back every packet in it, whatever system sent it. Never raises.
 
+        `sender`: which of several on the link it came from. Of others than the vehicle's nothing is given back.
         `whole`: no packet goes on in the next chunk, as in a record of a log.
         """
-        self.bytes += len(chunk)
-        packets = self.parser.feed(chunk, whole=whole)
+        self.senders.look(now)
         self.own.clear()
+        if self.vehicle and not self.senders.believes(sender, now):
+            self._look_beside(chunk, sender)
+            return []
+        self.bytes += len(chunk)
+        packets = self.parser.feed(chunk, sender, whole=whole)
         if self._signing:
             self._signing.advance(now)
         for packet in packets:
@@ -94,12 +104,13 @@ class Session:
             if self._signing and (why := self._signing.judge(packet)):
                 self._disbelieve(packet, why)
             elif vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-                self._look_around(packet, now)
-            elif packet.system != vehicle.system or packet.component != vehicle.component:
+                self._look_around(packet, now, sender)
+            elif sender != self.senders.vehicle or not vehicle.sent(packet):
                 self.ignored += 1
             else:
+                self.senders.hear(sender, now)
                 self._take(packet, now)
-        return packets
+        return packets if self.vehicle is None or sender == self.senders.vehicle else []
 
     @property
     def track(self) -> PoseTrack:
@@ -178,6 +189,7 @@ class Session:
     def poll(self, now: float) -> bytes:
         """What is due to be sent: the onboard computer's heartbeat, requests for streams. Sets `next_due`."""
         self._watch_vehicle(now)
+        self.senders.look(now)
         if self._signing:
             self._signing.advance(now)
         if self._passive:
@@ -202,6 +214,7 @@ class Session:
         """The link is lost: nothing can be sent, and silence is no vehicle's fault, until `resume`."""
         self._interrupted = why
         self.parser.cut()
+        self.senders.release()
 
     def resume(self, now: float) -> None:
         """The link is a new one: say hello and ask for everything again, at once.
@@ -212,6 +225,7 @@ class Session:
         self._next_heartbeat = now
         self._last_heartbeat = now
         self._lost = False
+        self.senders.resume(now)
         self.navigation.renew()
         if self._streams:
             self._streams.renew(now)
@@ -248,27 +262,48 @@ class Session:
 
     # -- the vehicle ---------------------------------------------------------------------------------------
 
-    def _look_around(self, packet: Packet, now: float) -> None:
+    def _look_around(self, packet: Packet, now: float, sender: Hashable) -> None:
         """A heartbeat, or any packet before the vehicle is known."""
         if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT:
             self._finder.note(packet, "packets")
+            self.senders.meet(sender, candidate=True)
             return
         if (message := self.parser.decode(packet)) is None:
             return
         known = self.vehicle
         if known and known.sent(packet) and known.is_like(message):
             self.own.append(packet)
+            self.senders.hear(sender, now)
             self._on_heartbeat(message, now)
             return
         found = self._finder.vehicle(packet, message)
         if found and (known is None or (self._lost and known.sent(packet))):
             self.own.append(packet)
+            self.senders.hear(sender, now)
             self._follow(found, now, signed=packet.signed)
         elif known:
             self.ignored += 1
-            if (found or known.sent(packet)) and self._finder.note(packet, "other"):
-                text = f"another autopilot {packet.system}/{packet.component} on this link is ignored"
-                self._say(Notice("info", f"{text}; --target-system chooses"))
+            self._say_other(packet, found)
+        else:
+            self.senders.meet(sender, candidate=False)
+
+    def _look_beside(self, chunk: bytes, sender: Hashable) -> None:
+        """What another sender than the vehicle's sent changes nothing; but another autopilot is worth a line."""
+        for packet in self._strangers.feed(chunk, sender):
+            if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT or self._signing:
+                continue
+            message = self._strangers.decode(packet)
+            if message is not None and (found := self._finder.vehicle(packet, message)):
+                self._say_other(packet, found)
+
+    def _say_other(self, packet: Packet, found: Vehicle | None) -> None:
+        """One line about each autopilot that is not the vehicle."""
+        assert self.vehicle is not None
+        same = self.vehicle.sent(packet)
+        if (found or same) and self._finder.note(packet, "other"):
+            text = f"another autopilot {packet.system}/{packet.component} on this link is ignored"
+            cure = "it has the ids of this one: give it others" if same else "--target-system chooses"
+            self._say(Notice("info", f"{text}; {cure}"))
 
     def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
         self.vehicle = vehicle

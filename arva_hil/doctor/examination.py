@@ -15,7 +15,7 @@ from arva_hil.autopilot.session import Session
 from arva_hil.clock import Clock
 from arva_hil.doctor.diagnosis import rate
 from arva_hil.doctor.values import Source, Stream, Traffic, Way
-from arva_hil.links import Address, Link, LinkEnded, LinkError
+from arva_hil.links import Address, Link, LinkEnded, LinkError, Sender
 from arva_hil.links.ports import far_program, holders, unread
 from arva_hil.links.pty import PtyLink
 from arva_hil.output import MavlinkPort, Port, frame_of
@@ -82,7 +82,9 @@ class Ear:
         if self.over:
             return now + 1.0
         try:
-            self.hear(self._link.read(), now)
+            for sender, chunk in self._link.receive():
+                self.hear(chunk, now, sender)
+            self._link.follow(self.session.senders.vehicle, self.session.senders.candidates)
             if out := self.session.poll(now):
                 self._link.write(out)
         except LinkEnded:
@@ -93,12 +95,12 @@ class Ear:
             self.links = []
         return self.session.next_due
 
-    def hear(self, chunk: bytes, now: float) -> None:
+    def hear(self, chunk: bytes, now: float, sender: Sender = None) -> None:
         """Count what came."""
         if chunk and not self.session.bytes:
             self._first(now - self.start)
         self.sample += chunk[: _SAMPLE - len(self.sample)]
-        for packet in self.session.feed(chunk, now):
+        for packet in self.session.feed(chunk, now, sender):
             self.known += packet.known
             self._old += packet.version == 1
             self._signed += packet.signed

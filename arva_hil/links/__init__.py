@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from arva_hil.links.base import Link, LinkEnded, LinkError
+from arva_hil.links.base import Link, LinkEnded, LinkError, Sender
 from arva_hil.links.url import Address, AddressError, parse
 
 if TYPE_CHECKING:
     from arva_hil.clock import Clock
 
-__all__ = ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "open_link", "parse"]
+__all__ = ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "Sender", "open_link", "parse"]
 
 
 def open_link(
@@ -21,7 +21,7 @@ def open_link(
 ) -> Link:
     """Open the link an address names; `baud` (bit/s) is for serial ports whose address names none.
 
-    `clock` paces a log file and tells how long a UDP peer has been silent. `brief`: one try of many, so be quick
+    `clock` paces a log file. `brief`: one try of many, so be quick
     about it and name no cures. `answered`: the far end takes what it is sent, or the connection is dead (TCP).
     Raises AddressError for a string that cannot be read, LinkError for a link that cannot be opened.
     """
@@ -43,7 +43,7 @@ def open_link(
         case "udpin":
             from arva_hil.links.udp import UdpInLink
 
-            return UdpInLink(address.host, address.port, clock)
+            return UdpInLink(address.host, address.port)
         case "udpout":
             from arva_hil.links.udp import UdpOutLink
 

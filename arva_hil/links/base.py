@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import select
 from abc import ABC, abstractmethod
+from collections.abc import Collection, Hashable
+
+Sender = Hashable  # one of several on a link; None where a link has but one
 
 
 class LinkError(Exception):
@@ -55,6 +58,20 @@ class Link(ABC):
     @abstractmethod
     def write(self, data: bytes) -> bool:
         """Send `data` whole, or drop it whole, count it and return False. Raises LinkError when lost."""
+
+    def receive(self) -> list[tuple[Sender, bytes]]:
+        """As `read`, but what several senders sent is kept apart: each sender and its bytes, the peer's first."""
+        data = self.read()
+        return [(None, data)] if data else []
+
+    def follow(self, peer: Sender, others: Collection[Sender] = ()) -> None:  # noqa: B027
+        """Whom writes go to: `peer`, one of the senders that `receive` names; `others` while it is None, not known yet.
+
+        A peer in the place of another is a loss and a return. Without a call to this, every sender gets them.
+        """
+
+    def pin(self) -> None:  # noqa: B027
+        """From now on nobody takes the peer's place: others are not read; who leaves is lost for good."""
 
     @abstractmethod
     def close(self) -> None:

@@ -1,17 +1,17 @@
-"""UDP: one write is one datagram; what several datagrams bring is read joined."""
+"""UDP: one write is one datagram; what several datagrams of one sender bring is read joined."""
 
 from __future__ import annotations
 
 import errno
 import socket
+from collections.abc import Collection, Iterator
 from typing import Any, Final
 
-from arva_hil.clock import Clock, RealClock
-from arva_hil.links.base import Link, LinkError
+from arva_hil.links.base import Link, LinkError, Sender
 from arva_hil.links.stream import AT_ONCE, CHUNK
 from arva_hil.links.tcp import listen_error, resolve, show
 
-_SILENT_S: Final = 3.0  # a peer that says nothing for this long gives way to whoever speaks: three heartbeats
+_MOST_SENDERS: Final = 8  # that get what is written, while none is the peer
 
 
 class _UdpLink(Link):
@@ -20,7 +20,6 @@ class _UdpLink(Link):
     def __init__(self, name: str, sock: socket.socket) -> None:
         self.name = name
         self._socket = sock
-        self._drained = False  # all that had come was read
         sock.setblocking(False)
 
     def fileno(self) -> int | None:
@@ -28,22 +27,23 @@ class _UdpLink(Link):
         return fd if fd >= 0 else None
 
     def read(self) -> bytes:
-        data = bytearray()
-        self._drained = False
+        return b"".join([datagram for datagram, _ in self._datagrams()])
+
+    def _datagrams(self) -> Iterator[tuple[bytes, Any]]:
+        """What came, and from where; not more than one read should give."""
+        size = 0
         for _ in range(AT_ONCE // 1024):
             try:
                 datagram, sender = self._socket.recvfrom(CHUNK)
             except BlockingIOError:
-                self._drained = True
-                break
+                return
             except OSError as error:
                 self._judge(error)
                 continue
-            if self._accepts(sender, datagram):
-                data += datagram
-            if len(data) >= AT_ONCE:
-                break
-        return bytes(data)
+            yield datagram, sender
+            size += len(datagram)
+            if size >= AT_ONCE:
+                return
 
     def write(self, data: bytes) -> bool:
         """Send one datagram; ValueError when `data` is longer than one can be."""
@@ -65,9 +65,6 @@ class _UdpLink(Link):
 
     def _transmit(self, data: bytes) -> None:
         self._socket.send(data)
-
-    def _accepts(self, sender: Any, datagram: bytes) -> bool:
-        return True
 
     def _judge(self, error: OSError) -> None:
         """Raise LinkError when the link is closed. All else says that nobody hears now; somebody may later."""
@@ -95,14 +92,15 @@ class UdpOutLink(_UdpLink):
 
 
 class UdpInLink(_UdpLink):
-    """Listens at `host:port`; its peer is whoever sends the first datagram.
+    """Listens at `host:port`; each address that sends there is a sender, see `receive`.
 
-    `peer` is that address, None before; the datagrams of strangers change nothing while the peer speaks. When it has
-    been silent for 3 s by `clock`, the next to send becomes the peer. A write before the first datagram is dropped and
-    counted. Port 0 takes a free one, see `port`. Raises LinkError when the address cannot be listened at.
+    Until somebody says by `follow` who the peer is, all is read, and writes go to every sender, to the 8 heard last
+    at most. From then on they go to the `peer` alone; what others send can still be received, apart, and is counted.
+    Once pinned, only the peer is heard. A write without anybody to send it to is dropped and counted. Port 0 takes a
+    free one, see `port`. Raises LinkError when the address cannot be listened at.
     """
 
-    def __init__(self, host: str = "127.0.0.1", port: int = 0, clock: Clock | None = None) -> None:
+    def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
         name = f"udpin:{show(host, port)}"
         family, address = resolve(name, host, port, socket.SOCK_DGRAM)
         sock = socket.socket(family, socket.SOCK_DGRAM)
@@ -113,42 +111,62 @@ class UdpInLink(_UdpLink):
             raise listen_error(name, error, port, "udp") from error
         self.port: int = sock.getsockname()[1]
         self.peer: Any = None
-        self._clock = clock or RealClock()
-        self._heard = False  # the peer, in this read
-        self._heard_at = 0.0
-        self._other: Any = None  # the first stranger in this read,
-        self._others = bytearray()  # and what it sent
+        self._senders: dict[Any, None] = {}  # the one heard last at the end
+        self._others: Collection[Any] | None = None  # who gets what is written; None: every sender does
+        self._pinned = False
         super().__init__(f"udpin:{show(host, self.port)}", sock)
 
     def read(self) -> bytes:
-        self._heard, self._other = False, None
-        self._others.clear()
-        data = super().read()
-        now = self._clock.now()
-        if self._heard:
-            self._heard_at = now
-        elif self._other is not None and self._drained and now - self._heard_at > _SILENT_S:
+        return b"".join([data for _, data in self.receive()])
+
+    def receive(self) -> list[tuple[Sender, bytes]]:
+        by_sender: dict[Any, list[bytes]] = {}
+        for datagram, sender in self._datagrams():
+            if sender != self.peer and not self._hears(sender):
+                continue
+            by_sender.setdefault(sender, []).append(datagram)
+        if len(by_sender) > 1 and self.peer in by_sender:
+            by_sender = {self.peer: by_sender.pop(self.peer), **by_sender}
+        return [(sender, b"".join(datagrams)) for sender, datagrams in by_sender.items()]
+
+    def follow(self, peer: Sender, others: Collection[Sender] = ()) -> None:
+        if self._pinned:
+            return
+        self._others = others
+        if peer == self.peer:
+            return
+        if self.peer is not None:
             self._gone(LinkError(self.name, f"lost: {show(*self.peer[:2])} is silent"))
-            self.peer, data = self._other, bytes(self._others)
-            self._heard_at = now
             self._renewed()
-        return data
+        self.peer = peer
+
+    def pin(self) -> None:
+        self._pinned = True
+
+    def _hears(self, sender: Any) -> bool:
+        """Whether one who is not the peer is heard at all."""
+        if self.peer is not None:
+            self.strangers += 1
+            self.stranger = self.stranger or show(*sender[:2])
+        elif self._others is None:
+            self._senders.pop(sender, None)
+            self._senders[sender] = None
+            if len(self._senders) > _MOST_SENDERS:
+                del self._senders[next(iter(self._senders))]
+        return not self._pinned
 
     def _transmit(self, data: bytes) -> None:
-        if self.peer is None and self.fileno() is not None:
+        if self.peer is not None:
+            self._socket.sendto(data, self.peer)
+            return
+        there = self._senders if self._others is None else self._others
+        if not there and self.fileno() is not None:
             raise BlockingIOError
-        self._socket.sendto(data, self.peer)
-
-    def _accepts(self, sender: Any, datagram: bytes) -> bool:
-        if self.peer is None:
-            self.peer = sender
-        if sender == self.peer:
-            self._heard = True
-            return True
-        self.strangers += 1
-        self.stranger = self.stranger or show(*sender[:2])
-        if self._other is None:
-            self._other = sender
-        if sender == self._other:
-            self._others += datagram
-        return False
+        failed: list[OSError] = []
+        for receiver in there:
+            try:
+                self._socket.sendto(data, receiver)
+            except OSError as error:
+                failed.append(error)
+        if failed and len(failed) == len(there):
+            raise failed[0]

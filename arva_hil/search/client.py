@@ -13,7 +13,7 @@ from arva_hil.autopilot.commander import Commander, Phase
 from arva_hil.autopilot.mavlink import dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import Clock
-from arva_hil.links import Link, LinkError
+from arva_hil.links import Link, LinkError, Sender
 from arva_hil.model.geodesy import LocalFrame
 from arva_hil.notice import Level, Notice
 from arva_hil.search.flight import Flight
@@ -93,12 +93,14 @@ class SearchClient:
     def service(self, clock: Clock) -> float:
         """Take what came, fly on; the next time to call."""
         try:
-            chunk = self._autopilot.read()
+            came = self._autopilot.receive()
             now = clock.now()
             if not self.launched:
                 self._preflight.watch_link(now)
-            if chunk:
-                self._hear(chunk, now)
+            for sender, chunk in came:
+                self._hear(chunk, now, sender)
+            senders = self._session.senders
+            self._autopilot.follow(senders.vehicle, senders.candidates)
             for frame in self._receiver.read(now):
                 self._flight.hear(frame, now)
             return self._act(now)
@@ -106,8 +108,8 @@ class SearchClient:
             self._cut_off(str(error))
             return math.inf
 
-    def _hear(self, chunk: bytes, now: float) -> None:
-        self._session.feed(chunk, now)
+    def _hear(self, chunk: bytes, now: float, sender: Sender) -> None:
+        self._session.feed(chunk, now, sender)
         if any(packet.msgid == _HEARTBEAT for packet in self._session.own):
             self._preflight.greet()
         self._commander.hear(now)

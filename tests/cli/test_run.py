@@ -88,6 +88,19 @@ def test_who_speaks_from_another_address_changes_nothing_and_is_counted(
     assert counters["packets_ignored"] == counters["stray_times"] == counters["reboots"] == 0
 
 
+def test_who_sends_a_byte_before_the_vehicle_does_not_keep_it_out(start: Start, keep: Keep, line: PtyLink) -> None:
+    port = free_port(socket.SOCK_DGRAM)
+    program = start("--port", line.path, "--autopilot", f"udpin:127.0.0.1:{port}", "--rate", 50)
+    program.says("frames to")
+    stranger = keep(UdpOutLink("127.0.0.1", port))
+    stranger.write(b"x")
+    keep(Autopilot(keep(UdpOutLink("127.0.0.1", port)), speaks_first=True))
+    program.says("there is a pose")
+    assert stranger.read() == b""  # nor is it answered
+    program.process.terminate()
+    assert program.ends() == 130
+
+
 def test_a_new_terminal_is_made_its_path_printed_and_its_symlink_gone_in_the_end(
     start: Start, autopilot: Autopilot, tmp_path: Path
 ) -> None:

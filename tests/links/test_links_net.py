@@ -16,7 +16,6 @@ from typing import Any
 import pytest
 from links_waiting import DEADLINE_S, receive, until
 
-from arva_hil.clock import StepClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink, open_stdout
 from arva_hil.links.tcp import TcpLink, TcpServerLink
@@ -42,87 +41,90 @@ def tcpin(keep: Keep) -> TcpServerLink:
 # UDP
 
 
-def test_udpin_keeps_its_first_peer_and_counts_the_others(udpin: UdpInLink, keep: Keep) -> None:
-    first, second = (keep(UdpOutLink("127.0.0.1", udpin.port)) for _ in range(2))
+def come(link: Link) -> list[tuple[Any, bytes]]:
+    """What several senders sent, once something is there."""
+    until(link.ready, link)
+    return link.receive()
+
+
+def two(link: UdpInLink, keep: Keep) -> tuple[Link, Link, Any, Any]:
+    """Two that have sent, and the senders that the link knows them by."""
+    first, second = (keep(UdpOutLink("127.0.0.1", link.port)) for _ in range(2))
     first.write(b"first")
-    assert receive(udpin, 5) == b"first"
+    ((one, _),) = come(link)
     second.write(b"second")
-    until(udpin.ready, udpin)
-    assert udpin.read() == b""
+    ((other, _),) = come(link)
+    return first, second, one, other
+
+
+def test_udpin_keeps_several_senders_apart(udpin: UdpInLink, keep: Keep) -> None:
+    first, second, one, other = two(udpin, keep)
+    assert one != other
+    for link, data in ((second, b"a"), (first, b"b"), (second, b"c")):
+        link.write(data)
+    assert come(udpin) == [(other, b"ac"), (one, b"b")]
+
+
+def test_udpin_hears_its_peer_first_and_answers_nobody_else(udpin: UdpInLink, keep: Keep) -> None:
+    first, second, one, other = two(udpin, keep)
+    udpin.follow(one)
+    second.write(b"second")
+    first.write(b"first")
+    assert come(udpin) == [(one, b"first"), (other, b"second")]
     assert udpin.strangers == 1
-    first.write(b"again")
-    assert receive(udpin, 5) == b"again"
+    assert udpin.stranger == "{}:{}".format(*other)
     assert udpin.write(b"answer")
     assert receive(first, 6) == b"answer"
     assert second.read() == b""
 
 
-@pytest.fixture
-def stepped(keep: Keep) -> tuple[UdpInLink, StepClock]:
-    clock = StepClock(50.0)
-    link = UdpInLink(clock=clock)
-    keep(link)
-    return link, clock
+def test_udpin_answers_only_whom_it_is_told_to_before_there_is_a_peer(udpin: UdpInLink, keep: Keep) -> None:
+    first, second, one, _ = two(udpin, keep)
+    udpin.follow(None, [one])
+    assert udpin.write(b"hello")
+    assert receive(first, 5) == b"hello"
+    assert second.read() == b""
+    udpin.follow(None)
+    assert not udpin.write(b"to nobody")
+    assert udpin.dropped == 1
 
 
-def test_a_udp_peer_that_is_gone_for_some_seconds_gives_way(stepped: tuple[UdpInLink, StepClock], keep: Keep) -> None:
-    near, clock = stepped
-    first, second, third = (keep(UdpOutLink("127.0.0.1", near.port)) for _ in range(3))
-    first.write(b"first")
-    assert receive(near, 5) == b"first"
-    first.close()
-    for _ in range(5):
-        second.write(b"too early")
-        until(near.ready, near)
-        assert near.read() == b""
-        clock.wait(clock.now() + 0.5)
-    assert (near.losses, near.strangers) == (0, 5)
-    clock.wait(clock.now() + 0.6)
-    for _ in range(3):
-        second.write(b"now")
-        third.write(b"behind")
-    assert near.ready()
-    assert near.read() == b"nownownow"
-    assert (near.losses, near.renewals, near.returns) == (1, 1, 1)
-    assert "is silent" in near.why
-    assert near.write(b"answer")
+def test_another_peer_in_the_place_of_one_is_a_loss_and_a_return(udpin: UdpInLink, keep: Keep) -> None:
+    _, second, one, other = two(udpin, keep)
+    udpin.follow(None, [one])
+    udpin.follow(one)
+    assert (udpin.losses, udpin.renewals) == (0, 0)
+    udpin.follow(other)
+    assert (udpin.losses, udpin.renewals, udpin.returns) == (1, 1, 1)
+    assert "lost: {}:{} is silent".format(*one) in udpin.why
+    udpin.write(b"answer")
     assert receive(second, 6) == b"answer"
-    third.write(b"no")
-    until(near.ready, near)
-    assert near.read() == b""
 
 
-def test_a_udp_peer_that_lives_stays_however_long_nobody_read(stepped: tuple[UdpInLink, StepClock], keep: Keep) -> None:
-    near, clock = stepped
-    first, second = (keep(UdpOutLink("127.0.0.1", near.port)) for _ in range(2))
-    first.write(b"first")
-    assert receive(near, 5) == b"first"
-    clock.wait(clock.now() + 60)
-    second.write(b"second")
-    first.write(b"alive")
-    assert near.read() == b"alive"
-    for _ in range(10):
-        clock.wait(clock.now() + 2.9)
-        second.write(b"second")
-        first.write(b"alive")
-        assert near.read() == b"alive"
-    assert (near.losses, near.strangers) == (0, 11)
+def test_once_pinned_nobody_takes_the_peers_place(udpin: UdpInLink, keep: Keep) -> None:
+    first, second, one, other = two(udpin, keep)
+    udpin.follow(one)
+    udpin.pin()
+    udpin.follow(other)
+    second.write(b"I am here")
+    until(udpin.ready, udpin)
+    assert udpin.receive() == []
+    first.write(b"and I")
+    assert come(udpin) == [(one, b"and I")]
+    udpin.write(b"answer")
+    assert receive(first, 6) == b"answer"
+    assert second.read() == b""
+    assert (udpin.losses, udpin.strangers) == (0, 1)
 
 
-def test_a_flood_of_others_does_not_hide_a_udp_peer_that_lives(
-    stepped: tuple[UdpInLink, StepClock], keep: Keep
-) -> None:
-    near, clock = stepped
-    first, second = (keep(UdpOutLink("127.0.0.1", near.port)) for _ in range(2))
-    first.write(b"first")
-    assert receive(near, 5) == b"first"
-    clock.wait(clock.now() + 60)
-    for _ in range(65):
-        second.write(b"x")
-    first.write(b"alive")
-    assert near.read() == b""  # as much as is taken at once
-    assert near.read() == b"alive"
-    assert (near.losses, near.strangers) == (0, 65)
+def test_every_consumer_that_sent_a_datagram_gets_the_frames(udpin: UdpInLink, keep: Keep) -> None:
+    consumers = [keep(UdpOutLink("127.0.0.1", udpin.port)) for _ in range(9)]
+    for consumer in consumers:
+        consumer.write(b"!")
+        assert receive(udpin, 1) == b"!"
+    assert udpin.write(b"frame")
+    assert [receive(consumer, 5) for consumer in consumers[1:]] == [b"frame"] * 8  # the eight heard last
+    assert consumers[0].read() == b""
 
 
 def test_udpin_without_a_peer_drops(udpin: UdpInLink) -> None:
