@@ -11,9 +11,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from arva_hil import __version__
+from arva_hil.cli.environment import strangers
 from arva_hil.cli.guard import interrupting, story, unforeseen
 from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
+from arva_hil.cli.standard import abandon, refuse_closed, reserve
 from arva_hil.cli.terminal import show, tell
 
 COMMANDS: Final = {
@@ -42,14 +44,26 @@ examples:
   arva-hil replay flight.tlog --out frames.bin
   arva-hil demo
 
-`arva-hil COMMAND --help` shows a command's options. Each is also read from the environment
-as ARVA_HIL_<OPTION>. Exit codes: 0 ok, 1 failed while running, 2 usage or configuration,
-3 no link or no heartbeat in time, 130 interrupted."""
+`arva-hil COMMAND --help` shows a command's options. Nearly each is also read from the environment
+as ARVA_HIL_<OPTION>; a variable of such a name that is no option of any command is named.
+Exit codes: 0 ok, 1 failed while running, 2 usage or configuration, 3 no link or no heartbeat in
+time, 130 interrupted."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; gives back the exit code."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
+    reserve()
+    code = _guarded(arguments)
+    try:
+        sys.stderr.flush()
+    except OSError:
+        abandon(sys.stderr)
+    return code
+
+
+def _guarded(arguments: list[str]) -> int:
+    """The exit code, whatever goes wrong."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a terminal without ° is no reason to fail
     try:
@@ -64,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return failure.code
     except OSError as error:  # links and files have their own: this is stdout, its reader gone or its disk full
         tell(f"arva-hil: stdout: {error}")
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for Python's own flush at exit
+        abandon(sys.stdout)
         return FAILED
     except KeyboardInterrupt:
         return INTERRUPTED
@@ -106,4 +120,7 @@ def _command(arguments: list[str]) -> int:
         options = parser.parse(arguments)
     except SystemExit:  # argparse has printed the help
         return OK
+    for line in strangers(os.environ, parser, COMMANDS):
+        tell(f"warning: {line}")
+    refuse_closed(options)
     return int(module.main(options))

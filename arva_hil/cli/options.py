@@ -27,12 +27,23 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **kwargs)
         self._environment: dict[str, argparse.Action] = {}
+        self.typed_only: list[str] = []  # flags without a twin in the environment
         self._given: Sequence[str] = ()
 
     def option(self, *flags: str, **kwargs: Any) -> None:
         """`add_argument` for an option, with its twin in the environment."""
         action = self.add_argument(*flags, **kwargs)
         self._environment[PREFIX + action.dest.upper()] = action
+
+    def typed(self, flag: str, **kwargs: Any) -> None:
+        """`add_argument` for a flag that only the command line can give: nothing left in a shell may stand for it."""
+        self.add_argument(flag, **kwargs)
+        self.typed_only.append(flag)
+
+    @property
+    def variables(self) -> list[str]:
+        """The names of the twins in the environment."""
+        return list(self._environment)
 
     def parse(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> argparse.Namespace:
         """The options. Raises UsageError."""

@@ -9,12 +9,16 @@ import json
 import sys
 from typing import Any
 
+from arva_hil.cli.standard import abandon
 from arva_hil.safe_text import one_line
 
 
 def tell(line: object) -> None:
     """A line for a person, on stderr."""
-    print(one_line(line), file=sys.stderr)
+    try:
+        print(one_line(line), file=sys.stderr)
+    except OSError:  # whoever was told is gone, or the disk is full
+        abandon(sys.stderr)
 
 
 def show(line: object, *, mark: str = "") -> None:
