@@ -28,6 +28,7 @@ ROOMS = {  # a room → what of ours it may import
     "arva_hil/clock.py": set(),
     "arva_hil/background.py": set(),
     "arva_hil/files.py": set(),
+    "arva_hil/signing_state.py": {"arva_hil.autopilot.signing", "arva_hil.background", "arva_hil.files"},
     "arva_hil/links": {"arva_hil.links", "arva_hil.clock"},
     "arva_hil/linkwatch.py": {
         "arva_hil.links",

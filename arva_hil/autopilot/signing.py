@@ -8,17 +8,20 @@ from __future__ import annotations
 import hashlib
 import hmac
 import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal
 
 if TYPE_CHECKING:
     from arva_hil.autopilot.mavlink import Packet
 
 Verdict = Literal["", "unsigned", "forged", "replayed"]
+Stream = tuple[int, int, int]  # link, system, component
 
 _EPOCH_US: Final = 1_420_070_400_000_000  # 2015 began, in µs since 1970
 _TICK_US: Final = 10
 _NEW_STREAM: Final = 6_000_000  # ticks, a minute: a stream not heard before may be so far behind
-_LARGEST: Final = 2**48 - 1
+LARGEST: Final = 2**48 - 1  # time stamp
 
 
 def key_of(text: str) -> bytes:
@@ -34,29 +37,55 @@ def key_of(text: str) -> bytes:
     return hashlib.sha256(line.encode()).digest()
 
 
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """Time stamps [10 µs since 2015] that outlive a process: the newest of all, and the newest of each stream."""
+
+    newest: int = 0
+    streams: Mapping[Stream, int] = field(default_factory=dict)
+
+    def with_others(self, others: Kept) -> Kept:
+        """The later one of each."""
+        streams = dict(others.streams)
+        for stream, ticks in self.streams.items():
+            streams[stream] = max(ticks, streams.get(stream, 0))
+        return Kept(max(self.newest, others.newest), streams)
+
+    def recent(self) -> Kept:
+        """Without the streams that are more than a minute behind: they are as good as new ones."""
+        since = self.newest - _NEW_STREAM
+        return Kept(self.newest, {stream: ticks for stream, ticks in self.streams.items() if ticks >= since})
+
+
 class Signing:
     """Remembers the newest time stamp of every stream that signed with `key` (32 bytes), and its own.
 
     `epoch_us`: microseconds since 1970 when the caller's clock read 0. A clock that is behind the others' takes
-    theirs. `link` tells two programs apart that speak as one component: a receiver wants the time stamps of each
+    theirs, and one that is behind what was `kept` of an earlier process goes on from there: what was recorded then is
+    not believed. `link` tells two programs apart that speak as one component: a receiver wants the time stamps of each
     system, component and link to grow, and remembers few of them (ArduPilot 16). Counts what it `refused`, by why.
     """
 
-    def __init__(self, key: bytes, epoch_us: int, link: int = 0) -> None:
+    def __init__(self, key: bytes, epoch_us: int, link: int = 0, kept: Kept | None = None) -> None:
         self.key = key
         self.link = link
         self.refused: dict[str, int] = {"unsigned": 0, "forged": 0, "replayed": 0}
         self._ticks_at_0 = max(0, epoch_us - _EPOCH_US) // _TICK_US
-        self._newest = self._ticks_at_0
-        self._streams: dict[tuple[int, int, int], int] = {}  # (link, system, component) → its last time stamp
+        start = Kept(self._ticks_at_0).with_others(kept or Kept()).recent()
+        self._newest = start.newest
+        self._streams = dict(start.streams)
 
     def advance(self, now: float) -> None:
         """It is `now` [s]."""
         self._newest = max(self._newest, self._ticks_at_0 + int(now * 1e6) // _TICK_US)
 
+    def kept(self) -> Kept:
+        """What the next process with this key has to know."""
+        return Kept(self._newest, self._streams).recent()
+
     def stamp(self) -> int:
         """The time stamp of the next packet to go out, in 10 µs since 2015."""
-        self._newest = min(self._newest + 1, _LARGEST)
+        self._newest = min(self._newest + 1, LARGEST)
         return self._newest
 
     def judge(self, packet: Packet) -> Verdict:

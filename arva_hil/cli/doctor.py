@@ -8,7 +8,6 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
-from functools import partial
 from typing import Final
 
 from arva_hil.autopilot.session import Session
@@ -55,10 +54,9 @@ def main(options: argparse.Namespace) -> int:
     if options.port == "-":
         raise UsageError("--port -: is stdout, where the findings go; `run` can send frames there")
     report, guard, clock = Report(as_json=options.json), Guard(), RealClock()
-    sign = partial(signing, options.signing_key, clock.epoch_us, link=1)  # `run` may go on at the same time
-    sign()
     with ExitStack() as stack, guard:
-        Doctor(options, address, report, clock, stack, lambda: guard.caught is not None, sign).examine()
+        key = signing(options.signing_key, clock.epoch_us, stack, link=1)  # `run` may go on at the same time
+        Doctor(options, address, report, clock, stack, lambda: guard.caught is not None, key).examine()
     return INTERRUPTED if guard.caught else look.exit_code(report.findings)
 
 
@@ -94,14 +92,14 @@ class Doctor:
         clock: Clock,
         stack: ExitStack,
         stopped: Callable[[], bool],
-        sign: Callable[[], Signing | None],
+        key: Signing | None,
     ) -> None:
         self._options = options
         self._report = report
         self._clock = clock
         self._stack = stack
         self._stopped = stopped
-        self._sign = sign
+        self._key = key
         self._address = address
         self._autopilot = parse(address)
         self._out: Link | None = None
@@ -162,7 +160,7 @@ class Doctor:
             target_component=self._options.target_component,
             rate_hz=self._options.stream_rate,
             passive=self._autopilot.kind == "tlog",
-            signing=self._sign(),
+            signing=self._key,
         )
 
     def _listen(self, link: Link | None) -> Ear | None:

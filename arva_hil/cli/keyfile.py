@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import os
 import stat
+from contextlib import ExitStack, closing
 from typing import Final
 
 from arva_hil._yaml import open_at_once
 from arva_hil.autopilot.signing import Signing, key_of
 from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.terminal import tell
+from arva_hil.signing_state import LastingSigning, state_file
 
 _LARGEST: Final = 4096  # bytes
 
 
-def signing(path: str | None, epoch_us: int, link: int = 0) -> Signing | None:
-    """Signing with the key in a file, by a clock that read 0 at `epoch_us` (µs since 1970). Raises UsageError."""
-    return Signing(_key(path), epoch_us, link) if path else None
+def signing(path: str | None, epoch_us: int, stack: ExitStack, link: int = 0) -> Signing | None:
+    """Signing with the key in a file, by a clock that read 0 at `epoch_us` (µs since 1970). Raises UsageError.
+
+    Its time stamps go on from those of the last program with this key, and are kept when `stack` ends.
+    """
+    if not path:
+        return None
+    key = _key(path)
+    return stack.enter_context(closing(LastingSigning(key, epoch_us, link, state_file(key, os.environ), tell)))
 
 
 def _key(path: str) -> bytes:

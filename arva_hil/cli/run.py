@@ -54,13 +54,13 @@ def main(options: argparse.Namespace) -> int:
     _check(options, chosen.output_format, over_mavlink)
     clock = RealClock()
     address = options.autopilot or choose_autopilot(options.port)
-    session = Session(
-        target_system=options.target_system,
-        target_component=options.target_component,
-        rate_hz=options.stream_rate,
-        signing=signing(options.signing_key, clock.epoch_us),
-    )
     with ExitStack() as stack:
+        session = Session(
+            target_system=options.target_system,
+            target_component=options.target_component,
+            rate_hz=options.stream_rate,
+            signing=signing(options.signing_key, clock.epoch_us, stack),
+        )
         tell(f"autopilot: {address}")
         link = stack.enter_context(closing(shared.open_or_fail(address, clock, open_lasting, answered=True)))
         out: Link | None = None

@@ -131,9 +131,9 @@ def main(options: argparse.Namespace) -> int:
     plan = plan_of(options)
     way = describe(plan)
     clock, guard = RealClock(), Guard()
-    key = signing(options.signing_key, clock.epoch_us)
     client: SearchClient | None = None
     with ExitStack() as stack:
+        key = signing(options.signing_key, clock.epoch_us, stack)
         on_the_ground = partial(open_lasting, wanted=lambda: not (client and client.launched))
         autopilot, receiver = (
             stack.enter_context(closing(shared.open_or_fail(url, clock, opener)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import pytest
@@ -28,8 +29,9 @@ _C = TypeVar("_C", bound=Closes)
 
 
 @pytest.fixture(autouse=True)
-def _plain_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No option comes from the environment of whoever runs the tests."""
+def _plain_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """No option comes from the environment of whoever runs the tests, and no time stamp of an earlier test's key."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / ".state"))
     for name in os.environ:
         if name.startswith("ARVA_HIL_") or name in ("NO_COLOR", "COLUMNS"):
             monkeypatch.delenv(name)

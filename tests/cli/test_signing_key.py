@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from arva_hil.links.pty import PtyLink
+from arva_hil.links.tlog import read_tlog
 
 from .far_ends import Autopilot, Program, hears, read_frames
 
@@ -91,6 +92,35 @@ def test_with_the_vehicles_key_all_is_as_without(start: Start, keep: Keep, line:
         "replayed": 0,
     }
     assert not any(KEY.encode() in file.read_bytes() for file in (tmp_path / "record").iterdir())
+
+
+def test_what_one_run_has_heard_the_next_one_does_not_believe(
+    start: Start, keep: Keep, line: PtyLink, tmp_path: Path
+) -> None:
+    key = key_file(tmp_path, KEY.encode())
+    vehicle = keep(Autopilot(keep(PtyLink()), key=bytes.fromhex(KEY)))
+    first = start(
+        *("--port", line.path, "--autopilot", vehicle.address, "--signing-key", key),
+        *("--record", tmp_path / "record", "--duration", 1.5),
+    )
+    assert first.ends() == 0
+    heard = [record.raw for record in read_tlog(str(tmp_path / "record" / "autopilot.tlog"))]
+    replayer = keep(PtyLink())
+    second = start("--port", line.path, "--autopilot", replayer.path, "--signing-key", key, "--timeout", 1)
+    second.says("frames to")
+    replayer.write(b"".join(heard))
+    assert second.ends() == 3
+    assert f"0 unsigned, 0 forged, {len(heard)} replayed" in second.err
+
+
+def test_a_home_that_cannot_be_written_is_one_line_and_the_run_goes_on(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(key := key_file(tmp_path, KEY.encode())))
+    options = ["--port", "pty", "--autopilot", "pty", "--duration", "0.1", "--timeout", "0.1"]
+    code, _, err = arva(*options, "--signing-key", key)
+    assert code == 3
+    assert err.count("time stamps of signatures are not kept (Not a directory)") == 1
 
 
 def test_with_another_key_no_autopilot_is_heard(start: Start, keep: Keep, line: PtyLink, tmp_path: Path) -> None:
