@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Final
 
 _WINDOW_S: Final = 1.0
+_STALL_S: Final = 0.5  # a silence counts for no more than this in the window,
+_LONGEST_STALL_S: Final = 5.0  # unless it was so long that the clocks may have drifted apart meanwhile
 
 
 class ClockMap:
@@ -14,16 +17,21 @@ class ClockMap:
     A sample stamped `boot` and received at `host` was at least as old as its stamp says: host − boot = offset +
     delay, delay ≥ 0. The least of them is the offset, and a pose asked for by it is never from the future. The
     window is short because autopilots' clocks do not keep the host's time (a simulator's was measured 1.5 % slow,
-    in steps of 0.15 s); a late second makes the pose older, never newer.
+    in steps of 0.15 s); a late second makes the pose older, never newer. What comes in a burst behind a stall of the
+    link was late: it is judged by what came quickest before, or else it would pass for fresh.
     """
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()  # (host, offset), offsets ascending: a sliding minimum
+        self._newest = -math.inf
 
     def add(self, host: float, boot: float) -> None:
         """One sample received; both in seconds."""
         offset = host - boot
         samples = self._samples
+        if _STALL_S < (silence := host - self._newest) <= _LONGEST_STALL_S:
+            samples = self._samples = deque((at + silence - _STALL_S, least) for at, least in samples)
+        self._newest = max(self._newest, host)
         while samples and samples[-1][1] >= offset:
             samples.pop()
         samples.append((host, offset))

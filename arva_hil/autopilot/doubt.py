@@ -42,6 +42,11 @@ class Doubt(Generic[T]):
         self.strays += 1
         return "stray"
 
+    @property
+    def believed(self) -> T | None:
+        """The last value believed."""
+        return self._believed[0] if self._believed else None
+
     def forget(self) -> None:
         """Whatever comes next is believed."""
         self._believed = self._doubted = None

@@ -29,7 +29,8 @@ class Navigation:
     """Remembers what the vehicle's own messages made known, and has `say` tell a person. Times are host seconds.
 
     Counts what it did not believe: `refused` (values that are no pose), `unpositioned` (positions before the first
-    fix), `stray_times` and `stray_positions` (which did not follow from those before, nor last).
+    fix), `stray_times` and `stray_positions` (which did not follow from those before, nor last). And what it did
+    believe in the end: `reboots`, `leaps` of the vehicle's clock ahead, `jumps` of its position.
     """
 
     def __init__(self, say: Callable[[Notice], None]) -> None:
@@ -39,6 +40,8 @@ class Navigation:
         self.refused = 0
         self.unpositioned = 0
         self.reboots = 0
+        self.leaps = 0
+        self.jumps = 0
         self._say = say
         self._time = Doubt(self._time_follows, best=max)
         self._place = Doubt(_place_follows)
@@ -59,16 +62,22 @@ class Navigation:
         return self._place.strays
 
     def hear(self, message: Any, now: float) -> Judgement:
-        """One of the messages it `handles`: "anew" when its boot time says that the vehicle has rebooted."""
+        """One of the messages it `handles`: "anew" when its boot time has gone back: the vehicle has rebooted."""
         if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
             self._on_home(message)
             return "follows"
         boot = message.time_boot_ms / 1e3
+        before = self._time.believed
         judgement = self._time.judge(boot, now)
         if judgement == "stray":
+            self.unpositioned += _is_zero(message)  # without a fix some send no time either
             return judgement
         if judgement == "anew":
-            self._on_reboot()
+            if before is None or boot < before:
+                self._on_reboot()
+            else:
+                self._on_leap(boot - before)
+                judgement = "follows"
         self._reorder_s = _REORDER_S
         self.clock.add(now, boot)
         self._stamped[message.id](message, boot, now)
@@ -89,9 +98,15 @@ class Navigation:
         self.home = None
         self._place.forget()
 
+    def _on_leap(self, ahead_s: float) -> None:
+        """What came before was held up somewhere, or lay in a buffer. The vehicle may be far from where it was then."""
+        self.leaps += 1
+        self._place.forget()
+        self._say(Notice("info", f"the vehicle's clock is ahead by {ahead_s:.0f} s: what came before was late"))
+
     def _on_position(self, message: Any, boot: float, now: float) -> None:
         place = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
-        if message.lat == 0 and message.lon == 0:
+        if _is_zero(message):
             self.unpositioned += 1
             return
         if not _is_place(place):
@@ -101,6 +116,8 @@ class Navigation:
         if judgement == "stray":
             return
         if judgement == "anew" and (before := self.track.last_position):
+            self.jumps += 1
+            self.track.forget_positions()  # between the two sides of the jump it never was
             self._say(Notice("warning", f"the vehicle's position has jumped by {_distance(before[1:4], place):.0f} m"))
         velocity = message.vx / 100, message.vy / 100, message.vz / 100
         self.track.add_position(PositionSample(boot, *place, velocity))
@@ -131,6 +148,11 @@ class Navigation:
 def _square(x: float, y: float, z: float) -> float:
     """Of the length; of a NaN it is NaN, which compares with nothing."""
     return x * x + y * y + z * z
+
+
+def _is_zero(message: Any) -> bool:
+    """Whether it is a position at 0° north, 0° east, which means that there is none."""
+    return bool(message.id == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT and message.lat == message.lon == 0)
 
 
 def _is_place(place: Place) -> bool:

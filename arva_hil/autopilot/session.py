@@ -157,6 +157,8 @@ class Session:
             **self.disbelieved(),
             "positions_before_fix": self.navigation.unpositioned,
             "reboots": self.navigation.reboots,
+            "clock_leaps": self.navigation.leaps,
+            "position_jumps": self.navigation.jumps,
         }
 
     def disbelieved(self) -> dict[str, int]:
@@ -252,12 +254,16 @@ class Session:
         """Why there is no pose though there is a vehicle."""
         if self._streams is None:
             return "no vehicle yet"
-        lacking = []
+        nowhere = self.track.first_position is None
+        zeros = nowhere and self.navigation.unpositioned > 0
+        lacking = ["the position is all zeros: no GPS fix yet"] if zeros else []
+        silence = "none in the log lately" if self._passive else "not asked for yet"
         for stream in self._streams.wanted:
-            if not any(stream.seen.values()):
-                lacking.append(f"no {stream.name} ({stream.said or 'not asked for yet'})")
-        if not lacking and self.track.first_position is None:
-            return "the position is all zeros or out of range: no GPS fix yet"
+            is_position = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT in stream.ids
+            if not any(stream.seen.values()) and not (zeros and is_position):
+                lacking.append(f"no {stream.name} ({stream.said or silence})")
+        if not lacking and nowhere:
+            return "the position is out of range: no GPS fix yet"
         return ", ".join(lacking) or "the streams have stopped"
 
     # -- the vehicle ---------------------------------------------------------------------------------------

@@ -89,6 +89,25 @@ def test_a_clock_that_fell_behind_is_believed_after_the_window() -> None:
     assert clock.boot(6.1) == pytest.approx(6.1 - 0.15 - 0.005)
 
 
+def test_a_burst_behind_a_stall_does_not_pass_for_fresh() -> None:
+    """A link that held everything up for 1.5 s, and then delivers it at once."""
+    clock = ClockMap()
+    steady(clock, 0, 5, 0.0)
+    for i in range(75):
+        clock.add(6.5 + 0.001 * i, 5.0 + 0.02 * i)
+        assert clock.boot(6.5 + 0.001 * i) == pytest.approx(6.495 + 0.001 * i)
+
+
+def test_a_vehicle_that_was_held_up_itself_is_believed_after_the_window() -> None:
+    """A simulator that stood still for 1.5 s."""
+    clock = ClockMap()
+    steady(clock, 0, 5, 0.0)
+    steady(clock, 6.5, 7.0, 1.5)
+    assert clock.boot(7.0) == pytest.approx(7.0 - 0.005)  # it may still be a delay
+    steady(clock, 7.0, 7.6, 1.5)
+    assert clock.boot(7.6) == pytest.approx(7.6 - 1.5 - 0.005)
+
+
 def test_silence_does_not_keep_an_old_estimate() -> None:
     clock = ClockMap()
     clock.add(0.0, 0.0)

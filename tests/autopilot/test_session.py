@@ -376,6 +376,26 @@ def test_one_time_out_of_line_changes_nothing_and_is_counted(stray: float) -> No
     assert texts(session) == []
 
 
+@pytest.mark.parametrize("ahead", [41.0, 447.0])
+def test_a_time_that_leaps_ahead_for_good_is_no_reboot(ahead: float) -> None:
+    """A radio that first delivers what it had in its buffer."""
+    session = following(100.0)  # boot time 10 s
+    far = (HOME[0] + 0.01, *HOME[1:])  # where it has flown meanwhile
+    for i in range(60):
+        now = 0.02 * i
+        tell(session, attitude(10.0 + ahead + now), 100.0 + now)
+        tell(session, position(10.0 + ahead + now, *far), 100.0 + now)
+        state = session.state_at(100.0 + now, FRAME)
+        assert state is not None
+        assert abs(state.position[0] - (1111.9 if now >= 0.5 else now)) < 2
+    assert session.home == HOME
+    assert session.clock.boot(101.2) == pytest.approx(11.2 + ahead)
+    counts = session.counts()
+    assert (counts["reboots"], counts["clock_leaps"], counts["position_jumps"]) == (0, 1, 0)
+    (said,) = texts(session)
+    assert f"the vehicle's clock is ahead by {ahead + 0.52:.0f} s" in said
+
+
 @pytest.mark.parametrize("other", [2.0, 5000.0])
 def test_of_two_clocks_at_once_the_first_is_believed(other: float) -> None:
     """Another device with the vehicle's ids on the same link, as lively as the vehicle."""
@@ -441,6 +461,18 @@ def test_a_position_that_stays_far_off_is_believed_after_half_a_second() -> None
     assert session.navigation.stray_positions == 24
     (said,) = texts(session)
     assert "jumped by 5566 m" in said
+    assert session.counts()["position_jumps"] == 1
+
+
+def test_between_the_two_sides_of_a_jump_there_is_no_pose() -> None:
+    session = following(100.0)
+    for i in range(1, 30):
+        now = 0.02 * i
+        tell(session, attitude(10.0 + now), 100.0 + now)
+        tell(session, position(10.0 + now, *FAR), 100.0 + now)
+    norths = [session.state_at(99.9 + 0.005 * i, FRAME) for i in range(160)]
+    assert all(state is None or state.position[0] > 5500 for state in norths)
+    assert norths[-1] is not None
 
 
 # -- the vehicle's own ids from somebody else ---------------------------------------------------------------
@@ -610,6 +642,26 @@ def test_why_there_is_no_pose(said: list[Any], why: str) -> None:
     for message in said:
         tell(session, message, 1.0)
     assert why in session.why_no_pose()
+
+
+def test_positions_of_zeros_are_named_though_they_are_slow() -> None:
+    """One every 3 s, with a boot time of 0 as well."""
+    session = Session(passive=True)
+    tell(session, heartbeat(), 100.0)
+    for i in range(60):
+        tell(session, attitude(50.0 + i / 10), 100.0 + i / 10)
+        if i % 30 == 10:
+            tell(session, dialect.MAVLink_global_position_int_message(*[0] * 9), 100.0 + i / 10)
+        session.rates(100.0 + i / 10)
+    assert session.why_no_pose() == "the position is all zeros: no GPS fix yet"
+    assert session.counts()["positions_before_fix"] == 2
+
+
+def test_of_a_log_it_does_not_say_that_something_was_not_asked_for() -> None:
+    session = Session(passive=True)
+    for message in (heartbeat(), attitude(1.0)):
+        tell(session, message, 100.0)
+    assert session.why_no_pose() == "no GLOBAL_POSITION_INT (none in the log lately)"
 
 
 @pytest.mark.parametrize("known", [False, True])
