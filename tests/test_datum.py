@@ -97,9 +97,9 @@ def test_the_home_of_a_vehicle_already_in_flight_is_the_datum(told: Told) -> Non
 
 def test_without_home_the_first_position_serves_after_five_seconds(told: Told) -> None:
     assert not told.position(A, 10.0)
-    assert not told.position(C, 10.0 + HOME_WAIT_S - 0.01)
+    assert not told.position(B, 10.0 + HOME_WAIT_S - 0.01)
     assert told.lies_at(None)
-    assert told.position(C, 10.0 + HOME_WAIT_S)
+    assert told.position(B, 10.0 + HOME_WAIT_S)
     assert told.lies_at(A)
     assert HOME_WAIT_S == 5.0
 
