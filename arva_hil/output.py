@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any, Final, Protocol
 
 import firmware_proto
@@ -13,7 +14,7 @@ from arva_hil.model import Reading
 from firmware_proto import Channel, Frame, FrameDecoder
 from firmware_proto.frame import check
 
-MAVLINK_FORMATS: Final = ("tunnel", "named", "debug_vect")
+MAVLINK_FORMATS: Final = ("tunnel", "named", "named_float", "debug_vect")
 TUNNEL_TYPE: Final = 42071  # 0xA457, in MAVLink's private range
 
 
@@ -59,12 +60,17 @@ class WirePort:
 
 
 class MavlinkPort:
-    """The autopilot's own link: `format` is tunnel, named or debug_vect. Silent until there is a vehicle."""
+    """The autopilot's own link: `format` is one of MAVLINK_FORMATS. Silent until there is a vehicle."""
 
     def __init__(self, link: Link, session: Session, format: str) -> None:
         self._link = link
         self._session = session
-        self._messages = {"tunnel": self._tunnel, "named": _named, "debug_vect": _debug_vect}[format]
+        self._messages = {
+            "tunnel": self._tunnel,
+            "named": _named_int,
+            "named_float": _named_float,
+            "debug_vect": _debug_vect,
+        }[format]
 
     def encode(self, frame: Frame, boot_ms: int) -> bytes:
         if self._session.vehicle is None:
@@ -86,17 +92,22 @@ class MavlinkPort:
         return [dialect.MAVLink_tunnel_message(vehicle.system, vehicle.component, TUNNEL_TYPE, len(payload), padded)]
 
 
-def _named(frame: Frame, boot_ms: int) -> list[Any]:
-    """The valid channels, and always channel 1."""
-    messages = []
+def _named_int(frame: Frame, boot_ms: int) -> list[Any]:
+    return [dialect.MAVLink_named_value_int_message(boot_ms, name, value) for name, value in named_values(frame)]
+
+
+def _named_float(frame: Frame, boot_ms: int) -> list[Any]:
+    return [dialect.MAVLink_named_value_float_message(boot_ms, name, value) for name, value in named_values(frame)]
+
+
+def named_values(frame: Frame) -> Iterator[tuple[bytes, int]]:
+    """The valid channels, and always channel 1: names of 10 bytes at most, and integers that a float holds."""
     for slot, channel in enumerate(frame.channels, 1):
         if slot > 1 and not channel.valid:
             continue
         id_ = 255 if channel.id is None else channel.id
         for suffix, value in (("D", channel.d), ("DIR", channel.delta), ("ID", id_)):
-            name = f"ARVA{slot}_{suffix}".encode()
-            messages.append(dialect.MAVLink_named_value_int_message(boot_ms, name, value))
-    return messages
+            yield f"ARVA{slot}_{suffix}".encode(), value
 
 
 def _debug_vect(frame: Frame, boot_ms: int) -> list[Any]:
@@ -113,14 +124,19 @@ def _debug_vect(frame: Frame, boot_ms: int) -> list[Any]:
 class MavlinkDecoder(FrameDecoder):
     """What `MavlinkPort` sends, read back into frames; messages of every system count. `now` is not needed.
 
-    `named` and `debug_vect` carry neither sequence nor status: frames are numbered as they come. A frame of theirs
-    ends where the next begins, so it is delivered then.
+    Only `tunnel` carries sequence and status: frames of the others are numbered as they come. A frame of theirs ends
+    where the next begins, so it is delivered then.
     """
 
     def __init__(self, format: str) -> None:
         super().__init__()
         self._parser = Parser()
-        self._read = {"tunnel": self._tunnel, "named": self._on_named, "debug_vect": self._on_vector}[format]
+        self._read = {
+            "tunnel": self._tunnel,
+            "named": self._on_int,
+            "named_float": self._on_float,
+            "debug_vect": self._on_vector,
+        }[format]
         self._frames: list[Frame] = []
         self._binary = firmware_proto.Decoder()
         self._values: dict[str, int] = {}
@@ -140,10 +156,18 @@ class MavlinkDecoder(FrameDecoder):
                 self._count(frame.sequence)
                 self._frames.append(frame)
 
-    def _on_named(self, message: Any, now: float) -> None:
-        if message.get_type() != "NAMED_VALUE_INT" or not message.name.startswith("ARVA"):
+    def _on_int(self, message: Any, now: float) -> None:
+        if message.get_type() == "NAMED_VALUE_INT":
+            self._on_named(message.name, message.value)
+
+    def _on_float(self, message: Any, now: float) -> None:
+        if message.get_type() == "NAMED_VALUE_FLOAT" and message.value.is_integer():  # neither NaN nor infinite
+            self._on_named(message.name, int(message.value))
+
+    def _on_named(self, name: str, value: int) -> None:
+        if not name.startswith("ARVA"):
             return
-        if message.name == "ARVA1_D":
+        if name == "ARVA1_D":
             channels = []
             for slot in range(1, firmware_proto.MAX_CHANNELS + 1):
                 if (d := self._values.get(f"ARVA{slot}_D")) is not None:
@@ -153,7 +177,7 @@ class MavlinkDecoder(FrameDecoder):
             self._deliver(channels)
             self._values.clear()
         if len(self._values) < 3 * firmware_proto.MAX_CHANNELS:
-            self._values[message.name] = message.value
+            self._values[name] = value
 
     def _on_vector(self, message: Any, now: float) -> None:
         if message.get_type() != "DEBUG_VECT" or message.name not in ("a", "b"):

@@ -38,7 +38,7 @@ __all__ = [
 
 Triple = tuple[float, float, float]
 NoiseKind = Literal["uniform", "gaussian", "off"]
-Format = Literal["binary", "nmea", "text", "tunnel", "named", "debug_vect"]
+Format = Literal["binary", "nmea", "text", "tunnel", "named", "named_float", "debug_vect"]
 
 SPEC: Final = 1
 FORMATS: Final[tuple[Format, ...]] = get_args(Format)

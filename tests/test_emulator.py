@@ -311,7 +311,7 @@ def test_every_wire_format_carries_the_nearest_reading(format: str) -> None:
     assert frames[-1].channels[0].valid
 
 
-@pytest.mark.parametrize("format", ["tunnel", "named", "debug_vect"])
+@pytest.mark.parametrize("format", ["tunnel", "named", "named_float", "debug_vect"])
 def test_one_port_frames_travel_inside_mavlink_on_the_autopilots_own_link(format: str) -> None:
     clock, diary = StepClock(), Diary()
     autopilot, far = memory.pair()

@@ -560,7 +560,7 @@ def test_a_wrong_baud_rate_leaves_no_frame_and_recovers_at_once() -> None:
 # -- over MAVLink --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("format", ["tunnel", "named", "debug_vect"])
+@pytest.mark.parametrize("format", ["tunnel", "named", "named_float", "debug_vect"])
 def test_frames_inside_mavlink_meet_what_is_sent_and_the_link_stays_whole(format: str) -> None:
     text = f"transmitters: {TWO}\nreceiver: {{rate_hz: 5}}\noutput: {{format: {format}}}\nfaults:\n"
     text += "".join(f"  - {{{each}}}\n" for each in ["drop: 0.1", "duplicate: 0.1", "jitter_s: 0.3", "reorder: 0.1"])

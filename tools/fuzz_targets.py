@@ -402,12 +402,13 @@ def _in_order(data: bytes, frames: list[Frame]) -> None:
 def _through_the_autopilot(decoder: FrameDecoder, chunks: list[tuple[float, bytes]]) -> None:
     """MAVLink's own framing is right here, so that what is inside it is what is mutated."""
     ids = (dialect.MAVLINK_MSG_ID_TUNNEL, dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT, dialect.MAVLINK_MSG_ID_DEBUG_VECT)
+    ids += (dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,)
     got: list[Frame] = []
     for k, (at, chunk) in enumerate(chunks):
         if chunk[:1] in (b"\xfe", b"\xfd"):
             raw = chunk
         else:
-            kind = ids[(chunk or b"\0")[0] % 3]
+            kind = ids[(chunk or b"\0")[0] % len(ids)]
             raw = packet((1, 1), kind, chunk[1:255], version=2, flags=0, sequence=k % 256)
         got += decoder.feed(raw, at)
     assert decoder.good == len(got)
@@ -427,7 +428,8 @@ def _plausible(frame: Frame, zones: int) -> None:
 
 def _lost(frames: list[Frame]) -> int:
     numbers = [frame.sequence for frame in frames]
-    return sum(max((b - a) % 256 - 1, 0) for a, b in itertools.pairwise(numbers))
+    gaps = [(b, max((b - a) % 256 - 1, 0)) for a, b in itertools.pairwise(numbers)]
+    return sum(gap for number, gap in gaps if number > 15 or gap < 17)
 
 
 # -- what to begin with ------------------------------------------------------------------------------------
@@ -487,6 +489,8 @@ def _decoder_seeds() -> Iterator[bytes]:
     named = [(b"ARVA1_D", 1234), (b"ARVA1_DIR", 17), (b"ARVA1_ID", 1), (b"ARVA2_D", 99), (b"ARVA1_D", 1)]
     parts = [b"\1" + struct.pack("<Ii10s", 1, value, name) for name, value in named]
     yield bytes([FORMATS.index("named")]) + b"".join(b"\0" + bytes([len(part)]) + part for part in parts)
+    parts = [b"\3" + struct.pack("<If10s", 1, value, name) for name, value in named]
+    yield bytes([FORMATS.index("named_float")]) + b"".join(b"\0" + bytes([len(part)]) + part for part in parts)
     parts = [b"\2" + struct.pack("<Qfff10s", 1234, 17.0, 99.0, 3.0, name) for name in (b"a", b"b", b"a", b"b")]
     yield bytes([FORMATS.index("debug_vect")]) + b"".join(b"\0" + bytes([len(part)]) + part for part in parts)
 

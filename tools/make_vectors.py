@@ -19,7 +19,8 @@ FILE = Path(__file__).parent.parent / "firmware_proto" / "vectors.json"
 ABOUT = [
     "Made by tools/make_vectors.py; do not edit. The protocol is PROTOCOL.md.",
     "crc: CRC-16/MCRF4XX of `hex`.",
-    "frames: encode gives `hex`, `nmea` and `text`; decoding `hex` gives the frame back. An id of null is 255",
+    "frames: encode gives `hex`, `nmea` and `text`; decoding `hex` gives the frame back. `named`: name and value of",
+    "each message, NAMED_VALUE_INT in the form named, NAMED_VALUE_FLOAT in named_float. An id of null is 255",
     "on the wire. decode_only: no encoder sends it, every decoder delivers it.",
     "streams: a fresh binary decoder is fed each step's `hex` at time `t`, in seconds; `frames` names those it",
     "delivers in that call. A decoder that takes one byte a call gets the bytes of a step at the same t.",
@@ -83,6 +84,15 @@ def nmea(f: Wire) -> str:
 def line(f: Wire) -> str:
     c = min([c for c in f["channels"] if c["d"] > 0] or f["channels"][:1], key=lambda c: c["d"])
     return f"{c['d']},{c['delta']}\r\n"
+
+
+def named(f: Wire) -> list[tuple[str, int]]:
+    values = []
+    for k, c in enumerate(f["channels"], 1):
+        if k == 1 or c["d"] > 0:
+            values += [(f"ARVA{k}_D", c["d"]), (f"ARVA{k}_DIR", c["delta"])]
+            values += [(f"ARVA{k}_ID", 255 if c["id"] is None else c["id"])]
+    return values
 
 
 FRAMES: dict[str, Wire] = {
@@ -442,7 +452,7 @@ def vectors() -> str:
     """The file as text, one value a line."""
     frames = [
         {"name": name, "hex": BYTES[name].hex(), "decode_only": name in DECODE_ONLY, **f}
-        | ({} if name in DECODE_ONLY else {"nmea": nmea(f), "text": line(f)})
+        | ({} if name in DECODE_ONLY else {"nmea": nmea(f), "text": line(f), "named": named(f)})
         for name, f in FRAMES.items()
     ]
     checks = [{"hex": data.hex(), "crc": crc(data)} for data in (b"123456789", b"", b"\x00", b"\xff", bytes(103))]

@@ -148,7 +148,7 @@ def test_frames_may_be_lines_of_text(start: Start, autopilot: Autopilot) -> None
     assert DECODERS["nmea"]().feed(program.out, 0.0)[-1].channels[0].d in range(1000, 4000)
 
 
-@pytest.mark.parametrize("form", ["tunnel", "named", "debug_vect"])
+@pytest.mark.parametrize("form", ["tunnel", "named", "named_float", "debug_vect"])
 def test_one_port_frames_go_inside_mavlink_on_the_autopilots_link(
     start: Start, autopilot: Autopilot, arva: Callable[..., Any], tmp_path: Path, form: str
 ) -> None:
