@@ -25,6 +25,7 @@ local SEARCH_MS = 100
 local SILENT_MS = 2000        -- without a frame: hover
 local DEAF_MS = 60000         -- without a signal: over
 local NO_POSITION_MS = 2000
+local NO_RANGE_MS = 2000     -- without the rangefinder that measured in this search: over
 local NEARER = 0.7            -- another transmitter has to be that much nearer to be gone for instead
 local CLIMB_GAIN = 1.0        -- 1/s
 local CLIMB_SPEED = 1.0       -- m/s
@@ -319,7 +320,7 @@ local ARVS_SPEED = bind_add_param("SPEED", 3, 1)
 --[[
   // @Param: ARVS_ALT
   // @DisplayName: ARVA search height
-  // @Description: Height held in a search: above the ground by a downward rangefinder, else above the terrain database, else above home
+  // @Description: Height held in a search above the ground, by a downward rangefinder. Without one a search stays as high as it begins, and climbs to this height above the terrain database, else above home
   // @Range: 0.5 20
   // @Units: m
   // @User: Standard
@@ -329,7 +330,7 @@ local ARVS_ALT = bind_add_param("ALT", 4, 2)
 --[[
   // @Param: ARVS_TERRAIN
   // @DisplayName: ARVA search uses the terrain database
-  // @Description: Whether the height is held above the terrain database where no rangefinder measures it. Its errors are metres
+  // @Description: Whether a search without a rangefinder stays as high above the terrain database as it begins, else above home. The database's errors are metres
   // @Values: 0:No,1:Yes
   // @User: Standard
 --]]
@@ -381,16 +382,24 @@ local function yaw()
    return ahrs.get_yaw_rad and ahrs:get_yaw_rad() or ahrs:get_yaw()
 end
 
--- above the ground, as well as it is known, m
-local function height()
+-- above the ground, m; nil when the rangefinder does not measure it
+local function measured_height()
    if rangefinder and rangefinder:status_orient(ROTATION_PITCH_270) == RANGEFINDER_GOOD then
       if rangefinder.distance_orient then
          return rangefinder:distance_orient(ROTATION_PITCH_270)
       end
       return rangefinder:distance_cm_orient(ROTATION_PITCH_270) * 0.01
    end
-   local above_terrain = terrain and ARVS_TERRAIN:get() == 1 and terrain:height_above_terrain(false)
-   return above_terrain or -ahrs:get_relative_position_D_home()
+   return nil
+end
+
+-- above the terrain database, m; nil where it ends
+local function height_above_terrain()
+   return terrain and ARVS_TERRAIN:get() == 1 and terrain:height_above_terrain(false) or nil
+end
+
+local function height_above_home()
+   return -ahrs:get_relative_position_D_home()
 end
 
 local function is_flying()
@@ -448,6 +457,8 @@ local target, target_d, heard_ms = nil, 0, 0   -- the transmitter gone for, its 
 local sample = nil                             -- of the target, that the strategy has not taken yet
 local begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = 0, 0, 0, 0, 0
 local position_ms, frame_ms = 0, 0
+local measured_ms = nil                        -- when the rangefinder last measured in this search
+local assumed_height, assumed_wanted           -- without it: a function, nil where the database ends; m to be held
 local spent = false                            -- the request has had its search
 local wants_loiter, told = false, ""
 
@@ -537,6 +548,12 @@ local function begin()
    begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = n, e, now, math.deg(yaw()), rest
    state, flux, target, sample, heard_ms, position_ms, told = SEARCHING, nil, nil, nil, now, now, ""
    say(MAV_SEVERITY.INFO, "search begins")
+   measured_ms = measured_height() and now or nil
+   assumed_height = height_above_terrain() and height_above_terrain or height_above_home
+   assumed_wanted = assumed_height()
+   if not measured_ms and assumed_wanted > ARVS_ALT:get() + 1 then
+      say(MAV_SEVERITY.WARNING, "no rangefinder: stays at %.0f m", assumed_wanted)
+   end
 end
 
 local function on_found(n, e)
@@ -561,6 +578,9 @@ local function limit(n, e)
    if now - position_ms > NO_POSITION_MS then
       return "no position"
    end
+   if measured_ms and now - measured_ms > NO_RANGE_MS then
+      return "rangefinder lost"
+   end
    if now - heard_ms > DEAF_MS then
       return string.format("nothing heard for %d s", DEAF_MS // 1000)
    end
@@ -571,6 +591,20 @@ local function limit(n, e)
       return string.format("%d m away", math.floor(ARVS_RADIUS:get()))
    end
    return objection(begin_throttle)
+end
+
+--[[
+   the height, m, nil while it is not known; and the one wanted. Only what the rangefinder measures is the ground: a map
+   and home let the vehicle climb, and sink no lower than where the search began
+--]]
+local function heights()
+   local above, wanted = measured_height(), ARVS_ALT:get()
+   if above then
+      measured_ms = now
+   elseif not measured_ms then
+      above, wanted = assumed_height(), math.max(wanted, assumed_wanted)
+   end
+   return above, wanted
 end
 
 local function fly()
@@ -584,6 +618,11 @@ local function fly()
    if not n then
       return
    end
+   local above, wanted = heights()
+   if not above then
+      steer(0, 0, 0)
+      return
+   end
    local v_n, v_e = 0, 0
    if flux and now - frame_ms <= SILENT_MS then
       v_n, v_e = flux.velocity(n, e)
@@ -593,8 +632,10 @@ local function fly()
          return
       end
    end
-   local above = height()
-   local v_d = math.max(-CLIMB_SPEED, math.min(CLIMB_SPEED, CLIMB_GAIN * (above - ARVS_ALT:get())))
+   -- where the ground rises faster than the vehicle climbs it slows down, and stops at half the height
+   local share = math.max(0, math.min(1, 2 * above / wanted - 1))
+   v_n, v_e = share * v_n, share * v_e
+   local v_d = math.max(-CLIMB_SPEED, math.min(CLIMB_SPEED, CLIMB_GAIN * (above - wanted)))
    steer(v_n, v_e, v_d)
    logger:write("ARVS", "Id,N,E,Hgt,VN,VE,VD,D", "Bfffffff", "#mmmnnnm", "-0000000",
                 target or NO_ID, n - begin_n, e - begin_e, above, v_n, v_e, v_d, target_d)

@@ -34,6 +34,8 @@ class Flight:
         self.autopilot = Autopilot(folder, **params)
         self.autopilot.start(NAME)
         self.hertz = hertz
+        self.ground = None  # its down at a place north and east, for the rangefinder
+        self.lowest = math.inf  # above it
         self.channels = None  # instead of what the receiver hears
         self._velocity = np.zeros(3)
         self._frames = 0
@@ -56,9 +58,16 @@ class Flight:
             wanted = np.array(autopilot.velocity if fresh and autopilot.mode == GUIDED else (0, 0, 0))
             self._velocity += (wanted - self._velocity) * 0.05
             autopilot.position = [float(x) for x in autopilot.position + self._velocity * 0.02]
+            self._measure()
             if until(autopilot):
                 return True
         return False
+
+    def _measure(self):
+        if self.ground:
+            north, east, down = self.autopilot.position
+            self.autopilot.range = self.ground(north, east) - down
+            self.lowest = min(self.lowest, self.autopilot.range)
 
     def _frame(self, attitude):
         if self.channels is not None:
@@ -387,21 +396,78 @@ def test_limits(params, text):
 @pytest.mark.parametrize(
     ("above_ground", "above_terrain", "params", "sinks"),
     [
-        (None, None, {}, 1.0),  # 3 m above home
         (2.5, 4.0, {}, 0.5),
+        (1.5, 30.0, {}, -0.5),
+        (30.0, 1.0, {}, 1.0),
+        (None, None, {}, 0.0),  # 3 m above home
+        (None, None, {"ARVS_ALT": 3.4}, -0.4),
         (None, 1.2, {}, -0.8),
-        (None, 1.2, {"ARVS_TERRAIN": 0}, 1.0),
-        (None, 30.0, {}, 1.0),
-        (None, 30.0, {"ARVS_TERRAIN": 0, "ARVS_ALT": 3.0}, 0.0),
+        (None, 1.2, {"ARVS_TERRAIN": 0}, 0.0),
+        (None, 30.0, {}, 0.0),
     ],
 )
-def test_height_is_above_the_ground_else_the_terrain_else_home(above_ground, above_terrain, params, sinks):
+def test_only_the_rangefinder_lets_it_sink_terrain_and_home_let_it_climb(above_ground, above_terrain, params, sinks):
     flight = Flight(ARVS_ENABLE=1, **params)
     autopilot = flight.autopilot
     autopilot.range, autopilot.terrain = above_ground, above_terrain
     autopilot.position, autopilot.home_down = [0.0, 0.0, 5.0], 8.0
     flight.fly(5, until=lambda autopilot: autopilot.velocity)
     assert autopilot.velocity[2] == pytest.approx(sinks, abs=0.1)
+
+
+def test_from_50_metres_it_does_not_sink_to_where_a_slope_would_be():
+    flight = Flight(4, hertz=5, ARVS_ENABLE=1)
+    flight.autopilot.position, flight.autopilot.home_down = [0.0, 0.0, -53.0], 0.0
+    flight.channels = [Channel(1, 1, 3000, 30)]
+    flight.fly(40)
+    assert flight.said()[:2] == ["search begins", "no rangefinder: stays at 53 m"]
+    assert flight.moved
+    assert flight.autopilot.position[2] == pytest.approx(-53, abs=0.1)
+
+
+def test_the_terrain_database_is_followed_at_the_height_of_the_beginning():
+    flight = Flight(ARVS_ENABLE=1)
+    flight.autopilot.terrain = 20.0
+    flight.fly(5)
+    flight.autopilot.terrain = 18.5  # the slope rises
+    flight.fly(1)
+    assert flight.autopilot.velocity[2] == pytest.approx(-1)
+    assert flight.moved
+    flight.autopilot.terrain = 21.0
+    flight.fly(1)
+    assert flight.autopilot.velocity[2] == pytest.approx(1)
+    flight.autopilot.terrain = None  # the database ends here
+    flight.fly(1)
+    assert flight.autopilot.velocity == (0, 0, 0)
+
+
+@pytest.mark.parametrize("speed", [1, 3])
+@pytest.mark.parametrize("grade", [-1.0, 0.5, 1.0, 2.0])
+def test_with_a_rangefinder_no_slope_comes_nearer_than_a_third_of_the_height(grade, speed):
+    flight = Flight(3, ARVS_ENABLE=1, ARVS_SPEED=speed, ARVS_ALT=3)
+    flight.autopilot.position = [0.0, 0.0, -3.0]
+    flight.ground = lambda north, east: -grade * north
+    flight.channels = [Channel(1, 1, 3000, 0)]  # to the north
+    flight.fly(40)
+    assert flight.autopilot.position[0] > 3
+    assert flight.lowest > 1
+    assert "search ends" not in " ".join(flight.said())
+
+
+def test_a_search_ends_when_the_rangefinder_it_began_with_measures_no_more(flight):
+    flight.ground = lambda north, east: 0.0
+    flight.fly(2)
+    assert flight.moved
+    flight.ground = flight.autopilot.range = None
+    flight.fly(1)
+    assert flight.autopilot.velocity == (0, 0, 0)
+    flight.ground = lambda north, east: 0.0
+    flight.fly(1)
+    assert flight.moved
+    flight.ground = flight.autopilot.range = None
+    flight.fly(3)
+    assert flight.said()[-1] == "rangefinder lost: search ends"
+    assert flight.autopilot.mode == LOITER
 
 
 def test_it_goes_for_the_nearest_and_changes_for_one_that_is_much_nearer(flight):
