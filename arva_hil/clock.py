@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import select
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from typing import Protocol
 
-_POLL_S = 0.001  # how often a link that select cannot wait on is looked at
+_POLL_S = 0.001  # how often a link that the system cannot wait on is looked at
+_SELECT_MAX = 1024  # descriptors from here on are not for select
 
 
 class Waitable(Protocol):
@@ -28,6 +29,26 @@ class Clock(Protocol):
 
     def wait(self, deadline: float, links: Iterable[Waitable] = ()) -> None:
         """Return at `deadline`, or earlier as soon as one of `links` has something to read."""
+
+
+def await_descriptors(read: Sequence[int] = (), write: Sequence[int] = (), *, timeout_s: float | None = 0.0) -> bool:
+    """Wait until one of `read` has something to read or one of `write` takes something: True; False after `timeout_s`.
+
+    None waits for ever. One that is closed or hung up counts as ready: using it tells.
+    """
+    highest = max((*read, *write), default=-1)
+    if highest < _SELECT_MAX or not hasattr(select, "poll"):  # select keeps time to the microsecond, poll to the next
+        return any(select.select(read, write, [], timeout_s)[:2])  # millisecond
+    poll = select.poll()
+    for fd in {*read, *write}:
+        poll.register(fd, (select.POLLIN if fd in read else 0) | (select.POLLOUT if fd in write else 0))
+    if timeout_s is None:
+        return bool(poll.poll())
+    whole_ms = int(timeout_s * 1e3)
+    if poll.poll(whole_ms):
+        return True
+    time.sleep(max(0.0, timeout_s - whole_ms / 1e3))
+    return bool(poll.poll(0))
 
 
 class RealClock:
@@ -51,7 +72,7 @@ class RealClock:
             pause = min(left, _POLL_S) if polled else left
             if not fds:
                 time.sleep(pause)
-            elif select.select(fds, [], [], pause)[0]:
+            elif await_descriptors(fds, timeout_s=pause):
                 return
 
 

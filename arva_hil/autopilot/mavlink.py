@@ -72,7 +72,7 @@ class Parser:
         """The packets completed by `chunk`, which may be cut anywhere. Never raises.
 
         `sender`: who sent it, where several do; bytes of two are never joined. `whole`: no packet of the chunk goes on
-        in the next one, as in a record of a log. The head of a packet that is longer than the chunk is then a false one.
+        in the next one, as in a record of a log; the head of a packet longer than the chunk is then a false one.
         """
         rest = self._rests.pop(sender, b"")
         data = rest + chunk if rest else chunk

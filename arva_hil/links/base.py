@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import select
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Hashable
+
+from arva_hil.clock import await_descriptors
 
 Sender = Hashable  # one of several on a link; None where a link has but one
 
@@ -89,10 +90,10 @@ class Link(ABC):
         self.returns += lasting
 
     def fileno(self) -> int | None:
-        """What `select` can wait on; None where there is no such thing, and `ready` is polled instead."""
+        """What the system can wait on; None where there is no such thing, and `ready` is polled instead."""
         return None
 
     def ready(self) -> bool:
         """True when `read` has something to give or an error to raise."""
         fd = self.fileno()
-        return fd is not None and bool(select.select([fd], [], [], 0)[0])
+        return fd is not None and await_descriptors([fd])

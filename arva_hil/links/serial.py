@@ -5,11 +5,11 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import select
 import stat
 import sys
 from typing import TYPE_CHECKING
 
+from arva_hil.clock import await_descriptors
 from arva_hil.links.base import Link, LinkError
 from arva_hil.links.ports import holders, list_ports
 from arva_hil.links.stream import CHUNK, FdLink, StreamLink
@@ -99,7 +99,7 @@ class PyserialLink(StreamLink):
 
     def _send(self, data: bytes) -> int:
         far = self._socket if self._fd is None else self._fd
-        if far is not None and not select.select([], [far], [], 0)[1]:
+        if far is not None and not await_descriptors(write=[far if isinstance(far, int) else far.fileno()]):
             return 0
         return self._port.write(data) or 0
 

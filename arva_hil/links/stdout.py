@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable
 from typing import BinaryIO, Final
 
+from arva_hil.clock import await_descriptors
 from arva_hil.links.base import Link, LinkError
 
 _AT_ONCE: Final = getattr(select, "PIPE_BUF", 512)  # bytes that a pipe takes without waiting when it takes any
@@ -45,7 +46,7 @@ class StdoutLink(Link):
             while left:
                 sent: int | None = self._file.write(left[:_AT_ONCE])  # None: a non-blocking pipe that is full
                 if sent is None:
-                    select.select([], [self._file], [])
+                    await_descriptors(write=[self._file.fileno()], timeout_s=None)
                 left = left[sent or 0 :]
             self._file.flush()
         except BrokenPipeError as error:
@@ -61,7 +62,7 @@ class StdoutLink(Link):
     def _has_room(self, file: BinaryIO) -> bool:
         """Wait for room, or until it is no use."""
         pause = 0.0
-        while not select.select([], [file], [], pause)[1]:
+        while not await_descriptors(write=[file.fileno()], timeout_s=pause):
             if self.give_up():
                 return False
             pause = _ASK_S
