@@ -121,8 +121,9 @@ class Emulator:
         while (now := clock.now()) >= self.schedule.deadline:
             self.emit(self.schedule.deadline, now)
         self.release(now)
-        if self._link and (came := self._link.receive()):
-            now = clock.now()
+        if self._link:
+            if came := self._link.receive():
+                now = clock.now()
             for sender, chunk in came:
                 self.hear(chunk, now, sender)
             senders = self.session.senders

@@ -13,7 +13,8 @@ from arva_hil.clock import RealClock, await_descriptors
 from arva_hil.links import Link, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.stdout import StdoutLink
-from arva_hil.links.tcp import TcpLink, TcpServerLink
+from arva_hil.links.tcp import TcpLink
+from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 
 LONG_S = 60.0

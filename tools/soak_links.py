@@ -28,7 +28,7 @@ from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.clock import RealClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tcp import TcpServerLink
+from arva_hil.links.tcp_server import TcpServerLink
 from firmware_proto import Decoder
 
 Side = Literal["autopilot", "port"]

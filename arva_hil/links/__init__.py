@@ -21,8 +21,8 @@ def open_link(
 ) -> Link:
     """Open the link an address names; `baud` (bit/s) is for serial ports whose address names none.
 
-    `clock` paces a log file. `brief`: one try of many, so be quick
-    about it and name no cures. `answered`: the far end takes what it is sent, or the connection is dead (TCP).
+    `clock` paces a log file and tells how long a client has taken nothing. `brief`: one try of many, so be quick about
+    it and name no cures. `answered`: the far end takes what it is sent, or the connection is dead (TCP).
     Raises AddressError for a string that cannot be read, LinkError for a link that cannot be opened.
     """
     if isinstance(address, str):
@@ -53,9 +53,9 @@ def open_link(
 
             return TcpLink(address.host, address.port, BRIEF_S if brief else CONNECT_S, answered=answered)
         case "tcpin":
-            from arva_hil.links.tcp import TcpServerLink
+            from arva_hil.links.tcp_server import TcpServerLink
 
-            return TcpServerLink(address.host, address.port, answered=answered)
+            return TcpServerLink(address.host, address.port, clock, answered=answered)
         case "tlog":
             from arva_hil.links.tlog import TlogLink
 

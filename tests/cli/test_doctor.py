@@ -25,7 +25,8 @@ from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.ports import Port
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial
-from arva_hil.links.tcp import TcpLink, TcpServerLink
+from arva_hil.links.tcp import TcpLink
+from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.loop import Task, run
 from arva_hil.output import WirePort

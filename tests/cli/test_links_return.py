@@ -15,7 +15,8 @@ import serial
 
 from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tcp import TcpLink, TcpServerLink
+from arva_hil.links.tcp import TcpLink
+from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpOutLink
 from firmware_proto import Decoder, Frame
 

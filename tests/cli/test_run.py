@@ -15,7 +15,8 @@ import pytest
 
 from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tcp import TcpLink, TcpServerLink
+from arva_hil.links.tcp import TcpLink
+from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.output import MavlinkDecoder
 from firmware_proto import DECODERS, SYNTHETIC

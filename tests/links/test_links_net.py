@@ -16,9 +16,11 @@ from typing import Any
 import pytest
 from links_waiting import DEADLINE_S, receive, until
 
+from arva_hil.clock import StepClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink, open_stdout
-from arva_hil.links.tcp import TcpLink, TcpServerLink
+from arva_hil.links.tcp import TcpLink
+from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 
 Keep = Callable[[Link], Link]
@@ -187,10 +189,10 @@ def test_listening_is_on_the_loopback_unless_told(udpin: UdpInLink, tcpin: TcpSe
 
 
 def test_an_address_in_use_says_who_has_it(udpin: UdpInLink, tcpin: TcpServerLink) -> None:
-    held = rf"another program listens there, held by {os.getpid()} \(.*\); close the other program"
-    with pytest.raises(LinkError, match=held):
+    held = rf"another program listens there, held by {os.getpid()} \(.*\); "
+    with pytest.raises(LinkError, match=held + "let it forward, as QGroundControl can .* to udpin:127.0.0.1:14445"):
         UdpInLink("127.0.0.1", udpin.port)
-    with pytest.raises(LinkError, match=held):
+    with pytest.raises(LinkError, match=held + "take another port"):
         TcpServerLink("127.0.0.1", tcpin.port)
 
 
@@ -256,12 +258,10 @@ def test_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_small_writes_go_at_once(tcpin: TcpServerLink, keep: Keep) -> None:
     client = keep(TcpLink("127.0.0.1", tcpin.port))
-    until(tcpin.ready, tcpin)
-    tcpin.read()
+    until(lambda: tcpin.read() == b"" and tcpin._clients, tcpin)
     assert isinstance(client, TcpLink)
-    assert tcpin._client is not None
-    for sock in (client._socket, tcpin._client):
-        assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+    for link in (client, *tcpin._clients.values()):
+        assert link.sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
 def test_a_server_without_a_client_drops(tcpin: TcpServerLink) -> None:
@@ -286,65 +286,160 @@ def test_a_server_that_only_writes_finds_its_client(tcpin: TcpServerLink, keep: 
     assert receive(second, 5) == b"again"
 
 
-def test_one_client_at_a_time(tcpin: TcpServerLink, keep: Keep) -> None:
-    first, second = (keep(TcpLink("127.0.0.1", tcpin.port)) for _ in range(2))
-    first.write(b"first")
-    assert receive(tcpin, 5) == b"first"
-    second.write(b"second")
-    assert tcpin.write(b"for the first")
-    assert receive(first, 13) == b"for the first"
+def clients(server: TcpServerLink, keep: Keep, count: int) -> list[Link]:
+    """So many that the server has taken in, in this order."""
+    made = []
+    for n in range(1, count + 1):
+        made.append(keep(TcpLink("127.0.0.1", server.port)))
+        until(lambda: server.receive() is not None and len(server._clients) == n, server)  # noqa: B023
+    return made
+
+
+def test_several_clients_get_every_write_and_are_kept_apart(tcpin: TcpServerLink, keep: Keep) -> None:
+    first, second = clients(tcpin, keep, 2)
+    assert tcpin.write(b"frame")
+    assert receive(first, 5) == receive(second, 5) == b"frame"
+    second.write(b"a")
+    ((other, data),) = come(tcpin)
+    assert data == b"a"
+    first.write(b"b")
+    ((one, data),) = come(tcpin)
+    assert (data, one != other) == (b"b", True)
+    tcpin.follow(one)
+    second.write(b"c")
+    assert come(tcpin) == [(other, b"c")]
+    assert tcpin.strangers == 1
+    assert tcpin.write(b"answer")
+    assert receive(first, 6) == b"answer"
+    assert second.read() == b""
+
+
+def test_a_slow_client_delays_no_other_gets_whole_writes_only_and_is_dropped_in_the_end(keep: Keep) -> None:
+    clock = StepClock(50.0)
+    server = TcpServerLink(clock=clock)
+    keep(server)
+    slow, quick = clients(server, keep, 2)
+    stuck = next(iter(server._clients.values()))
+
+    def write(data: bytes) -> None:
+        assert server.write(data)
+        assert receive(quick, len(data)) == data
+
+    def fill() -> None:
+        before = stuck.dropped
+        while stuck.dropped == before:
+            write(b"x" * 99_991)
+
+    fill()
+    for _ in range(10):
+        clock.wait(clock.now() + 0.9)
+        write(b"frame")
+    got = b""
+    while stuck._rest or not got.endswith(b"next"):  # held up for 9 s only, it goes on where it stopped
+        got += slow.read()
+        server.read()
+        if not stuck._rest and b"next" not in got:
+            write(b"next")
+            got += receive(slow, 4)
+    assert got.strip(b"next").replace(b"x" * 99_991, b"") == b""
+    fill()
+    for _ in range(12):
+        clock.wait(clock.now() + 0.9)
+        write(b"frame")
+    assert len(server._clients) == 1
+    assert server.dropped == server.losses == 0
+
+
+def test_a_ninth_client_waits_until_another_has_left(tcpin: TcpServerLink, keep: Keep) -> None:
+    eight = clients(tcpin, keep, 8)
+    ninth = keep(TcpLink("127.0.0.1", tcpin.port))
     assert tcpin.read() == b""
-    first.write(b"bye")
-    first.close()
-    assert receive(tcpin, 9) == b"byesecond"
-    assert tcpin.write(b"for the second")
-    assert receive(second, 14) == b"for the second"
+    assert not tcpin.ready()  # or no loop would ever wait again
+    eight[3].close()
+    until(lambda: tcpin.read() == b"" and tcpin.write(b"frame") and ninth.read() == b"frame", tcpin)
+    assert len(tcpin._clients) == 8
+    assert tcpin.losses == 0
 
 
-def test_the_next_client_gets_no_half_frame(tcpin: TcpServerLink, keep: Keep) -> None:
-    first = keep(TcpLink("127.0.0.1", tcpin.port))
+def test_of_many_clients_that_are_not_the_vehicle_one_gives_way_to_the_next(tcpin: TcpServerLink, keep: Keep) -> None:
+    vehicle, *_ = clients(tcpin, keep, 8)
+    vehicle.write(b"heartbeat")
+    ((peer, _),) = come(tcpin)
+    tcpin.follow(peer)
+    for _ in range(20):
+        last = keep(TcpLink("127.0.0.1", tcpin.port))
+        last.write(b"?")
+        until(lambda: b"?" in tcpin.read(), tcpin)
+    vehicle.write(b"still here")
+    assert come(tcpin) == [(peer, b"still here")]
+    assert (len(tcpin._clients), tcpin.losses) == (8, 0)
+
+
+def test_the_link_is_lost_with_the_last_client_and_back_with_the_next(tcpin: TcpServerLink, keep: Keep) -> None:
+    for n in range(1, 4):
+        pair = clients(tcpin, keep, 2)
+        assert (tcpin.losses, tcpin.returns, tcpin.away) == (n - 1, n - 1, False)
+        for client in pair:
+            assert not tcpin.away
+            client.write(b"hello")
+            assert receive(tcpin, 5) == b"hello"
+            client.close()
+            until(lambda: tcpin.read() == b"" and client.name and len(tcpin._clients) < 2, tcpin)  # noqa: B023
+        until(lambda: tcpin.read() == b"" and tcpin.away, tcpin)
+        assert "lost: closed by the far end, waiting for the next client" in tcpin.why
+    assert not tcpin.write(b"to nobody")
+
+
+def test_a_vehicle_that_leaves_is_lost_whoever_else_is_connected(tcpin: TcpServerLink, keep: Keep) -> None:
+    vehicle, other = clients(tcpin, keep, 2)
+    vehicle.write(b"v")
+    ((peer, _),) = come(tcpin)
+    tcpin.follow(peer)
+    vehicle.close()
+    until(lambda: tcpin.read() == b"" and tcpin.away, tcpin)
+    tcpin.follow(peer)  # the session does not know yet
+    assert not tcpin.write(b"to nobody")
+    other.write(b"v")
+    ((again, _),) = come(tcpin)
+    tcpin.follow(again)
+    assert (tcpin.losses, tcpin.renewals, tcpin.away) == (1, 1, False)
+    assert tcpin.write(b"answer")
+    assert receive(other, 6) == b"answer"
+
+
+def test_once_pinned_a_vehicle_that_leaves_is_lost_for_good(tcpin: TcpServerLink, keep: Keep) -> None:
+    vehicle, other = clients(tcpin, keep, 2)
+    vehicle.write(b"v")
+    ((peer, _),) = come(tcpin)
+    tcpin.follow(peer)
+    tcpin.pin()
+    other.write(b"v")
     until(tcpin.ready, tcpin)
-    while tcpin.write(b"x" * 99_991):
-        assert tcpin.dropped == 0
-    assert tcpin._rest
-    served = tcpin._client
-    first.close()
-    second = keep(TcpLink("127.0.0.1", tcpin.port))
-    until(lambda: tcpin.read() == b"" and tcpin._client is not served, tcpin)
-    until(lambda: tcpin.write(b"frame"), tcpin)
-    assert receive(second, 5) == b"frame"
+    assert tcpin.receive() == []
+    vehicle.close()
+    with pytest.raises(LinkError, match=r"lost: closed by the far end$"):
+        until(lambda: tcpin.receive() and False, tcpin)
+    other.write(b"v")
+    until(tcpin.ready, tcpin)
+    assert tcpin.receive() == []
+    assert not tcpin.write(b"to nobody")
 
 
-def test_a_client_that_only_listens_may_close_its_sending_side(tcpin: TcpServerLink) -> None:
-    """As `ncat HOST PORT < /dev/null` does; the next client takes its place."""
+def test_a_client_that_only_listens_may_close_its_sending_side(tcpin: TcpServerLink, keep: Keep) -> None:
+    """As `ncat HOST PORT < /dev/null` does; it gives way when its place is needed."""
     first = socket.create_connection(("127.0.0.1", tcpin.port), DEADLINE_S)
     first.shutdown(socket.SHUT_WR)
-    until(lambda: tcpin.read() == b"" and tcpin._mute, tcpin)
+    until(lambda: tcpin.read() == b"" and any(client.mute for client in tcpin._clients.values()), tcpin)
     assert not tcpin.ready()  # or no loop would ever wait again
     assert tcpin.write(b"frame")
     assert first.recv(5) == b"frame"
-    assert tcpin.losses == 0
-    second = socket.create_connection(("127.0.0.1", tcpin.port), DEADLINE_S)
-    until(tcpin.ready, tcpin)
-    assert tcpin.write(b"another")
-    assert second.recv(7) == b"another"
+    for _ in range(8):
+        keep(TcpLink("127.0.0.1", tcpin.port))
+        until(tcpin.ready, tcpin)
+        assert tcpin.read() == b""
     assert first.recv(1) == b""
-    assert (tcpin.losses, tcpin.returns) == (1, 1)
+    assert (len(tcpin._clients), tcpin.losses) == (8, 0)
     first.close()
-    second.close()
-
-
-def test_a_client_that_spoke_and_closes_its_sending_side_has_left(tcpin: TcpServerLink, keep: Keep) -> None:
-    for n in range(1, 4):
-        client = socket.create_connection(("127.0.0.1", tcpin.port), DEADLINE_S)
-        client.send(b"hello")
-        assert receive(tcpin, 5) == b"hello"
-        assert (tcpin.losses, tcpin.returns, tcpin.away) == (n - 1, n - 1, False)
-        client.shutdown(socket.SHUT_WR)
-        until(lambda: tcpin.read() == b"" and tcpin.away, tcpin)
-        assert "lost: closed by the far end, waiting for the next client" in tcpin.why
-        client.close()
-    assert not tcpin.write(b"to nobody")
 
 
 # Standard output

@@ -23,7 +23,8 @@ from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.ports import far_program, holders, stable_name
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.reopen import Barred, Job, Reopening, SerialOpener, open_lasting
-from arva_hil.links.tcp import TcpLink, TcpServerLink
+from arva_hil.links.tcp import TcpLink
+from arva_hil.links.tcp_server import TcpServerLink
 
 Keep = Callable[[Link], Link]
 
@@ -528,13 +529,15 @@ def test_a_connection_to_itself_is_none(monkeypatch: pytest.MonkeyPatch) -> None
     assert made[0].fileno() == -1
 
 
-def test_only_an_answered_connection_is_dead_without_answers(keep: Keep) -> None:
-    for answered, limit_ms in ((True, 5000), (False, 0)):
+def test_a_far_end_that_vanished_without_a_word_is_lost_before_long(keep: Keep) -> None:
+    """An answered connection sooner: one that reads no more is no autopilot, but may be a consumer in a debugger."""
+    for answered, limit_ms in ((True, 5000), (False, 10_000)):
         server = TcpServerLink(answered=answered)
         client = TcpLink("127.0.0.1", server.port, answered=answered)
         keep(server), keep(client)
-        until(server.ready, server)
-        server.read()
-        assert server._client
-        for sock in (client._socket, server._client):
-            assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == limit_ms
+        until(lambda: server.read() == b"" and server._clients, server)  # noqa: B023
+        for link in (client, *server._clients.values()):
+            assert link.sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == limit_ms
+            assert link.sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+            probing = [getattr(socket, f"TCP_KEEP{what}") for what in ("IDLE", "INTVL", "CNT")]
+            assert [link.sock.getsockopt(socket.IPPROTO_TCP, option) for option in probing] == [5, 1, 5]

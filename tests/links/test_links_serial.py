@@ -21,7 +21,7 @@ from arva_hil.links import serial as serial_module
 from arva_hil.links.ports import Port, find_autopilot, list_ports
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial, open_url
-from arva_hil.links.tcp import TcpServerLink
+from arva_hil.links.tcp_server import TcpServerLink
 
 Keep = Callable[[Link], Link]
 

@@ -1,0 +1,210 @@
+"""A TCP server: several clients at once, each kept apart and dropped by itself."""
+
+from __future__ import annotations
+
+import selectors
+import socket
+from collections.abc import Collection
+from typing import Any, Final
+
+from arva_hil.clock import Clock, RealClock
+from arva_hil.links.base import Link, LinkError, Sender
+from arva_hil.links.stream import EndOfStream
+from arva_hil.links.tcp import SocketLink, listen_error, resolve, set_up, show
+
+MOST_CLIENTS: Final = 8  # one more waits until there is room
+FULL_S: Final = 10.0  # a client that has taken nothing for this long while something waits for it is dropped
+
+
+class TcpServerLink(Link):
+    """Listens at `host:port` for clients, 8 at most. Each of them is a sender, see `receive`.
+
+    Until somebody says by `follow` who the peer is, all are read, and each gets every write that it has room for. One
+    that takes nothing for 10 s by `clock` is dropped. The link is lost when the last has left, or the peer, and is back
+    with the next. A client that closes its sending side has left; but one that never said a word may still listen, and
+    stays until it takes no more or its place is needed. A write that nobody takes is dropped and counted. `answered` as
+    for TcpLink. Port 0 takes a free one, see `port`. Raises LinkError when the address cannot be listened at; once
+    pinned, also when the peer has left.
+    """
+
+    def __init__(
+        self, host: str = "127.0.0.1", port: int = 0, clock: Clock | None = None, *, answered: bool = False
+    ) -> None:
+        name = f"tcpin:{show(host, port)}"
+        family, address = resolve(name, host, port, socket.SOCK_STREAM)
+        try:
+            self._listener = socket.create_server(address[:2], family=family, backlog=MOST_CLIENTS)
+        except OSError as error:
+            raise listen_error(name, error, port, "tcp") from error
+        self._listener.setblocking(False)
+        self.port: int = self._listener.getsockname()[1]
+        self.name = f"tcpin:{show(host, self.port)}"
+        self._clock = clock or RealClock()
+        self._answered = answered
+        self._clients: dict[Sender, _Client] = {}  # who came or spoke last at the end
+        self._peer: Sender = None
+        self._others: Collection[Sender] | None = None  # who gets what is written; None: every client does
+        self._pinned = False
+        self._open = True
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._listener, selectors.EVENT_READ)
+
+    def fileno(self) -> int | None:
+        fileno = getattr(self._selector, "fileno", None)
+        return fileno() if fileno and self._open else None
+
+    def ready(self) -> bool:
+        return self._open and bool(self._selector.select(0))
+
+    def read(self) -> bytes:
+        return b"".join([data for _, data in self.receive()])
+
+    def receive(self) -> list[tuple[Sender, bytes]]:
+        self._check_open()
+        self._accept()
+        came = [(sender, data) for sender in list(self._clients) if (data := self._hear(sender))]
+        return sorted(came, key=lambda each: each[0] != self._peer) if len(came) > 1 else came
+
+    def write(self, data: bytes) -> bool:
+        self._check_open()
+        self._accept()
+        taken = False
+        for sender, client in list(self._clients.items()):
+            if self._others is None or sender == self._peer or (self._peer is None and sender in self._others):
+                try:
+                    taken = client.write(data) or taken
+                except LinkError as error:
+                    self._leave(sender, error)
+                else:
+                    if client.full_for(self._clock.now()) > FULL_S:
+                        self._leave(sender, LinkError(self.name, f"lost: has taken nothing for {FULL_S:g} s"))
+        self.dropped += not taken
+        return taken
+
+    def follow(self, peer: Sender, others: Collection[Sender] = ()) -> None:
+        if self._pinned:
+            return
+        self._others = others
+        if peer == self._peer or peer not in self._clients:
+            return
+        if self._peer is not None:
+            self._gone(LinkError(self.name, f"lost: {_shown(self._peer)} is silent"))
+        self._peer = peer
+        if self.away:
+            self._renewed()
+
+    def pin(self) -> None:
+        self._pinned = True
+
+    def close(self) -> None:
+        if self._open:
+            self._open = False
+            for client in self._clients.values():
+                client.close()
+            self._selector.close()
+            self._listener.close()
+
+    def _hear(self, sender: Sender) -> bytes:
+        client = self._clients[sender]
+        if client.mute:
+            return b""
+        try:
+            data = client.read()
+        except LinkError as error:
+            if isinstance(error.__cause__, EndOfStream) and not client.spoke:
+                client.mute = True
+                self._selector.unregister(client.sock)  # it has nothing to say, and would always be ready
+            else:
+                self._leave(sender, error)
+            return b""
+        if not data:
+            return b""
+        client.spoke = True
+        self._clients[sender] = self._clients.pop(sender)
+        if sender != self._peer:
+            if self._peer is not None:
+                self.strangers += 1
+                self.stranger = self.stranger or _shown(sender)
+            if self._pinned:
+                return b""
+        return data
+
+    def _accept(self) -> None:
+        """Take in who waits, as far as there is room."""
+        while room := len(self._clients) < MOST_CLIENTS or self._dispensable() is not None:
+            try:
+                sock, sender = self._listener.accept()
+            except OSError:  # nobody, or already gone again
+                break
+            try:
+                set_up(sock, answered=self._answered)
+            except OSError:  # already gone again
+                sock.close()
+                continue
+            if len(self._clients) == MOST_CLIENTS:
+                self._leave(self._dispensable(), LinkError(self.name, "lost: its place was needed"))
+            self._clients[sender] = _Client(self.name, sock, self._clock.now())
+            self._selector.register(sock, selectors.EVENT_READ)
+            if self._others is None and self.away:
+                self._renewed()
+        self._listen(room)
+
+    def _listen(self, wanted: bool) -> None:
+        """Whether one who waits to be taken in is something to be ready for."""
+        listened = self._listener in self._selector.get_map()
+        if wanted and not listened:
+            self._selector.register(self._listener, selectors.EVENT_READ)
+        elif listened and not wanted:
+            self._selector.unregister(self._listener)
+
+    def _dispensable(self) -> Sender:
+        """Who gives way to the next, if anybody: one that closed its sending side, or of strangers the most silent."""
+        if mute := [sender for sender, client in self._clients.items() if client.mute]:
+            return mute[0]
+        if self._others is None:
+            return None
+        return next((sender for sender in self._clients if sender != self._peer), None)
+
+    def _leave(self, sender: Sender, why: LinkError) -> None:
+        """Forget a client, and with it the rest of a write that only it can make sense of."""
+        client = self._clients.pop(sender)
+        if not client.mute:
+            self._selector.unregister(client.sock)
+        client.close()
+        was_peer = sender == self._peer
+        if was_peer:
+            self._peer = None
+            if self._pinned:
+                raise LinkError(self.name, why.what)
+        if was_peer if self._others is not None else not self._clients:
+            self._gone(LinkError(self.name, f"{why.what}, waiting for the next client"))
+
+    def _check_open(self) -> None:
+        if not self._open:
+            raise LinkError(self.name, "is closed")
+
+
+class _Client(SocketLink):
+    """One of the clients: remembers what it said, and when it last took something."""
+
+    def __init__(self, name: str, sock: socket.socket, now: float) -> None:
+        super().__init__(name, sock)
+        self.spoke = False
+        self.mute = False  # it has closed its sending side, and never spoke
+        self._took = True  # something, since it was last asked
+        self._took_at = now
+
+    def full_for(self, now: float) -> float:
+        """How long it has taken nothing [s]; to be asked after each write."""
+        if self._took:
+            self._took, self._took_at = False, now
+        return now - self._took_at
+
+    def _send(self, data: bytes) -> int:
+        sent = super()._send(data)
+        self._took = self._took or sent > 0
+        return sent
+
+
+def _shown(sender: Any) -> str:
+    return show(*sender[:2])
