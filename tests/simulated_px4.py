@@ -124,6 +124,19 @@ class Px4:
             self._tell(message.command, 0, 0, 0, 0, 0, 0, height, now=now)
         return (dialect.MAV_RESULT_ACCEPTED,)
 
+    def _request(self, message: Any, now: float) -> tuple[int, ...]:
+        if message.param1 != dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
+            return (dialect.MAV_RESULT_DENIED,)
+        truth = self.truth(now)
+        lat, lon, alt = (round(v * scale) for v, scale in zip(truth.lla, (1e7, 1e7, 1e3), strict=True))
+        attitude = [-v for v in truth.quaternion]
+        self._outbox += self._encoder.pack(
+            dialect.MAVLink_hil_state_quaternion_message(
+                0, attitude, *truth.rates, lat, lon, alt, *(round(v * 100) for v in truth.velocity), 0, 0, 0, 0, 0
+            )
+        )
+        return (dialect.MAV_RESULT_ACCEPTED,)
+
     def _land(self, _: Any, now: float) -> tuple[int, ...]:
         self._enter(LAND, now)
         return (dialect.MAV_RESULT_ACCEPTED,)
@@ -134,4 +147,5 @@ _COMMANDS = {
     dialect.MAV_CMD_COMPONENT_ARM_DISARM: Px4._arm,
     dialect.MAV_CMD_NAV_TAKEOFF: Px4._take_off,
     dialect.MAV_CMD_NAV_LAND: Px4._land,
+    dialect.MAV_CMD_REQUEST_MESSAGE: Px4._request,
 }

@@ -164,10 +164,7 @@ def _gps_raw_int(r: Report) -> Message:
 
 
 def _attitude(r: Report) -> Message:
-    w, x, y, z = r.motion.quaternion
-    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = math.asin(max(-1.0, min(2 * (w * y - z * x), 1.0)))
-    return dialect.MAVLink_attitude_message(r.boot_ms, roll, pitch, _yaw(r.motion), *r.motion.rates)
+    return dialect.MAVLink_attitude_message(r.boot_ms, *_roll_pitch(r.motion), _yaw(r.motion), *r.motion.rates)
 
 
 def _attitude_quaternion(r: Report) -> Message:
@@ -231,6 +228,38 @@ def _autopilot_version(r: Report) -> Message:
     return dialect.MAVLink_autopilot_version_message(can, version, 0, 0, 0, none, none, none, 0, 0, 0)
 
 
+def _simstate(r: Report) -> Message:
+    """The true pose; accelerations are left 0."""
+    lat, lon, _ = r.home.lla_fast(r.motion.position)
+    angles = _roll_pitch(r.motion)
+    return dialect.MAVLink_simstate_message(
+        *angles, _yaw(r.motion), *(0.0, 0.0, 0.0), *r.motion.rates, round(lat * 1e7), round(lon * 1e7)
+    )
+
+
+def _sim_state(r: Report) -> Message:
+    """The true pose and velocity; accelerations are left 0."""
+    lat, lon, alt = r.home.lla_fast(r.motion.position)
+    return dialect.MAVLink_sim_state_message(
+        *r.motion.quaternion,
+        *_roll_pitch(r.motion),
+        _yaw(r.motion),
+        *(0.0, 0.0, 0.0),
+        *r.motion.rates,
+        *(lat, lon, alt),
+        *(0.0, 0.0),
+        *r.motion.velocity,
+        round(lat * 1e7),
+        round(lon * 1e7),
+    )
+
+
+def _roll_pitch(motion: Motion) -> tuple[float, float]:
+    w, x, y, z = motion.quaternion
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    return roll, math.asin(max(-1.0, min(2 * (w * y - z * x), 1.0)))
+
+
 def _yaw(motion: Motion) -> float:
     w, x, y, z = motion.quaternion
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -249,6 +278,8 @@ BUILDERS: Final[dict[int, Callable[[Report], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
     dialect.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
+    dialect.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
+    dialect.MAVLINK_MSG_ID_SIMSTATE: _simstate,
 }
 
 # What each stream of REQUEST_DATA_STREAM holds.

@@ -4,7 +4,9 @@ The vehicle arms, takes off, searches and lands by itself. The pilot takes it ba
 the search then says nothing more to it. Ctrl-C leaves it hovering.
 A receiver that is unplugged is looked for while it hovers. The autopilot's link is looked for before anything is armed;
 lost later, it leaves the vehicle to its own failsafe.
-Exit codes: 0 found, 1 not found or failed, 2 usage, 3 no autopilot or no frames, 130 interrupted.
+A simulator says what it is when asked. Any other vehicle is armed only when somebody at the terminal types yes, or on
+--yes; without either the search ends with 2. On the bench: take the propellers off.
+Exit codes: 0 found, 1 not found or failed, 2 usage or not allowed to arm, 3 no autopilot or no frames, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -25,10 +27,11 @@ from arva_hil.cli import options as opt
 from arva_hil.cli import shared
 from arva_hil.cli.guard import Guard
 from arva_hil.cli.keyfile import signing
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, UsageError
 from arva_hil.cli.terminal import show_json
 from arva_hil.clock import RealClock
 from arva_hil.console import Printer
+from arva_hil.console.question import TerminalQuestion, somebody_is_there
 from arva_hil.links.reopen import open_lasting
 from arva_hil.loop import run
 from arva_hil.notice import Notice
@@ -39,11 +42,12 @@ from arva_hil.search import STRATEGIES
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.mission import FOUND, NO_ID, Plan
 from arva_hil.search.outcome import Outcome, Row
+from arva_hil.search.permission import Permission
 from arva_hil.search.strips import Strips
 from firmware_proto import DECODERS
 
 PICTURE: Final = "search.png"
-_EXIT: Final = {"found": OK, "not found": FAILED, "failed": FAILED, "no link": NO_LINK}
+_EXIT: Final = {"found": OK, "not found": FAILED, "failed": FAILED, "no link": NO_LINK, "refused": USAGE}
 
 
 def add_options(parser: opt.Parser) -> None:
@@ -56,11 +60,16 @@ def add_options(parser: opt.Parser) -> None:
     parser.option(
         "--timeout",
         type=seconds,
-        default=30.0,
+        default=60.0,
         metavar="S",
-        help="for a heartbeat and a frame, on the ground; default 30",
+        help="from the start until there are both links, a heartbeat, frames and a pose; default 60",
     )
     parser.option("--arm-timeout", type=seconds, default=60.0, metavar="S", help="for the autopilot to arm; default 60")
+    parser.typed(
+        "--yes",
+        action="store_true",
+        help="arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable",
+    )
     opt.add_target(parser)
     opt.add_signing(parser)
     parser.option(
@@ -131,6 +140,7 @@ def main(options: argparse.Namespace) -> int:
     plan = plan_of(options)
     way = describe(plan)
     clock, guard = RealClock(), Guard()
+    start = clock.now()
     client: SearchClient | None = None
     with ExitStack() as stack:
         key = signing(options.signing_key, clock.epoch_us, stack)
@@ -150,16 +160,18 @@ def main(options: argparse.Namespace) -> int:
             component=COMPONENT,
             signing=key,
         )
+        question = TerminalQuestion(printer.say) if somebody_is_there() else None
         client = SearchClient(
             plan,
             session,
             autopilot,
             receiver,
             DECODERS[options.format](),
-            start=clock.now(),
+            start=start,
             land=options.end == "land",
             timeout_s=options.timeout,
             arm_timeout_s=options.arm_timeout,
+            permission=Permission(session, yes=options.yes, question=question),
             say=printer.notice,
             log=rows_to(printer, log),
         )

@@ -19,13 +19,13 @@ from arva_hil.notice import Level, Notice
 from arva_hil.search.flight import Flight
 from arva_hil.search.mission import FOUND, Mission, Plan
 from arva_hil.search.outcome import Kind, Outcome, Row
+from arva_hil.search.permission import Permission
 from arva_hil.search.preflight import INTERRUPTED, Preflight
 from arva_hil.search.receiver import Receiver
 from firmware_proto import FrameDecoder
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is the first, a listener the second
 
-_HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _STEP_S: Final = 0.2
 
 
@@ -34,7 +34,8 @@ class SearchClient:
 
     The receiver's link may be lost and come back at any time, the autopilot's until it is `launched`. From then on it
     should raise when it is lost: who knows who had the vehicle meanwhile.
-    `land`: at the end it lands, else it hovers. `timeout_s`: for a heartbeat and a frame, before anything is flown.
+    `land`: at the end it lands, else it hovers. `timeout_s`: from `start` until there is all that a flight needs.
+    `permission`: to arm this vehicle; None where any may be armed, because all there can be are simulated.
     `log` gets five rows a second. `outcome` is None until all is over, the vehicle landed or left hovering.
     """
 
@@ -48,8 +49,9 @@ class SearchClient:
         *,
         start: float,
         land: bool = True,
-        timeout_s: float = 30.0,
+        timeout_s: float = 60.0,
         arm_timeout_s: float = 60.0,
+        permission: Permission | None = None,
         say: Callable[[Notice], None] = lambda _: None,
         log: Callable[[Row], None] = lambda _: None,
     ) -> None:
@@ -58,7 +60,9 @@ class SearchClient:
         self._autopilot = autopilot
         self._receiver = Receiver(receiver, decoder)
         self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=arm_timeout_s)
-        self._preflight = Preflight(session, autopilot, self._receiver, start=start, timeout_s=timeout_s, say=say)
+        self._preflight = Preflight(
+            session, autopilot, self._receiver, start=start, timeout_s=timeout_s, permission=permission, say=say
+        )
         self._flight = Flight(plan, session, self._commander, start=start, land=land, say=say, log=log)
         self._say = say
         self._next_step = start
@@ -110,8 +114,7 @@ class SearchClient:
 
     def _hear(self, chunk: bytes, now: float, sender: Sender) -> None:
         self._session.feed(chunk, now, sender)
-        if any(packet.msgid == _HEARTBEAT for packet in self._session.own):
-            self._preflight.greet()
+        self._preflight.hear(self._session.own)
         self._commander.hear(now)
 
     def _act(self, now: float) -> float:
@@ -119,7 +122,7 @@ class SearchClient:
         if now >= self._next_step:
             self._next_step = max(self._next_step + _STEP_S, now)
             self._step(now)
-        if out := self._session.poll(now) + self._commander.poll(now):
+        if out := self._session.poll(now) + self._preflight.poll(now) + self._commander.poll(now):
             self._autopilot.write(out)
         self._pass_on()
         return self._next_step

@@ -8,7 +8,14 @@ from typing import Literal, NamedTuple
 from arva_hil.search.mission import Heard
 from arva_hil.search.strategy import Found
 
-Kind = Literal["found", "not found", "no link", "failed"]
+Kind = Literal["found", "not found", "no link", "failed", "refused"]
+
+
+class Refusal(NamedTuple):
+    """Why a search ends on the ground."""
+
+    kind: Kind
+    how: str
 
 
 @dataclass(frozen=True)

@@ -2,29 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Final
 
+from arva_hil.autopilot.mavlink import Packet, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.links import Link
 from arva_hil.notice import Notice
 from arva_hil.search.flight import OLD_S
-from arva_hil.search.outcome import Kind
+from arva_hil.search.outcome import Kind, Refusal
+from arva_hil.search.permission import Permission
 from arva_hil.search.receiver import Receiver
 from arva_hil.watched import Watched
 
 INTERRUPTED: Final = "interrupted"
 
 
-class Refusal(NamedTuple):
-    """Why a search ends on the ground."""
-
-    kind: Kind
-    how: str
-
-
 class Preflight:
-    """Remembers what a search waits for, and since when. `timeout_s`: for a heartbeat and a frame."""
+    """Remembers what a search waits for, and since when. `timeout_s`: from `start`, for all of it.
+
+    `permission`: to arm this vehicle; None where any may be armed.
+    """
 
     def __init__(
         self,
@@ -34,6 +32,7 @@ class Preflight:
         *,
         start: float,
         timeout_s: float,
+        permission: Permission | None,
         say: Callable[[Notice], None],
     ) -> None:
         self._session = session
@@ -42,21 +41,30 @@ class Preflight:
         self._receiver = receiver
         self._since = start
         self._timeout_s = timeout_s
+        self._permission = permission
         self._say = say
+        self._looked = start
         self._waits_for = ""
         self._greeted = False  # a heartbeat came since the autopilot's link was opened
 
-    def greet(self) -> None:
-        """The vehicle's heartbeat came."""
-        self._greeted = True
+    def hear(self, packets: Sequence[Packet]) -> None:
+        """The vehicle's own packets."""
+        self._greeted |= any(packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT for packet in packets)
+        if self._permission:
+            self._permission.hear(packets)
+
+    def poll(self, now: float) -> bytes:
+        """What is due to be sent: questions."""
+        return self._permission.poll(now) if self._permission else b""
 
     def watch_link(self, now: float) -> None:
         """A link that comes back is a new one, to a vehicle that may have rebooted."""
         link = self._watched
         if link.lost_again:
             self._session.interrupt(link.link.why)
-            self._since = now
             self._greeted = False
+            if self._permission:
+                self._permission.forget()
         if link.renewed_again:
             self._session.resume(now)
         for notice in link.news(now):
@@ -64,6 +72,9 @@ class Preflight:
 
     def look(self, now: float) -> Refusal | bool:
         """Whether all is there that a flight needs, or why there will be none."""
+        if self._permission and self._permission.asking:
+            self._since += now - self._looked
+        self._looked = now
         session, waited = self._session, now - self._since
         if self._autopilot.away:
             return self._lack("the autopilot's link", "no link", lambda: self._autopilot.why, waited)
@@ -75,8 +86,17 @@ class Preflight:
             why = self._receiver.why_silent
             return self._lack("a frame from the receiver", "no link", lambda: why(now), waited)
         if not self._has_pose(now):
-            return self._lack("a pose", "failed", lambda: f"no pose: {session.why_no_pose()}", waited / 2)
-        return True
+            return self._lack("a pose", "failed", lambda: f"no pose: {session.why_no_pose()}", waited)
+        return self._permitted(now)
+
+    def _permitted(self, now: float) -> Refusal | bool:
+        """Whether the vehicle may be armed. As long as a person thinks about it, no time passes."""
+        if self._permission is None:
+            return True
+        verdict = self._permission.look(now)
+        for notice in self._permission.take_notices():
+            self._say(notice)
+        return verdict
 
     def _lack(self, what: str, kind: Kind, why: Callable[[], str], waited: float) -> Refusal | bool:
         if what != self._waits_for:

@@ -142,7 +142,7 @@ def test_a_requested_rate_holds(msgid: int, name: str, hz: float) -> None:
     assert abs(stamps[-1] - (11234 - 11234 % (1000 / hz))) <= 1000 / hz
 
 
-@pytest.mark.parametrize("msgid", [1, 24, 30, 31, 32, 33, 132, 242, 245])
+@pytest.mark.parametrize("msgid", [1, 24, 30, 31, 32, 33, 108, 132, 164, 242, 245])
 def test_every_stream_can_be_asked_for(msgid: int) -> None:
     client = Client()
     assert client.command(SET_INTERVAL, msgid, 100_000) == ACCEPTED
@@ -238,7 +238,7 @@ def test_data_streams(group: int, kinds: set[str]) -> None:
     assert names(client.run(5.0)) == {"HEARTBEAT": 5}
 
 
-@pytest.mark.parametrize("msgid", [0, 1, 24, 30, 31, 32, 33, 132, 148, 242, 245])
+@pytest.mark.parametrize("msgid", [0, 1, 24, 30, 31, 32, 33, 108, 132, 148, 164, 242, 245])
 def test_a_message_on_request(msgid: int) -> None:
     client = Client()
     client.run(0.5)
@@ -899,6 +899,25 @@ def test_noise_is_in_the_report_and_not_in_the_truth() -> None:
             assert 0 < abs(noisy.lat - exact.lat) < 1000
             assert noisy.alt != exact.alt
     assert client.truth() == quiet.truth()
+
+
+def test_it_tells_its_true_pose_when_asked_whatever_its_gps_says() -> None:
+    client = Client(gps_noise_m=5.0, seed=3)
+    client.command(SET_INTERVAL, 108, 100_000)
+    client.command(SET_INTERVAL, 164, 100_000)
+    client.take_off(5)
+    client.steer((2.0, 1.0, 0.0))
+    said = client.run(2.0)
+    exact, old = of("SIM_STATE", said)[-1], of("SIMSTATE", said)[-1]
+    truth = client.vehicle.truth(client.now)
+    lat, lon, alt = truth.lla
+    assert math.hypot(*truth.velocity) > 1.5
+    assert (exact.lat_int, exact.lon_int) == pytest.approx((lat * 1e7, lon * 1e7), abs=2)
+    assert exact.alt == pytest.approx(alt, abs=0.01)
+    assert (exact.q1, exact.q2, exact.q3, exact.q4) == pytest.approx(truth.quaternion, abs=1e-3)
+    assert (exact.vn, exact.ve, exact.vd) == pytest.approx(truth.velocity, abs=0.01)
+    assert (old.lat, old.lng) == (exact.lat_int, exact.lon_int)
+    assert (old.roll, old.pitch, old.yaw) == (exact.roll, exact.pitch, exact.yaw)
 
 
 def test_noise_has_the_size_and_the_pace_asked_for() -> None:

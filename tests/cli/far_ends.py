@@ -42,7 +42,8 @@ class Program:
         self._out = tempfile.TemporaryFile()  # noqa: SIM115 (closed in `close`)
         options.setdefault("stdout", self._out)
         options.setdefault("stderr", subprocess.PIPE)
-        self.process = subprocess.Popen([*before, *PROGRAM, *map(str, arguments)], stdin=subprocess.DEVNULL, **options)
+        options.setdefault("stdin", subprocess.DEVNULL)
+        self.process = subprocess.Popen([*before, *PROGRAM, *map(str, arguments)], **options)
 
     @property
     def out(self) -> bytes:

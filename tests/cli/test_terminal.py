@@ -45,6 +45,9 @@ class Terminal:
             self.shown += self._decoder.decode(os.read(self._master, 65536))
         return found
 
+    def types(self, keys: bytes) -> None:
+        os.write(self._master, keys)
+
     def rest(self) -> str:
         end = time.monotonic() + DEADLINE_S
         while select.select([self._master], [], [], 0)[0] and time.monotonic() < end:

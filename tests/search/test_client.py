@@ -329,7 +329,7 @@ def test_what_others_on_the_link_say_changes_nothing(make: Callable[[], Any]) ->
     [
         (lambda now: b"", "nothing came at all"),
         (lambda now: b"$PARVA,1*", r"bytes came that are none, first b'$PARVA,1*$PARVA,': is the format right"),
-        (lambda now: frames(now) if now < 3 else b"", "the last one came 2"),
+        (lambda now: frames(now) if now < 3 else b"", "the last one came 57 s"),
     ],
 )
 def test_nothing_is_armed_without_frames(says: Callable[[float], bytes], why: str) -> None:
@@ -339,7 +339,7 @@ def test_nothing_is_armed_without_frames(says: Callable[[float], bytes], why: st
     kind, how = world.end()
     assert kind == "no link"
     assert how.startswith(f"no frame from the receiver at {world.receiver.name}: {why}")
-    assert 30 < world.clock.now() < 31
+    assert 60 < world.clock.now() < 61
     assert world.orders() == []
     assert "waiting for a frame from the receiver" in world.said
 
@@ -357,7 +357,7 @@ def test_nothing_is_armed_without_an_autopilot() -> None:
 def test_nothing_is_armed_without_a_pose() -> None:
     world = World(ardupilot(fix_after=1e6))
     kind, how = world.end()
-    assert (kind, how) == ("failed", "no pose: the position is all zeros or out of range: no GPS fix yet")
+    assert (kind, how) == ("failed", "no pose: the position is all zeros: no GPS fix yet")
     assert 60 < world.clock.now() < 61
     assert world.orders() == []
 
@@ -369,7 +369,7 @@ def test_a_pose_that_is_old_is_none() -> None:
     world.between = without(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
     kind, how = world.end()
     assert (kind, how.partition(" (")[0]) == ("failed", "no pose: no GLOBAL_POSITION_INT")
-    assert 10 < world.clock.now() < 11
+    assert 5 < world.clock.now() < 6
     assert world.orders() == []
 
 
@@ -540,7 +540,7 @@ def test_an_autopilot_whose_link_stays_lost_on_the_ground_is_none() -> None:
     world.pass_s(29)
     world.plugs[0].pull()
     assert world.end() == ("no link", LOST)
-    assert 59 < world.clock.now() < 60
+    assert 60 < world.clock.now() < 61
     assert world.orders() == []
 
 

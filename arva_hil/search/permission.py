@@ -1,0 +1,110 @@
+"""Who may arm what: a simulator is armed at once, any other vehicle only when a person has said yes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+from arva_hil.autopilot.mavlink import Packet
+from arva_hil.autopilot.session import Session
+from arva_hil.autopilot.simulator_check import SimulatorCheck
+from arva_hil.notice import Notice
+from arva_hil.search.outcome import Refusal
+
+_ANSWER_S: Final = 3.0  # for a simulator to say that it is one, once all else is ready
+_THINK_S: Final = 60.0  # for a person
+
+
+class Question(Protocol):
+    """Somebody who can be asked while the loop goes on."""
+
+    def ask(self, text: str) -> None:
+        """Show the question; what was typed before is no answer."""
+
+    def answer(self) -> str | None:
+        """What was typed since, a line; None as long as there is none. Never waits."""
+
+
+class Permission:
+    """Remembers what the vehicle has said, and what was said about it.
+
+    `yes`: a person has said so beforehand. `question`: None where nobody can be asked.
+    """
+
+    def __init__(self, session: Session, *, yes: bool = False, question: Question | None = None) -> None:
+        self._session = session
+        self._check = SimulatorCheck(session)
+        self._yes = yes
+        self._question = question
+        self._vehicle: tuple[int, ...] = ()
+        self._looked: float | None = None  # first, at this vehicle
+        self._asked: float | None = None
+        self._said = False  # yes, and of this vehicle
+        self._notices: list[Notice] = []
+
+    @property
+    def asking(self) -> bool:
+        """Whether a person is thinking."""
+        return self._asked is not None and not self._said
+
+    def hear(self, packets: Sequence[Packet]) -> None:
+        """The vehicle's own packets."""
+        self._compare()
+        self._check.hear(packets)
+
+    def poll(self, now: float) -> bytes:
+        """What is to be sent to the vehicle."""
+        return b"" if self._said else self._check.poll(now)
+
+    def forget(self) -> None:
+        """It may be another vehicle now: whatever was said does not hold for it."""
+        self._check.forget()
+        self._looked = self._asked = None
+        self._said = False
+
+    def look(self, now: float) -> Refusal | bool:
+        """Whether the vehicle may be flown; False: not known yet. To be called when all else is ready."""
+        if self._looked is None:
+            self._looked = now
+        if self._said:
+            return True
+        if self._check.answer:
+            self._agree("info", f"{self._session.vehicle} is a simulator: it answers with {self._check.answer}")
+        elif now - self._looked > _ANSWER_S:
+            return self._ask(now)
+        return self._said
+
+    def take_notices(self) -> list[Notice]:
+        notices, self._notices = self._notices, []
+        return notices
+
+    def _compare(self) -> None:
+        vehicle = self._session.vehicle
+        if vehicle is None:
+            return
+        now = vehicle.system, vehicle.component, vehicle.autopilot, vehicle.kind, self._session.navigation.reboots
+        if now != self._vehicle:
+            if self._vehicle:
+                self.forget()
+            self._vehicle = now
+
+    def _ask(self, now: float) -> Refusal | bool:
+        real = f"{self._session.vehicle} is not known to be a simulator"
+        if self._yes:
+            self._agree("warning", f"{real}: --yes")
+        elif self._question is None:
+            return Refusal("refused", f"{real}: to arm it, write --yes")
+        elif self._asked is None:
+            self._asked = now
+            self._question.ask(f"{real}: propellers will turn. Type yes to let it fly")
+        elif (answer := self._question.answer()) is not None:
+            if answer.strip().lower() != "yes":
+                return Refusal("refused", f"{real}, and the answer was not yes: nothing was armed")
+            self._said = True
+        elif now - self._asked > _THINK_S:
+            return Refusal("refused", f"{real}, and nobody said yes within {_THINK_S:g} s: nothing was armed")
+        return self._said
+
+    def _agree(self, level: str, text: str) -> None:
+        self._said = True
+        self._notices.append(Notice("warning" if level == "warning" else "info", text))
