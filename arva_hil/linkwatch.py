@@ -29,6 +29,8 @@ class LinkWatch:
         self._port = Watched(port) if port else None
         self._session = session
         self._observers = observers
+        if autopilot.away:  # not there yet
+            session.interrupt(autopilot.why)
 
     def service(self, clock: Clock) -> float:
         now = clock.now()

@@ -27,7 +27,7 @@ class Watched:
         return self.link.renewals > self._renewals
 
     def news(self, now: float) -> list[Notice]:
-        """A line when it is lost, one when it is back, and one when there is another reason why it is not.
+        """A line when it is lost, one when it is there (again), and one when there is another reason why it is not.
 
         And one, once, when others than the far end speak.
         """
@@ -41,6 +41,8 @@ class Watched:
             away = now - self._lost_at
             after = f" after {away:.1f} s" if away > _WORTH_SAYING_S else ""
             said.append(Notice("info", f"{link.name}: back{after}"))
+        elif self._away and not link.away:
+            said.append(Notice("info", f"{link.name}: is there"))
         if link.strangers and not self._strangers:
             said.append(
                 Notice("info", f"{link.name}: what others than its peer send is ignored, as from {link.stranger}")
@@ -52,4 +54,4 @@ class Watched:
         """Whatever happened up to now is known."""
         link = self.link
         self._losses, self._renewals, self._returns, self._why = link.losses, link.renewals, link.returns, link.why
-        self._strangers = link.strangers
+        self._strangers, self._away = link.strangers, link.away

@@ -237,7 +237,7 @@ class Session:
     def heard(self) -> str:
         """What was heard, when no vehicle was found, with the likely cure."""
         if self._interrupted:
-            return f"no autopilot was heard before {self._interrupted}"
+            return f"no autopilot was heard: {self._interrupted}"
         if not self.bytes:
             return "nothing was heard at all: is the autopilot powered, and sending MAVLink on this link?"
         if not self.parser.packets:

@@ -14,9 +14,9 @@ from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.sides import add_autopilot, check_sides, choose_autopilot
 from arva_hil.cli.terminal import tell
-from arva_hil.clock import RealClock
+from arva_hil.clock import Clock, RealClock
 from arva_hil.emulator import Emulator
-from arva_hil.links import Link
+from arva_hil.links import Link, parse
 from arva_hil.links.reopen import open_lasting
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.linkwatch import LinkWatch
@@ -62,13 +62,13 @@ def main(options: argparse.Namespace) -> int:
             signing=signing(options.signing_key, clock.epoch_us, stack),
         )
         tell(f"autopilot: {address}")
-        link = stack.enter_context(closing(shared.open_or_fail(address, clock, open_lasting, answered=True)))
+        link = stack.enter_context(closing(_open(address, clock, answered=True)))
         out: Link | None = None
         port: Port
         if over_mavlink:
             port = MavlinkPort(link, session, chosen.output_format)
         else:
-            out = stack.enter_context(closing(shared.open_or_fail(options.port, clock, open_lasting)))
+            out = stack.enter_context(closing(_open(options.port, clock)))
             if isinstance(out, StdoutLink):
                 out.give_up = lambda: True  # rather drop a frame than be late with the next
             port = WirePort(out, chosen.output_format)
@@ -95,6 +95,12 @@ def main(options: argparse.Namespace) -> int:
                 run([watch, emulator, watchdog], clock, until=until, stopped=surroundings.stopped)
 
         return surroundings.drive(emulator, loop, watch)
+
+
+def _open(address: str, clock: Clock, *, answered: bool = False) -> Link:
+    """A link that comes back when it is lost. A TCP server may be started later; a port that is not there is named."""
+    patient = parse(address).kind == "tcp"
+    return shared.open_or_fail(address, clock, open_lasting, answered=answered, patient=patient)
 
 
 def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None:

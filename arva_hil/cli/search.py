@@ -146,7 +146,7 @@ def main(options: argparse.Namespace) -> int:
         key = signing(options.signing_key, clock.epoch_us, stack)
         on_the_ground = partial(open_lasting, wanted=lambda: not (client and client.launched))
         autopilot, receiver = (
-            stack.enter_context(closing(shared.open_or_fail(url, clock, opener)))
+            stack.enter_context(closing(shared.open_or_fail(url, clock, opener, patient=True)))
             for url, opener in ((options.autopilot, on_the_ground), (options.receiver, open_lasting))
         )
         log = open_log(Path(options.record)) if options.record else None

@@ -20,6 +20,7 @@ import yaml
 from arva_hil import __version__
 from arva_hil.cli.guard import Guard, story, unforeseen
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
+from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, utc
 from arva_hil.console import Lines, Printer, as_json, plain
 from arva_hil.emulator import Emulator, NoHeartbeatError
@@ -81,13 +82,16 @@ def describe(chosen: Scenario) -> list[str]:
 
 
 def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_link, **options: bool) -> Link:
-    """A link, or the end of the command."""
+    """A link, or the end of the command. Of a `patient` one that is not there yet, a line says so."""
     try:
-        return opener(address, clock=clock, **options)
+        link = opener(address, clock=clock, **options)
     except AddressError as error:
         raise UsageError(error) from None
     except LinkError as error:
         raise Failure(NO_LINK, error) from None
+    if link.away:
+        tell(f"waiting for {link.why}")
+    return link
 
 
 class Run:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from arva_hil.links.base import Link, LinkEnded, LinkError, Sender
+from arva_hil.links.base import Absent, Link, LinkEnded, LinkError, Sender
 from arva_hil.links.url import Address, AddressError, parse
 
 if TYPE_CHECKING:
     from arva_hil.clock import Clock
 
-__all__ = ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "Sender", "open_link", "parse"]
+__all__ = ["Absent", "Address", "AddressError", "Link", "LinkEnded", "LinkError", "Sender", "open_link", "parse"]
 
 
 def open_link(

@@ -20,6 +20,10 @@ class LinkError(Exception):
         super().__init__(f"{link}: {what}" + (f"; {hint}" if hint else ""))
 
 
+class Absent(LinkError):
+    """A link that cannot be opened because its far end is not there, or not yet."""
+
+
 class LinkEnded(LinkError):
     """A link that came to the end it was bound to have: a log that was played."""
 

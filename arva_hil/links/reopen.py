@@ -14,7 +14,7 @@ from typing import Final
 
 from arva_hil.clock import Clock
 from arva_hil.links import Address, open_link, parse
-from arva_hil.links.base import Link, LinkEnded, LinkError
+from arva_hil.links.base import Absent, Link, LinkEnded, LinkError
 from arva_hil.links.ports import far_program, stable_name
 
 Job = Callable[[], None]
@@ -37,6 +37,7 @@ class Barred(LinkError):
 class Reopening(Link):
     """A link around one that may be lost: while it is away nothing is read, and writes are dropped and counted.
 
+    `link` may be the error of one that is not there yet: it is away from the start, which is no loss.
     `opener` opens it again; `start` runs that on a thread, for it may take its time. A LinkError or OSError of it
     only means: not yet, and of a Barred one `why` tells from then on. Whatever else it raises, `read` and `write`
     raise. `sought` is what a person is told. `wanted` is asked at a loss: where it says no, the loss is raised and
@@ -45,15 +46,19 @@ class Reopening(Link):
 
     def __init__(
         self,
-        link: Link,
+        link: Link | LinkError,
         opener: Callable[[], Link],
         clock: Clock,
         sought: str = "it",
         start: Callable[[Job], None] = on_a_thread,
         wanted: Callable[[], bool] = lambda: True,
     ) -> None:
-        self.name = link.name
-        self._link: Link | None = link
+        self._link: Link | None = None
+        self._awaited = isinstance(link, LinkError)  # it was never there
+        if isinstance(link, LinkError):
+            self.name, self.why = link.link, str(link)
+        else:
+            self.name, self._link = link.name, link
         self._opener = opener
         self._clock = clock
         self._sought = sought
@@ -61,11 +66,20 @@ class Reopening(Link):
         self._wanted = wanted
         self._attempt: Attempt | None = None
         self._pause = _FIRST_PAUSE_S
-        self._next_try = math.inf
+        self._next_try = clock.now() + self._pause if self._awaited else math.inf
         self._since = -math.inf
         self._open = True
         self._waker, self._wake = socket.socketpair()  # select waits on it while there is nothing else
         self._wake.setblocking(False)
+
+    @property
+    def away(self) -> bool:
+        return self._awaited or super().away
+
+    def pin(self) -> None:
+        self._wanted = lambda: False
+        if self._link:
+            self._link.pin()
 
     def read(self) -> bytes:
         link = self._current()
@@ -158,6 +172,7 @@ class Reopening(Link):
         else:
             self.name = self._link.name
             self._since = now
+            self._awaited = False
             self._renewed(lasting=False)
 
     def _last(self) -> None:
@@ -215,7 +230,8 @@ class SerialOpener:
         self.path = stable_name(address.path)
         self._address = address._replace(path=self.path)
         self._clock = clock
-        self._program = None if os.path.islink(self.path) else far_program(self.path)
+        known = os.path.exists(self.path) and not os.path.islink(self.path)
+        self._program = far_program(self.path) if known else None
         self._bar = ""  # what has been in the way of every try
         self._since = 0.0  # when that began; infinite once it was told
 
@@ -263,16 +279,28 @@ def _barred(error: LinkError) -> bool:
 
 
 def open_lasting(
-    address: str | Address, *, clock: Clock, answered: bool = False, wanted: Callable[[], bool] = lambda: True
+    address: str | Address,
+    *,
+    clock: Clock,
+    answered: bool = False,
+    patient: bool = False,
+    wanted: Callable[[], bool] = lambda: True,
 ) -> Link:
     """Open a link that is opened again whenever it is lost and `wanted`; see `open_link` for what it raises.
 
-    A serial port is looked for by its stable name. Other kinds than serial and TCP are as they were: what listens
-    outlives its far ends by itself, and a log or a pipe has nothing to come back.
+    `patient`: one that is not there yet is no error but away, and looked for. A serial port is looked for by its stable
+    name. Other kinds than serial and TCP are as they were: what listens outlives its far ends by itself, and a log or a
+    pipe has nothing to come back.
     """
     if isinstance(address, str):
         address = parse(address)
-    link = open_link(address, clock=clock, answered=answered)
+    link: Link | LinkError
+    try:
+        link = open_link(address, clock=clock, answered=answered)
+    except Absent as error:
+        if not patient:
+            raise
+        link = error
     if address.kind == "serial":
         again = SerialOpener(address, clock)
         sought = again.path if again.path != address.path else "it"
@@ -280,4 +308,5 @@ def open_lasting(
     if address.kind in ("tcp", "pyserial"):
         opener = partial(open_link, address, clock=clock, brief=True, answered=answered)
         return Reopening(link, opener, clock, wanted=wanted)
+    assert isinstance(link, Link)
     return link

@@ -10,7 +10,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from arva_hil.clock import await_descriptors
-from arva_hil.links.base import Link, LinkError
+from arva_hil.links.base import Absent, Link, LinkError
 from arva_hil.links.ports import holders, list_ports
 from arva_hil.links.stream import CHUNK, FdLink, StreamLink
 
@@ -112,7 +112,7 @@ def _open_error(device: str, error: Exception) -> LinkError:
     """Why a port could not be opened, and the cure."""
     number, text = getattr(error, "errno", None), str(error)
     if number == errno.ENOENT or "FileNotFoundError" in text:  # Windows has only the text
-        return LinkError(device, "no such port", _existing())
+        return Absent(device, "no such port", _existing())
     if number in (errno.EBUSY, errno.EAGAIN) or "PermissionError" in text:
         who = ", ".join(holders(device))
         return LinkError(device, "busy" + (f": held by {who}" if who else ""), "close the other program")

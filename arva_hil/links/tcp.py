@@ -6,12 +6,14 @@ import errno
 import socket
 from typing import Any, Final, Literal
 
-from arva_hil.links.base import LinkError
+from arva_hil.links.base import Absent, LinkError
 from arva_hil.links.ports import listeners
 from arva_hil.links.stream import CHUNK, StreamLink
 
 CONNECT_S: Final = 5.0  # for an answer to the first try to connect,
 BRIEF_S: Final = 0.5  # to one of many
+_LATE_PORTS: Final = (5762, 5763)
+_SITL: Final = "ArduPilot's simulator listens there only once a client is connected to 5760"
 _ANSWER_MS: Final = 5000  # of an `answered` connection: bytes acknowledged later than this never will be,
 _TAKE_MS: Final = 10_000  # of another
 _KEEP_ALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 5}  # s of silence, s between probes, probes
@@ -53,11 +55,12 @@ class TcpLink(SocketLink):
         except (socket.gaierror, UnicodeError) as error:
             raise _unknown_host(name, host, error) from error
         except ConnectionRefusedError as error:
-            raise LinkError(name, "connection refused", self.hint) from error
+            hint = f"{self.hint} {_SITL}" if port in _LATE_PORTS else self.hint
+            raise Absent(name, "connection refused", hint) from error
         except TimeoutError as error:
-            raise LinkError(name, f"no answer in {timeout:g} s", "is the address right?") from error
+            raise Absent(name, f"no answer in {timeout:g} s", "is the address right?") from error
         except OSError as error:
-            raise LinkError(name, f"cannot connect: {error.strerror or error}") from error
+            raise Absent(name, f"cannot connect: {error.strerror or error}") from error
         super().__init__(name, sock)
         set_up(sock, answered=answered)
 

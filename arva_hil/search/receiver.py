@@ -45,6 +45,8 @@ class Receiver:
 
     def why_silent(self, now: float) -> str:
         """What came instead of frames, for a person."""
+        if self._link.away:
+            return f"no frame from the receiver: {self._link.why}"
         if self.last is not None:
             why = f"the last one came {now - self._last_s:.0f} s ago"
         elif self._first_bytes:

@@ -70,11 +70,13 @@ def test_a_log_is_no_place_for_frames(arva: Arva) -> None:
     assert "--port flight.tlog: is a log, and frames cannot go there" in err
 
 
-def test_a_tcp_server_that_is_not_there(arva: Arva) -> None:
+def test_a_tcp_server_that_is_not_there_in_time(arva: Arva) -> None:
     port = free_port(socket.SOCK_STREAM)
-    code, _, err = arva("--port", "pty", "--autopilot", f"tcp:127.0.0.1:{port}")
+    code, _, err = arva("--port", "pty", "--autopilot", f"tcp:127.0.0.1:{port}", "--timeout", 0.5)
     assert code == 3
-    assert f"tcp:127.0.0.1:{port}: connection refused; is the autopilot running?" in err
+    why = f"tcp:127.0.0.1:{port}: connection refused; is the autopilot running?"
+    assert f"\nwaiting for {why}\n" in err
+    assert f"\nerror: no autopilot was heard: {why}\n" in err
 
 
 def test_an_address_where_somebody_listens_already(arva: Arva) -> None:

@@ -100,6 +100,40 @@ def test_a_consumer_unplugged_and_plugged_again(start: Start, autopilot: Autopil
     assert "nobody takes" not in program.err  # it is said already
 
 
+def test_a_simulator_that_is_started_after_the_emulator_is_waited_for(
+    start: Start, keep: Keep, line: PtyLink, tmp_path: Path
+) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    url = f"tcp:127.0.0.1:{port}"
+    program = start("--port", line.path, "--autopilot", url, "--rate", 50, "--record", tmp_path / "record")
+    program.says(f"waiting for {url}: connection refused; is the autopilot running")
+    consumer = Consumer(line)
+    until(lambda: not consumer.hears() and len(consumer.frames) > 10)  # frames go on meanwhile
+    keep(Autopilot(keep(TcpServerLink("127.0.0.1", port))))
+    until(consumer.hears)
+    program.says(f"{url}: is there")
+    program.send(signal.SIGTERM)
+    assert program.ends() == 130
+    assert "lost" not in program.err
+    counters = json.loads((tmp_path / "record" / "run.json").read_bytes())["counters"]
+    assert counters["autopilot_link_losses"] == counters["autopilot_link_returns"] == 0
+
+
+def test_a_consumer_that_is_started_after_the_emulator_is_waited_for(
+    start: Start, autopilot: Autopilot, keep: Keep
+) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    url = f"tcp:127.0.0.1:{port}"
+    program = start("--port", url, "--autopilot", autopilot.address, "--rate", 50)
+    program.says(f"waiting for {url}: connection refused")
+    program.says("there is a pose")
+    consumer = Consumer(keep(TcpServerLink("127.0.0.1", port)))
+    until(consumer.hears)
+    program.says(f"{url}: is there")
+    program.send(signal.SIGTERM)
+    assert program.ends() == 130
+
+
 @pytest.mark.parametrize("kind", ["tcpin", "udpin"])
 def test_a_server_takes_the_next_client(start: Start, keep: Keep, line: PtyLink, kind: str) -> None:
     """The autopilot, or what forwards it, is started again; over UDP it has another port then."""
@@ -138,7 +172,7 @@ def test_a_link_lost_before_the_first_heartbeat_is_the_reason_given(start: Start
     line.write(heartbeat(Encoder(255, 190), dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID))
     line.close()
     assert program.ends() == 3
-    assert f"error: no autopilot was heard before {path}: lost" in program.err
+    assert f"error: no autopilot was heard: {path}: lost" in program.err
 
 
 def test_who_keeps_it_from_coming_back_is_named_once(

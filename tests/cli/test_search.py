@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import signal
+import socket
 import sys
 import threading
 from collections.abc import Callable
@@ -17,9 +18,10 @@ from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
 from arva_hil.autopilot.multirotor_pilot import Mode
 from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
+from arva_hil.links.tcp_server import TcpServerLink
 from firmware_proto import MID, Channel, Frame, encode, encode_nmea
 
-from .far_ends import Autopilot, Program
+from .far_ends import Autopilot, Program, free_port
 
 Start = Callable[..., Program]
 Arva = Callable[..., Any]
@@ -145,11 +147,44 @@ def test_without_matplotlib_there_is_a_log_and_the_cure(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["search.csv", "search.json"]
 
 
-def test_a_port_that_is_not_there_leaves_no_record(arva: Arva, tmp_path: Path) -> None:
-    code, _, err = arva("search", "--autopilot", "pty", "--receiver", "/dev/ttyNONE7", "--record", tmp_path / "record")
+def test_a_port_that_is_none_leaves_no_record(arva: Arva, tmp_path: Path) -> None:
+    code, _, err = arva("search", "--autopilot", "pty", "--receiver", tmp_path, "--record", tmp_path / "record")
     assert code == 3
-    assert "/dev/ttyNONE7: no such port" in err
+    assert f"{tmp_path}: is a directory" in err
     assert not (tmp_path / "record").exists()
+
+
+def test_a_receiver_whose_port_is_not_there_in_time_is_the_reason_given(start: Start, autopilot: Autopilot) -> None:
+    program = start("search", "--autopilot", autopilot.address, "--receiver", "/dev/ttyNONE7", "--timeout", 1)
+    program.says("waiting for /dev/ttyNONE7: no such port; there is ")
+    assert program.ends() == 3
+    assert "error: no frame from the receiver: /dev/ttyNONE7: no such port" in program.err
+
+
+def test_a_receiver_whose_port_is_not_there_yet_is_waited_for(
+    start: Start, autopilot: Autopilot, keep: Keep, tmp_path: Path
+) -> None:
+    path = str(tmp_path / "receiver")
+    program = start("search", "--autopilot", autopilot.address, "--receiver", path, *LOW)
+    program.says(f"waiting for {path}: no such port")
+    program.says("waiting for a frame from the receiver")
+    keep(Beacon(symlink=path))
+    program.says(f"{path}: is there")
+    program.says("arming ardupilotmega quadrotor 1/1")
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
+
+
+def test_an_autopilot_that_is_started_later_is_waited_for(start: Start, keep: Keep, beacon: Beacon) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    url = f"tcp:127.0.0.1:{port}"
+    program = start("search", "--autopilot", url, "--receiver", beacon.link.path, *LOW)
+    program.says(f"waiting for {url}: connection refused")
+    keep(Autopilot(keep(TcpServerLink("127.0.0.1", port))))
+    program.says(f"{url}: is there")
+    program.says("arming ardupilotmega quadrotor 1/1")
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
 
 
 def test_one_port_cannot_be_both(arva: Arva, line: PtyLink) -> None:

@@ -243,6 +243,16 @@ def test_nobody_there() -> None:
         TcpLink("127.0.0.1", 1)
 
 
+def test_the_later_ports_of_a_simulator_say_when_they_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuses(*_: Any) -> None:
+        raise ConnectionRefusedError
+
+    monkeypatch.setattr(socket, "create_connection", refuses)
+    for port in (5762, 5763):
+        with pytest.raises(LinkError, match=r"listens there only once a client is connected to 5760$"):
+            TcpLink("127.0.0.1", port)
+
+
 def test_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[Any] = []
 

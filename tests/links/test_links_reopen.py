@@ -18,7 +18,7 @@ import serial
 from links_waiting import receive, until
 
 from arva_hil.clock import RealClock, StepClock
-from arva_hil.links import Address, Link, LinkEnded, LinkError, parse, reopen
+from arva_hil.links import Absent, Address, Link, LinkEnded, LinkError, parse, reopen
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.ports import far_program, holders, stable_name
 from arva_hil.links.pty import PtyLink
@@ -86,6 +86,33 @@ def test_a_link_that_is_there_is_just_that(cable: Cable) -> None:
     assert cable.link.name == "memory:a"
     assert cable.wait(1.0) == b""
     assert (cable.tries, cable.counts, cable.link.away) == ([], (0, 0), False)
+
+
+def test_one_that_is_not_there_yet_is_away_from_the_start_and_that_is_no_loss() -> None:
+    cable = Cable()
+    cable.link = Reopening(
+        Absent("cable", "no such cable", "plug it in"), cable._open, cable.clock, start=lambda job: job()
+    )
+    assert (cable.link.name, cable.link.why) == ("cable", "cable: no such cable; plug it in")
+    assert cable.wait(3.0) == b""
+    assert (cable.link.away, cable.counts, cable.link.write(b"x")) == (True, (0, 0), False)
+    cable.there = True
+    cable.wait(0.45)
+    assert (cable.link.away, cable.counts, cable.link.renewals) == (False, (0, 0), 1)
+    assert cable.link.write(b"frame")
+    assert cable.far.read() == b"frame"
+    cable.pull()
+    cable.wait(0.1)
+    assert (cable.link.away, cable.counts) == (True, (1, 0))
+    cable.link.close()
+
+
+def test_once_pinned_a_loss_is_for_good(cable: Cable) -> None:
+    cable.link.pin()
+    cable.pull()
+    with pytest.raises(LinkError, match=r"lost: closed by the far end$"):
+        cable.link.read()
+    assert cable.tries == []
 
 
 def test_a_full_link_is_not_a_lost_one(cable: Cable) -> None:
