@@ -443,6 +443,25 @@ def test_interference_is_heard_by_a_receiver_without_noise_too() -> None:
     assert any(s.frame.status & INTERFERENCE for s in bench.snapshots)
 
 
+def spread(snapshots: list[Snapshot]) -> float:
+    """Of the nearest transmitter's d, cm."""
+    return float(np.std([s.frame.channels[0].d for s in snapshots]))
+
+
+@pytest.mark.parametrize("step", [1, -1])
+def test_two_bursts_of_interference_at_once_add_up_whatever_their_order(step: int) -> None:
+    strong, weak = "interference: 200, from_s: 5, until_s: 15", "interference: 1.1, from_s: 10"
+    both, of_the_strong, of_the_weak = (
+        Bench(*faults).snapshots for faults in ([strong, weak][::step], [strong], [weak])
+    )
+    assert [s.number for s in both if "interference" in s.faults] == list(range(50, 201))
+    assert spread(both[100:150]) == pytest.approx(spread(of_the_strong[100:150]), rel=0.5)
+    assert spread(both[100:150]) > 5 * spread(of_the_weak[100:150])
+    if step == 1:  # one of a kind is drawn from the same numbers with a second one and without
+        assert [s.frame for s in both[:100]] == [s.frame for s in of_the_strong[:100]]
+        assert any(a.frame != b.frame for a, b in zip(both[100:150], of_the_strong[100:150], strict=True))
+
+
 def test_a_stuck_receiver_repeats_its_last_reading_and_the_true_range_goes_on() -> None:
     moved = "transmitter_moved: 1, by_ned: [-10, 0, 0], from_s: 10, until_s: 15"
     bench = Bench("stuck: true, from_s: 5, until_s: 12", moved)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.faults.switch import Switch
-from arva_hil.model import Antennas, Reading, Transmitters
+from arva_hil.model import Antennas, Reading, Transmitters, with_true_ranges
 from arva_hil.scenario import Noise, Scenario
 from arva_hil.scene import receiver
 
@@ -60,34 +60,31 @@ class FaultyReceiver:
 
     def read(self, p_r: Array, R_r: Array) -> Reading:
         """See `Receiver`."""
-        reading = self._plain.read(p_r, R_r)
-        for switch, loud in self._loud:
-            if switch.since_s is not None:
-                loud.transmitters = self._plain.transmitters
-                reading = loud.read(p_r, R_r)
-        return self._said(reading, p_r)
+        return self._said(self._plain.read(p_r, R_r, self._interference()), p_r)
 
     def nothing(self) -> Reading:
         """See `Receiver`."""
-        reading = self._plain.nothing()
-        for switch, loud in self._loud:
-            if switch.since_s is not None:
-                reading = loud.nothing()
-        return self._said(reading, None)
+        return self._said(self._plain.nothing(self._interference()), None)
+
+    def true_ranges(self, p_r: Array) -> dict[int, float]:
+        """See `Receiver`."""
+        return self._plain.true_ranges(p_r)
+
+    def _interference(self) -> Array | None:
+        """What all interference that is on adds up to, instead of the receiver's own noise; None without any."""
+        loud = [receiver.noise() for switch, receiver in self._loud if switch.since_s is not None]
+        if not loud:
+            return None
+        self._plain.noise()
+        return sum(loud[1:], loud[0])
 
     def _said(self, reading: Reading, p_r: Array | None) -> Reading:
         """The reading, or while it is stuck the last one before, its true ranges those of now."""
         if self._last is None or all(switch.since_s is None for switch in self._stuck):
             self._last = reading
             return reading
-        channels = (replace(c, true_range_m=self._range(c.id, p_r)) for c in self._last.channels)
-        return replace(self._last, channels=tuple(channels))
-
-    def _range(self, id_: int | None, p_r: Array | None) -> float | None:
-        if id_ is None or p_r is None:
-            return None
-        t = self._plain.transmitters
-        return math.dist(p_r.tolist(), t.positions[t.ids.index(id_)].tolist())
+        ranges = {} if p_r is None else self._plain.true_ranges(p_r)
+        return replace(self._last, channels=with_true_ranges(self._last.channels, ranges))
 
 
 def _louder(scenario: Scenario, switch: Switch) -> Scenario:

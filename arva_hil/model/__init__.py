@@ -2,7 +2,7 @@
 
 from .field import Transmitters, dipole_field
 from .geodesy import LocalFrame
-from .reading import ChannelReading, Reading, Zone
+from .reading import ChannelReading, Reading, Zone, with_true_ranges
 from .receiver import Antennas, NoiseKind, Receiver, outputs
 
 __all__ = [
@@ -16,4 +16,5 @@ __all__ = [
     "Zone",
     "dipole_field",
     "outputs",
+    "with_true_ranges",
 ]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-__all__ = ["ChannelReading", "Reading", "Zone"]
+__all__ = ["ChannelReading", "Reading", "Zone", "with_true_ranges"]
 
 
 class Zone(IntEnum):
@@ -18,7 +19,11 @@ class Zone(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ChannelReading:
-    """One slot of the receiver. An empty one has no id, zone OUTER, the no-signal pair and no true range."""
+    """One slot of the receiver. An empty one has no id, zone OUTER and the no-signal pair.
+
+    `true_range_m`: to the slot's transmitter. Empty slots have those of the transmitters that no slot shows, nearest
+    first. None where there is no such transmitter, or no pose.
+    """
 
     id: int | None
     zone: int
@@ -34,3 +39,14 @@ class Reading:
     channels: tuple[ChannelReading, ...]
     interference: bool  # noise above the floor that a receiver is specified for
     more_heard: bool  # more transmitters than slots
+
+
+def with_true_ranges(channels: Iterable[ChannelReading], ranges: Mapping[int, float]) -> tuple[ChannelReading, ...]:
+    """The same slots with the true ranges that follow from those of all transmitters [m], by id."""
+    every = tuple(channels)
+    shown = {c.id for c in every}
+    rest = iter(sorted(metres for id_, metres in ranges.items() if id_ not in shown))
+    return tuple(
+        ChannelReading(c.id, c.zone, c.d_cm, c.delta_deg, next(rest, None) if c.id is None else ranges.get(c.id))
+        for c in every
+    )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .field import Transmitters, dipole_field
-from .reading import ChannelReading, Reading, Zone
+from .reading import ChannelReading, Reading, Zone, with_true_ranges
 from .rotation import to_matrix
 
 __all__ = ["Antennas", "NoiseKind", "Receiver", "draw_noise", "noise_bound", "outputs", "receive"]
@@ -148,30 +148,38 @@ class Receiver:
         R_body = to_matrix(attitude)
         return position + R_body @ self._mount, R_body @ self._R_mount
 
-    def read(self, p_r: Array, R_r: Array) -> Reading:
-        """One frame at a pose: p_r (3,) in NED, metres, and R_r (3, 3), receiver → NED."""
-        w, interference = self._draw()
+    def noise(self) -> Array:
+        """Its noise for one frame (M, 3) in NED; the generator goes on."""
+        return draw_noise(self._rng, len(self.transmitters.ids), self._antennas.noise, self._bound)
+
+    def read(self, p_r: Array, R_r: Array, noise: Array | None = None) -> Reading:
+        """One frame at a pose: p_r (3,) in NED, metres, and R_r (3, 3), receiver → NED.
+
+        `noise` (M, 3): heard instead of its own, which then is not drawn.
+        """
+        w, interference = self._heard(noise)
         t = self.transmitters
         h_r = receive(dipole_field(p_r, t.positions, t.rotations, t.strengths), R_r, self._q, w)
         columns = (column.tolist() for column in outputs(h_r, self._antennas.kappa_eq))
         heard = [
-            (d_cm, id_, index, delta_deg, zone)
-            for index, (id_, d_cm, delta_deg, zone) in enumerate(zip(t.ids, *columns, strict=True))
-            if zone
+            (d_cm, id_, delta_deg, zone) for id_, d_cm, delta_deg, zone in zip(t.ids, *columns, strict=True) if zone
         ]
         heard.sort()
-        at, positions = p_r.tolist(), t.positions.tolist()
-        slots = tuple(
-            ChannelReading(id_, zone, d_cm, delta_deg, math.dist(at, positions[index]))
-            for d_cm, id_, index, delta_deg, zone in heard[: len(self._empty)]
-        )
-        return Reading(slots + self._empty[len(slots) :], interference, len(heard) > len(self._empty))
+        slots = [ChannelReading(id_, zone, d_cm, delta_deg, None) for d_cm, id_, delta_deg, zone in heard]
+        shown = (*slots[: len(self._empty)], *self._empty[len(slots) :])
+        return Reading(with_true_ranges(shown, self.true_ranges(p_r)), interference, len(slots) > len(shown))
 
-    def nothing(self) -> Reading:
-        """One frame without a pose: every slot empty, the noise drawn all the same."""
-        return Reading(self._empty, self._draw()[1], False)
+    def nothing(self, noise: Array | None = None) -> Reading:
+        """One frame without a pose: every slot empty, the noise drawn all the same. `noise`: see `read`."""
+        return Reading(self._empty, self._heard(noise)[1], False)
 
-    def _draw(self) -> tuple[Array, bool]:
+    def true_ranges(self, p_r: Array) -> dict[int, float]:
+        """How far [m] each transmitter is from p_r (3,) in NED, by id."""
+        at, t = p_r.tolist(), self.transmitters
+        return {id_: math.dist(at, place) for id_, place in zip(t.ids, t.positions.tolist(), strict=True)}
+
+    def _heard(self, noise: Array | None) -> tuple[Array, bool]:
         """Noise (M, 3) for one frame, and whether it exceeds the floor that the receiver is made for."""
-        w = draw_noise(self._rng, len(self.transmitters.ids), self._antennas.noise, self._bound)
-        return w, self._bound > self._limit and bool((np.linalg.norm(w, axis=1) > self._limit).any())
+        w = self.noise() if noise is None else noise
+        may = noise is not None or self._bound > self._limit
+        return w, may and bool((np.linalg.norm(w, axis=1) > self._limit).any())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 from decimal import ROUND_HALF_UP, Decimal
 
 import magpylib
@@ -102,6 +103,7 @@ def test_the_whole_chain_agrees_with_an_independent_one(kind: NoiseKind, floor: 
     edges = interfered = overfull = 0
     for k in range(frames):
         heard, edge, interference = [], False, False
+        away_m = [math.dist(p_r[k], position) for position in t.positions]
         for i in range(m):
             w, size = oracle_noise(stream, kind, bound)
             interference |= size > specified * (1 + 1e-12)
@@ -110,12 +112,13 @@ def test_the_whole_chain_agrees_with_an_independent_one(kind: NoiseKind, floor: 
             zones[zone] += 1
             edge |= near
             if zone:
-                heard.append((d, t.ids[i], delta, zone, math.dist(p_r[k], t.positions[i])))
+                heard.append((d, t.ids[i], delta, zone, away_m[i]))
         got = receiver.read(*receiver.pose(p[k], q[k]))
         if edge:
             edges += 1
             continue
-        empty = [(0, None, 0, Zone.OUTER, None)] * channels
+        silent = sorted(set(away_m) - {far for *_, far in heard})
+        empty = [(0, None, 0, Zone.OUTER, far) for far in [*silent, *[None] * channels]]
         expected = (sorted(heard) + empty)[:channels]
         assert [(c.d_cm, c.id, c.delta_deg, c.zone) for c in got.channels] == [e[:4] for e in expected]
         for channel, (*_, true_range) in zip(got.channels, expected, strict=True):
@@ -211,8 +214,30 @@ def test_more_heard_than_slots(channels: int, more: bool) -> None:
 @pytest.mark.parametrize("no_signal", [(-1, -1), (-1, 0), (0, 0)])
 def test_an_empty_slot(no_signal: tuple[int, int]) -> None:
     receiver = Receiver(transmitters((90, 0, 0)), QUIET, 2, no_signal)
-    empty = Reading((ChannelReading(None, Zone.OUTER, *no_signal, None),) * 2, False, False)
-    assert here(receiver) == receiver.nothing() == empty
+    empty = ChannelReading(None, Zone.OUTER, *no_signal, None)
+    assert receiver.nothing() == Reading((empty, empty), False, False)
+    assert here(receiver) == Reading((replace(empty, true_range_m=90.0), empty), False, False)
+
+
+def test_the_true_ranges_of_what_is_not_heard_are_in_the_empty_slots_nearest_first() -> None:
+    far = transmitters((90, 0, 0), (10, 0, 0), (114_000, 0, 0), (0, 70, 0), ids=(8, 3, 1, 5))
+    got = here(Receiver(far, QUIET, 5))
+    assert [(c.id, c.true_range_m) for c in got.channels] == [
+        (3, 10),
+        (None, 70),
+        (None, 90),
+        (None, 114_000),
+        (None, None),
+    ]
+
+
+def test_noise_from_elsewhere_is_heard_instead_of_its_own() -> None:
+    t = transmitters((30, 10, 0), (40, 0, 1))
+    theirs, ours = (Receiver(t, Antennas(floor_range_m=20), seed=seed) for seed in (1, 2))
+    expected = here(Receiver(t, Antennas(floor_range_m=20), seed=1))
+    at = ours.pose(np.zeros(3), LEVEL)
+    assert ours.read(*at, theirs.noise()) == expected
+    assert here(ours) == here(Receiver(t, Antennas(floor_range_m=20), seed=2))  # its own was not drawn
 
 
 def test_without_transmitters() -> None:
