@@ -2,63 +2,166 @@
 
 from __future__ import annotations
 
-from typing import Final
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from arva_hil.autopilot.session import Session
-from arva_hil.model import LocalFrame
+from arva_hil.model import LocalFrame, Reading
 from arva_hil.scenario import Scenario
 
 HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position serves
+_FAR_M: Final = 1000.0  # with every transmitter so far away, something is wrong
+
+_SAME_PLACE_M: Final = 100.0  # nobody hears from here what is there
+_ARMING_S: Final = 2.0
+
+Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
+
+
+class Change(NamedTuple):
+    """The datum lies at `lat_lon_alt` from `time_s` of the run on; `why` it moved there, "" for the first one."""
+
+    time_s: float
+    lat_lon_alt: Place
+    why: str
+
+    def __str__(self) -> str:
+        return "{:.7f}, {:.7f}, {:.2f} m AMSL".format(*self.lat_lon_alt) + (f" ({self.why})" if self.why else "")
 
 
 class Datum:
-    """Remembers where the scenario's origin lies.
+    """Remembers where the scenario's origin lies, and where it lay before.
 
-    A fixed one stays. `home` is the vehicle's home and follows it until the vehicle arms, because autopilots move
-    it by a metre while they settle; from then on it stays. Without a HOME_POSITION the first valid position serves
-    after 5 s, and gives way to a home only on the ground: transmitters do not jump in flight.
+    A fixed one stays. `home` is the vehicle's home, and follows it until the vehicle arms: autopilots move it by a
+    metre while they settle. While it is armed the datum stays: transmitters do not jump in flight. After a landing a
+    new home is a new datum: at once when it is more than 100 m away or the vehicle has rebooted, else when it arms
+    again, because PX4 has its home wherever it has landed, beside the transmitter that it has found.
+
+    Without a HOME_POSITION the first valid position serves after 5 s. It gives way to a home, and is taken anew when
+    the vehicle has rebooted or its position has jumped, because it then came from elsewhere or from before the
+    estimator knew. That, too, only while the vehicle is disarmed.
+
+    `start`: when the run began, on the clock of `update` [s].
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, start: float = 0.0) -> None:
         fixed = scenario.datum
-        self.lla: tuple[float, float, float] | None = None  # degrees, degrees, metres AMSL
-        self._provisional = False
-        self._latched = fixed != "home"
-        self._first_position_at: float | None = None
+        self.lla: Place | None = None
         self.frame: LocalFrame | None = None
+        self.changes: list[Change] = []
+        self._start = start
+        self._fixed = fixed != "home"
+        self._flown: Place | None = None
+        self._armed_at: float | None = None
+        self._has_landed = False  # and has not rebooted since
+        self._reboots = 0
+        self._provisional = False  # a position, and no home
+        self._first_position_at: float | None = None
+        self._taken_in = (0, 0)  # so many reboots and jumps after the first, when a position was taken
+        self._near: Place | None = None  # a home that has waited for the vehicle to arm
+        self._far_said = False
         if fixed != "home":
-            self._set((fixed.lat, fixed.lon, fixed.alt))
+            self._take((fixed.lat, fixed.lon, fixed.alt), start, "")
+
+    @property
+    def of_the_flight(self) -> Place | None:
+        """Where it lay when the vehicle was armed the last time, or lies now if it never was."""
+        return self._flown or self.lla
 
     def update(self, session: Session, now: float) -> bool:
         """Look again; True when the datum has changed."""
-        if self._latched:
+        if self._fixed:
             return False
-        home = session.home
-        if home is None:
-            first = session.track.first_position
-            if first is None:  # not yet, or not since a reboot
-                self._first_position_at = None
-            if self.frame is not None or first is None:
-                return False
-            if self._first_position_at is None:
-                self._first_position_at = now
-            if now - self._first_position_at < HOME_WAIT_S:
-                return False
-            home = (first.lat, first.lon, first.alt)
-            self._provisional = True
+        if session.navigation.reboots != self._reboots:
+            self._reboots = session.navigation.reboots
+            self._has_landed = False
+            self._first_position_at = None
+        armed = session.vehicle is not None and session.vehicle.armed
+        self._note_flight(armed, now)
+        if armed and self.lla and not (self._has_landed and self._is_arming(now)):
+            return False
+        changed = self._take_home(session.home, now) if session.home else self._take_position(session, now)
+        if armed:
+            self._flown = self.lla
+        return changed
+
+    def far(self, position: NDArray[np.float64], reading: Reading) -> str:
+        """What to say, once for each place of the datum, when no transmitter can be heard from here; mostly nothing.
+
+        `position` (3,): of the receiver, NED from the datum, metres; `reading`: what is read there.
+        """
+        nearest = reading.channels[0]
+        away_m = nearest.true_range_m or 0.0
+        if self._far_said or nearest.id is not None or away_m <= _FAR_M:
+            return ""
+        self._far_said = True
+        where = f"{math.hypot(*position[:2].tolist()) / 1e3:.1f} km from the datum ({self})"
+        if self._fixed:
+            cure = "correct `datum` and `transmitters` in the scenario, or use `datum: home`"
         else:
-            self._latched = session.vehicle is not None and session.vehicle.armed
-            if self._latched and self._provisional:
-                return False
-            self._provisional = False
+            cure = (
+                "the datum is the vehicle's home, and after landing and disarming a new one: set home there, or name a "
+                "place in the scenario, `datum: {lat: …, lon: …, alt: …}`"
+            )
+        return (
+            f"the vehicle is {where} and {away_m / 1e3:.1f} km from the nearest transmitter, too far to hear it: {cure}"
+        )
+
+    def _note_flight(self, armed: bool, now: float) -> None:
+        if armed and self._armed_at is None:
+            self._armed_at = now
+            self._flown = self.lla
+        elif not armed and self._armed_at is not None:
+            self._armed_at = None
+            self._has_landed = True
+
+    def _is_arming(self, now: float) -> bool:
+        """Autopilots set their home when they arm, and may say so a little later."""
+        return self._armed_at is not None and now - self._armed_at <= _ARMING_S
+
+    def _take_home(self, home: Place, now: float) -> bool:
         if home == self.lla:
+            self._provisional = False
             return False
-        self._set(home)
+        if self._has_landed and self._armed_at is None and self._is_near(home):
+            return False
+        why = "home has come" if self._provisional else "home has moved"
+        self._provisional = False
+        return self._take(home, now, "a new home after landing" if self._has_landed else why)
+
+    def _is_near(self, home: Place) -> bool:
+        """Whether it is at the same place as the datum; looked at once for each home, because this is asked often."""
+        if home != self._near and self.frame and np.linalg.norm(self.frame.ned(*home)) <= _SAME_PLACE_M:
+            self._near = home
+        return home == self._near
+
+    def _take_position(self, session: Session, now: float) -> bool:
+        """Without a home: the first position there is, once a home had the time to come."""
+        first, life = session.track.first_position, (self._reboots, session.navigation.jumps)
+        if first is None:
+            self._first_position_at = None
+        if first is None or (self.lla and not (self._provisional and life != self._taken_in)):
+            return False
+        if self._first_position_at is None:
+            self._first_position_at = now
+        if now - self._first_position_at < HOME_WAIT_S:
+            return False
+        why = "its position has jumped" if life[0] == self._taken_in[0] else "the vehicle has rebooted"
+        self._provisional, self._taken_in = True, life
+        return self._take((first.lat, first.lon, first.alt), now, why)
+
+    def _take(self, place: Place, now: float, why: str) -> bool:
+        """Have it there; whether it was elsewhere, and then `why`."""
+        if place == self.lla:
+            return False
+        self.changes.append(Change(now - self._start, place, why if self.lla else ""))
+        self._far_said, self._near = False, None
+        self.lla = place
+        self.frame = LocalFrame(*place)
         return True
 
     def __str__(self) -> str:
         return "unknown" if self.lla is None else "{:.7f}, {:.7f}, {:.2f} m AMSL".format(*self.lla)
-
-    def _set(self, home: tuple[float, float, float]) -> None:
-        self.lla = home
-        self.frame = LocalFrame(*home)

@@ -89,7 +89,7 @@ class Emulator:
         observers: Sequence[Observer] = (),
     ) -> None:
         self.session = session
-        self.datum = Datum(scenario)
+        self.datum = Datum(scenario, start)
         self.counters = Counters()
         self.schedule = Schedule(start, scenario.receiver.rate_hz, scenario.receiver.jitter_s, scenario.seed)
         self.links: Sequence[Link] = [link] if link else []
@@ -144,7 +144,7 @@ class Emulator:
         if self.datum.update(self.session, now):
             assert self.datum.frame is not None
             self._place(self.datum.frame)
-            self._say("info", f"datum: {self.datum}")
+            self._say("info", f"datum: {self.datum.changes[-1]}")
 
     def tend(self, now: float) -> None:
         """Answer the autopilot, and tell those who watch."""
@@ -188,7 +188,10 @@ class Emulator:
         if state is None or not fresh:
             return None, state.age_s if state else None, self._receiver.nothing()
         pose = Pose(*self._receiver.pose(state.position, state.attitude))
-        return pose, state.age_s, self._receiver.read(pose.position, pose.rotation)
+        reading = self._receiver.read(pose.position, pose.rotation)
+        if far := self.datum.far(pose.position, reading):
+            self._say("warning", far)
+        return pose, state.age_s, reading
 
     @property
     def next_release(self) -> float:

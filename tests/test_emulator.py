@@ -245,6 +245,34 @@ def test_an_old_pose_is_no_pose_said_once_and_it_recovers_by_itself() -> None:
     assert bench.diary.said("there is a pose") == 2
 
 
+ELSEWHERE = (46.1, 7.9, 2100.0)  # 15 km away
+
+
+@pytest.mark.parametrize("boot_time", [20.0, -1000.0], ids=["rebooted", "another one, on for longer"])
+def test_a_vehicle_that_comes_back_elsewhere_finds_the_transmitters_around_its_new_home(boot_time: float) -> None:
+    bench = Bench(quiet(10))
+    bench.run(10.0)
+    assert bench.diary.snapshots[-1].frame.channels[0].id == 7
+    bench.run(20.0, with_vehicle=False)
+    bench.simulator = Simulator(SimulatedVehicle(ELSEWHERE, boot_time=boot_time), [bench.far])
+    bench.run(40.0)
+    (channel, *_) = bench.diary.snapshots[-1].reading.channels
+    assert channel.id == 7
+    assert channel.true_range_m == pytest.approx(math.hypot(20, 5), abs=0.1)
+    assert bench.diary.said("datum: 46.1000000, 7.9000000, 2100.00 m AMSL (home has moved)") == 1
+
+
+def test_a_vehicle_far_from_the_datum_is_said_once_and_the_true_range_shows_it() -> None:
+    scenario = parse("datum: {lat: 47.0, lon: 7.7456, alt: 1650}\n" + QUIET % 10, "test")
+    bench = Bench(scenario)
+    bench.run(20.0)
+    assert bench.diary.said("the vehicle is 109.8 km from the datum") == 1
+    (channel, *others) = bench.diary.snapshots[-1].reading.channels
+    assert channel.id is None
+    assert channel.true_range_m == pytest.approx(109_800, abs=200)
+    assert [other.true_range_m for other in others] == [None] * 3
+
+
 def test_the_noise_of_a_frame_does_not_depend_on_whether_others_had_a_pose() -> None:
     noisy = parse("transmitters: [{id: 7, ned: [20, 5, 0]}]", "test")
     with_gap, without = Bench(noisy), Bench(noisy)

@@ -18,6 +18,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
+from arva_hil.autopilot.mavlink import Encoder
 from arva_hil.cli.main import main
 from arva_hil.links.tlog import read_tlog, tlog_record
 from arva_hil.record import COLUMNS
@@ -192,3 +193,27 @@ def test_a_log_may_stand_for_the_autopilot_and_its_end_is_no_failure(flight: Pat
     assert main(["run", "--autopilot", short.name, "--port", "pty", "--rate", "10", "--record", record_to]) == 0
     assert (tmp_path / "record" / "autopilot.tlog").stat().st_size == (tmp_path / "short.tlog").stat().st_size
     assert len(rows(tmp_path / "record")) / 4 == pytest.approx(30, abs=2)
+
+
+def test_positions_from_before_the_estimators_origin_do_not_put_the_transmitters_out_of_reach(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A log without HOME_POSITION whose altitude is 1.25 m for 8 s, then 588 m."""
+    encoder, log = Encoder(1, 1), b""
+    for tick in range(400):
+        boot_ms, alt_mm = 100 * tick, 1_250 if tick < 80 else 588_000
+        said = [
+            dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3),
+            dialect.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 0),
+            dialect.MAVLink_global_position_int_message(boot_ms, 465000000, 113500000, alt_mm, 0, 0, 0, 0, 0),
+        ]
+        log += b"".join(tlog_record(1_700_000_000_000_000 + 1000 * boot_ms, encoder.pack(one)) for one in said)
+    (tmp_path / "flight.tlog").write_bytes(log)
+    replay(tmp_path / "flight.tlog", tmp_path / "record")
+    assert capsys.readouterr().err.count("588.00 m AMSL (its position has jumped)") == 1
+    read = [row for row in rows(tmp_path / "record") if row["slot"] == "1" and float(row["time_s"]) >= 10]
+    assert len(read) == 30
+    assert all(row["id"] == "1" for row in read)
+    run = json.loads((tmp_path / "record" / "run.json").read_bytes())
+    assert [change["why"] for change in run["datums"]] == ["", "its position has jumped"]
+    assert run["datum"] == run["datums"][-1]["lat_lon_alt"] == pytest.approx([46.5, 11.35, 588.0])

@@ -333,6 +333,7 @@ class Session:
             self.vehicle = replace(self.vehicle, armed=armed)
         if self._lost:
             self._lost = False
+            self.navigation.home = None  # it may have been moved, or be another one: it is asked for its home again
             self._say(Notice("info", f"vehicle {self.vehicle} is back"))
 
     def _watch_vehicle(self, now: float) -> None:

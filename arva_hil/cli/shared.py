@@ -194,7 +194,8 @@ class Run:
             "exit_code": code,
             **self._known,
             "vehicle": dataclasses.asdict(session.vehicle) if session.vehicle else None,
-            "datum": emulator.datum.lla,
+            "datum": emulator.datum.of_the_flight,
+            "datums": [change._asdict() for change in emulator.datum.changes],
             "counters": counters(emulator) | (links.counts() if links else {}),
         }
 
