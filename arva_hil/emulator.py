@@ -134,10 +134,7 @@ class Emulator:
         return min(self.schedule.deadline, self.next_release, self.session.next_due, self._next_status)
 
     def hear(self, chunk: bytes, now: float, sender: Sender = None, *, whole: bool = False) -> None:
-        """Bytes of the autopilot, received at `now`; `sender` as in `Link.receive`.
-
-        `whole`: no packet goes on in the next ones.
-        """
+        """Bytes of the autopilot, received at `now`. `sender`: see `Link.receive`. `whole`: no packet goes on later."""
         packets = self.session.feed(chunk, now, sender, whole=whole)
         for observer in self._packet_observers:
             observer.packets(now, packets)
