@@ -8,6 +8,7 @@ from typing import Final
 from arva_hil.autopilot.mavlink import Packet, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.links import Link
+from arva_hil.links.readers import other_readers
 from arva_hil.notice import Notice
 from arva_hil.search.flight import OLD_S
 from arva_hil.search.outcome import Kind, Refusal
@@ -44,6 +45,7 @@ class Preflight:
         self._permission = permission
         self._say = say
         self._looked = start
+        self._alone = False  # with the receiver, when it was looked at first
         self._waits_for = ""
         self._greeted = False  # a heartbeat came since the autopilot's link was opened
 
@@ -87,7 +89,13 @@ class Preflight:
             return self._lack("a frame from the receiver", "no link", lambda: why(now), waited)
         if not self._has_pose(now):
             return self._lack("a pose", "failed", lambda: f"no pose: {session.why_no_pose()}", waited)
-        return self._permitted(now)
+        permitted = self._permitted(now)
+        if permitted is True or not self._alone:  # a person is asked only when all is well, which may change meanwhile
+            self._alone = True
+            if others := other_readers(self._receiver.name):
+                what = f"{self._receiver.name} is read by {', '.join(others)} too, and each gets a part of the frames"
+                return Refusal("no link", f"{what}; close the other program")
+        return permitted
 
     def _permitted(self, now: float) -> Refusal | bool:
         """Whether the vehicle may be armed. As long as a person thinks about it, no time passes."""

@@ -31,6 +31,10 @@ class Receiver:
         self._first_bytes = b""
         self._notices: list[Notice] = []
 
+    @property
+    def name(self) -> str:
+        return self._link.name
+
     def read(self, now: float) -> list[Frame]:
         """The frames that have come by `now`, s."""
         chunk = self._read(now) if self.links else b""

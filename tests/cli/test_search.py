@@ -6,6 +6,7 @@ import csv
 import json
 import signal
 import socket
+import subprocess
 import sys
 import threading
 from collections.abc import Callable
@@ -214,6 +215,32 @@ def test_frames_of_another_format_are_shown(start: Start, autopilot: Autopilot, 
     assert program.ends() == 3
     assert "bytes came that are none, first b'" in program.err
     assert "PARVA" in program.err
+    assert orders(autopilot) == []
+
+
+def test_a_port_that_another_program_listens_to_is_busy(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
+    listener = start("listen", beacon.link.path)
+    listener.says("listening")
+    program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path)
+    assert program.ends() == 3
+    assert f"arva-hil: {beacon.link.path}: busy: held by " in program.err
+    assert f"{listener.process.pid} (" in program.err
+    assert orders(autopilot) == []
+
+
+def test_nothing_is_armed_while_somebody_else_reads_the_receiver(
+    start: Start, autopilot: Autopilot, beacon: Beacon
+) -> None:
+    """One who heeds no lock, and opens the port after the search has."""
+    beacon.quiet.set()
+    program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path)
+    program.says("waiting for a frame from the receiver")
+    with open(beacon.link.path, "rb", buffering=0) as port, subprocess.Popen(["sleep", "60"], stdin=port) as other:
+        beacon.quiet.clear()
+        assert program.ends() == 3
+        other.kill()
+    said = f"error: {beacon.link.path} is read by {other.pid} (sleep 60) too, and each gets a part of the frames; "
+    assert said + "close the other program\n" in program.err
     assert orders(autopilot) == []
 
 
