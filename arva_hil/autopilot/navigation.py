@@ -67,12 +67,12 @@ class Navigation:
             self._on_home(message)
             return "follows"
         boot = message.time_boot_ms / 1e3
-        before = self._time.believed
         judgement = self._time.judge(boot, now)
         if judgement == "stray":
             self.unpositioned += _is_zero(message)  # without a fix some send no time either
             return judgement
         if judgement == "anew":
+            before = self._time.replaced
             if before is None or boot < before:
                 self._on_reboot()
             else:
