@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -37,6 +38,8 @@ class Stream:
     by_group: bool = False
     anew: bool = False  # to be asked for even if it flows
     next_ask: float = 0.0
+    needed: bool = True  # else it is asked for a few times, and done without
+    refused: bool = False
 
     def __post_init__(self) -> None:
         self.seen = {msgid: deque(maxlen=_MOST_SEEN) for msgid in self.ids}
@@ -55,17 +58,18 @@ class Streams:
 
     A stream is asked for with SET_MESSAGE_INTERVAL, one request at a time since its acknowledgement does not name
     the message. A rate denied is halved; a command unknown or without effect gives way to REQUEST_DATA_STREAM.
-    Streams that already flow fast enough are left as they are, and nothing else is asked for.
+    Streams that already flow fast enough are left as they are, and nothing else is asked for. `extras`: message id → Hz
+    of what is done without where it is not granted.
     """
 
-    def __init__(self, rate_hz: float, now: float) -> None:
+    def __init__(self, rate_hz: float, now: float, extras: Mapping[int, float] | None = None) -> None:
         self._since = now
         self._notices: list[Notice] = []
         self._pending: tuple[Stream, float] | None = None
         self._home_next = now
         self._home_asks = 0
         self.home_wanted = True
-        self.wanted = (
+        self.wanted = [
             Stream(
                 "GLOBAL_POSITION_INT",
                 dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
@@ -80,9 +84,21 @@ class Streams:
                 dialect.MAV_DATA_STREAM_EXTRA1,
                 rate_hz,
             ),
-        )
+        ]
+        self.extras: list[Stream] = []
+        self._seen: dict[int, deque[float]] = {}
+        self.want(extras or {})
 
-        self._seen = {msgid: times for stream in self.wanted for msgid, times in stream.seen.items()}
+    def want(self, extras: Mapping[int, float]) -> None:
+        """These too: message id → Hz."""
+        for msgid, rate_hz in extras.items():
+            self.extras.append(Stream(f"message {msgid}", msgid, frozenset({msgid}), 0, rate_hz, needed=False))
+        self._seen = {msgid: times for stream in self._all for msgid, times in stream.seen.items()}
+        self.extra_ids = frozenset(stream.request for stream in self.extras)
+
+    @property
+    def _all(self) -> list[Stream]:
+        return self.wanted + self.extras
 
     def note(self, msgid: int, now: float) -> None:
         """One of the wanted messages came from the vehicle."""
@@ -98,10 +114,10 @@ class Streams:
         self._pending = None
         self._home_next = now
         self._home_asks = 0
-        for stream in self.wanted:
+        for stream in self._all:
             for times in stream.seen.values():
                 times.clear()
-            stream.tries, stream.next_ask, stream.anew = 0, 0.0, True
+            stream.tries, stream.next_ask, stream.anew, stream.refused = 0, 0.0, True, False
 
     def take_notices(self) -> list[Notice]:
         notices, self._notices = self._notices, []
@@ -117,10 +133,10 @@ class Streams:
             stream, _ = self._pending
             stream.said = "SET_MESSAGE_INTERVAL: no answer"
             self._pending = None
-        for stream in self.wanted:
+        for stream in self._all:
             if self._pending:
                 break
-            if now < stream.next_ask:
+            if now < stream.next_ask or stream.refused:
                 continue
             if stream.anew or self._too_slow(stream, now):
                 messages.append(self._ask(stream, now, system, component))
@@ -134,6 +150,9 @@ class Streams:
             return
         stream, _ = self._pending
         self._pending = None
+        if not stream.needed:
+            stream.refused = stream.refused or result != dialect.MAV_RESULT_ACCEPTED
+            return
         answer = RESULTS.get(result, f"result {result}")
         stream.said = f"SET_MESSAGE_INTERVAL to {stream.want_hz:g} Hz: {answer}"
         if result == dialect.MAV_RESULT_DENIED and stream.want_hz > _SLOWEST_HZ:
@@ -148,11 +167,12 @@ class Streams:
         return rate < _ENOUGH * stream.want_hz and now - self._since >= (_JUDGE_S if rate else _SILENT_S)
 
     def _ask(self, stream: Stream, now: float, system: int, component: int) -> Any:
-        if stream.tries and stream.tries % _PATIENCE == 0:
+        if stream.tries and stream.tries % _PATIENCE == 0 and stream.needed:
             self._change_kind(stream)
         stream.next_ask = now + _AGAIN_S[min(stream.tries, len(_AGAIN_S) - 1)]
         stream.tries += 1
         stream.anew = False
+        stream.refused = not stream.needed and stream.tries >= _PATIENCE  # this is the last time
         if stream.by_group:
             stream.said = f"REQUEST_DATA_STREAM at {stream.want_hz:g} Hz: never acknowledged"
             return dialect.MAVLink_request_data_stream_message(

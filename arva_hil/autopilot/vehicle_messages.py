@@ -15,7 +15,7 @@ from arva_hil.autopilot.multirotor import Motion, Multirotor, Vector
 from arva_hil.autopilot.multirotor_pilot import Mode, Pilot, SetPoint
 from arva_hil.model.geodesy import LocalFrame
 
-__all__ = ["BUILDERS", "GROUPS", "Home", "Report", "Wander", "read_set_point"]
+__all__ = ["BUILDERS", "GROUPS", "PARAMETERS", "Home", "Report", "Wander", "read_set_point"]
 
 Message = Any  # pymavlink's generated classes carry no types
 
@@ -221,6 +221,11 @@ def _extended_sys_state(r: Report) -> Message:
     return dialect.MAVLink_extended_sys_state_message(0, state)
 
 
+def _rc_channels(r: Report) -> Message:
+    unused = [0xFFFF] * 14
+    return dialect.MAVLink_rc_channels_message(r.boot_ms, 4, *r.pilot.sticks, *unused, 255)
+
+
 def _autopilot_version(r: Report) -> Message:
     can = dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
     can |= dialect.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
@@ -280,7 +285,11 @@ BUILDERS: Final[dict[int, Callable[[Report], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
     dialect.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     dialect.MAVLINK_MSG_ID_SIMSTATE: _simstate,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
 }
+
+# ArduCopter's, and their defaults.
+PARAMETERS: Final = {"FS_THR_ENABLE": 1, "FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "GUID_TIMEOUT": 3, "RCMAP_THROTTLE": 3}
 
 # What each stream of REQUEST_DATA_STREAM holds.
 GROUPS: Final[dict[int, tuple[int, ...]]] = {

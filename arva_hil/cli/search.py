@@ -1,7 +1,7 @@
 """Search for the victim: reads the receiver's port, flies the autopilot, stops above the transmitter.
 
-The vehicle arms, takes off, searches and lands by itself. The pilot takes it back with the mode switch at any time:
-the search then says nothing more to it. Ctrl-C leaves it hovering.
+The vehicle arms, takes off, searches and lands by itself. The pilot takes it back with the mode switch, or by moving a
+stick, at any time: the search then says nothing more to it. Ctrl-C leaves it hovering; a landing goes on.
 A receiver that is unplugged is looked for while it hovers. The autopilot's link is looked for before anything is armed;
 lost later, it leaves the vehicle to its own failsafe.
 A simulator says what it is when asked. Any other vehicle is armed only when somebody at the terminal types yes, or on
@@ -69,6 +69,13 @@ def add_options(parser: opt.Parser) -> None:
         "--yes",
         action="store_true",
         help="arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable",
+    )
+    parser.option(
+        "--countdown",
+        type=opt.number(0, 60, " of s"),
+        default=3.0,
+        metavar="S",
+        help="said before it arms, when all is ready; default 3",
     )
     opt.add_target(parser)
     opt.add_signing(parser)
@@ -172,6 +179,7 @@ def main(options: argparse.Namespace) -> int:
             timeout_s=options.timeout,
             arm_timeout_s=options.arm_timeout,
             permission=Permission(session, yes=options.yes, question=question),
+            countdown_s=options.countdown,
             say=printer.notice,
             log=rows_to(printer, log),
         )

@@ -49,11 +49,17 @@ class Flight:
         self._log = log
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
+        self._skipped_s = 0.0  # in gaps, which are no part of the mission
 
     def hear(self, frame: Frame, now: float) -> None:
         self._new_frame = frame
         if self.mission is not None and (state := self._state(now)) is not None:
-            self.mission.hear(frame, now, _position(state), to_matrix(state.attitude))
+            self.mission.hear(frame, now - self._skipped_s, _position(state), to_matrix(state.attitude))
+
+    def skip(self, seconds: float) -> None:
+        """There was a gap: the mission's clock stood still."""
+        self._skipped_s += seconds
+        self._last_pose_s += seconds
 
     def wait(self, now: float) -> None:
         """It still stands."""
@@ -64,6 +70,8 @@ class Flight:
         if self.origin is None and (origin := self._commander.origin):
             self.origin = origin.frame
         phase, state, velocity = self._commander.phase, self._state(now), STAY
+        if not self._commander.settled:
+            return
         if state is None:
             self._fly_blind(now)
             return
@@ -71,9 +79,9 @@ class Flight:
         position = _position(state)
         if phase is Phase.FLYING:
             if self.mission is None:
-                self.mission = Mission(self._plan, now, position)
+                self.mission = Mission(self._plan, now - self._skipped_s, position)
                 self._tell(f"{-position[2]:.1f} m high: the search begins")
-            velocity = self.mission.fly(now, position)
+            velocity = self.mission.fly(now - self._skipped_s, position)
             self._commander.steer(velocity)
             if self.mission.ended:
                 self._over(self.mission, now)

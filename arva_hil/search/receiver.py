@@ -12,6 +12,7 @@ from arva_hil.watched import Watched
 from firmware_proto import Frame, FrameDecoder
 
 _SILENT_S: Final = 2.0  # without a frame: it does not work
+_MOST_READS: Final = 64
 _SHOWN: Final = 16  # bytes of what is no frame
 
 
@@ -44,8 +45,15 @@ class Receiver:
             self.last, self._last_s = frames[-1], now
         return frames
 
-    def silent(self, now: float) -> bool:
-        return now - self._last_s > _SILENT_S
+    def skip(self, now: float) -> None:
+        """Forget what waits: it came in a gap, and nobody knows where the vehicle was."""
+        for _ in range(_MOST_READS):
+            if not self.links or not self._link.ready():
+                break
+            self._decoder.feed(self._read(now), now)
+
+    def silent(self, now: float, limit_s: float = _SILENT_S) -> bool:
+        return now - self._last_s > limit_s
 
     def why_silent(self, now: float) -> str:
         """What came instead of frames, for a person."""

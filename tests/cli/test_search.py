@@ -60,6 +60,11 @@ class Beacon:
         self.link.close()
 
 
+@pytest.fixture(autouse=True)
+def _no_countdown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ARVA_HIL_COUNTDOWN", "0")
+
+
 @pytest.fixture
 def beacon(keep: Keep) -> Beacon:
     return keep(Beacon())
@@ -350,14 +355,29 @@ def test_the_autopilots_link_is_lost(start: Start, beacon: Beacon) -> None:
     assert program.ends() == 1
     assert f"error: {autopilot.address}: lost" in program.err
     assert "looking for it" not in program.err
-    assert "the vehicle is left to its own failsafe; nothing found" in program.err
+    assert "the vehicle is left to its own failsafe: it stops after 3 s (GUID_TIMEOUT), and hovers" in program.err
+
+
+def test_the_last_seconds_before_propellers_turn_are_counted_down(
+    start: Start, autopilot: Autopilot, beacon: Beacon
+) -> None:
+    program = start(
+        "search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, "--countdown", 1.5, *LOW
+    )
+    program.says("arming in 1 s")
+    assert orders(autopilot) == []
+    program.says("arming, try 1")
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
+    assert "arming in 2 s" in program.err
+    assert "left alone by the search, it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed" in program.err
 
 
 def test_two_ctrl_c_end_it_at_once(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
     program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path)
     program.says("arming")
-    autopilot.pause()  # it will never say that it hovers
+    autopilot.pause()  # it will never say that it is disarmed
     program.send(signal.SIGINT)
-    program.says("interrupted: what flies is left hovering")
+    program.says("interrupted: it ")
     program.send(signal.SIGINT)
     assert program.ends() == 130
