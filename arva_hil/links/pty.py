@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import contextlib
 import os
+import selectors
+from typing import Any, Final
 
+from arva_hil.links import leads
 from arva_hil.links.base import LinkError
+from arva_hil.links.closings import Closings
 from arva_hil.links.ports import far_program
 from arva_hil.links.stream import FdLink
+
+_TIOCGEXCL: Final = 0x80045440  # Linux: whether TIOCEXCL was set
 
 
 class PtyLink(FdLink):
     """The master's side of a new pseudo-terminal, raw from the first byte on.
 
     `path` is the slave's device; `symlink`, when given, is a file name that leads there until `close`. One
-    descriptor of the slave is held, so the other program may come, go and come again: it is never "lost".
+    descriptor of the slave is held, so the other program may come, go and come again: it is never "lost". What a
+    program does to the terminal, as to make it cooked or exclusive, is undone when it closes it, and so is a hang-up
+    (Linux tells of these, other systems do not).
     Raises LinkError where there are no pseudo-terminals and when the symlink's name is taken.
     """
 
@@ -29,38 +37,111 @@ class PtyLink(FdLink):
         except OSError as error:
             raise LinkError(name, f"no pseudo-terminal: {error.strerror}") from error
         self.path = os.ttyname(self._slave)
-        self.symlink = symlink
+        self.symlink = ""
         super().__init__(f"{name} ({self.path})", master)
         tty.setraw(self._slave)
+        self._settings = self._current() or []
+        self._closings = Closings(self.path)
+        self._selector = selectors.DefaultSelector()
+        for fd in (master, self._closings.fd):
+            if fd >= 0:
+                self._selector.register(fd, selectors.EVENT_READ)
         try:
-            self._make_symlink()
+            if symlink:
+                self._inode = make_symlink(symlink, self.path, self._slave)
         except BaseException:
-            self.symlink = ""
             self.close()
             raise
+        self.symlink = symlink
 
-    def _make_symlink(self) -> None:
-        """Make the symlink; replace one that leads nowhere, or to this very device: a killed run left it."""
-        link = self.symlink
-        if not link:
-            return
+    def fileno(self) -> int | None:
+        fileno = getattr(self._selector, "fileno", None)
+        return (fileno() if fileno else self._fd) if self._open else None
+
+    def read(self) -> bytes:
+        if self._open and self._closings.seen():
+            self._restore()
+        return super().read()
+
+    def write(self, data: bytes) -> bool:
+        if self._open and (self._closings.seen() or self._current() is None):
+            self._restore()
+        return super().write(data)
+
+    def _receive(self) -> bytes:
         try:
-            if os.path.islink(link):
-                if os.path.exists(link) and os.path.realpath(link) != self.path:
-                    held = f"is a symlink to {os.path.realpath(link)}, which exists"
-                    if who := far_program(link):
-                        held += f", held by {who}"
-                    raise LinkError(f"pty:{link}", held, f"remove it (rm {link}) or take another name")
-                os.unlink(link)
-            os.symlink(self.path, link)
-        except FileExistsError:
-            raise LinkError(f"pty:{link}", "exists and is no symlink", "take another name") from None
-        except OSError as error:
-            raise LinkError(f"pty:{link}", f"the symlink cannot be made: {error.strerror}") from error
+            return super()._receive()
+        except BlockingIOError:
+            raise
+        except OSError:
+            if self._current() is not None:
+                raise
+        self._restore()
+        raise BlockingIOError
+
+    def _current(self) -> list[Any] | None:
+        """The terminal's settings; None after a hang-up, which closes every descriptor of the slave."""
+        import termios
+
+        try:
+            return termios.tcgetattr(self._slave)
+        except termios.error:
+            return None
+
+    def _restore(self) -> None:
+        """Make the terminal what it was in the beginning. Raises LinkError when that cannot be done any more."""
+        import fcntl
+        import termios
+
+        try:
+            if (current := self._current()) is None:
+                self._reopen()
+            elif current == self._settings and not any(fcntl.ioctl(self._slave, _TIOCGEXCL, bytes(4))):
+                return
+            fcntl.ioctl(self._slave, termios.TIOCNXCL)
+            termios.tcsetattr(self._slave, termios.TCSANOW, self._settings)
+        except (OSError, termios.error) as error:
+            raise LinkError(self.name, f"lost: the terminal cannot be set up again: {error}") from error
+
+    def _reopen(self) -> None:
+        slave = os.open(self.path, os.O_RDWR | os.O_NOCTTY)
+        os.close(self._slave)
+        self._slave = slave
+        if self.symlink:
+            leads.vouch(slave, self._inode)
 
     def _shut(self) -> None:
         with contextlib.suppress(OSError):
-            if self.symlink and os.readlink(self.symlink) == self.path:
+            if leads.target(self.symlink) == self.path and os.lstat(self.symlink).st_ino == self._inode:
                 os.unlink(self.symlink)
+        self._selector.close()
+        self._closings.close()
         os.close(self._fd)
         os.close(self._slave)
+
+
+def make_symlink(link: str, path: str, slave: int) -> int:
+    """Make `link` lead to the new pseudo-terminal `path`, and vouch for it by `slave`; the link's inode.
+
+    One that a program left which has ended is replaced, in one step; whatever else is there is left alone. Raises
+    LinkError.
+    """
+    name = f"pty:{link}"
+    try:
+        if not leads.target(link):
+            os.symlink(path, link)
+        else:
+            if os.path.realpath(link) != path and not leads.stale(link):
+                held = f"is a symlink to {leads.target(link)}, which is not ours to replace"
+                if who := far_program(link):
+                    held = f"is a symlink to {leads.target(link)}, which is in use: held by {who}"
+                raise LinkError(name, held, "take another name")
+            os.symlink(path, new := f"{link}.{os.getpid()}")
+            os.replace(new, link)
+        inode = os.lstat(link).st_ino
+    except FileExistsError:
+        raise LinkError(name, "exists and is no symlink", "take another name") from None
+    except OSError as error:
+        raise LinkError(name, f"the symlink cannot be made: {error.strerror}") from error
+    leads.vouch(slave, inode)
+    return inode

@@ -7,6 +7,7 @@ import os
 from abc import abstractmethod
 from typing import Final
 
+from arva_hil.clock import await_descriptors
 from arva_hil.links.base import Link, LinkError
 
 CHUNK: Final = 65536  # bytes asked of the system at a time
@@ -108,7 +109,7 @@ class FdLink(StreamLink):
         return self._fd if self._open else None
 
     def _receive(self) -> bytes:
-        if not self.ready():  # a terminal with VMIN 0 reads b"" both when idle and when hung up
+        if not await_descriptors([self._fd]):  # a terminal with VMIN 0 reads b"" both when idle and when hung up
             raise BlockingIOError
         return os.read(self._fd, CHUNK)
 

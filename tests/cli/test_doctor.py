@@ -259,7 +259,7 @@ def test_whose_pseudo_terminal_it_is_is_named(
     keep(PtyLink(str(tmp_path / "arva0")))
     said = examine("--autopilot", autopilot.address, "--port", f"pty:{tmp_path / 'arva0'}")
     assert said.code == 3
-    assert "which exists, held by " in said["port"]["found"]
+    assert "which is in use: held by " in said["port"]["found"]
 
 
 def test_a_link_that_is_lost_meanwhile(examine: Examine, serve: Callable[[Task], None], keep: Keep) -> None:

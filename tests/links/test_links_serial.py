@@ -248,10 +248,12 @@ def test_a_symlink_a_killed_run_left_to_the_same_device(
 def test_a_live_symlink_a_file_and_a_directory_are_left_alone(tmp_path: Path) -> None:
     live, file, folder = tmp_path / "live", tmp_path / "file", tmp_path / "folder"
     live.symlink_to("/dev/null")
+    (unplugged := tmp_path / "unplugged").symlink_to("/dev/serial/by-id/x")
     file.write_bytes(b"precious")
     folder.mkdir()
     for path, what in (
-        (live, "is a symlink to /dev/null, which exists; remove it"),
+        (live, "is a symlink to /dev/null, which is not ours to replace; take another name"),
+        (unplugged, "is a symlink to /dev/serial/by-id/x, which is not ours to replace"),
         (file, "exists and is no symlink"),
         (folder, "exists and is no symlink"),
         (tmp_path / "none" / "x", "cannot be made: No such file"),
