@@ -2,19 +2,24 @@
 
 As measured on PX4 1.16: two acknowledgements of DO_SET_MODE, the first always 0; OFFBOARD is refused until set-points
 flow and left 1.2 s after the last one; a take-off to less than the ground's height above sea level is acknowledged
-and ignored, numbers for its place are flown to; a take-off ends 0.8 m below its height, in hold.
+and ignored, numbers for its place are flown to; a take-off ends 0.8 m below its height, in hold. CURRENT_MODE comes
+with each change of the mode and twice a second when it was asked for; the heartbeat's rate cannot be changed; an
+integer parameter's bytes are copied into the float.
 """
 
 from __future__ import annotations
 
 import math
+import struct
 from typing import Any
 
+from arva_hil.autopilot.dialect import MAVLINK_MSG_ID_CURRENT_MODE, CurrentMode
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.multirotor_pilot import Mode
 from arva_hil.autopilot.vehicle import SimulatedVehicle, Truth
 
 POSITION, TAKE_OFF, HOLD, RETURN, LAND, OFFBOARD = 3 << 16, *(4 << 16 | n << 24 for n in (2, 3, 5, 6)), 6 << 16
+PARAMETERS = {"COM_OBL_RC_ACT": 4, "COM_OF_LOSS_T": 1.0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 0}
 STREAMS = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10}
 
 _INNER = {TAKE_OFF: Mode.GUIDED, OFFBOARD: Mode.GUIDED, LAND: Mode.LAND}  # any other: LOITER
@@ -36,6 +41,8 @@ class Px4:
         self._told = Encoder(1, _OURS)
         self._encoder = Encoder(1, 1)
         self._outbox = bytearray()
+        self._current_mode_due = math.inf
+        self._said_mode = -1
 
     @property
     def next_due(self) -> float:
@@ -58,6 +65,8 @@ class Px4:
                         message.command, result, 0, 0, packet.system, packet.component
                     )
                     self._outbox += self._encoder.pack(ack)
+            elif packet.msgid == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ:
+                self._outbox += self._parameter(message.param_id)
             elif packet.msgid == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
                 self._set_points = [*self._set_points[-1:], now]
                 if self.mode == OFFBOARD:
@@ -68,6 +77,10 @@ class Px4:
     def poll(self, now: float) -> bytes:
         said = self._vehicle.poll(now)
         self._watch(now)
+        if self._current_mode_due < math.inf and (self.mode != self._said_mode or now >= self._current_mode_due):
+            self._outbox += self._encoder.pack(CurrentMode(0, self.mode, 6 << 16))
+            self._current_mode_due = now + 0.5
+            self._said_mode = self.mode
         out, self._outbox = self._outbox, bytearray()
         for packet in self._from.feed(said):
             out += self._as_px4(packet)
@@ -137,6 +150,23 @@ class Px4:
         )
         return (dialect.MAV_RESULT_ACCEPTED,)
 
+    def _set_interval(self, message: Any, now: float) -> tuple[int, ...]:
+        if message.param1 == MAVLINK_MSG_ID_CURRENT_MODE:
+            self._current_mode_due = now
+        elif message.param1 == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            return (dialect.MAV_RESULT_FAILED,)
+        else:
+            self._tell(message.command, message.param1, message.param2, now=now)
+        return (dialect.MAV_RESULT_ACCEPTED,)
+
+    def _parameter(self, name: str) -> bytes:
+        if name not in PARAMETERS:
+            return b""
+        value, kind = PARAMETERS[name], dialect.MAV_PARAM_TYPE_REAL32
+        if isinstance(value, int):
+            (value,), kind = struct.unpack("<f", struct.pack("<i", value)), dialect.MAV_PARAM_TYPE_INT32
+        return self._encoder.pack(dialect.MAVLink_param_value_message(name.encode(), value, kind, 0, 0xFFFF))
+
     def _land(self, _: Any, now: float) -> tuple[int, ...]:
         self._enter(LAND, now)
         return (dialect.MAV_RESULT_ACCEPTED,)
@@ -148,4 +178,5 @@ _COMMANDS = {
     dialect.MAV_CMD_NAV_TAKEOFF: Px4._take_off,
     dialect.MAV_CMD_NAV_LAND: Px4._land,
     dialect.MAV_CMD_REQUEST_MESSAGE: Px4._request,
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL: Px4._set_interval,
 }

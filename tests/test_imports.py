@@ -48,7 +48,6 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.watched",
         "firmware_proto",
         "arva_hil.model.geodesy",
-        "arva_hil.model.mount",
         "arva_hil.model.rotation",
     },
     "arva_hil/observer.py": {"arva_hil.autopilot", "arva_hil.model", "arva_hil.notice", "firmware_proto"},

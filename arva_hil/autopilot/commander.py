@@ -1,22 +1,29 @@
 """Flying a vehicle by orders: arm, take off, follow velocities, land. Messages in, messages out.
 
 Autopilots lose commands, acknowledge what they then do not do, and refuse without a word. So an order is repeated
-until heartbeat or height shows that it is carried out, and nothing else counts.
+until heartbeat or height shows that it is carried out, and nothing else counts. The pilot has the last word: when an
+order may leave is in `authority.py`, what else takes the vehicle from us in `sticks.py`.
 """
 
 from __future__ import annotations
 
 import math
-from enum import Enum, auto
 from typing import Any, Final
 
-from arva_hil.autopilot.mavlink import RESULTS, command, dialect
+from arva_hil.autopilot import authority, sticks
+from arva_hil.autopilot.authority import Authority
+from arva_hil.autopilot.complaints import Complaints
+from arva_hil.autopilot.dialect import MAVLINK_MSG_ID_CURRENT_MODE
+from arva_hil.autopilot.mavlink import command, dialect
 from arva_hil.autopilot.modes import ARDUCOPTER, modes_of
+from arva_hil.autopilot.phase import Phase
 from arva_hil.autopilot.pose import PositionSample
 from arva_hil.autopilot.session import Session
-from arva_hil.autopilot.status_text import StatusTexts, unwell
+from arva_hil.autopilot.sticks import Sticks
 from arva_hil.model import rotation
 from arva_hil.notice import Notice
+
+__all__ = ["Commander", "Phase"]
 
 _REPEAT_S: Final = 1.0
 _ARM_AGAIN_S: Final = 3.0  # each refused try costs a message on every ground station
@@ -24,59 +31,45 @@ _TAKE_OFF_AGAIN_S: Final = 5.0  # acknowledged, and still on the ground
 _SET_POINT_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops after 3 s
 _FLOWING_S: Final = 1.0  # of set-points, before PX4 is told to follow them
 _STOPPED_S: Final = 0.5  # of set-points that say stop, before it is left alone
-
-_CLIMB_S: Final = 30.0  # and 1 s more a metre
-_STEER_S: Final = 10.0
-_HOLD_S: Final = 5.0
-_LAND_S: Final = 90.0  # and 2 s more a metre
-
+_LEAD_S: Final = 0.5  # from an order to what comes of it
 _RISEN_M: Final = 0.5  # no drift of an altitude: it has taken off
-_NEARLY_M: Final = 1.5  # PX4 calls a take-off done within 0.8 m
-_VELOCITY_AND_YAW: Final = 0b100111000111  # what the type mask ignores: position, acceleration, yaw rate
 _STILL: Final = (0.0, 0.0, 0.0)
-
-
-class Phase(Enum):
-    """How far the flight is. ENDED: landed or left hovering, as ordered. LOST: it is no longer ours to fly."""
-
-    IDLE = auto()
-    ARMING = auto()
-    CLIMBING = auto()
-    FLYING = auto()
-    LANDING = auto()
-    HOLDING = auto()
-    ENDED = auto()
-    LOST = auto()
+_ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
+_STEERED: Final = (Phase.FLYING, Phase.HOLDING, Phase.YIELDING)
+_MIDDLE: Final = "it hovers in GUIDED until the throttle stick is in the middle, then LOITER is ordered"
 
 
 class Commander:
     """Remembers the last order to one vehicle and how far it has got. `take_off_m`: height of the take-off.
 
-    `why` says why it was LOST, or had to land. Once it is LOST nothing is sent any more: the pilot, or the autopilot's
-    own failsafe, has the vehicle.
+    `why` says why it was LOST, or had to land. Once it is LOST nothing is sent any more: the pilot has the vehicle, if
+    it was `handed_over`, or the autopilot's own failsafe. `ready`: it may be armed now. `origin`: where it armed.
     """
 
     def __init__(self, session: Session, *, take_off_m: float, arm_timeout_s: float = 60.0) -> None:
         self.phase = Phase.IDLE
         self.why = ""
-        self.origin: PositionSample | None = None  # where it stood when it armed
+        self.handed_over = False
+        self.ready = True
+        self.origin: PositionSample | None = None
+        self.sticks = Sticks()
         self._session = session
         self._take_off_m = take_off_m
         self._arm_timeout_s = arm_timeout_s
         self._modes = ARDUCOPTER  # until the launch
         self._velocity = _STILL
         self._yaw = 0.0
-        self._taken_off = False
-        self._mode = -1  # of the last heartbeat
-        self._wanted = -1  # the mode that this phase wants
-        self._ours: frozenset[int] = frozenset()  # modes that come of our orders; empty: any may still be
+        self._tries = 0  # of arming
+        self._authority = Authority()
+        self._heard_since = 0.0  # what is heard now came after that
         self._since = 0.0  # in this phase
         self._limit_s = math.inf  # of it
         self._next_order = -math.inf
+        self._ordered_s = math.inf  # when the first order of this phase was sent
         self._next_set_point = -math.inf
-        self._answer = ""  # to the last order, when it was a refusal
-        self._texts = StatusTexts()
-        self._unwell: list[str] = []
+        self._complaints = Complaints()
+        self._notices: list[Notice] = []
+        session.want(authority.WANTED | sticks.WANTED)
 
     # -- orders --------------------------------------------------------------------------------------------
 
@@ -87,6 +80,7 @@ class Commander:
         """
         assert self._session.vehicle is not None
         self._modes = modes_of(self._session.vehicle)
+        self.sticks.mark()
         self._enter(Phase.ARMING, now, self._modes.hold, self._arm_timeout_s)
 
     def steer(self, velocity: tuple[float, float, float]) -> None:
@@ -95,17 +89,24 @@ class Commander:
 
     def land(self, now: float, why: str = "") -> None:
         """Land where it is; before the take-off: disarm. `why`: when that is not how it should end."""
-        if self.phase in (Phase.ARMING, Phase.CLIMBING, Phase.FLYING):
-            self.why, self._velocity = why, _STILL
-            self._enter(Phase.LANDING, now, self._modes.land, _LAND_S + 2 * max(self.height, 0.0))
+        if self.phase is Phase.ARMING:
+            self.why = why
+            self._enter(Phase.DISARMING, now, self._modes.hold)
+        elif self.phase in (Phase.CLIMBING, Phase.FLYING):
+            self.why = why
+            self._enter(Phase.LANDING, now, self._modes.land)
 
-    def hold(self, now: float) -> None:
-        """Stay in the air where it is, for the pilot to take; before the take-off: disarm."""
-        if not self._taken_off:
-            self.land(now)
-        elif self.phase in (Phase.CLIMBING, Phase.FLYING, Phase.LANDING):
-            self._velocity = _STILL
-            self._enter(Phase.HOLDING, now, self._modes.hold, _HOLD_S)
+    def hold(self, now: float, why: str = "") -> None:
+        """Stay in the air where it is, for the pilot to take; before the take-off: disarm. A landing goes on."""
+        if self.phase is Phase.ARMING:
+            self.land(now, why)
+        elif self.phase in (Phase.CLIMBING, Phase.FLYING):
+            self.why = why
+            self._enter(Phase.HOLDING, now, self._modes.hold)
+
+    def doubt(self, now: float) -> None:
+        """There was a gap: no order before news that comes after it shows the mode that was ordered."""
+        self._authority.doubt(now)
 
     def let_go(self) -> None:
         """Send nothing any more."""
@@ -113,65 +114,93 @@ class Commander:
             self.phase = Phase.LOST
 
     @property
+    def settled(self) -> bool:
+        """There is no doubt who has the vehicle."""
+        return self._authority.settled
+
+    @property
+    def lands_by_itself(self) -> bool:
+        """It is in the mode that lands."""
+        return self._authority.wanted == self._modes.land and self._authority.in_mode
+
+    @property
     def height(self) -> float:
         """Above the take-off point, m; 0 while that is not known."""
         last = self._session.track.last_position
         return last.alt - self.origin.alt if last and self.origin else 0.0
 
-    # -- what the vehicle says -----------------------------------------------------------------------------
-
-    def hear(self, now: float) -> None:
-        """Take what the session was fed last."""
-        for packet in self._session.own:
-            if packet.msgid in _HEARD and (message := self._session.parser.decode(packet)) is not None:
-                _HEARD[packet.msgid](self, message, now)
-
-    def take_notices(self) -> list[Notice]:
-        return [Notice("warning", f"the autopilot says: {text}") for text in self._texts.take()]
-
     # -- what it is told -----------------------------------------------------------------------------------
 
     def poll(self, now: float) -> bytes:
-        """What is due to be sent."""
-        if self._active:
+        """What is due to be sent. The link must have been read until it was empty."""
+        if self.phase.active:
             self._advance(now)
-        if not self._active:
+        if not self.phase.active:
             return b""
+        question = self._authority.question(now)
+        messages = [question] if question else []
+        if self._authority.settled and not self._session.doubtful:
+            messages += self._due(now)
+        return b"".join(map(self._session.encoder.pack, messages))
+
+    def take_notices(self) -> list[Notice]:
+        notices, self._notices = self._notices, []
+        return self._complaints.take_notices() + notices
+
+    def _advance(self, now: float) -> None:
+        """Go on to the next phase when this one has come to its end, or to the limit of its time."""
+        late, in_mode = now - self._since, self._authority.in_mode
+        if self._authority.silent(now):
+            self._lose(f"the vehicle has not said its mode for {authority.SILENT_S:g} s")
+        elif self.phase is Phase.CLIMBING and self._climbed:
+            self._enter(Phase.FLYING, now, self._modes.steer)
+            self._next_order = now + max(0.0, _FLOWING_S - late)
+        elif self.phase is Phase.HOLDING and in_mode and late > _STOPPED_S:
+            self.phase = Phase.ENDED
+        elif self.phase is Phase.YIELDING and not self.sticks.known and late > _STOPPED_S:
+            self._lose("no radio is heard by which the pilot could have it")
+        elif late > self._limit_s and not (self.phase is Phase.FLYING and in_mode):
+            why = f"the vehicle does not {self.phase.to_do}: {self._reasons() or 'it says nothing of why'}"
+            if self.phase in (Phase.CLIMBING, Phase.FLYING):
+                self.land(now, why)
+            else:
+                self._lose(why)
+
+    @property
+    def _climbed(self) -> bool:
+        """It is high enough, or will be when it has heard so: PX4 climbs on until then."""
+        enough = 0.9 * self._take_off_m - 0.1
+        if not self._modes.px4:
+            return self.height > enough
+        last = self._session.track.last_position
+        return self.height > _RISEN_M and self.height - (last.velocity[2] if last else 0.0) * _LEAD_S > enough
+
+    def _due(self, now: float) -> list[Any]:
+        """Set-points, which take effect in one mode only; and orders, which may change it."""
         messages = []
         if now >= self._next_set_point and self._steered:
             self._next_set_point = max(self._next_set_point + _SET_POINT_S, now)
             messages.append(self._set_point())
         if now >= self._next_order:
             order, again = self._order()
-            self._next_order = now + again
-            messages += [order] if order else []
-        return b"".join(map(self._session.encoder.pack, messages))
-
-    @property
-    def _active(self) -> bool:
-        return self.phase not in (Phase.IDLE, Phase.ENDED, Phase.LOST)
+            if order is None or self._authority.fresh(now):
+                self._next_order = now + again
+                if order is not None:
+                    self._ordered_s = min(self._ordered_s, now)
+                    self._tell_try(order)
+                    messages.append(order)
+        return messages
 
     @property
     def _steered(self) -> bool:
-        """Set-points flow without a pause until another mode needs none."""
-        landing = self.phase is Phase.LANDING and self._taken_off and self._mode != self._wanted
-        return landing or self.phase in (Phase.FLYING, Phase.HOLDING)
+        """Set-points flow without a pause until another mode needs none. In a take-off ArduPilot would obey them."""
+        landing = self.phase is Phase.LANDING and not self.lands_by_itself
+        return landing or self.phase in _STEERED or (self.phase is Phase.CLIMBING and self._modes.px4)
 
-    def _advance(self, now: float) -> None:
-        """Go on to the next phase when this one has come to its end, or to the limit of its time."""
-        modes, late = self._modes, now - self._since
-        in_mode = self._mode == self._wanted
-        if self.phase is Phase.CLIMBING and self.height > 0.9 * self._take_off_m - 0.1:
-            self._enter(Phase.FLYING, now, modes.steer, _STEER_S)
-            self._next_order = now + _FLOWING_S
-        elif self.phase is Phase.HOLDING and in_mode and late > _STOPPED_S:
-            self.phase = Phase.ENDED
-        elif late > self._limit_s and not (self.phase is Phase.FLYING and in_mode):
-            why = f"the vehicle does not {_TO_DO[self.phase]}: {self._reasons() or 'it says nothing of why'}"
-            if self.phase in (Phase.CLIMBING, Phase.FLYING):
-                self.land(now, why)
-            else:
-                self._lose(why)
+    def _set_point(self) -> Any:
+        assert self._session.vehicle is not None
+        velocity = self._velocity if self.phase is Phase.FLYING else _STILL
+        return self._modes.to_steer(self._session.vehicle, velocity, self._yaw)
 
     def _order(self) -> tuple[Any | None, float]:
         """The order that is not carried out yet, None when all are; and when to look again, in seconds."""
@@ -182,59 +211,74 @@ class Commander:
             assert self.origin is not None
             risen = self.height > _RISEN_M
             return None if risen else modes.to_take_off(vehicle, self._take_off_m, self.origin.alt), _REPEAT_S
-        if self.phase is Phase.LANDING and not self._taken_off:
-            return command(*to, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0), _REPEAT_S
-        if self._mode == self._wanted:
-            arm = command(*to, dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
-            return (arm, _ARM_AGAIN_S) if self.phase is Phase.ARMING else (None, _REPEAT_S)
+        if self.phase is Phase.DISARMING:
+            return command(*to, _ARM, 0), _REPEAT_S
+        if self.phase is Phase.ARMING and self._authority.in_mode:
+            return (command(*to, _ARM, 1), _ARM_AGAIN_S) if self.ready else (None, 0.0)
+        if self._authority.in_mode or (self.phase is Phase.YIELDING and not self.sticks.throttle_in_middle):
+            return None, 0.0
         if self.phase is Phase.LANDING:
             return command(*to, dialect.MAV_CMD_NAV_LAND), _REPEAT_S
-        return modes.to_set(vehicle, self._wanted), _REPEAT_S
+        return modes.to_set(vehicle, self._authority.wanted), _REPEAT_S
 
-    def _set_point(self) -> Any:
-        vehicle = self._session.vehicle
-        assert vehicle is not None
-        return dialect.MAVLink_set_position_target_local_ned_message(
-            0,
-            vehicle.system,
-            vehicle.component,
-            dialect.MAV_FRAME_LOCAL_NED,
-            _VELOCITY_AND_YAW,
-            *_STILL,
-            *self._velocity,
-            *_STILL,
-            self._yaw,
-            0.0,
-        )
+    def _tell_try(self, order: Any) -> None:
+        if self.phase is Phase.ARMING and order.command == _ARM:
+            self._tries += 1
+            refused = f"; the one before was refused: {self._complaints.answer}" if self._complaints.answer else ""
+            text = f"arming, try {self._tries}, the next in {_ARM_AGAIN_S:g} s{refused}"
+            self._notices.append(Notice("info", text))
 
-    # -- what comes of it ----------------------------------------------------------------------------------
+    # -- what the vehicle says -----------------------------------------------------------------------------
+
+    def hear(self, now: float, since: float | None = None) -> None:
+        """Take what the session was fed last. It came after `since`, when the link was read until it was empty before
+        that; default: right now."""
+        self._heard_since = now if since is None else since
+        for packet in self._session.own:
+            if packet.msgid in _HEARD and (message := self._session.parser.decode(packet)) is not None:
+                _HEARD[packet.msgid](self, message, now)
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self._session.vehicle is not None
         if message.autopilot != self._session.vehicle.autopilot:
             return
-        self._mode = message.custom_mode
+        self._authority.hear(message.custom_mode, self._heard_since, now)
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-        if not self._active:
+        mode = self._modes.name(message.custom_mode)
+        if not self.phase.active:
             return
-        if self.phase is Phase.LANDING and not armed:
+        disarmed = self.phase is Phase.DISARMING and now - self._ordered_s > _STOPPED_S  # an order to arm was under way
+        if (self.phase is Phase.LANDING or disarmed) and not armed:
             self.phase = Phase.ENDED
-        elif self.phase is Phase.ARMING and armed and self._mode != self._wanted:
-            self._lose(f"somebody else has armed it, in {self._mode_name}")
+        elif self.phase is Phase.DISARMING:
+            self._watch_mode()
+        elif self.phase is Phase.ARMING and armed and not self._authority.in_mode:
+            self._lose(f"somebody else has armed it, in {mode}", handed_over=True)
         elif self.phase is not Phase.ARMING and not armed:
-            self._lose("; ".join(filter(None, [f"it was disarmed; the mode is {self._mode_name}", self._reasons()])))
+            self._lose("; ".join(filter(None, [f"it was disarmed; the mode is {mode}", self._reasons()])))
         else:
             self._watch_mode()
             if self.phase is Phase.ARMING:
                 self._stand(armed, now)
 
+    def _on_current_mode(self, message: Any, now: float) -> None:
+        """The mode that it is in; the one that is intended is not looked at."""
+        self._authority.hear(message.custom_mode, self._heard_since, now)
+        if self.phase.active:
+            self._watch_mode()
+
     def _watch_mode(self) -> None:
-        """A mode that does not come of an order of ours is somebody else's: the pilot's, or a failsafe's."""
-        nearly = self.phase is Phase.CLIMBING and self.height > self._take_off_m - _NEARLY_M
-        if self._mode == self._wanted:
-            self._ours = frozenset({self._mode})
-        elif self._ours and self._mode not in self._ours and not (nearly and self._mode == self._modes.hold):
-            self._lose(f"the mode is {self._mode_name}: the pilot or a failsafe has taken over")
+        """A mode that does not come of an order of ours is somebody else's: the pilot's, or a failsafe's.
+
+        PX4 arms in the mode that holds, and may be in it until it has risen. It does not come back to it by itself, for
+        its take-off is ordered to more than the height at which it is told to follow set-points.
+        """
+        name, in_mode = self._modes.name(self._authority.mode), self._authority.in_mode
+        risen = self.phase is Phase.CLIMBING and self.height > _RISEN_M
+        if self._authority.usurped or (risen and not in_mode):
+            self._lose(f"the mode is {name}: the pilot or a failsafe has taken over", handed_over=True)
+        elif self.phase is Phase.YIELDING and in_mode:
+            self._lose(f"the pilot has it, in {name}", handed_over=True)
 
     def _stand(self, armed: bool, now: float) -> None:
         """Note place and heading: until it arms an autopilot still moves them while it settles."""
@@ -243,67 +287,70 @@ class Commander:
             self.origin = place
             self._yaw = rotation.to_euler(rotation.to_matrix(state.attitude))[2]
         if armed and self.origin is not None:
-            self._taken_off = True
-            self._enter(Phase.CLIMBING, now, self._modes.take_off, _CLIMB_S + self._take_off_m)
+            self._enter(Phase.CLIMBING, now, self._modes.take_off)
+
+    def _on_timesync(self, message: Any, now: float) -> None:
+        self._authority.hear_answer(message)
 
     def _on_ack(self, message: Any, now: float) -> None:
-        if message.command not in _ORDERS or not self._session.answers_us(message):
-            return
-        if message.result not in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
-            result = RESULTS.get(message.result, f"result {message.result}").removeprefix("MAV_RESULT_")
-            self._answer = f"{_ORDERS[message.command]}: {result}"
-        elif self.phase is Phase.CLIMBING and message.command == dialect.MAV_CMD_NAV_TAKEOFF:
+        taken = self._session.answers_us(message) and self._complaints.hear_ack(message)
+        if taken and self.phase is Phase.CLIMBING and message.command == dialect.MAV_CMD_NAV_TAKEOFF:
             self._next_order = now + _TAKE_OFF_AGAIN_S
 
     def _on_text(self, message: Any, now: float) -> None:
-        if message.severity <= dialect.MAV_SEVERITY_WARNING:
-            self._texts.add(message)
+        self._complaints.hear_text(message)
 
     def _on_status(self, message: Any, now: float) -> None:
-        self._unwell = unwell(message)
+        self._complaints.hear_status(message)
+        self._on_pilot(message, now)
 
-    @property
-    def _mode_name(self) -> str:
-        return self._modes.name(self._mode)
+    def _on_pilot(self, message: Any, now: float) -> None:
+        """The sticks, or the battery: the pilot is to have it. ArduPilot has to be told so, PX4 gives it by itself."""
+        self.sticks.hear(message)
+        flown = self.phase in (Phase.CLIMBING, Phase.FLYING)
+        if not (why := self.sticks.moved or (self.sticks.low_battery and "low battery") or ""):
+            return
+        if self.phase is Phase.ARMING or (self._modes.px4 and flown and not self.sticks.moved):
+            self.hold(now, why)
+        elif self._modes.px4 and self.sticks.moved and self._steered:
+            self._lose(why, handed_over=True)
+        elif (
+            not self._modes.px4
+            and (flown or (self.sticks.moved and self._steered))
+            and self.phase is not Phase.YIELDING
+        ):
+            self.why = why
+            self._enter(Phase.YIELDING, now, self._modes.yields)
+            if not self.sticks.throttle_in_middle:
+                self._notices.append(Notice("warning", f"{why}: {_MIDDLE}"))
+
+    # -- what comes of it ----------------------------------------------------------------------------------
 
     def _reasons(self) -> str:
         """What it has answered and said in this phase, for a person."""
-        arming = self.phase is Phase.ARMING and self._unwell
-        status = f"not healthy: {', '.join(self._unwell)}" if arming else ""
-        return "; ".join(filter(None, [self._answer, *self._texts.recent, status]))
+        return self._complaints.why(status=self.phase is Phase.ARMING)
 
-    def _enter(self, phase: Phase, now: float, wanted: int, limit_s: float) -> None:
-        self.phase = phase
-        self._since, self._limit_s = now, limit_s
-        self._wanted = wanted
-        self._next_order = -math.inf
-        self._answer = ""
-        if phase is Phase.ARMING:  # in whatever mode it is, and refused for what was perhaps said before
-            return
-        self._texts.recent.clear()
-        self._ours |= {wanted, self._modes.hold} if phase in (Phase.CLIMBING, Phase.FLYING) else {wanted}
+    def _enter(self, phase: Phase, now: float, wanted: int, limit_s: float | None = None) -> None:
+        self.phase, self._since = phase, now
+        self._limit_s = (
+            phase.limit_s(self._take_off_m if phase is Phase.CLIMBING else self.height) if limit_s is None else limit_s
+        )
+        self._next_order, self._ordered_s = -math.inf, math.inf
+        self._complaints.begin(keep_texts=phase is Phase.ARMING)
+        self._authority.want(wanted, ours=phase is not Phase.ARMING)
 
-    def _lose(self, why: str) -> None:
-        self.phase = Phase.LOST
+    def _lose(self, why: str, *, handed_over: bool = False) -> None:
+        self.phase, self.handed_over = Phase.LOST, handed_over
         self.why = "; ".join(filter(None, [self.why, why]))
 
 
 _HEARD: Final = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: Commander._on_heartbeat,
+    MAVLINK_MSG_ID_CURRENT_MODE: Commander._on_current_mode,
+    dialect.MAVLINK_MSG_ID_TIMESYNC: Commander._on_timesync,
     dialect.MAVLINK_MSG_ID_COMMAND_ACK: Commander._on_ack,
     dialect.MAVLINK_MSG_ID_STATUSTEXT: Commander._on_text,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: Commander._on_status,
-}
-_ORDERS: Final = {
-    dialect.MAV_CMD_COMPONENT_ARM_DISARM: "arming",
-    dialect.MAV_CMD_DO_SET_MODE: "setting the mode",
-    dialect.MAV_CMD_NAV_TAKEOFF: "take-off",
-    dialect.MAV_CMD_NAV_LAND: "landing",
-}
-_TO_DO: Final = {
-    Phase.ARMING: "arm",
-    Phase.CLIMBING: "take off",
-    Phase.FLYING: "follow velocities",
-    Phase.LANDING: "land",
-    Phase.HOLDING: "hover",
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: Commander._on_pilot,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: Commander._on_pilot,
 }

@@ -24,6 +24,7 @@ class Doubt(Generic[T]):
         self, follows: Callable[[T, T, float], bool], best: Callable[[T, T], T] = lambda old, new: new
     ) -> None:
         self.strays = 0
+        self.replaced: T | None = None  # what was believed before all began anew the last time
         self._follows = follows
         self._best = best
         self._believed: tuple[T, float] | None = None
@@ -36,16 +37,12 @@ class Doubt(Generic[T]):
             self._believed, self._doubted = (self._best(believed[0], value) if believed else value, now), None
             return "follows"
         if doubted and now - believed[1] >= _SETTLE_S and self._follows(doubted[0], value, now - doubted[1]):
+            self.replaced = believed[0]
             self._believed, self._doubted = (value, now), None
             return "anew"
         self._doubted = value, now
         self.strays += 1
         return "stray"
-
-    @property
-    def believed(self) -> T | None:
-        """The last value believed."""
-        return self._believed[0] if self._believed else None
 
     def forget(self) -> None:
         """Whatever comes next is believed."""

@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from arva_hil.autopilot import dialect as _later  # noqa: F401, before the tables below
 from arva_hil.autopilot.signing import Signing
 
 __all__ = ["RESULTS", "Encoder", "Packet", "Parser", "command", "dialect"]

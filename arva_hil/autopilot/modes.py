@@ -32,20 +32,23 @@ _PX4_MAIN: Final = {
     8: "rattitude",
 }
 _AUTO: Final = 4 << 16  # the main mode of all its sub-modes
+_SPARE_M: Final = 2.5
+_VELOCITY_AND_YAW: Final = 0b100111000111  # what the type mask ignores: position, acceleration, yaw rate
 
 
 @dataclass(frozen=True)
 class Modes:
     """One autopilot's custom modes, and how it wants to be told.
 
-    `hold`: stays where it is; it arms in it, and falls back to it after the take-off. `take_off`: seen while it climbs.
-    `steer`: follows velocities. `px4`: modes are main and sub-modes, heights are above mean sea level.
+    `hold`: stays where it is; it arms in it. `take_off`: seen while it climbs. `steer`: follows velocities. `yields`:
+    stays where it is until the sticks move. `px4`: modes are main and sub-modes, heights are above mean sea level.
     """
 
     hold: int
     take_off: int
     steer: int
     land: int
+    yields: int
     px4: bool
 
     def name(self, mode: int) -> str:
@@ -68,15 +71,36 @@ class Modes:
         )
 
     def to_take_off(self, vehicle: Vehicle, height: float, ground_amsl: float) -> Any:
-        """NAV_TAKEOFF to a height above the ground, straight up, heading kept."""
+        """NAV_TAKEOFF to a height above the ground, straight up, heading kept.
+
+        PX4 ends a take-off within 0.8 m of its height, and then holds, as the pilot may have told it. So it is ordered
+        higher than it is to go, and told to follow set-points before it is there.
+        """
         here = float("nan") if self.px4 else 0.0  # PX4 takes a number for a place, ArduPilot ignores it
-        level = ground_amsl + height if self.px4 else height
+        level = ground_amsl + height + _SPARE_M if self.px4 else height
         return command(vehicle.system, vehicle.component, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, here, here, here, level)
+
+    def to_steer(self, vehicle: Vehicle, velocity: tuple[float, float, float], yaw: float) -> Any:
+        """A set-point: NED, m/s, and the heading, radians. In any mode but `steer` it has no effect."""
+        still = (0.0, 0.0, 0.0)
+        to = vehicle.system, vehicle.component
+        frame, ignored = dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
+        return dialect.MAVLink_set_position_target_local_ned_message(
+            0, *to, frame, ignored, *still, *velocity, *still, yaw, 0.0
+        )
 
 
 _GUIDED: Final = dialect.COPTER_MODE_GUIDED
-ARDUCOPTER: Final = Modes(hold=_GUIDED, take_off=_GUIDED, steer=_GUIDED, land=dialect.COPTER_MODE_LAND, px4=False)
-PX4: Final = Modes(hold=_AUTO | 3 << 24, take_off=_AUTO | 2 << 24, steer=6 << 16, land=_AUTO | 6 << 24, px4=True)
+_HOLD: Final = _AUTO | 3 << 24
+ARDUCOPTER: Final = Modes(
+    hold=_GUIDED,
+    take_off=_GUIDED,
+    steer=_GUIDED,
+    land=dialect.COPTER_MODE_LAND,
+    yields=dialect.COPTER_MODE_LOITER,
+    px4=False,
+)
+PX4: Final = Modes(hold=_HOLD, take_off=_AUTO | 2 << 24, steer=6 << 16, land=_AUTO | 6 << 24, yields=_HOLD, px4=True)
 
 
 def modes_of(vehicle: Vehicle) -> Modes:

@@ -67,12 +67,12 @@ class Navigation:
             self._on_home(message)
             return "follows"
         boot = message.time_boot_ms / 1e3
-        before = self._time.believed
         judgement = self._time.judge(boot, now)
         if judgement == "stray":
-            self.unpositioned += _is_zero(message)  # without a fix some send no time either
+            self.unpositioned += is_zero(message)  # without a fix some send no time either
             return judgement
         if judgement == "anew":
+            before = self._time.replaced
             if before is None or boot < before:
                 self._on_reboot()
             else:
@@ -105,8 +105,8 @@ class Navigation:
         self._say(Notice("info", f"the vehicle's clock is ahead by {ahead_s:.0f} s: what came before was late"))
 
     def _on_position(self, message: Any, boot: float, now: float) -> None:
-        place = message.lat / 1e7, message.lon / 1e7, message.alt / 1e3
-        if _is_zero(message):
+        place, velocity = place_of(message)
+        if is_zero(message):
             self.unpositioned += 1
             return
         if not _is_place(place):
@@ -119,7 +119,6 @@ class Navigation:
             self.jumps += 1
             self.track.forget_positions()  # between the two sides of the jump it never was
             self._say(Notice("warning", f"the vehicle's position has jumped by {_distance(before[1:4], place):.0f} m"))
-        velocity = message.vx / 100, message.vy / 100, message.vz / 100
         self.track.add_position(PositionSample(boot, *place, velocity))
 
     def _on_attitude(self, message: Any, boot: float, now: float) -> None:
@@ -145,12 +144,18 @@ class Navigation:
             self.refused += 1
 
 
+def place_of(message: Any) -> tuple[Place, tuple[float, float, float]]:
+    """Place and velocity, NED, m/s, of a GLOBAL_POSITION_INT."""
+    velocity = message.vx / 100, message.vy / 100, message.vz / 100
+    return (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3), velocity
+
+
 def _square(x: float, y: float, z: float) -> float:
     """Of the length; of a NaN it is NaN, which compares with nothing."""
     return x * x + y * y + z * z
 
 
-def _is_zero(message: Any) -> bool:
+def is_zero(message: Any) -> bool:
     """Whether it is a position at 0° north, 0° east, which means that there is none."""
     return bool(message.id == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT and message.lat == message.lon == 0)
 
@@ -165,6 +170,10 @@ def _place_follows(old: Place, new: Place, gap_s: float) -> bool:
 
 
 def _distance(a: Place, b: Place) -> float:
-    """Metres, on a sphere and roughly."""
+    return math.hypot(*offset_m(a, b))
+
+
+def offset_m(a: Place, b: Place) -> tuple[float, float, float]:
+    """North, east and down from one place to another, metres, on a sphere and roughly."""
     east = (b[1] - a[1] + 180) % 360 - 180
-    return math.hypot((b[0] - a[0]) * _M_PER_DEG, east * _M_PER_DEG * math.cos(math.radians(a[0])), b[2] - a[2])
+    return (b[0] - a[0]) * _M_PER_DEG, east * _M_PER_DEG * math.cos(math.radians(a[0])), a[2] - b[2]

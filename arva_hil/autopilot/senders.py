@@ -22,6 +22,7 @@ class Senders:
         self._met: dict[Hashable, bool] = {}  # sender → it may be the vehicle
         self._heard_at = -math.inf
         self._looked_at = -math.inf
+        self._pinned = False
 
     @property
     def candidates(self) -> list[Hashable]:
@@ -46,7 +47,11 @@ class Senders:
 
     def believes(self, sender: Hashable, now: float) -> bool:
         """Whether a vehicle's packet may be believed from this sender: only from the one, until it falls silent."""
-        return sender == self.vehicle or now - self._heard_at > _SILENT_S
+        return sender == self.vehicle or (now - self._heard_at > _SILENT_S and not self._pinned)
+
+    def pin(self) -> None:
+        """From now on the vehicle's never changes."""
+        self._pinned = True
 
     def release(self) -> None:
         """The link to the vehicle is lost: it may come back from anywhere, at once."""

@@ -9,8 +9,9 @@ from typing import Any, Final
 
 from arva_hil.autopilot.clockmap import ClockMap
 from arva_hil.autopilot.finder import Finder, Vehicle
+from arva_hil.autopilot.identity import Identity
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
-from arva_hil.autopilot.navigation import Navigation, Place
+from arva_hil.autopilot.navigation import Navigation, Place, is_zero, place_of
 from arva_hil.autopilot.pose import PoseTrack, VehicleState
 from arva_hil.autopilot.senders import Senders
 from arva_hil.autopilot.signing import Signing, Verdict
@@ -30,6 +31,18 @@ _DISBELIEVED: Final[dict[Verdict, str]] = {
     "forged": "packets signed with another key are ignored, the first from {}",
     "replayed": "packets with old time stamps are ignored, the first from {}: replayed, or its clock is behind",
 }
+
+
+def _is_own(identity: Identity, message: Any, now: float) -> bool:
+    """Whether one of the messages that navigation handles may be from the vehicle that was pinned."""
+    if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
+        return True
+    boot = message.time_boot_ms / 1e3
+    if not identity.time(boot, now):
+        return False
+    if message.id != dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT or is_zero(message):
+        return True
+    return identity.place(boot, *place_of(message))
 
 
 def heartbeat() -> Any:
@@ -77,6 +90,7 @@ class Session:
         self._disbelieved: set[Verdict] = set()
         self._streams: Streams | None = None
         self._extras: dict[int, float] = {}
+        self._identity: Identity | None = None  # of the vehicle, once it is pinned
         self._notices: list[Notice] = []
         self._last_heartbeat = -math.inf
         self._lost = False
@@ -122,6 +136,21 @@ class Session:
         self._extras.update(streams)
         if self._streams:
             self._streams.want(streams)
+
+    def pin(self) -> None:
+        """From now on the vehicle never changes: another one is none, whatever it says, and `usurped` tells."""
+        self._identity = Identity(self.clock.rate)
+        self.senders.pin()
+
+    @property
+    def usurped(self) -> str:
+        """Why what speaks is not the vehicle that was pinned; "" while it is."""
+        return self._identity.why if self._identity else ""
+
+    @property
+    def doubtful(self) -> bool:
+        """What was heard last may be another vehicle's than the one that was pinned."""
+        return self._identity is not None and self._identity.doubtful
 
     @property
     def track(self) -> PoseTrack:
@@ -294,7 +323,9 @@ class Session:
             self._on_heartbeat(message, now)
             return
         found = self._finder.vehicle(packet, message)
-        if found and (known is None or (self._lost and known.sent(packet))):
+        if found and known and known.sent(packet) and self._identity:
+            self._identity.why = f"the vehicle that was launched is {known}, and now {found} speaks with its ids"
+        elif found and (known is None or (self._lost and known.sent(packet))):
             self.own.append(packet)
             self.senders.hear(sender, now)
             self._follow(found, now, signed=packet.signed)
@@ -360,6 +391,8 @@ class Session:
 
     def _navigate(self, message: Any, now: float) -> None:
         assert self._streams is not None
+        if self._identity and not _is_own(self._identity, message, now):
+            return
         judgement = self.navigation.hear(message, now)
         if judgement == "anew":
             self._streams = Streams(self._rate_hz, now, self._extras)

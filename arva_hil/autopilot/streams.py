@@ -151,7 +151,7 @@ class Streams:
         stream, _ = self._pending
         self._pending = None
         if not stream.needed:
-            stream.refused = result != dialect.MAV_RESULT_ACCEPTED
+            stream.refused = stream.refused or result != dialect.MAV_RESULT_ACCEPTED
             return
         answer = RESULTS.get(result, f"result {result}")
         stream.said = f"SET_MESSAGE_INTERVAL to {stream.want_hz:g} Hz: {answer}"

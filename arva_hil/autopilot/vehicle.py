@@ -1,7 +1,8 @@
 """The built-in vehicle: a simulated multirotor that answers as ArduCopter does, over any link.
 
-It says HEARTBEAT once a second and nothing else until it is asked. Commands: the table at the end; every
-other one is UNSUPPORTED. A rate above 333 Hz or an id it does not know is DENIED, and the old rate stays.
+It says HEARTBEAT once a second and nothing else until it is asked, and has a handful of parameters. Commands: the
+table at the end; every other one is UNSUPPORTED. A rate above 333 Hz or an id it does not know is DENIED, and the old
+rate stays.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.multirotor import STEP_US, Vector
 from arva_hil.autopilot.multirotor_pilot import Mode, Pilot
 from arva_hil.autopilot.signing import Signing
-from arva_hil.autopilot.vehicle_messages import BUILDERS, GROUPS, Home, Report, Wander, read_set_point
+from arva_hil.autopilot.vehicle_messages import BUILDERS, GROUPS, PARAMETERS, Home, Report, Wander, read_set_point
 
 __all__ = ["SimulatedVehicle", "Truth"]
 
@@ -230,6 +231,11 @@ class SimulatedVehicle:
             boot_ns = (self._now - self._boot_at) * 1000
             self._send(dialect.MAVLink_timesync_message(boot_ns, message.ts1))
 
+    def _on_parameter(self, message: Message, _: Packet) -> None:
+        if message.param_id in PARAMETERS:
+            name, kind = message.param_id.encode(), dialect.MAV_PARAM_TYPE_REAL32
+            self._send(dialect.MAVLink_param_value_message(name, PARAMETERS[message.param_id], kind, 0, 0xFFFF))
+
     def _on_set_point(self, message: Message, _: Packet) -> None:
         set_point = read_set_point(message, self._pilot.motion)
         if set_point is not None and self._pilot.mode == Mode.GUIDED:
@@ -258,9 +264,11 @@ class SimulatedVehicle:
 
     def _set_interval(self, params: tuple[float, ...], _: int) -> int:
         msgid, interval = _whole(params[0]), _whole(params[1])
-        if msgid not in BUILDERS or msgid == _HEARTBEAT:
+        if msgid not in BUILDERS:
             return _DENIED
-        if interval == 0:
+        if msgid == _HEARTBEAT and interval in (0, -1):
+            self._stream(msgid, 1_000_000)
+        elif interval == 0:
             self._stream(msgid, self._defaults.get(msgid))
         elif interval == -1:
             self._stream(msgid, None)
@@ -293,6 +301,7 @@ _HANDLERS: Final = {
     dialect.MAVLINK_MSG_ID_SET_MODE: SimulatedVehicle._on_set_mode,
     dialect.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: SimulatedVehicle._on_data_stream,
     dialect.MAVLINK_MSG_ID_TIMESYNC: SimulatedVehicle._on_timesync,
+    dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ: SimulatedVehicle._on_parameter,
     dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: SimulatedVehicle._on_set_point,
 }
 

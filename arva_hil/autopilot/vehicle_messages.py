@@ -15,7 +15,7 @@ from arva_hil.autopilot.multirotor import Motion, Multirotor, Vector
 from arva_hil.autopilot.multirotor_pilot import Mode, Pilot, SetPoint
 from arva_hil.model.geodesy import LocalFrame
 
-__all__ = ["BUILDERS", "GROUPS", "Home", "Report", "Wander", "read_set_point"]
+__all__ = ["BUILDERS", "GROUPS", "PARAMETERS", "Home", "Report", "Wander", "read_set_point"]
 
 Message = Any  # pymavlink's generated classes carry no types
 
@@ -189,13 +189,6 @@ def _global_position_int(r: Report) -> Message:
     )
 
 
-def _scaled_pressure(r: Report) -> Message:
-    """Of the standard atmosphere at the true altitude."""
-    altitude = r.home.alt_m - r.motion.position[2]
-    hpa = 1013.25 * max(1 - 2.25577e-5 * altitude, 1e-3) ** 5.25588
-    return dialect.MAVLink_scaled_pressure_message(r.boot_ms, hpa, 0.0, 2000)
-
-
 def _distance_sensor(r: Report) -> Message:
     """Height above the ground, not along the leaning body."""
     height = min(round(-r.motion.position[2] * 100), _RANGE_CM)
@@ -226,6 +219,11 @@ def _extended_sys_state(r: Report) -> Message:
     else:
         state = dialect.MAV_LANDED_STATE_IN_AIR
     return dialect.MAVLink_extended_sys_state_message(0, state)
+
+
+def _rc_channels(r: Report) -> Message:
+    unused = [0xFFFF] * 14
+    return dialect.MAVLink_rc_channels_message(r.boot_ms, 4, *r.pilot.sticks, *unused, 255)
 
 
 def _autopilot_version(r: Report) -> Message:
@@ -281,14 +279,17 @@ BUILDERS: Final[dict[int, Callable[[Report], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position_ned,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position_int,
-    dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
     dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance_sensor,
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
     dialect.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
     dialect.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     dialect.MAVLINK_MSG_ID_SIMSTATE: _simstate,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
 }
+
+# ArduCopter's, and their defaults.
+PARAMETERS: Final = {"FS_THR_ENABLE": 1, "FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "GUID_TIMEOUT": 3, "RCMAP_THROTTLE": 3}
 
 # What each stream of REQUEST_DATA_STREAM holds.
 GROUPS: Final[dict[int, tuple[int, ...]]] = {

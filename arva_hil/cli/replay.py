@@ -7,20 +7,23 @@ import itertools
 import math
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 
 from arva_hil.autopilot.session import Session
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
 from arva_hil.cli.outcome import UsageError
-from arva_hil.cli.terminal import tell
 from arva_hil.clock import RealClock
 from arva_hil.emulator import Emulator
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink
-from arva_hil.links.tlog import Record, TlogReader, read_tlog
+from arva_hil.links.timeline import Record, Timeline
+from arva_hil.links.tlog import TlogReader, read_tlog
+from arva_hil.links.tlog_layout import BIG
 from arva_hil.loop import replay
+from arva_hil.notice import Level, Notice
+from arva_hil.observer import Observer
 from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
 
 _BAR_STEP_BYTES = 1 << 16
@@ -57,7 +60,9 @@ def main(options: argparse.Namespace) -> int:
         except LinkError as error:
             raise UsageError(error) from None
         out = stack.enter_context(closing(_out(options, stack)))
-        first = next(log, None)
+        tally = _Tally(log)
+        timeline = tally.timeline
+        first = next(timeline, None)
         if first is None:
             raise UsageError(f"{options.log}: no MAVLink packet in its {log.size} bytes: is it a telemetry log?")
         surroundings = shared.Run(
@@ -85,13 +90,51 @@ def main(options: argparse.Namespace) -> int:
         )
         speed = options.speed or (1.0 if options.port else math.inf)
         clock = None if speed == math.inf else RealClock(speed)
-        records = _progress(log, first)
-        code = surroundings.drive(
-            emulator, lambda: replay(emulator, records, clock=clock, stopped=surroundings.stopped)
+        tally.begin(surroundings.observers)
+        records = _progress(log, itertools.chain([first], timeline))
+        return surroundings.drive(
+            emulator, lambda: replay(emulator, records, clock=clock, stopped=surroundings.stopped), tally
         )
-        if log.skipped or log.torn:
-            tell(f"{options.log}: {log.skipped} bytes of garbage and {log.torn} of a torn tail")
-        return code
+
+
+class _Tally:
+    """Remembers how a log is doing, and says once what its clock did."""
+
+    def __init__(self, log: TlogReader) -> None:
+        self.timeline = Timeline(log, stamped=log.stamped, tell=self._on_step)
+        self._log = log
+        self._observers: Sequence[Observer] = ()
+
+    def begin(self, observers: Sequence[Observer]) -> None:
+        """Say to these how the log is laid out, unless it is as it should be, and what its clock does."""
+        self._observers = observers
+        if not self._log.stamped:
+            self._say("info", "it has no times: they come from the vehicles' boot times")
+        elif self._log.layout != BIG.name:
+            self._say("info", f"it has {self._log.layout}")
+
+    def counts(self) -> dict[str, int]:
+        return {
+            "log_clock_steps": self.timeline.steps,
+            "log_stray_times": self.timeline.strays,
+            "log_garbage_bytes": self._log.skipped,
+            "log_torn_bytes": self._log.torn,
+        }
+
+    def sums(self) -> list[str]:
+        lines = []
+        if steps := self.timeline.steps + self.timeline.strays:
+            lines.append(f"{self._log.path}: its clock was set {steps} ×")
+        if self._log.skipped or self._log.torn:
+            lines.append(f"{self._log.path}: {self._log.skipped} bytes of garbage and {self._log.torn} of a torn tail")
+        return lines
+
+    def _on_step(self) -> None:
+        self._say("warning", "its clock was set while it was written: time goes on by the vehicles' own clocks")
+
+    def _say(self, level: Level, text: str) -> None:
+        for observer in self._observers:
+            observer.notice(Notice(level, f"{self._log.path}: {text}"))
 
 
 def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
@@ -107,16 +150,16 @@ def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
         raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def _progress(log: TlogReader, first: Record) -> Iterator[Record]:
+def _progress(log: TlogReader, records: Iterator[Record]) -> Iterator[Record]:
     """The log's records, with a progress bar on a terminal."""
     if not sys.stderr.isatty():
-        yield from itertools.chain([first], log)
+        yield from records
         return
     from tqdm import tqdm  # slow to import
 
     with tqdm(total=log.size, unit="B", unit_scale=True, leave=False) as bar:
         shown = 0
-        for record in itertools.chain([first], log):
+        for record in records:
             if log.consumed - shown > _BAR_STEP_BYTES:
                 bar.update(log.consumed - shown)
                 shown = log.consumed

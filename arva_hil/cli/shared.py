@@ -7,9 +7,9 @@ import dataclasses
 import gc
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import fastcrc
 import numpy
@@ -27,11 +27,20 @@ from arva_hil.emulator import Emulator, NoHeartbeatError
 from arva_hil.faults.spec import Fault, misfit
 from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import open_stdout
-from arva_hil.linkwatch import LinkWatch
 from arva_hil.notice import Notice
 from arva_hil.observer import Observer
 from arva_hil.record import Recorder, RecordError
 from arva_hil.scenario import DEFAULT, Scenario, ScenarioError, load, to_dict
+
+
+class Tally(Protocol):
+    """What a run's links have to say at its end."""
+
+    def counts(self) -> Mapping[str, int]:
+        """For run.json."""
+
+    def sums(self) -> list[str]:
+        """For a person."""
 
 
 def scenario(options: argparse.Namespace) -> Scenario:
@@ -138,7 +147,7 @@ class Run:
             self.printer.notice(Notice("error", f"{self._recorder.error}; frames go on"))
         return bool(self._guard.caught or self._guard.error or (self._lines and self._lines.error))
 
-    def drive(self, emulator: Emulator, loop: Callable[[], None], links: LinkWatch | None = None) -> int:
+    def drive(self, emulator: Emulator, loop: Callable[[], None], links: Tally | None = None) -> int:
         """Run `loop` until it ends, fails or a signal comes; write the record, print the sum; the exit code."""
         failure = None
         gc.freeze()  # or the collector walks all that start-up made, 20 ms long, in the middle of a deadline
@@ -165,7 +174,7 @@ class Run:
         finally:
             self._guard.__exit__()
 
-    def _finish(self, emulator: Emulator, failure: Failure | None, links: LinkWatch | None) -> int:
+    def _finish(self, emulator: Emulator, failure: Failure | None, links: Tally | None) -> int:
         caught = self._guard.caught
         if self._lines and (why := self._lines.close()) and not failure and not caught:
             failure = Failure(FAILED, why)
@@ -187,7 +196,7 @@ class Run:
         self.printer.close()
         return code
 
-    def _as_dict(self, emulator: Emulator, links: LinkWatch | None, how: str, code: int) -> dict[str, Any]:
+    def _as_dict(self, emulator: Emulator, links: Tally | None, how: str, code: int) -> dict[str, Any]:
         session = emulator.session
         return {
             "ended": how,
@@ -196,7 +205,7 @@ class Run:
             "vehicle": dataclasses.asdict(session.vehicle) if session.vehicle else None,
             "datum": emulator.datum.of_the_flight,
             "datums": [change._asdict() for change in emulator.datum.changes],
-            "counters": counters(emulator) | (links.counts() if links else {}),
+            "counters": counters(emulator) | dict(links.counts() if links else {}),
         }
 
 
@@ -226,7 +235,7 @@ def counters(emulator: Emulator) -> dict[str, Any]:
     }
 
 
-def sums(emulator: Emulator, links: LinkWatch | None) -> list[str]:
+def sums(emulator: Emulator, links: Tally | None) -> list[str]:
     """The summary at the end."""
     c, session = emulator.counters, emulator.session
     lines = [

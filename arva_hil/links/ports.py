@@ -79,7 +79,7 @@ def list_ports() -> list[Port]:
             location=info.location or "",
             autopilot=_is_autopilot(info),
         )
-        for info in sorted(comports(), key=lambda info: _natural(info.device))
+        for info in sorted(comports(), key=lambda info: natural(info.device))
     ]
 
 
@@ -90,7 +90,7 @@ def find_autopilot(ports: Iterable[Port], exclude: Collection[str] = ()) -> list
     """
     taken = {name for path in exclude if path for name in (path, os.path.realpath(path))}
     plugs: dict[str, Port] = {}
-    for port in sorted(ports, key=lambda port: (port.location, _natural(port.device))):
+    for port in sorted(ports, key=lambda port: (port.location, natural(port.device))):
         if port.autopilot and not taken & {port.device, os.path.realpath(port.device), port.by_id}:
             plugs.setdefault(port.location.partition(":")[0] or port.device, port)
     return list(plugs.values())
@@ -112,11 +112,11 @@ def far_program(device: str) -> str:
     real = os.path.realpath(device)
     if not real.startswith(_PTYS):
         return ""
-    for process in sorted(glob.glob("/proc/[0-9]*"), key=_natural):
+    for process in sorted(glob.glob("/proc/[0-9]*"), key=natural):
         try:
             ends = os.listdir(f"{process}/fd")
-            if any(_is_master(f"{process}/fd/{end}", f"{process}/fdinfo/{end}", real) for end in ends):
-                return _command(process)
+            if any(is_master(f"{process}/fd/{end}", f"{process}/fdinfo/{end}", real) for end in ends):
+                return command_of(process)
         except OSError:  # another user's, or it has ended
             continue
     return ""
@@ -125,7 +125,7 @@ def far_program(device: str) -> str:
 def holders(device: str) -> list[str]:
     """Each process seen to have a device open, as `1234 (command)`. Linux; others' processes only as root."""
     real = os.path.realpath(device)
-    return _who(lambda fd, target: target == real and _here(fd, real))
+    return _who(lambda fd, target: target == real and is_here(fd, real))
 
 
 def listeners(port: int, protocol: str) -> list[str]:
@@ -154,28 +154,28 @@ def unread(device: str) -> int:
 def _who(wanted: Callable[[str, str], bool]) -> list[str]:
     """Each process that has such a thing open; `wanted` is asked about a descriptor's path and its target."""
     found = []
-    for process in sorted(glob.glob("/proc/[0-9]*"), key=_natural):
+    for process in sorted(glob.glob("/proc/[0-9]*"), key=natural):
         try:
             if not any(wanted(entry.path, os.readlink(entry.path)) for entry in os.scandir(f"{process}/fd")):
                 continue
-            command = _command(process)
+            command = command_of(process)
         except OSError:  # another user's, or it has ended
             continue
         found.append(f"{os.path.basename(process)} ({command[:60]})")
     return found
 
 
-def _here(fd: str, device: str) -> bool:
+def is_here(fd: str, device: str) -> bool:
     """Whether what is open is this machine's: a container has pseudo-terminals of its own, by the same names."""
     return not device.startswith(_PTYS) or os.stat(fd).st_dev == os.stat(device).st_dev
 
 
-def _is_master(fd: str, fdinfo: str, device: str) -> bool:
+def is_master(fd: str, fdinfo: str, device: str) -> bool:
     """Whether a descriptor is the master of a pseudo-terminal."""
     path = os.readlink(fd)
     if not path.endswith("ptmx") or _number_of(fdinfo) != device.removeprefix(_PTYS):
         return False
-    return not path.startswith(_PTYS) or _here(fd, device)
+    return not path.startswith(_PTYS) or is_here(fd, device)
 
 
 def _bound(table: str, port: int) -> list[str]:
@@ -189,7 +189,7 @@ def _bound(table: str, port: int) -> list[str]:
     return [row[9] for row in rows if row[1].endswith(f":{port:04X}") and row[3] == wait]
 
 
-def _command(process: str) -> str:
+def command_of(process: str) -> str:
     with open(f"{process}/cmdline", "rb") as file:
         return file.read(200).replace(b"\0", b" ").decode(errors="replace").strip()
 
@@ -212,6 +212,6 @@ def _is_autopilot(info: ListPortInfo) -> bool:
     return info.vid in _VENDORS or (info.vid, info.pid) in _PRODUCTS or bool(_WORDS.search(words))
 
 
-def _natural(name: str) -> list[str | int]:
+def natural(name: str) -> list[str | int]:
     """Sorts ttyUSB2 before ttyUSB10."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"([0-9]+)", name)]

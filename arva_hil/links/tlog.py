@@ -1,40 +1,24 @@
 """MAVLink telemetry logs: again and again 8 bytes, big-endian microseconds since 1970, then one raw packet.
 
-All that is known of MAVLink here is how long a packet is: https://mavlink.io/en/guide/serialization.html
+Logs with little-endian times are read too, and streams of packets without times.
 """
 
 from __future__ import annotations
 
 import os
-import re
 import stat
-import struct
 from collections.abc import Generator, Iterator
-from typing import BinaryIO, Final, NamedTuple
+from typing import BinaryIO, Final
 
 from arva_hil.clock import Clock
 from arva_hil.links.base import Link, LinkEnded, LinkError
+from arva_hil.links.timeline import Record, Timeline
+from arva_hil.links.tlog_layout import BARE, DAY_US, LONGEST, find, follows, is_step, layout_of, look
+
+__all__ = ["Record", "TlogLink", "TlogReader", "read_tlog", "tlog_record"]
 
 _CHUNK: Final = 65536
-_LONGEST: Final = 8 + 12 + 255 + 13  # bytes of a record
-_AHEAD: Final = 4 * _LONGEST  # bytes kept in sight: a record and those that it is judged by
-_DAY_US: Final = 86_400_000_000
-_YEAR_2001_US: Final = 978_307_200_000_000
-_YEAR_2100_US: Final = 4_102_444_800_000_000
-_HEAD: Final = struct.Struct(">Q3B")  # time, then of the packet: magic, payload length, flags (MAVLink 2)
-_STAMP: Final = re.compile(rb"\x00[\x03-\x0e][\s\S]{6}[\xfd\xfe]")  # a time 2001…2100 and a magic, roughly
-
-
-class Record(NamedTuple):
-    """One packet and when it was received, in microseconds since 1970."""
-
-    time_us: int
-    raw: bytes
-
-    @property
-    def time_s(self) -> float:
-        """Seconds since 1970."""
-        return self.time_us / 1e6
+_AHEAD: Final = 4 * LONGEST  # bytes kept in sight: a record and those that it is judged by
 
 
 def tlog_record(time_us: int, raw: bytes) -> bytes:
@@ -56,9 +40,10 @@ class TlogReader(Iterator[Record]):
     `torn`, bytes of a last record that the file's end cuts; `consumed` of `size` bytes. `first_us` and
     `last_us` are the times of the first and the latest record, None before the first.
 
-    A record's time is within a day of the one before, the first one's in 2001…2100. Behind garbage a record
-    counts only when another one or the file's end follows it. A record that another one starts inside of was
-    cut and counts as garbage.
+    A record's time is within a day of the one before, the first one's in 2001…2100; a clock that steps further, or is
+    wrong from the start, is believed where records go on without a gap. Behind garbage a record counts only when
+    another one or the file's end follows it. A record that another one starts inside of was cut and counts as garbage.
+    Without times (`stamped` is false) every record's time is 0; `layout` says how the file is laid out.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -68,7 +53,19 @@ class TlogReader(Iterator[Record]):
         self.last_us: int | None = None
         self._file = _open_regular(self.path)
         self.size = os.fstat(self._file.fileno()).st_size
+        self._start = self._chunk()
+        self._layout = layout_of(self._start)
         self._records = self._read()
+
+    @property
+    def stamped(self) -> bool:
+        """Whether records have times."""
+        return self._layout is not BARE
+
+    @property
+    def layout(self) -> str:
+        """Which times there are, for a person."""
+        return self._layout.name
 
     def __iter__(self) -> Iterator[Record]:
         return self._records
@@ -81,7 +78,9 @@ class TlogReader(Iterator[Record]):
         self._file.close()
 
     def _read(self) -> Generator[Record, None, None]:
-        buffer, at, ended = b"", 0, False
+        layout, before = self._layout, self._layout.before
+        buffer, at, ended = self._start, 0, False
+        self._start = b""
         length = time_us = 0  # of the record at `at`; 0: not known yet, or none starts there
         in_step = True  # at the file's start or right behind a record
         while True:
@@ -91,15 +90,19 @@ class TlogReader(Iterator[Record]):
                 continue
             size = len(buffer)
             if not length:
-                length, time_us = _look(buffer, at, self.last_us)
+                length, time_us = look(buffer, at, layout)
             end = at + length
-            if length:
-                following = _look(buffer, end, time_us)
-                good = following[0] or end == size
-                if not good and in_step and end < size:  # garbage follows, unless this one was cut by another
-                    good = _find(buffer, at + 1, end, self.last_us) is None
+            if length and end <= size:
+                following = look(buffer, end, layout)
+                last = self.last_us
+                if (last is not None and -DAY_US <= time_us - last <= DAY_US) or follows(last, time_us, layout):
+                    good = (following[0] and -DAY_US <= following[1] - time_us <= DAY_US) or end == size
+                    if not good and in_step and end < size:  # garbage follows, unless this one was cut by another
+                        good = find(buffer, at + 1, end, self.last_us, layout) is None
+                else:
+                    good = is_step(buffer, at, self.last_us if in_step else None, layout)
                 if good:
-                    record = Record(time_us, buffer[at + 8 : end])
+                    record = Record(time_us, buffer[at + before : end])
                     if self.first_us is None:
                         self.first_us = time_us
                     self.last_us = time_us
@@ -109,9 +112,9 @@ class TlogReader(Iterator[Record]):
                     length, time_us = following
                     yield record
                     continue
-            found = _find(buffer, at, size, self.last_us)
+            found = find(buffer, at, size, self.last_us, layout)
             goal = (size if ended else size - _AHEAD // 2) if found is None else found
-            if ended and found is None and (end > size or size - at < _HEAD.size):
+            if ended and found is None and (end > size or size - at < layout.size):
                 self.torn = size - at
             else:
                 self.skipped += goal - at
@@ -131,8 +134,8 @@ class TlogReader(Iterator[Record]):
 class TlogLink(Link):
     """A log as if it came from a vehicle: each packet at its time behind the first one, which comes at once.
 
-    Time is `clock`'s, counted from when the link was opened. Writes go nowhere. `read` raises LinkEnded
-    behind the last record. `reader` has the counters.
+    Where the log's clock was set, its `Timeline` goes on. Time is `clock`'s, counted from when the link was opened.
+    Writes go nowhere. `read` raises LinkEnded behind the last record. `reader` has the counters.
     """
 
     def __init__(self, path: str | os.PathLike[str], clock: Clock) -> None:
@@ -140,7 +143,9 @@ class TlogLink(Link):
         self.name = self.reader.path
         self._clock = clock
         self._start = clock.now()
-        self._next = next(self.reader, None)
+        self._records = Timeline(self.reader, stamped=self.reader.stamped)
+        self._next = next(self._records, None)
+        self._first_us = self._next.time_us if self._next else 0
 
     def read(self) -> bytes:
         if self._next is None:
@@ -150,7 +155,7 @@ class TlogLink(Link):
         due = []
         while self._next and self.ready():
             due.append(self._next.raw)
-            self._next = next(self.reader, None)
+            self._next = next(self._records, None)
         return b"".join(due)
 
     def write(self, data: bytes) -> bool:
@@ -163,8 +168,7 @@ class TlogLink(Link):
     def ready(self) -> bool:
         if self._next is None:
             return True
-        first_us = self.reader.first_us or 0
-        return self._clock.now() - self._start >= (self._next.time_us - first_us) / 1e6
+        return self._clock.now() - self._start >= (self._next.time_us - self._first_us) / 1e6
 
 
 def _open_regular(path: str) -> BinaryIO:
@@ -179,30 +183,3 @@ def _open_regular(path: str) -> BinaryIO:
         raise LinkError(path, "permission denied", f"ls -l {path}") from error
     except (OSError, ValueError) as error:
         raise LinkError(path, f"cannot be opened: {error}") from error
-
-
-def _look(buffer: bytes, at: int, near: int | None) -> tuple[int, int]:
-    """Length [bytes] and time of the record at `at`; (0, 0) when by its time or magic none starts there."""
-    if at + _HEAD.size > len(buffer):
-        return 0, 0
-    time_us, magic, payload, flags = _HEAD.unpack_from(buffer, at)
-    if near is None:
-        if not _YEAR_2001_US <= time_us < _YEAR_2100_US:
-            return 0, 0
-    elif not -_DAY_US <= time_us - near <= _DAY_US:
-        return 0, 0
-    if magic == 0xFD:
-        return payload + (33 if flags & 1 else 20), time_us
-    return (payload + 16, time_us) if magic == 0xFE else (0, 0)
-
-
-def _find(buffer: bytes, start: int, stop: int, near: int | None) -> int | None:
-    """Where the first record starts in [start, stop) that another one follows, or the buffer's end."""
-    found = _STAMP.search(buffer, start)
-    while found and found.start() < stop:
-        at = found.start()
-        length, time_us = _look(buffer, at, near)
-        if length and (at + length == len(buffer) or _look(buffer, at + length, time_us)[0]):
-            return at
-        found = _STAMP.search(buffer, at + 1)
-    return None

@@ -13,12 +13,11 @@ from arva_hil.autopilot.commander import Commander, Phase
 from arva_hil.autopilot.mavlink import dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import Clock
-from arva_hil.links import Link, LinkError, Sender
+from arva_hil.links import Link, LinkError
 from arva_hil.model.geodesy import LocalFrame
 from arva_hil.notice import Level, Notice
 from arva_hil.search.flight import Flight
-from arva_hil.search.ground import Ground
-from arva_hil.search.mission import FOUND, NOT_SURE, Mission, Plan
+from arva_hil.search.mission import FOUND, Mission, Plan
 from arva_hil.search.outcome import Kind, Outcome, Row
 from arva_hil.search.permission import Permission
 from arva_hil.search.preflight import INTERRUPTED, Preflight
@@ -28,6 +27,21 @@ from firmware_proto import FrameDecoder
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is the first, a listener the second
 
 _STEP_S: Final = 0.2
+_GAP_S: Final = 1.0  # in which this did not run: who knows who had the vehicle
+_AT_ONCE: Final = 1 << 18  # bytes read before other things are done, and
+_AT_ONCE_S: Final = 0.2
+_HELD_UP_S: Final = 0.04  # after the link was found empty: it has to be looked at again before an order
+_LOOKS: Final = 3
+_STILL_ARMED: Final = (
+    "the vehicle is still armed, and does not say that it has landed. If it stands, keep away from the propellers and "
+    "disarm it from the radio or the ground station"
+)
+_STOPPED: Final = {
+    Phase.ARMING: "it is disarmed",
+    Phase.DISARMING: "it is disarmed",
+    Phase.LANDING: "it goes on landing; the mode switch stops it",
+    Phase.YIELDING: "the pilot gets it",
+}
 
 
 class SearchClient:
@@ -37,6 +51,7 @@ class SearchClient:
     should raise when it is lost: who knows who had the vehicle meanwhile.
     `land`: at the end it lands, else it hovers. `timeout_s`: from `start` until there is all that a flight needs.
     `permission`: to arm this vehicle; None where any may be armed, because all there can be are simulated.
+    `countdown_s`: said before it is armed.
     `log` gets five rows a second. `outcome` is None until all is over, the vehicle landed or left hovering.
     """
 
@@ -53,6 +68,7 @@ class SearchClient:
         timeout_s: float = 60.0,
         arm_timeout_s: float = 60.0,
         permission: Permission | None = None,
+        countdown_s: float = 0.0,
         say: Callable[[Notice], None] = lambda _: None,
         log: Callable[[Row], None] = lambda _: None,
     ) -> None:
@@ -62,13 +78,22 @@ class SearchClient:
         self._receiver = Receiver(receiver, decoder)
         self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=arm_timeout_s)
         self._preflight = Preflight(
-            session, autopilot, self._receiver, start=start, timeout_s=timeout_s, permission=permission, say=say
+            session,
+            autopilot,
+            self._receiver,
+            start=start,
+            timeout_s=timeout_s,
+            permission=permission,
+            countdown_s=countdown_s,
+            say=say,
         )
-        self._ground = Ground(session)
-        self._flight = Flight(plan, session, self._commander, self._ground, start=start, land=land, say=say, log=log)
+        self._flight = Flight(plan, session, self._commander, start=start, land=land, say=say, log=log)
         self._say = say
         self._next_step = start
-        self._reboots = 0
+        self._empty_s = start  # when the autopilot's link was last found empty
+        self._gap = False  # since it is not
+        self._losses = 0
+        self._patience_s = plan.patience_s
         self._stopping = False
 
     @property
@@ -91,47 +116,85 @@ class SearchClient:
         return self._commander.phase is not Phase.IDLE
 
     def stop(self) -> None:
-        """Break it off: what flies is left hovering."""
+        """Break it off: what flies is left hovering, what lands goes on landing, what stands is disarmed."""
         if not self._stopping and self.launched:
-            self._tell("info", "interrupted: what flies is left hovering")
+            what = _STOPPED.get(self._commander.phase, "it is left hovering")
+            self._tell("info", f"interrupted: {what}")
         self._stopping = True
 
     def service(self, clock: Clock) -> float:
         """Take what came, fly on; the next time to call."""
         try:
-            came = self._autopilot.receive()
+            self._take_in(clock)
             now = clock.now()
-            if not self.launched:
-                self._preflight.watch_link(now)
-            for sender, chunk in came:
-                self._hear(chunk, now, sender)
-            senders = self._session.senders
-            self._autopilot.follow(senders.vehicle, senders.candidates)
             for frame in self._receiver.read(now):
                 self._flight.hear(frame, now)
-            return self._act(now)
+            self._pass_on()
+            if now >= self._next_step:
+                self._next_step = max(self._next_step + _STEP_S, now)
+                self._step(now)
+            self._speak(clock)
+            self._pass_on()
+            return self._next_step
         except LinkError as error:  # the autopilot's
             self._cut_off(str(error))
             return math.inf
 
-    def _hear(self, chunk: bytes, now: float, sender: Sender) -> None:
-        self._session.feed(chunk, now, sender)
-        self._preflight.hear(self._session.own)
-        self._commander.hear(now)
-        self._ground.hear(now)
+    def _take_in(self, clock: Clock) -> bool:
+        """Read until the link is empty, and say whether it is; a flood is left for the next time."""
+        begun = now = clock.now()
+        since, read = self._empty_s, 0
+        if now - since > _GAP_S and not self._gap:
+            self._begin_anew(now, now - since)
+        while True:
+            came = self._autopilot.receive()
+            self._watch_link(now)
+            for sender, chunk in came:
+                self._session.feed(chunk, now, sender)
+                self._preflight.hear(self._session.own)
+                self._commander.hear(now, since)
+                read += len(chunk)
+            senders = self._session.senders
+            self._autopilot.follow(senders.vehicle, senders.candidates)
+            now = clock.now()
+            if not self._autopilot.ready():
+                self._empty_s, self._gap = now, False
+                return True
+            if read > _AT_ONCE or now - begun > _AT_ONCE_S:
+                return False
 
-    def _act(self, now: float) -> float:
-        self._pass_on()
-        if now >= self._next_step:
-            self._next_step = max(self._next_step + _STEP_S, now)
-            self._step(now)
-        if out := self._session.poll(now) + self._preflight.poll(now) + self._commander.poll(now):
-            self._autopilot.write(out)
-        self._pass_on()
-        return self._next_step
+    def _begin_anew(self, now: float, gap_s: float) -> None:
+        """Nothing was read for so long: what is known is old."""
+        self._gap = True
+        self._commander.doubt(now)
+        self._preflight.restart()
+        self._flight.skip(gap_s)
+        self._receiver.skip(now)
+        if self.launched:
+            self._tell("warning", f"nothing was done for {gap_s:.1f} s: first it is seen who has the vehicle")
+
+    def _watch_link(self, now: float) -> None:
+        """Before the launch a link may come back; from then on another far end is another vehicle's."""
+        if not self.launched:
+            self._preflight.watch_link(now)
+        elif self._autopilot.losses > self._losses:
+            raise LinkError(self._autopilot.name, self._autopilot.why.removeprefix(f"{self._autopilot.name}: "))
+
+    def _speak(self, clock: Clock) -> None:
+        """Send what is due. Orders only when the link was empty a moment ago: so the last word is never theirs."""
+        for _ in range(_LOOKS):
+            empty = self._take_in(clock)
+            now = clock.now()
+            out = self._session.poll(now) + self._preflight.poll(now)
+            orders = self._commander.poll(now)
+            in_time = empty and clock.now() - self._empty_s <= _HELD_UP_S
+            if out or (orders and in_time):
+                self._autopilot.write(out + orders if in_time else out)
+            if in_time or not empty:
+                return
 
     def _pass_on(self) -> None:
-        for source in (self._session, self._commander, self._ground, self._receiver, self.mission):
+        for source in (self._session, self._commander, self._receiver, self.mission):
             for notice in source.take_notices() if source else ():
                 self._say(notice)
 
@@ -141,20 +204,20 @@ class SearchClient:
             return
         if phase is Phase.IDLE:
             self._wait(now)
-        elif self._session.navigation.reboots > self._reboots:
-            self._cut_off("the autopilot has rebooted")
+        elif self._session.usurped:
+            self._cut_off(self._session.usurped)
         elif self._session.lost:
             self._cut_off("the autopilot is not heard any more")
         elif phase is Phase.LOST:
-            found = self.mission is not None and self.mission.found is not None and self.mission.sure
-            self._finish("found" if found else "failed", self._commander.why)
+            self._conclude_lost()
         elif phase is Phase.ENDED:
             self._conclude()
         elif self._stopping:
             self._commander.hold(now)
         elif phase is Phase.ARMING:
             self._flight.wait(now)
-            if self._receiver.silent(now):
+            self._commander.ready = not self._receiver.silent(now)
+            if self._receiver.silent(now, self._patience_s):
                 self._commander.land(now, self._receiver.why_silent(now))
         else:
             self._flight.fly(now)
@@ -170,12 +233,17 @@ class SearchClient:
             self._finish(*verdict)
 
     def _launch(self, now: float) -> None:
-        self._reboots = self._session.navigation.reboots
         try:
             self._commander.launch(now)
-            self._tell("info", f"arming {self._session.vehicle}")
         except ValueError as error:
             self._finish("failed", str(error))
+            return
+        self._session.pin()
+        self._autopilot.pin()
+        self._losses = self._autopilot.losses
+        if throttle := self._preflight.failsafes.values.get("RCMAP_THROTTLE"):
+            self._commander.sticks.throttle = int(throttle)
+        self._tell("info", f"arming {self._session.vehicle}")
 
     # -- the end -------------------------------------------------------------------------------------------
 
@@ -186,15 +254,34 @@ class SearchClient:
         elif self._commander.why or mission is None:
             self._finish("failed", self._commander.why)
         elif mission.found is not None:
-            self._finish("found" if mission.sure else "not sure", FOUND if mission.sure else NOT_SURE)
+            self._finish("found", FOUND)
         else:
             self._finish("failed" if mission.broken else "not found", mission.ended)
+
+    def _conclude_lost(self) -> None:
+        """The pilot has it, who may have what was found; or nobody has it, and that is no good end."""
+        commander, found = self._commander, self.mission is not None and self.mission.found is not None
+        assert self._session.vehicle is not None
+        if commander.handed_over:
+            self._finish("found" if found else "failed", commander.why)
+        elif not self._session.vehicle.armed:
+            self._finish("failed", commander.why)
+        elif commander.lands_by_itself:
+            self._finish("failed", f"{_STILL_ARMED} ({commander.why})")
+        else:
+            self._cut_off(commander.why)
 
     def _cut_off(self, why: str) -> None:
         if self._commander.phase is Phase.IDLE:
             self._finish("failed" if self._session.vehicle else "no link", why)
         else:
-            self._finish("failed", f"{why}; the vehicle is left to its own failsafe")
+            self._finish("failed", f"{why}; the vehicle is left to its own failsafe: {self._failsafe}")
+
+    @property
+    def _failsafe(self) -> str:
+        if self._commander.lands_by_itself:
+            return "it goes on landing"
+        return self._preflight.failsafes.left_alone
 
     def _finish(self, kind: Kind, how: str) -> None:
         mission = self.mission

@@ -6,16 +6,12 @@ import math
 from collections.abc import Callable
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from arva_hil.autopilot.commander import Commander, Phase
 from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
 from arva_hil.model.geodesy import LocalFrame
 from arva_hil.model.rotation import to_euler, to_matrix
 from arva_hil.notice import Notice
-from arva_hil.search.ground import Ground
 from arva_hil.search.mission import Mission, Plan
 from arva_hil.search.outcome import Row
 from arva_hil.search.strategy import Position
@@ -36,7 +32,6 @@ class Flight:
         plan: Plan,
         session: Session,
         commander: Commander,
-        ground: Ground,
         *,
         start: float,
         land: bool,
@@ -48,19 +43,23 @@ class Flight:
         self._plan = plan
         self._session = session
         self._commander = commander
-        self._ground = ground
         self._start = start
         self._land = land
         self._say = say
         self._log = log
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
+        self._skipped_s = 0.0  # in gaps, which are no part of the mission
 
     def hear(self, frame: Frame, now: float) -> None:
         self._new_frame = frame
         if self.mission is not None and (state := self._state(now)) is not None:
-            place, rotation = self._plan.mount.pose(state.position, state.attitude)
-            self.mission.hear(frame, now, _tuple(place), rotation)
+            self.mission.hear(frame, now - self._skipped_s, _position(state), to_matrix(state.attitude))
+
+    def skip(self, seconds: float) -> None:
+        """There was a gap: the mission's clock stood still."""
+        self._skipped_s += seconds
+        self._last_pose_s += seconds
 
     def wait(self, now: float) -> None:
         """It still stands."""
@@ -71,6 +70,8 @@ class Flight:
         if self.origin is None and (origin := self._commander.origin):
             self.origin = origin.frame
         phase, state, velocity = self._commander.phase, self._state(now), STAY
+        if not self._commander.settled:
+            return
         if state is None:
             self._fly_blind(now)
             return
@@ -78,13 +79,11 @@ class Flight:
         position = _position(state)
         if phase is Phase.FLYING:
             if self.mission is None:
-                self.mission = Mission(self._plan, now, position, land=self._land)
+                self.mission = Mission(self._plan, now - self._skipped_s, position)
                 self._tell(f"{-position[2]:.1f} m high: the search begins")
-            receiver, _ = self._plan.mount.pose(state.position, state.attitude)
-            height = self._ground.height(now, state)
-            velocity = self.mission.fly(now, position, receiver=_tuple(receiver), height=height)
+            velocity = self.mission.fly(now - self._skipped_s, position)
             self._commander.steer(velocity)
-            if self.mission.over:
+            if self.mission.ended:
                 self._over(self.mission, now)
         self._note(now, phase, state, velocity)
 
@@ -126,9 +125,5 @@ def _reading(frame: Frame, target: int | None) -> tuple[int | None, int, int]:
 
 
 def _position(state: VehicleState) -> Position:
-    return _tuple(state.position)
-
-
-def _tuple(place: NDArray[np.float64]) -> Position:
-    north, east, down = place.tolist()
+    north, east, down = state.position.tolist()
     return north, east, down

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from arva_hil.autopilot.failsafes import Failsafes
 from arva_hil.autopilot.mavlink import Packet, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.links import Link
+from arva_hil.links.readers import other_readers
 from arva_hil.notice import Notice
 from arva_hil.search.flight import OLD_S
 from arva_hil.search.outcome import Kind, Refusal
@@ -21,7 +24,8 @@ INTERRUPTED: Final = "interrupted"
 class Preflight:
     """Remembers what a search waits for, and since when. `timeout_s`: from `start`, for all of it.
 
-    `permission`: to arm this vehicle; None where any may be armed.
+    `permission`: to arm this vehicle; None where any may be armed. `countdown_s`: waited for when all is there.
+    `failsafes`: what the vehicle does when it is left alone.
     """
 
     def __init__(
@@ -33,8 +37,10 @@ class Preflight:
         start: float,
         timeout_s: float,
         permission: Permission | None,
+        countdown_s: float,
         say: Callable[[Notice], None],
     ) -> None:
+        self.failsafes = Failsafes()
         self._session = session
         self._autopilot = autopilot
         self._watched = Watched(autopilot)
@@ -42,20 +48,38 @@ class Preflight:
         self._since = start
         self._timeout_s = timeout_s
         self._permission = permission
+        self._countdown_s = countdown_s
+        self._arm_at = math.inf
+        self._next_said = 0
         self._say = say
         self._looked = start
+        self._failsafes_told = False
+        self._alone = False  # with the receiver, when it was looked at first
         self._waits_for = ""
         self._greeted = False  # a heartbeat came since the autopilot's link was opened
 
     def hear(self, packets: Sequence[Packet]) -> None:
         """The vehicle's own packets."""
-        self._greeted |= any(packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT for packet in packets)
+        for packet in packets:
+            if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self._greeted = True
+            elif packet.msgid == dialect.MAVLINK_MSG_ID_PARAM_VALUE:
+                self.failsafes.hear(self._session.parser.decode(packet))
         if self._permission:
             self._permission.hear(packets)
 
     def poll(self, now: float) -> bytes:
         """What is due to be sent: questions."""
-        return self._permission.poll(now) if self._permission else b""
+        session = self._session
+        out = self._permission.poll(now) if self._permission else b""
+        if session.vehicle and self._greeted and not session.lost:
+            out += b"".join(map(session.encoder.pack, self.failsafes.poll(now, session.vehicle)))
+        return out
+
+    def restart(self) -> None:
+        """There was a gap: a heartbeat has to come, and it is counted down again."""
+        self._greeted = False
+        self._arm_at = math.inf
 
     def watch_link(self, now: float) -> None:
         """A link that comes back is a new one, to a vehicle that may have rebooted."""
@@ -87,10 +111,22 @@ class Preflight:
             return self._lack("a frame from the receiver", "no link", lambda: why(now), waited)
         if not self._has_pose(now):
             return self._lack("a pose", "failed", lambda: f"no pose: {session.why_no_pose()}", waited)
-        return self._permitted(now)
+        if not self.failsafes.done:
+            return False
+        permitted = self._permitted(now)
+        ready = self._count_down(now) if permitted is True else permitted
+        if ready is True or not self._alone:  # a person is asked only when all is well, which may change meanwhile
+            self._alone = True
+            if others := other_readers(self._receiver.name):
+                what = f"{self._receiver.name} is read by {', '.join(others)} too, and each gets a part of the frames"
+                return Refusal("no link", f"{what}; close the other program")
+        return ready
 
     def _permitted(self, now: float) -> Refusal | bool:
         """Whether the vehicle may be armed. As long as a person thinks about it, no time passes."""
+        if not self._failsafes_told:
+            self._failsafes_told = True
+            self._say(Notice("info", str(self.failsafes)))
         if self._permission is None:
             return True
         verdict = self._permission.look(now)
@@ -98,7 +134,19 @@ class Preflight:
             self._say(notice)
         return verdict
 
+    def _count_down(self, now: float) -> bool:
+        """The last seconds before propellers turn."""
+        if self._arm_at == math.inf:
+            self._arm_at = now + self._countdown_s
+            self._next_said = math.ceil(self._countdown_s)
+        left = self._arm_at - now
+        if left > 0 and left <= self._next_said:
+            self._say(Notice("info", f"arming in {self._next_said} s"))
+            self._next_said = math.ceil(left) - 1
+        return left <= 0
+
     def _lack(self, what: str, kind: Kind, why: Callable[[], str], waited: float) -> Refusal | bool:
+        self._arm_at = math.inf
         if what != self._waits_for:
             self._waits_for = what
             self._say(Notice("info", f"waiting for {what}"))

@@ -8,11 +8,11 @@ from typing import Final
 
 from arva_hil.links import Link, LinkError
 from arva_hil.notice import Notice
-from arva_hil.search.reading_checks import Fresh
 from arva_hil.watched import Watched
 from firmware_proto import Frame, FrameDecoder
 
 _SILENT_S: Final = 2.0  # without a frame: it does not work
+_MOST_READS: Final = 64
 _SHOWN: Final = 16  # bytes of what is no frame
 
 
@@ -30,20 +30,30 @@ class Receiver:
         self._decoder = decoder
         self._last_s = -math.inf
         self._first_bytes = b""
-        self._fresh = Fresh()
         self._notices: list[Notice] = []
 
+    @property
+    def name(self) -> str:
+        return self._link.name
+
     def read(self, now: float) -> list[Frame]:
-        """The new frames that have come by `now`, s; one that comes again is none."""
+        """The frames that have come by `now`, s."""
         chunk = self._read(now) if self.links else b""
         self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
-        frames = [frame for frame in self._decoder.feed(chunk, now) if self._fresh.new(frame)]
+        frames = self._decoder.feed(chunk, now)
         if frames:
             self.last, self._last_s = frames[-1], now
         return frames
 
-    def silent(self, now: float) -> bool:
-        return now - self._last_s > _SILENT_S
+    def skip(self, now: float) -> None:
+        """Forget what waits: it came in a gap, and nobody knows where the vehicle was."""
+        for _ in range(_MOST_READS):
+            if not self.links or not self._link.ready():
+                break
+            self._decoder.feed(self._read(now), now)
+
+    def silent(self, now: float, limit_s: float = _SILENT_S) -> bool:
+        return now - self._last_s > limit_s
 
     def why_silent(self, now: float) -> str:
         """What came instead of frames, for a person."""
@@ -51,8 +61,6 @@ class Receiver:
             return f"no frame from the receiver: {self._link.why}"
         if self.last is not None:
             why = f"the last one came {now - self._last_s:.0f} s ago"
-            if self._fresh.repeats:
-                why += f", and its sequence number {self.last.sequence} again and again since"
         elif self._first_bytes:
             why = f"bytes came that are none, first {self._first_bytes!r}: is the format right, and the baud rate?"
         else:

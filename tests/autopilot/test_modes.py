@@ -74,9 +74,11 @@ def test_a_mode_is_set_by_number_or_by_main_and_sub_mode(modes: object, mode: in
 
 
 @given(st.floats(0.3, 100), st.floats(-400, 8000))
-def test_a_take_off_is_above_home_for_arducopter_and_above_the_sea_for_px4(height: float, ground: float) -> None:
+def test_a_take_off_is_above_home_for_arducopter_and_above_the_sea_and_higher_for_px4(
+    height: float, ground: float
+) -> None:
     encoder, parser = Encoder(7, 193), Parser()
-    for modes, level in ((ARDUCOPTER, height), (PX4, ground + height)):
+    for modes, level in ((ARDUCOPTER, height), (PX4, ground + height + 2.5)):
         (packet,) = parser.feed(encoder.pack(modes.to_take_off(vehicle(), height, ground)))
         message = parser.decode(packet)
         assert message is not None

@@ -168,8 +168,16 @@ def test_a_denied_rate_leaves_the_old_one() -> None:
     assert client.command(SET_INTERVAL, 30, math.inf) == DENIED
     assert client.command(SET_INTERVAL, 9999, 100_000) == DENIED
     assert client.command(SET_INTERVAL, math.nan, 100_000) == DENIED
-    assert client.command(SET_INTERVAL, 0, 100_000) == DENIED
     assert names(client.run(10.0))["ATTITUDE"] == 100
+
+
+def test_the_heartbeat_comes_as_often_as_asked_and_never_stops() -> None:
+    client = Client()
+    assert client.command(SET_INTERVAL, 0, 100_000) == ACCEPTED
+    assert names(client.run(10.0))["HEARTBEAT"] == 100
+    for interval in (-1, 0):
+        assert client.command(SET_INTERVAL, 0, interval) == ACCEPTED
+        assert 9 <= names(client.run(10.0))["HEARTBEAT"] <= 11
 
 
 def test_asking_again_does_not_delay_a_stream() -> None:

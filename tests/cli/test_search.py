@@ -6,6 +6,7 @@ import csv
 import json
 import signal
 import socket
+import subprocess
 import sys
 import threading
 from collections.abc import Callable
@@ -59,6 +60,11 @@ class Beacon:
         self.link.close()
 
 
+@pytest.fixture(autouse=True)
+def _no_countdown(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ARVA_HIL_COUNTDOWN", "0")
+
+
 @pytest.fixture
 def beacon(keep: Keep) -> Beacon:
     return keep(Beacon())
@@ -104,8 +110,6 @@ def last_lines(program: Program, count: int) -> list[str]:
             "--area: its nearest corner is 3000 m away, at 1 m/s too far for --limit 600",
         ),
         ("--autopilot pty --receiver pty --max-speed 0", "--max-speed: '0': expected a number of m/s 0.2…10"),
-        ("--autopilot pty --receiver pty --mount 1,2", "--mount: '1,2': expected x,y,z in m and, where it is turned"),
-        ("--autopilot pty --receiver pty --mount 0,0,0,nan,0,0", "--mount: '0,0,0,nan,0,0': expected x,y,z in m"),
         ("--autopilot pty --receiver pty --height -1", "--height: '-1': expected a number of m 0.3…100"),
         ("--autopilot pty --receiver pty --take-off nan", "--take-off: 'nan'"),
         ("--autopilot pty --receiver pty --end crash", "--end: invalid choice: 'crash'"),
@@ -219,6 +223,32 @@ def test_frames_of_another_format_are_shown(start: Start, autopilot: Autopilot, 
     assert orders(autopilot) == []
 
 
+def test_a_port_that_another_program_listens_to_is_busy(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
+    listener = start("listen", beacon.link.path)
+    listener.says("listening")
+    program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path)
+    assert program.ends() == 3
+    assert f"arva-hil: {beacon.link.path}: busy: held by " in program.err
+    assert f"{listener.process.pid} (" in program.err
+    assert orders(autopilot) == []
+
+
+def test_nothing_is_armed_while_somebody_else_reads_the_receiver(
+    start: Start, autopilot: Autopilot, beacon: Beacon
+) -> None:
+    """One who heeds no lock, and opens the port after the search has."""
+    beacon.quiet.set()
+    program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path)
+    program.says("waiting for a frame from the receiver")
+    with open(beacon.link.path, "rb", buffering=0) as port, subprocess.Popen(["sleep", "60"], stdin=port) as other:
+        beacon.quiet.clear()
+        assert program.ends() == 3
+        other.kill()
+    said = f"error: {beacon.link.path} is read by {other.pid} (sleep 60) too, and each gets a part of the frames; "
+    assert said + "close the other program\n" in program.err
+    assert orders(autopilot) == []
+
+
 # -- in the air --------------------------------------------------------------------------------------------
 
 
@@ -325,14 +355,29 @@ def test_the_autopilots_link_is_lost(start: Start, beacon: Beacon) -> None:
     assert program.ends() == 1
     assert f"error: {autopilot.address}: lost" in program.err
     assert "looking for it" not in program.err
-    assert "the vehicle is left to its own failsafe; nothing found" in program.err
+    assert "the vehicle is left to its own failsafe: it stops after 3 s (GUID_TIMEOUT), and hovers" in program.err
+
+
+def test_the_last_seconds_before_propellers_turn_are_counted_down(
+    start: Start, autopilot: Autopilot, beacon: Beacon
+) -> None:
+    program = start(
+        "search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, "--countdown", 1.5, *LOW
+    )
+    program.says("arming in 1 s")
+    assert orders(autopilot) == []
+    program.says("arming, try 1")
+    program.send(signal.SIGINT)
+    assert program.ends() == 130
+    assert "arming in 2 s" in program.err
+    assert "left alone by the search, it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed" in program.err
 
 
 def test_two_ctrl_c_end_it_at_once(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
     program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path)
     program.says("arming")
-    autopilot.pause()  # it will never say that it hovers
+    autopilot.pause()  # it will never say that it is disarmed
     program.send(signal.SIGINT)
-    program.says("interrupted: what flies is left hovering")
+    program.says("interrupted: it ")
     program.send(signal.SIGINT)
     assert program.ends() == 130

@@ -58,7 +58,8 @@ def read(tmp_path: Path) -> Callable[[bytes], tuple[list[Record], TlogReader]]:
         found = list(reader)
         assert reader.records == len(found)
         assert reader.consumed == reader.size == len(data)
-        assert len(encode(found)) + reader.skipped + reader.torn == len(data)
+        stamps = 8 * len(found) if reader.stamped else 0
+        assert stamps + sum(len(r.raw) for r in found) + reader.skipped + reader.torn == len(data)
         assert reader.first_us == (found[0].time_us if found else None)
         assert reader.last_us == (found[-1].time_us if found else None)
         return found, reader
@@ -158,13 +159,59 @@ def test_a_false_magic_wherever_the_buffer_ends(read: Read, monkeypatch: pytest.
     assert reader.skipped == reader.size
 
 
-def test_a_time_far_from_the_others_is_garbage(read: Read) -> None:
+@pytest.mark.parametrize("offset", [-DAY_US - 10_000_000, DAY_US + 10_000_000, 30 * DAY_US, -T0_US])
+def test_a_record_with_a_time_of_its_own_is_one_where_nothing_else_is_between(read: Read, offset: int) -> None:
     wanted = records(20)
-    for offset in (-DAY_US - 10_000_000, DAY_US + 10_000_000):
-        odd = Record(T0_US + offset, packet(1, 20))
-        found, reader = read(encode(wanted[:10], odd, wanted[10:]))
-        assert found == wanted
-        assert reader.skipped == len(encode(odd))
+    odd = Record(T0_US + offset, packet(1, 20))
+    assert read(encode(wanted[:10], odd, wanted[10:]))[0] == [*wanted[:10], odd, *wanted[10:]]
+    found, reader = read(encode(wanted[:10], b"\xaa" * 7, odd, wanted[10:]))
+    assert found == wanted
+    assert reader.skipped == 7 + len(encode(odd))
+
+
+@pytest.mark.parametrize("offset", [-3_600_000_000, 30 * DAY_US, -T0_US + 31_536_000_000_000, 78_000_000])
+def test_a_clock_that_was_set_costs_no_record(read: Read, offset: int) -> None:
+    wanted = [*records(10), *records(10, T0_US + offset), *records(10, T0_US + 10_000_000)]
+    found, reader = read(encode(wanted))
+    assert found == wanted
+    found, reader = read(encode(wanted[:10], b"\xaa" * 50, wanted[10:]))
+    assert found == wanted
+    assert reader.skipped == 50
+
+
+def test_a_whole_log_of_1971_is_one(read: Read) -> None:
+    wanted = records(500, 31_536_000_000_000)
+    assert read(encode(wanted))[0] == wanted
+    found, reader = read(encode(b"\xaa" * 50, wanted))
+    assert found == wanted
+    assert reader.skipped == 50
+
+
+@pytest.mark.parametrize("damage", [b"", b"\xaa" * 50, b"\xfd\xfe\x00" * 20])
+def test_times_with_the_low_byte_first_are_read(read: Read, damage: bytes) -> None:
+    wanted = records(40)
+    data = [r.time_us.to_bytes(8, "little") + r.raw for r in wanted]
+    found, reader = read(damage + b"".join(data[:20]) + damage + b"".join(data[20:]))
+    assert found == wanted
+    assert (reader.layout, reader.stamped) == ("little-endian times", True)
+    assert reader.skipped == 2 * len(damage)
+
+
+@pytest.mark.parametrize("damage", [b"", b"\xaa" * 50])
+def test_packets_without_times_are_read(read: Read, damage: bytes) -> None:
+    wanted = records(40)
+    found, reader = read(damage + b"".join(r.raw for r in wanted[:20]) + damage + b"".join(r.raw for r in wanted[20:]))
+    assert found == [Record(0, r.raw) for r in wanted]
+    assert (reader.layout, reader.stamped) == ("no times", False)
+    assert reader.skipped == 2 * len(damage)
+
+
+def test_noise_is_no_log_of_any_kind(read: Read) -> None:
+    numbers = random.Random(7)
+    for _ in range(30):
+        _, reader = read(numbers.randbytes(70_000))
+        assert reader.layout == "big-endian times"
+        assert reader.records <= 1
 
 
 def test_times_may_go_back_and_jump_within_a_day(read: Read) -> None:
@@ -172,11 +219,18 @@ def test_times_may_go_back_and_jump_within_a_day(read: Read) -> None:
     assert read(encode(wanted))[0] == wanted
 
 
-@pytest.mark.parametrize("first_us", [0, 978_307_199_999_999, 4_102_444_800_000_000, (1 << 64) - 1])
-def test_the_first_time_is_in_this_century(read: Read, first_us: int) -> None:
+@pytest.mark.parametrize("first_us", [4_102_444_800_000_000, (1 << 64) - 1])
+def test_no_time_is_behind_this_century(read: Read, first_us: int) -> None:
     found, reader = read(encode(Record(first_us, packet(1, 9)), Record(first_us, packet(1, 9))))
     assert found == []
     assert reader.skipped == 2 * 25
+
+
+@pytest.mark.parametrize("first_us", [0, 978_307_199_999_999])
+def test_a_first_time_before_this_century_needs_another_that_agrees(read: Read, first_us: int) -> None:
+    wanted = [Record(first_us, packet(1, 9))] * 2
+    assert read(encode(wanted))[0] == wanted
+    assert read(encode(wanted[0]))[0] == []
 
 
 @pytest.mark.parametrize("chunk", [1, 7, 1153, 65536])

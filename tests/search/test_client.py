@@ -32,6 +32,8 @@ from firmware_proto import DECODERS, INNER, MID, Channel, Frame, encode
 HOME = (46.0123, 7.7456, 1650.0)
 VICTIM = (8.0, 3.0)  # north, east of home
 US = 193
+GUIDED_ALONE = "it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until somebody takes it"
+LEFT = "the vehicle is left to its own failsafe"
 HARMLESS = {  # what may be sent without an influence on the flight
     dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
     dialect.MAV_CMD_REQUEST_MESSAGE,
@@ -94,7 +96,7 @@ class World:
         self.port = Port(port, self.frames)
         self.session = Session(rate_hz=10, component=US)
         self.client = SearchClient(
-            Plan(**({"strategy": GoTo, "take_off": 2.0, "height": 1.0} | plan)),
+            Plan(**({"strategy": GoTo} | plan)),
             self.session,
             self.autopilot,
             self.receiver,
@@ -174,7 +176,7 @@ class World:
             m
             for at, m in self.told
             if at >= since
-            and m.get_type() not in ("HEARTBEAT", "REQUEST_DATA_STREAM")
+            and m.get_type() not in ("HEARTBEAT", "REQUEST_DATA_STREAM", "PARAM_REQUEST_READ", "TIMESYNC")
             and getattr(m, "command", None) not in HARMLESS
         ]
 
@@ -420,8 +422,10 @@ def test_frames_that_stop_before_the_take_off_end_it_on_the_ground() -> None:
     world = World(px4(healthy=False))
     world.reach("arming")
     world.port.says = lambda now: None
-    kind, how = world.end(10.0)
-    assert (kind, how) == ("failed", "no frame from the receiver at memory:a: the last one came 2 s ago")
+    world.pass_s(9)
+    assert world.client.outcome is None
+    kind, how = world.end(4.0)
+    assert (kind, how) == ("failed", "no frame from the receiver at memory:a: the last one came 10 s ago")
     assert (world.orders()[-1].command, world.orders()[-1].param1) == (dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0)
 
 
@@ -495,7 +499,7 @@ def test_a_receiver_that_is_plugged_in_again_goes_on(make: Callable[[], Any]) ->
     world.plugs[1].there = True
     assert world.end() == ("found", "found")
     lost, hovering, back, on = [
-        text for text in world.said if "plug: " in text or "hover" in text or "go on" in text or "goes on" in text
+        text for text in world.said if "plug: " in text or ": hovering" in text or "go on" in text or "goes on" in text
     ]
     assert (lost, hovering, on) == (LOST, "no frame for 2 s: hovering", "frames are back: the search goes on")
     assert back.startswith("plug: back after 8.")
@@ -575,7 +579,7 @@ def test_from_the_launch_on_an_autopilot_whose_link_was_lost_is_let_go(phase: st
     pulled = world.clock.now()
     world.plugs[0].pull()
     world.plugs[0].there = True
-    lost = "plug: lost: closed by the far end; the vehicle is left to its own failsafe"
+    lost = f"plug: lost: closed by the far end; {LEFT}: it lands (COM_OBL_RC_ACT 4) after 1 s (COM_OF_LOSS_T)"
     assert world.end(1.0) == ("failed", lost)
     assert world.plugs[0].near.fileno() is None  # nobody looks for it
     assert [at for at, _ in world.told if at > pulled] == []
@@ -632,7 +636,7 @@ def test_a_vehicle_that_reboots_is_let_go(make: Callable[[], Any]) -> None:
     rebooted = world.clock.now()
     kind, how = world.end(10.0)
     assert kind == "failed"
-    assert "it was disarmed" in how or "rebooted" in how
+    assert "it was disarmed" in how or "rebooted" in how or "the mode is" in how
     let_go = world.clock.now()
     world.pass_s(30)
     assert world.orders(let_go) == []
@@ -645,7 +649,8 @@ def test_a_reboot_that_only_the_clock_shows_is_one_too() -> None:
     world.between = without(dialect.MAVLINK_MSG_ID_HEARTBEAT)
     world.vehicle.reboot(world.clock.now())
     kind, how = world.end(4.0)
-    assert (kind, how) == ("failed", "the autopilot has rebooted; the vehicle is left to its own failsafe")
+    rebooted = "it has rebooted, or it is not the vehicle that was launched: its clock has gone back"
+    assert (kind, how) == ("failed", f"{rebooted}; {LEFT}: {GUIDED_ALONE}")
     let_go = world.clock.now()
     world.pass_s(10)
     assert world.orders(let_go) == []
@@ -657,10 +662,14 @@ def test_an_autopilot_that_falls_silent_is_left_to_its_failsafe() -> None:
     world.between = lambda data: b""
     silent = world.clock.now()
     kind, how = world.end()
-    assert (kind, how) == ("failed", "the autopilot is not heard any more; the vehicle is left to its own failsafe")
-    assert 4 < world.clock.now() - silent < 7
+    assert (kind, how) == ("failed", f"the vehicle has not said its mode for 2.5 s; {LEFT}: {GUIDED_ALONE}")
+    assert 2 < world.clock.now() - silent < 3
     blind = [m for at, m in world.told if at > silent + 1.5 and m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
     assert {(m.vx, m.vy, m.vz) for m in blind} == {(0.0, 0.0, 0.0)}
+    ended = world.clock.now()
+    world.between = bytes
+    world.pass_s(10)
+    assert world.orders(ended) == []
 
 
 def test_an_autopilot_whose_link_is_lost_is_left_to_its_failsafe() -> None:
@@ -670,7 +679,7 @@ def test_an_autopilot_whose_link_is_lost_is_left_to_its_failsafe() -> None:
     world.far.close()
     kind, how = world.end(1.0)
     lost = "memory:a: lost: closed by the far end"
-    assert (kind, how) == ("failed", f"{lost}; the vehicle is left to its own failsafe")
+    assert (kind, how) == ("failed", f"{lost}; {LEFT}: {GUIDED_ALONE}")
 
 
 def test_a_link_that_is_lost_before_anything_was_heard_is_none() -> None:
@@ -724,8 +733,11 @@ def test_a_place_that_jumps_away_ends_the_search() -> None:
         return out
 
     world.between = jumped
-    assert world.end() == ("failed", "it is more than 100 m outside the area")
-    assert not world.armed
+    jumped_at = world.clock.now()
+    why = "its position has jumped by 555 m, or it is another vehicle"
+    assert world.end(1.0) == ("failed", f"{why}; {LEFT}: {GUIDED_ALONE}")
+    world.pass_s(10)
+    assert world.orders(jumped_at + 0.2) == []
 
 
 class Broken(GoTo):
@@ -753,7 +765,7 @@ def test_a_strategy_that_does_not_know_hovers_until_the_time_is_up() -> None:
 
 def test_the_end_of_the_strips_lands() -> None:
     world = World(ardupilot(), area=(0.0, 0.0, 12.0, 10.0), strip_width=10.0)
-    world.port.says = lambda now: encode(Frame(round(now * 5) % 256, 1, (Channel(),)))
+    world.port.says = lambda now: encode(Frame(0, 1, (Channel(),)))
     assert world.end() == ("not found", "no signal: all strips are flown")
     assert world.ned == pytest.approx((12.0, 5.0, 0.0), abs=1.5)
     assert "no signal: all strips are flown; landing" in world.said
@@ -763,15 +775,13 @@ def test_the_end_of_the_strips_lands() -> None:
 
 
 @BOTH
-@pytest.mark.parametrize("phase", ["climbing", "flying", "landing"])
+@pytest.mark.parametrize("phase", ["climbing", "flying"])
 def test_broken_off_it_is_left_hovering(make: Callable[[], Any], phase: str) -> None:
-    world = World(make(), take_off=6.0, height=6.0, **({"patience_s": 3.0} if phase == "landing" else {}))
-    world.reach("climbing" if phase == "climbing" else "flying")
-    if phase == "landing":
-        world.port.says = lambda now: None
-        world.reach("landing")
+    world = World(make(), take_off=6.0, height=6.0)
+    world.reach(phase)
     world.pass_s(3)
     world.client.stop()
+    assert "interrupted: it is left hovering" in world.said
     assert world.end(3.0) == ("failed", INTERRUPTED)
     stopped = world.clock.now()
     world.pass_s(4)
@@ -783,6 +793,20 @@ def test_broken_off_it_is_left_hovering(make: Callable[[], Any], phase: str) -> 
     assert world.orders(stopped + 0.01) == []
     vehicle = world.vehicle
     assert vehicle.mode == HOLD if isinstance(vehicle, Px4) else vehicle._pilot.mode is Mode.GUIDED
+
+
+@BOTH
+def test_broken_off_while_it_lands_it_goes_on_landing_and_says_so(make: Callable[[], Any]) -> None:
+    world = World(make(), take_off=4.0, height=4.0, patience_s=3.0)
+    world.reach("flying")
+    world.port.says = lambda now: None
+    world.reach("landing")
+    world.pass_s(2)
+    world.client.stop()
+    assert "interrupted: it goes on landing; the mode switch stops it" in world.said
+    assert not any("hovering" in text for text in world.said if text.startswith("interrupted"))
+    assert world.end(30.0) == ("failed", INTERRUPTED)
+    assert (world.ned[2], world.armed) == (pytest.approx(0.0, abs=0.05), False)
 
 
 def test_broken_off_before_anything_was_armed_it_ends_at_once() -> None:

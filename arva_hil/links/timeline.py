@@ -1,0 +1,185 @@
+"""One time line through a log, whatever its clock does: by the vehicle's own clock where the log's was set.
+
+All that is known of messages here is that three of them begin with `time_boot_ms`, milliseconds since the vehicle was
+switched on: https://mavlink.io/en/messages/common.html#ATTITUDE
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from itertools import pairwise
+from statistics import median
+from typing import Final, NamedTuple
+
+_BOOT_IDS: Final = (30, 31, 33)  # ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT
+_BACK_US: Final = 1_000_000  # two writers of one log may disagree by so much
+_AHEAD_US: Final = 3_000_000  # a pause that needs no explanation
+_HOUR_US: Final = 3_600_000_000
+_DAY_US: Final = 86_400_000_000
+_REMEMBERED: Final = 1024  # records
+_LOOK_AHEAD: Final = 400  # records, and
+_LOOK_AHEAD_US: Final = 3_000_000  # so much of the log's new time, before a step is judged
+_AGREE_US: Final = 1_000_000  # boot times of one moment, through a link that delays
+_SAME_US: Final = 2_000_000  # a pause by the log's clock and by the vehicle's is the same one: within this,
+_SAME_SHARE: Final = 0.05  # or this much of it
+_MOST_SOURCES: Final = 16
+
+_Source = tuple[int, int]  # system, component
+
+
+class Record(NamedTuple):
+    """One packet and when it was received, in microseconds since 1970."""
+
+    time_us: int
+    raw: bytes
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since 1970."""
+        return self.time_us / 1e6
+
+
+class Timeline(Iterator[Record]):
+    """The records of a log, once and in order, with times that go on: never back by more than a second.
+
+    The log's stamps are kept while they go on. Where they step, the step is taken out: how long the pause was is told
+    by the boot times of the vehicles that were heard on both sides; a pause that they confirm, or one of up to an hour
+    that they say nothing about, is one. Without stamps (`stamped` false) boot times alone make the time, from 0.
+
+    Counters: `steps`, how often the log's clock was set; `strays`, single records with a time of their own. `tell` is
+    called when the first of either is met.
+    """
+
+    def __init__(
+        self, records: Iterable[Record], *, stamped: bool = True, tell: Callable[[], None] = lambda: None
+    ) -> None:
+        self.steps = 0
+        self.strays = 0
+        self._tell = tell
+        self._records = iter(records)
+        self._ahead: deque[Record] = deque()  # read already, not given out
+        self._past: deque[Record] = deque(maxlen=_REMEMBERED)  # given out lately
+        self._shift = 0  # µs, from the log's stamps to the time line
+        self._clocks: dict[_Source, int] = {}  # without stamps: µs, from a vehicle's boot time to the time line
+        self._doubted: dict[_Source, int] = {}  # without stamps: a boot time that does not follow
+        self._line = self._by_stamps() if stamped else self._by_boot_times()
+
+    def __iter__(self) -> Iterator[Record]:
+        return self._line
+
+    def __next__(self) -> Record:
+        return next(self._line)
+
+    # -- by the log's stamps -----------------------------------------------------------------------------------
+
+    def _by_stamps(self) -> Iterator[Record]:
+        ahead, records, remember = self._ahead, self._records, self._past.append
+        heard: int | None = None  # the latest time given out
+        shift = 0
+        while (record := ahead.popleft() if ahead else next(records, None)) is not None:
+            time_us = record.time_us + shift
+            if heard is None or -_BACK_US <= time_us - heard <= _AHEAD_US:
+                if heard is None or time_us > heard:
+                    heard = time_us
+            else:
+                time_us = heard = self._placed(record, heard)
+                shift = self._shift
+            if time_us != record.time_us:
+                record = Record(time_us, record.raw)
+            remember(record)
+            yield record
+
+    def _placed(self, record: Record, heard: int) -> int:
+        """The time [µs] of a record whose stamp does not follow from those before."""
+        self._read_ahead(record.time_us)
+        follows = any(-_BACK_US <= r.time_us + self._shift - heard <= _AHEAD_US for r in list(self._ahead)[:2])
+        if follows or not self._ahead:
+            self._count(strays=1)
+            return heard
+        stamped = record.time_us + self._shift
+        by_boot = self._told_by_boot_times(record)
+        if by_boot is not None and not 0 <= by_boot - heard + _AGREE_US <= _DAY_US:
+            by_boot = None  # rebooted
+        pause = stamped - heard
+        if by_boot is None:
+            real = 0 < pause <= _HOUR_US
+        else:
+            real = pause > 0 and abs(stamped - by_boot) <= max(_SAME_US, _SAME_SHARE * pause)
+        if not real:
+            self._count(steps=1)
+            stamped = max(heard, by_boot or heard)
+            self._shift = stamped - record.time_us
+        return stamped
+
+    def _read_ahead(self, since_us: int) -> None:
+        while len(self._ahead) < _LOOK_AHEAD:
+            if self._ahead and not -_BACK_US <= self._ahead[-1].time_us - since_us <= _LOOK_AHEAD_US:
+                return
+            if (record := next(self._records, None)) is None:
+                return
+            self._ahead.append(record)
+
+    def _told_by_boot_times(self, record: Record) -> int | None:
+        """The time of a record, by boot times of those who were heard before it and are heard behind it.
+
+        None when nobody was, or no two of them agree. Of messages that a link has delayed the quickest counts.
+        """
+        clocks: dict[_Source, list[int]] = {}
+        for past in self._past:
+            if (said := _boot_time(past.raw)) is not None:
+                clocks.setdefault(said[0], []).append(past.time_us - said[1])
+        told = []
+        for later in (record, *self._ahead):
+            since = later.time_us - record.time_us
+            if -_BACK_US <= since <= _LOOK_AHEAD_US and (said := _boot_time(later.raw)) and said[0] in clocks:
+                told.append(round(median(clocks[said[0]][-9:])) + said[1] - since)
+        told.sort(reverse=True)
+        return next((a for a, b in pairwise(told) if a - b <= _AGREE_US), None)
+
+    # -- without stamps ----------------------------------------------------------------------------------------
+
+    def _by_boot_times(self) -> Iterator[Record]:
+        heard = 0
+        for record in self._records:
+            if said := _boot_time(record.raw):
+                heard = self._advanced(*said, heard)
+            yield Record(heard, record.raw)
+
+    def _advanced(self, source: _Source, boot_us: int, heard: int) -> int:
+        """The time line when this was heard; what does not follow is believed when the next one agrees with it."""
+        if source not in self._clocks:
+            if len(self._clocks) < _MOST_SOURCES:
+                self._clocks[source] = heard - boot_us
+            return heard
+        time_us = self._clocks[source] + boot_us
+        doubted = self._doubted.pop(source, None)
+        if -_BACK_US <= time_us - heard <= _AHEAD_US:
+            return max(heard, time_us)
+        if doubted is None or not 0 <= boot_us - doubted <= _AHEAD_US:
+            self._doubted[source] = boot_us
+            return heard
+        if 0 < time_us - heard <= _HOUR_US:
+            return time_us
+        self._count(steps=1)
+        self._clocks[source] = heard - boot_us
+        return heard
+
+    def _count(self, steps: int = 0, strays: int = 0) -> None:
+        if not self.steps + self.strays:
+            self._tell()
+        self.steps += steps
+        self.strays += strays
+
+
+def _boot_time(raw: bytes) -> tuple[_Source, int] | None:
+    """Who says in a packet how long it has been switched on, and how long [µs]; None when it says nothing of it."""
+    if raw[0] == 0xFD:
+        if len(raw) < 12 or raw[7] not in _BOOT_IDS or raw[8] or raw[9]:
+            return None
+        source, payload = (raw[5], raw[6]), raw[10 : 10 + min(raw[1], 4)]
+    else:
+        if len(raw) < 8 or raw[5] not in _BOOT_IDS:
+            return None
+        source, payload = (raw[3], raw[4]), raw[6 : 6 + min(raw[1], 4)]
+    return source, 1000 * int.from_bytes(payload, "little")

@@ -1,0 +1,120 @@
+"""How records lie in a telemetry log: which times there are, where a record starts, what may follow it.
+
+All that is known of MAVLink here is how long a packet is: https://mavlink.io/en/guide/serialization.html
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Final
+
+__all__ = ["BARE", "BIG", "DAY_US", "LITTLE", "LONGEST", "Layout", "find", "follows", "is_step", "layout_of", "look"]
+
+LONGEST: Final = 8 + 12 + 255 + 13  # bytes of a record
+DAY_US: Final = 86_400_000_000
+_YEAR_2001_US: Final = 978_307_200_000_000
+_YEAR_2100_US: Final = 4_102_444_800_000_000
+
+
+class Layout:
+    """How a record is laid out: `name` for a person, `before` bytes before the packet, `size` of time and head."""
+
+    def __init__(self, name: str, time: str, begins: bytes, enough: int) -> None:
+        self.name = name
+        self.begins = re.compile(begins)  # a time before 2100 and a magic, roughly
+        self.enough = enough  # records in a row are no chance
+        head = struct.Struct(f"{time}3B")  # time, then of the packet: magic, payload length, flags (MAVLink 2)
+        self.size = head.size
+        self.before = head.size - 3
+        self.unpack = head.unpack_from
+
+
+BIG: Final = Layout("big-endian times", ">Q", rb"\x00[\x00-\x0e][\s\S]{6}[\xfd\xfe]", 3)
+LITTLE: Final = Layout("little-endian times", "<Q", rb"[\s\S]{6}[\x00-\x0e]\x00[\xfd\xfe]", 3)
+BARE: Final = Layout("no times", "", rb"[\xfd\xfe]", 10)
+
+
+def look(buffer: bytes, at: int, layout: Layout) -> tuple[int, int]:
+    """Length [bytes] and time of the record at `at`; (0, 0) when by its time or magic none starts there."""
+    if at + layout.size > len(buffer):
+        return 0, 0
+    if layout is BARE:
+        time_us, (magic, payload, flags) = 0, layout.unpack(buffer, at)
+    else:
+        time_us, magic, payload, flags = layout.unpack(buffer, at)
+        if time_us >= _YEAR_2100_US:
+            return 0, 0
+    if magic == 0xFD:
+        return layout.before + payload + (25 if flags & 1 else 12), time_us
+    return (layout.before + payload + 8, time_us) if magic == 0xFE else (0, 0)
+
+
+def follows(near: int | None, time_us: int, layout: Layout) -> bool:
+    """Whether a record's time needs no explanation behind one at `near`, None: behind none."""
+    if near is None:
+        return time_us >= _YEAR_2001_US or layout is BARE
+    return abs(time_us - near) <= DAY_US
+
+
+def is_step(buffer: bytes, at: int, before: int | None, layout: Layout) -> bool:
+    """Whether the record at `at` shows a clock that was set: two more follow it, or the file's end, without a gap, and
+    their times agree with its own. Right behind a record at `before` it may also be the only one that is off.
+    """
+    length, first = look(buffer, at, layout)
+    near = [first] if before is None else [first, before]
+    if (end := at + length) == len(buffer):
+        return before is not None
+    for _ in range(layout.enough - 1):
+        length, time_us = look(buffer, end, layout)
+        if not length or not any(abs(time_us - other) <= DAY_US for other in near):
+            return False
+        if (end := end + length) == len(buffer):
+            return True
+    return end < len(buffer)
+
+
+def find(buffer: bytes, start: int, stop: int, near: int | None, layout: Layout) -> int | None:
+    """Where the first record starts in [start, stop) that another one follows, or the buffer's end."""
+    found = layout.begins.search(buffer, start)
+    while found and found.start() < stop:
+        at = found.start()
+        length, time_us = look(buffer, at, layout)
+        if length and follows(near, time_us, layout):
+            following = look(buffer, at + length, layout)
+            if at + length == len(buffer) or (following[0] and abs(following[1] - time_us) <= DAY_US):
+                return at
+        elif length and is_step(buffer, at, None, layout):
+            return at
+        found = layout.begins.search(buffer, at + 1)
+    return None
+
+
+def layout_of(start: bytes) -> Layout:
+    """How the file is laid out that begins so."""
+    if _row(start, 0, BIG):
+        return BIG
+    if _covered(start, LITTLE) > (big := _covered(start, BIG)):
+        return LITTLE
+    return BARE if not big and _covered(start, BARE) > len(start) / 2 else BIG  # packets are found in anything
+
+
+def _row(buffer: bytes, at: int, layout: Layout) -> int:
+    """Bytes of the records that follow each other from `at` on; 0 when they are so few that it may be chance."""
+    start, count, near = at, 0, 0
+    while True:
+        length, time_us = look(buffer, at, layout)
+        if not length or at + length > len(buffer) or (count and abs(time_us - near) > DAY_US):
+            return at - start if count >= layout.enough else 0
+        at, count, near = at + length, count + 1, time_us
+
+
+def _covered(buffer: bytes, layout: Layout) -> int:
+    """Bytes of records that are there for certain."""
+    covered = 0
+    found = layout.begins.search(buffer)
+    while found:
+        row = _row(buffer, found.start(), layout)
+        covered += row
+        found = layout.begins.search(buffer, found.start() + max(1, row))
+    return covered

@@ -1,0 +1,487 @@
+"""The pilot has the last word: after pauses, at the last moment, by the sticks; and another drone never gets a word."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from simulated_px4 import HOLD, POSITION, Px4
+from test_client import BOTH, GUIDED_ALONE, HOME, LEFT, VICTIM, World, ardupilot, frames, px4, without
+
+from arva_hil.autopilot.authority import BOUND_MS
+from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
+from arva_hil.autopilot.multirotor_pilot import Mode
+from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.clock import Clock
+from arva_hil.search.strategy import Found
+
+NAV_LAND, SET_MODE = dialect.MAV_CMD_NAV_LAND, dialect.MAV_CMD_DO_SET_MODE
+TAKEN = "the mode is {}: the pilot or a failsafe has taken over"
+PAUSED = "nothing was done for"
+
+
+def stopped(world: World, seconds: float) -> None:
+    """The search's process stands still, as by SIGSTOP; what is sent to it waits in its buffers."""
+    world._tasks.remove(world.client)
+    world.pass_s(seconds)
+    world._tasks.append(world.client)
+
+
+def modes_said(world: World) -> list[tuple[float, int]]:
+    """What the vehicle says of its mode from now on, and when; filled while it flies."""
+    said: list[tuple[float, int]] = []
+    parser, pass_on = Parser(), world.between
+
+    def listening(data: bytes) -> bytes:
+        for packet in parser.feed(data):
+            message: Any = parser.decode(packet)
+            if packet.msgid in (dialect.MAVLINK_MSG_ID_HEARTBEAT, 436):
+                said.append((world.clock.now(), message.custom_mode))
+        return pass_on(data)
+
+    world.between = listening
+    return said
+
+
+# -- pauses ------------------------------------------------------------------------------------------------
+
+
+@BOTH
+@pytest.mark.parametrize("lost_from", [math.inf, 2.0])
+@pytest.mark.parametrize(("seconds", "switch"), [(14.0, 13.0), (14.0, 0.5), (3.0, 2.9), (1.2, 0.1)])
+def test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing(
+    make: Callable[[], Any], seconds: float, switch: float, lost_from: float
+) -> None:
+    """`lost_from`: what comes later than that in the pause is lost, as in a full buffer."""
+    world = World(make(), take_off=5.0, height=5.0)
+    world.hunt()
+    stops = world.clock.now()
+    world._tasks.remove(world.client)
+    world.between = lambda data: data if world.clock.now() < stops + lost_from else b""
+    world.pass_s(switch)
+    world.pilot(POSITION if isinstance(world.vehicle, Px4) else Mode.LOITER)
+    world.pass_s(seconds - switch)
+    world.between = bytes
+    world._tasks.append(world.client)
+    goes_on = world.clock.now()
+    kind, how = world.end(4.0)
+    assert (kind, how) == ("failed", TAKEN.format("position" if isinstance(world.vehicle, Px4) else "LOITER"))
+    world.pass_s(20)
+    assert world.orders(goes_on) == []
+
+
+def test_after_a_pause_that_nobody_used_the_search_goes_on() -> None:
+    world = World(ardupilot())
+    world.hunt()
+    before = world.ned
+    stopped(world, 14.0)
+    goes_on = world.clock.now()
+    assert world.end() == ("found", "found")
+    assert any(text.startswith(PAUSED) for text in world.said)
+    assert not any("no frame" in text for text in world.said)
+    assert world.ned == pytest.approx((*VICTIM, 0.0), abs=0.6)
+    assert math.dist(before, world.ned) > 1
+    (answered, *_) = [at for at, m in world.told if m.get_type() == "TIMESYNC"]
+    assert (
+        goes_on <= answered <= min(at for at, m in world.told if at >= goes_on and m.get_type().startswith("SET_POS"))
+    )
+
+
+def test_after_a_pause_old_words_of_the_mode_do_not_count() -> None:
+    """They say GUIDED as long as they wait in some buffer; only what follows the answer to a question is news."""
+    world = World(ardupilot())
+    world.hunt()
+    stopped(world, 5.0)
+    world.between = without(dialect.MAVLINK_MSG_ID_TIMESYNC)
+    goes_on = world.clock.now()
+    kind, how = world.end(4.0)
+    assert (kind, how) == ("failed", f"the vehicle has not said its mode for 2.5 s; {LEFT}: {GUIDED_ALONE}")
+    world.pass_s(10)
+    assert world.orders(goes_on) == []
+
+
+def test_px4_leaves_offboard_in_a_pause_and_is_left_alone() -> None:
+    world = World(px4())
+    world.hunt()
+    stopped(world, 2.0)
+    goes_on = world.clock.now()
+    assert world.end(3.0) == ("failed", TAKEN.format("position"))
+    world.pass_s(10)
+    assert world.orders(goes_on) == []
+
+
+def test_a_flood_that_cannot_be_read_to_its_end_gets_no_order_and_does_not_hold_it_up() -> None:
+    world = World(ardupilot())
+    world.hunt()
+    link, read, ready = world.autopilot, world.autopilot.read, world.autopilot.ready
+    noise = b"\x00" * (1 << 16)
+    serving: list[bool] = []
+    service = world.client.service
+
+    def served(clock: Clock) -> float:
+        serving.append(True)
+        due = service(clock)
+        serving.clear()
+        return due
+
+    link.read = lambda: read() + noise  # type: ignore[method-assign]
+    link.ready = lambda: bool(serving) or ready()  # type: ignore[method-assign]
+    world.client.service = served  # type: ignore[method-assign]
+    floods = world.clock.now()
+    kind, how = world.end(6.0)
+    assert (kind, how.partition(";")[0]) == ("failed", "the vehicle has not said its mode for 2.5 s")
+    world.pass_s(5)
+    assert world.orders(floods + 0.05) == []
+
+
+# -- the last moment ---------------------------------------------------------------------------------------
+
+
+class Hand:
+    """Switches at an instant. A task."""
+
+    links = ()
+
+    def __init__(self, world: World, mode: int, at: float) -> None:
+        self._world, self._mode, self._at = world, mode, at
+
+    def service(self, clock: Clock) -> float:
+        if clock.now() >= self._at:
+            self._at = math.inf
+            self._world.pilot(self._mode)
+        return self._at
+
+
+@BOTH
+@pytest.mark.parametrize("ms", range(0, 400, 25))
+def test_a_switch_just_before_the_search_ends_is_not_overridden(make: Callable[[], Any], ms: int) -> None:
+    """Whenever the pilot switches: what the vehicle is in at the end is what the pilot has chosen."""
+    rehearsal = World(make())
+    rehearsal.until(lambda: rehearsal.client.mission and rehearsal.client.mission.ended)
+    world = World(make())
+    said = modes_said(world)
+    wanted = POSITION if isinstance(world.vehicle, Px4) else int(Mode.LOITER)
+    switches = rehearsal.clock.now() + 0.061 - ms / 1e3
+    world._tasks.insert(0, Hand(world, wanted, switches))  # type: ignore[arg-type]
+    world.end()
+    world.pass_s(5)
+    mode = world.vehicle.mode if isinstance(world.vehicle, Px4) else int(world.vehicle._pilot.mode)
+    assert mode == wanted
+    heard = min(at for at, mode in said if at >= switches and mode == wanted)
+    assert world.orders(heard + BOUND_MS / 1e3) == []
+    assert heard - switches < 0.15
+
+
+@BOTH
+def test_orders_answer_news_of_the_mode(make: Callable[[], Any]) -> None:
+    """So a pilot's switch after the news comes after the order too, and is not overridden."""
+    world = World(make())
+    said = modes_said(world)
+    world.end()
+    for at, message in world.told:
+        if message.get_type() == "COMMAND_LONG" and message.command in (SET_MODE, NAV_LAND, 400, 22):
+            assert min(at - news for news, _ in said if news <= at) <= 0.25
+
+
+@BOTH
+def test_the_mode_is_told_sooner_than_once_a_second(make: Callable[[], Any]) -> None:
+    world = World(make())
+    said = modes_said(world)
+    world.reach("flying")
+    begun, before = world.clock.now(), len(said)
+    world.pass_s(4)
+    assert (len(said) - before) / (world.clock.now() - begun) > 2
+
+
+# -- the sticks, and the battery ---------------------------------------------------------------------------
+
+
+def test_a_stick_that_moves_gives_the_vehicle_to_the_pilot_in_loiter() -> None:
+    vehicle = ardupilot()
+    world = World(vehicle)
+    world.hunt()
+    vehicle._pilot.sticks = (1800, 1250, 1500, 1500)
+    moved = world.clock.now()
+    kind, how = world.end(2.0)
+    assert kind == "failed"
+    assert how == "the pilot has moved a stick (channel 1, by 300 µs); the pilot has it, in LOITER"
+    ended = world.clock.now()
+    world.pass_s(10)
+    assert vehicle._pilot.mode is Mode.LOITER
+    assert [(m.command, m.param2) for m in world.orders(moved) if m.get_type() == "COMMAND_LONG"] == [(SET_MODE, 5)]
+    assert world.orders(ended) == []
+
+
+@pytest.mark.parametrize("channel", range(4))
+def test_each_stick_counts_and_trembling_does_not(channel: int) -> None:
+    vehicle = ardupilot()
+    world = World(vehicle)
+    world.hunt()
+
+    def put(us: int) -> None:
+        vehicle._pilot.sticks = tuple(us if n == channel else 1500 for n in range(4))  # type: ignore[assignment]
+
+    for us in (1570, 1430):
+        put(us)
+        world.pass_s(1)
+    assert world.client.outcome is None
+    put(1590)
+    world.end(2.0)
+
+
+def test_a_throttle_stick_that_is_down_would_sink_it_in_loiter() -> None:
+    vehicle = ardupilot()
+    vehicle._pilot.sticks = (1500, 1500, 1000, 1500)
+    world = World(vehicle)
+    world.hunt()
+    vehicle._pilot.sticks = (1700, 1500, 1000, 1500)
+    world.pass_s(5)
+    assert world.client.outcome is None
+    before = world.ned
+    world.pass_s(3)
+    assert world.ned == pytest.approx(before, abs=0.1)
+    assert vehicle._pilot.mode is Mode.GUIDED
+    assert any("until the throttle stick is in the middle" in text for text in world.said)
+    vehicle._pilot.sticks = (1500, 1500, 1480, 1500)
+    kind, how = world.end(2.0)
+    assert (kind, how.endswith("the pilot has it, in LOITER")) == ("failed", True)
+
+
+def test_px4_gives_the_vehicle_to_the_sticks_by_itself() -> None:
+    vehicle = px4()
+    world = World(vehicle)
+    world.hunt()
+    vehicle._vehicle._pilot.sticks = (1500, 1200, 1500, 1500)
+    moved = world.clock.now()
+    assert world.end(2.0) == ("failed", "the pilot has moved a stick (channel 2, by 300 µs)")
+    ended = world.clock.now()
+    world.pass_s(10)
+    assert world.orders(ended) == []
+    assert {m.get_type() for m in world.orders(moved)} <= {"SET_POSITION_TARGET_LOCAL_NED"}
+
+
+def test_a_stick_that_moves_before_it_flies_keeps_it_on_the_ground() -> None:
+    vehicle = px4(healthy=False)
+    world = World(vehicle)
+    world.reach("arming")
+    world.pass_s(2)
+    vehicle._vehicle._pilot.sticks = (1500, 1500, 1900, 1500)
+    assert world.end(4.0) == ("failed", "the pilot has moved a stick (channel 3, by 400 µs)")
+    assert not world.armed
+
+
+@pytest.mark.parametrize("pulses", [(0, 0, 0, 0), (0xFFFF,) * 4, (1500, 1500, 900, 1500)])
+def test_a_radio_that_is_not_heard_moves_no_stick(pulses: tuple[int, int, int, int]) -> None:
+    vehicle = ardupilot()
+    world = World(vehicle)
+    world.hunt()
+    vehicle._pilot.sticks = pulses
+    assert world.end() == ("found", "found")
+
+
+def low(message: int) -> Callable[[bytes], bytes]:
+    """The vehicle says by this message that a failsafe of its battery has triggered."""
+    parser, encoder = Parser(), Encoder(1, 1)
+    battery = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+    if message == dialect.MAVLINK_MSG_ID_SYS_STATUS:
+        word = dialect.MAVLink_sys_status_message(battery, battery, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    else:
+        state = dialect.MAV_BATTERY_CHARGE_STATE_LOW
+        word = dialect.MAVLink_battery_status_message(0, 0, 0, 0, [0] * 10, 0, 0, 0, 20, charge_state=state)
+
+    def between(data: bytes) -> bytes:
+        parser.feed(data)
+        return data + (encoder.pack(word) if data else b"")
+
+    return between
+
+
+@pytest.mark.parametrize("message", [dialect.MAVLINK_MSG_ID_SYS_STATUS, dialect.MAVLINK_MSG_ID_BATTERY_STATUS])
+def test_a_low_battery_ends_it_even_where_the_failsafe_only_warns(message: int) -> None:
+    vehicle = ardupilot()
+    world = World(vehicle)
+    world.hunt()
+    world.between = low(message)
+    assert world.end(2.0) == ("failed", "low battery; the pilot has it, in LOITER")
+    assert vehicle._pilot.mode is Mode.LOITER
+
+
+def test_a_low_battery_leaves_px4_in_hold() -> None:
+    world = World(px4())
+    world.hunt()
+    world.between = low(dialect.MAVLINK_MSG_ID_BATTERY_STATUS)
+    assert world.end(3.0) == ("failed", "low battery")
+    assert isinstance(world.vehicle, Px4)
+    assert world.vehicle.mode == HOLD
+
+
+# -- another drone -----------------------------------------------------------------------------------------
+
+
+class Changing:
+    """One vehicle, and from `now` on another one with the same ids, on the same link."""
+
+    def __init__(self, world: World, silence_s: float, other: SimulatedVehicle) -> None:
+        self.told: list[bytes] = []
+        self._other = other
+        self._silent_until = world.clock.now() + silence_s
+        self._clock = world.clock
+        world.between = self._speak
+        read = world.far.read
+        world.far.read = lambda: self._hear(read())  # type: ignore[method-assign]
+
+    def _hear(self, data: bytes) -> bytes:
+        if data and self._clock.now() >= self._silent_until:
+            self.told.append(data)
+            self._other.feed(data, self._clock.now())
+        return b""
+
+    def _speak(self, data: bytes) -> bytes:
+        return self._other.poll(self._clock.now()) if self._clock.now() >= self._silent_until else b""
+
+
+def elsewhere(north_m: float, **options: Any) -> SimulatedVehicle:
+    """A second drone, in the air and in GUIDED."""
+    other = (
+        ardupilot(**options)
+        if not north_m
+        else SimulatedVehicle(
+            (HOME[0] + north_m / 111_200, *HOME[1:]),
+            streams={dialect.MAVLINK_MSG_ID_ATTITUDE: 10, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10},
+            **options,
+        )
+    )
+    other._pilot.ready = True
+    other._pilot.set_mode(Mode.GUIDED)
+    other._pilot.arm()
+    other._pilot.take_off(2.0)
+    return other
+
+
+@pytest.mark.parametrize("silence_s", [0.3, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize(("north_m", "booted"), [(0.0, -5.0), (0.0, 5.0), (40.0, 0.0), (40.0, -5.0), (400.0, 2.0)])
+def test_another_drone_with_the_same_ids_is_not_flown(silence_s: float, north_m: float, booted: float) -> None:
+    world = World(ardupilot(), take_off=2.0)
+    world.hunt()
+    other = elsewhere(north_m, boot_time=booted)
+    other.poll(world.clock.now())
+    before = other.truth(world.clock.now()).ned
+    change = Changing(world, silence_s, other)
+    kind, how = world.end(5.0)
+    assert kind == "failed"
+    assert LEFT in how
+    world.pass_s(5)
+    told = Parser().feed(b"".join(change.told))
+    orders = [p for p in told if p.msgid in (84, 76)]
+    assert [p for p in orders if p.msgid == 76 and Parser().decode(p).command in (SET_MODE, NAV_LAND)] == []  # type: ignore[union-attr]
+    assert math.dist(before[:2], other.truth(world.clock.now()).ned[:2]) < 0.1
+
+
+def test_a_heartbeat_of_another_autopilot_with_its_ids_ends_it() -> None:
+    world = World(ardupilot())
+    world.hunt()
+    other = Encoder(1, 1).pack(dialect.MAVLink_heartbeat_message(2, dialect.MAV_AUTOPILOT_PX4, 128, 4, 4, 3))
+    world.between = lambda data: data + (other if data else b"")
+    came = world.clock.now()
+    kind, how = world.end(1.0)
+    assert (kind, "speaks with its ids" in how) == ("failed", True)
+    world.pass_s(5)
+    assert {m.get_type() for m in world.orders(came)} <= {"SET_POSITION_TARGET_LOCAL_NED"}
+
+
+def test_one_lie_ends_nothing() -> None:
+    world = World(ardupilot())
+    world.hunt()
+    encoder, lies = Encoder(1, 1), iter([1])
+
+    def lying(data: bytes) -> bytes:
+        lat, lon, alt = round((HOME[0] + 1) * 1e7), round(HOME[1] * 1e7), 0
+        boot = round(world.clock.now() * 1e3)
+        lie = dialect.MAVLink_global_position_int_message(boot, lat, lon, alt, 0, 0, 0, 0, 0)
+        ahead = dialect.MAVLink_attitude_message(boot + 60_000, 0, 0, 0, 0, 0, 0)
+        return data + (encoder.pack(lie) + encoder.pack(ahead) if data and next(lies, 0) else b"")
+
+    world.between = lying
+    assert world.end() == ("found", "found")
+
+
+# -- at the end --------------------------------------------------------------------------------------------
+
+
+def test_a_vehicle_that_is_still_armed_at_the_end_is_no_good_end() -> None:
+    vehicle = ardupilot()
+    world = World(vehicle)
+    world.reach("landing")
+    vehicle._pilot.disarm = lambda force=False: False  # type: ignore[method-assign]
+    kind, how = world.end(120.0)
+    assert kind == "failed"
+    assert how.startswith("the vehicle is still armed, and does not say that it has landed. If it stands, keep away")
+    assert world.client.outcome is not None
+    assert world.client.outcome.found == Found(*VICTIM)
+
+
+def test_each_try_of_arming_is_said() -> None:
+    world = World(px4(healthy=False), {"arm_timeout_s": 8.0})
+    world.end()
+    said = [text for text in world.said if text.startswith("arming, try")]
+    assert said[0] == "arming, try 1, the next in 3 s"
+    refused = "the one before was refused: arming: TEMPORARILY_REJECTED"
+    assert said[1:] == [f"arming, try {n}, the next in 3 s; {refused}" for n in (2, 3)]
+    assert not any("landing" in text for text in world.said)
+
+
+def test_frames_that_stop_for_a_moment_while_it_arms_only_delay_it() -> None:
+    vehicle = px4(healthy=False)
+    world = World(vehicle)
+    world.reach("arming")
+    world.port.says = lambda now: None
+    world.pass_s(5)
+    vehicle.healthy = True
+    silent = world.clock.now()
+    world.pass_s(4)
+    assert [m for m in world.orders(silent) if m.command == dialect.MAV_CMD_COMPONENT_ARM_DISARM] == []
+    world.port.says = frames
+    assert world.end() == ("found", "found")
+
+
+def test_what_it_does_when_it_is_left_alone_is_said_before_it_arms() -> None:
+    for make, words in (
+        (
+            ardupilot,
+            f"left alone by the search, {GUIDED_ALONE}; without a radio: RTL (FS_THR_ENABLE 1); "
+            "without a ground station: nothing (FS_GCS_ENABLE 0)",
+        ),
+        (
+            px4,
+            "left alone by the search, it lands (COM_OBL_RC_ACT 4) after 1 s (COM_OF_LOSS_T); without a radio: "
+            "Return (NAV_RCL_ACT 2); without a ground station: nothing (NAV_DLL_ACT 0)",
+        ),
+    ):
+        world = World(make())  # type: ignore[operator]
+        world.reach("arming")
+        assert words in world.said
+
+
+def test_a_vehicle_that_does_not_tell_its_parameters_is_unknown_and_armed_all_the_same() -> None:
+    world = World(ardupilot())
+    world.between = without(dialect.MAVLINK_MSG_ID_PARAM_VALUE)
+    world.reach("arming")
+    (text,) = [text for text in world.said if text.startswith("left alone")]
+    assert "after an unknown time (GUID_TIMEOUT)" in text
+    assert "without a radio: unknown (FS_THR_ENABLE)" in text
+
+
+def test_the_last_seconds_on_the_ground_are_counted_down_and_begin_again_when_something_is_lacking() -> None:
+    world = World(ardupilot(), {"countdown_s": 3.0})
+    world.until(lambda: "arming in 3 s" in world.said)
+    world.port.says = lambda now: None
+    world.pass_s(6)
+    assert world.orders() == []
+    world.port.says = frames
+    back = world.clock.now()
+    world.reach("arming")
+    assert world.clock.now() - back > 2.9
+    said = [text for text in world.said if text.startswith("arming in")]
+    assert said[-3:] == [f"arming in {n} s" for n in (3, 2, 1)]
