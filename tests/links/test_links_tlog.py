@@ -417,3 +417,19 @@ def test_a_log_without_a_packet_says_so(tmp_path: Path, keep: Callable[[Link], L
     link = keep(TlogLink(tmp_path / "a.tlog", StepClock()))
     with pytest.raises(LinkError, match="there is no packet in it; is it a MAVLink"):
         link.read()
+
+
+def test_a_log_whose_clock_was_set_plays_on(tmp_path: Path, keep: Callable[[Link], Link]) -> None:
+    clock = StepClock(100.0)
+    raws = [b"\xfe\x04" + bytes([i, 1, 1, 30]) + (1000 + 100 * i).to_bytes(4, "little") + bytes(2) for i in range(20)]
+    made = [Record(T0_US + 100_000 * i - (3_600_000_000 if i >= 10 else 0), raw) for i, raw in enumerate(raws)]
+    (tmp_path / "a.tlog").write_bytes(encode(made))
+    (tmp_path / "bare.tlog").write_bytes(b"".join(raws))
+    for name in ("a.tlog", "bare.tlog"):
+        link, start = keep(TlogLink(tmp_path / name, clock)), clock.now()
+        assert link.read() == raws[0]
+        for i, raw in enumerate(raws[1:], 1):
+            clock.wait(start + 0.1 * i - 0.01)
+            assert link.read() == b""
+            clock.wait(start + 0.1 * i + 0.01)
+            assert link.read() == raw
