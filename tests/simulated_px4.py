@@ -4,7 +4,7 @@ As measured on PX4 1.16: two acknowledgements of DO_SET_MODE, the first always 0
 flow and left 1.2 s after the last one; a take-off to less than the ground's height above sea level is acknowledged
 and ignored, numbers for its place are flown to; a take-off ends 0.8 m below its height, in hold. CURRENT_MODE comes
 with each change of the mode and twice a second when it was asked for; the heartbeat's rate cannot be changed; an
-integer parameter's bytes are copied into the float.
+integer parameter's bytes are copied into the float. When it has landed and disarms it goes back to OFFBOARD.
 """
 
 from __future__ import annotations
@@ -102,7 +102,9 @@ class Px4:
         height = -self.truth(now).ned[2]
         if self.mode == TAKE_OFF and height > self._top - 0.8:
             self.mode = HOLD  # the vehicle behind climbs on to the top
-        elif self.mode == OFFBOARD and now - self._set_points[-1] > 1.2:
+        elif self.mode == LAND and not self._vehicle._pilot.armed:
+            self.mode = OFFBOARD
+        elif self.mode == OFFBOARD and self._vehicle._pilot.armed and now - self._set_points[-1] > 1.2:
             self._enter(POSITION, now)
 
     def _enter(self, mode: int, now: float) -> None:

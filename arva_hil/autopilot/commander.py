@@ -139,7 +139,7 @@ class Commander:
             return b""
         question = self._authority.question(now)
         messages = [question] if question else []
-        if self._authority.settled and not self._session.doubtful:
+        if self._authority.settled and not self._authority.usurped and not self._session.doubtful:
             messages += self._due(now)
         return b"".join(map(self._session.encoder.pack, messages))
 
@@ -262,9 +262,12 @@ class Commander:
                 self._stand(armed, now)
 
     def _on_current_mode(self, message: Any, now: float) -> None:
-        """The mode that it is in; the one that is intended is not looked at."""
+        """The mode that it is in; the one that is intended is not looked at.
+
+        PX4 changes it when it has landed and disarms; the heartbeat tells that from the pilot's hand.
+        """
         self._authority.hear(message.custom_mode, self._heard_since, now)
-        if self.phase.active:
+        if self.phase.active and self.phase is not Phase.LANDING:
             self._watch_mode()
 
     def _watch_mode(self) -> None:
