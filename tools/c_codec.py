@@ -68,6 +68,7 @@ class State(ctypes.Structure):
         ("came", ctypes.c_uint8 * MAX_FRAME_BYTES),
         ("count", ctypes.c_uint8),
         ("heard", ctypes.c_uint8),
+        ("counting", ctypes.c_uint8),
         ("sequence", ctypes.c_uint8),
     )
 

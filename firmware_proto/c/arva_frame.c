@@ -68,11 +68,11 @@ static uint32_t missing(uint8_t before, uint8_t sequence)
 /* Count the good frame in `bytes`, whose last byte came at `came_ms`, and hand it on. */
 static void deliver(arva_decoder *decoder, const uint8_t *bytes, uint32_t came_ms)
 {
-    if (decoder->heard) {
+    if (decoder->counting) {
         decoder->lost += missing(decoder->sequence, bytes[4]);
     }
     decoder->good++;
-    decoder->heard = 1;
+    decoder->heard = decoder->counting = 1;
     decoder->sequence = bytes[4];
     decoder->frame_ms = came_ms;
     if (decoder->on_frame == NULL) {
@@ -192,6 +192,11 @@ size_t arva_decoder_feed(arva_decoder *decoder, const uint8_t *bytes, size_t siz
 size_t arva_decoder_push(arva_decoder *decoder, uint8_t byte, uint32_t now_ms)
 {
     return arva_decoder_feed(decoder, &byte, 1, now_ms);
+}
+
+void arva_decoder_count_anew(arva_decoder *decoder)
+{
+    decoder->counting = 0;
 }
 
 uint32_t arva_decoder_age_ms(const arva_decoder *decoder, uint32_t now_ms)

@@ -63,6 +63,7 @@ typedef struct {
     uint8_t came[ARVA_MAX_FRAME_BYTES];  /* when each byte did: ms, the low eight bits */
     uint8_t count;                       /* of bytes held */
     uint8_t heard;                       /* whether there was a good frame */
+    uint8_t counting;                    /* whether the next is counted against the last */
     uint8_t sequence;                    /* of the last good frame */
 } arva_decoder;
 
@@ -78,6 +79,9 @@ void arva_decoder_init(arva_decoder *decoder, arva_on_frame on_frame, void *cont
  * only with the time (`bytes` may be NULL when `size` is 0), so that no frame is held up until the next one comes. */
 size_t arva_decoder_push(arva_decoder *decoder, uint8_t byte, uint32_t now_ms);
 size_t arva_decoder_feed(arva_decoder *decoder, const uint8_t *bytes, size_t size, uint32_t now_ms);
+
+/* The port was opened again, or bytes were thrown away: frames missing before the next good one are not lost ones. */
+void arva_decoder_count_anew(arva_decoder *decoder);
 
 /* Milliseconds since the last byte of the last good frame came; ARVA_NEVER before the first. It stays at 2^31 - 1 when
  * it would be more, given a call of feed now and then. The link is lost after 2 s (PROTOCOL.md, Timing). */

@@ -149,6 +149,23 @@ def test_an_emulator_that_restarts_has_lost_no_frames(started):
     assert [reading.lost for reading in started.readings] == [0, 0, 0, 0]
 
 
+def test_frames_thrown_away_when_the_port_is_opened_again_are_not_lost(started):
+    for sequence in (183, 184):
+        started.receive(raw(sequence))
+        started.run(100)
+    started.unplug()
+    started.run(3000)
+    started.plug()
+    started.receive(raw(0) + raw(1))  # before the module has opened it: thrown away
+    started.run(500)
+    for sequence in (21, 22, 24):
+        started.receive(raw(sequence))
+        started.run(100)
+    assert [(reading.sequence, reading.lost) for reading in started.readings] == [
+        (183, 0), (184, 0), (21, 0), (22, 0), (24, 1),
+    ]  # fmt: skip
+
+
 def test_counters_are_in_the_array(started):
     broken = bytearray(raw(1))
     broken[-1] ^= 1

@@ -76,6 +76,7 @@ bool ArvaReceiver::open_port()
 	}
 
 	_serial.flush(); // what came while nobody read
+	arva_decoder_count_anew(&_decoder);
 	_byte_time = now;
 	return true;
 }
@@ -255,7 +256,8 @@ int ArvaReceiver::print_usage(const char *reason)
 	PRINT_MODULE_DESCRIPTION(
 		R"DESCR_STR(
 ### Description
-Reads an ARVA receiver (avalanche transceiver, 457 kHz) and publishes its frames as arva_reading and debug_array.
+Reads an ARVA receiver (457 kHz) on a serial port.
+Publishes each frame as arva_reading and debug_array.
 
 ### Examples
 $ arva_receiver start -d /dev/ttyS3
