@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
@@ -15,13 +14,16 @@ from arva_hil.autopilot.signing import Signing
 from arva_hil.cli import options as opt
 from arva_hil.cli.guard import Guard
 from arva_hil.cli.keyfile import signing
+from arva_hil.cli.next_command import next_command
 from arva_hil.cli.outcome import INTERRUPTED, UsageError
 from arva_hil.cli.sides import DEFAULT_AUTOPILOT, add_autopilot, check_sides, choose_autopilot
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.clock import Clock, RealClock
 from arva_hil.console.text import wants_colour
 from arva_hil.doctor import diagnosis as look
+from arva_hil.doctor import port_diagnosis as port_look
 from arva_hil.doctor.examination import Ear, Mouth
+from arva_hil.doctor.tcp_server import accepted
 from arva_hil.doctor.values import Finding, Position
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.ports import Port as SerialPort
@@ -33,6 +35,7 @@ from arva_hil.scenario import FORMATS
 BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
 _TRY_S: Final = 1.3  # for each baud rate: a heartbeat comes within
 _ANSWER_S: Final = 2.0  # for a vehicle to stream what it is asked for
+_STAYS: Final = ("permission denied", "busy", "refused")  # cured elsewhere: the option is right
 _COLOURS: Final = {"ok": "\x1b[32m", "note": "\x1b[33m", "fail": "\x1b[31m"}
 
 
@@ -104,6 +107,7 @@ class Doctor:
         self._autopilot = parse(address)
         self._out: Link | None = None
         self._mouth: Mouth | None = None
+        self._right: dict[str, str | None] = {}  # instead of options that were found wrong, by name
 
     def examine(self) -> None:
         """All of it, to the verdict, unless it is stopped."""
@@ -119,9 +123,13 @@ class Doctor:
             return
         if self._mouth:
             way = self._mouth.way()
-            self._report.add(look.frames(way, self._options.format))
-            self._report.add(look.reader(way))
-        self._report.add(look.verdict(self._report.findings, self._command()))
+            self._report.add(port_look.frames(way, self._options.format))
+            self._report.add(port_look.reader(way))
+        usb = [port.device for port in _candidates(self._autopilot) if port.usb and port.device != self._options.port]
+        if self._right.get("port") and len(usb) == 1:
+            self._right["port"] = usb[0]
+        command = next_command(self._options, str(self._autopilot), usb, self._right)
+        self._report.add(look.verdict(self._report.findings, command))
 
     # -- opening ---------------------------------------------------------------------------------------------
 
@@ -141,6 +149,8 @@ class Doctor:
             link = self._stack.enter_context(closing(open_link(address, clock=self._clock, answered=answered)))
         except LinkError as error:
             self._report.add(Finding(check, "fail", f"{error.link}: {error.what}", error.hint))
+            if not any(cause in error.what for cause in _STAYS):
+                self._right["port" if check == "port" else "autopilot"] = "URL"
             return None
         self._report.add(Finding(check, "ok", f"{link.name} is open"))
         return link
@@ -149,7 +159,9 @@ class Doctor:
         if self._options.port:
             return self._open(parse(self._options.port), "port")
         if self._options.format not in MAVLINK_FORMATS:
-            self._report.add(look.no_port([port.device for port in _candidates(self._autopilot)]))
+            ports = _candidates(self._autopilot)
+            usb = [port.device for port in ports if port.usb]
+            self._report.add(port_look.no_port([port.device for port in ports], usb))
         return None
 
     # -- listening -------------------------------------------------------------------------------------------
@@ -198,7 +210,10 @@ class Doctor:
         """Bytes, packets, baud; the ear that listened `again`, at a rate that brings packets."""
         now, session = self._clock.now(), ear.session
         if not session.bytes:
-            self._report.add(look.silence(self._autopilot.kind, now - ear.start, refused=ear.refused))
+            taken = accepted(self._autopilot.port) if self._autopilot.kind == "tcp" and self._autopilot.port else None
+            self._report.add(look.silence(self._autopilot.kind, now - ear.start, refused=ear.refused, accepted=taken))
+            if taken is False:
+                self._right["autopilot"] = "URL"
         if ear.lost:
             self._report.add(Finding("link", "fail", ear.lost))
         if not session.bytes:
@@ -206,7 +221,9 @@ class Doctor:
         if ear.known:
             traffic = ear.traffic(now)
             self._report.add(look.packets(traffic))
-            self._report.add(look.signing(traffic))
+            self._report.add(signatures := look.signing(traffic))
+            if signatures.state == "fail":
+                self._right["signing_key"] = "FILE"
             self._report.add(look.strangers(*ear.strangers))
             return None
         self._report.add(look.garbage(self._autopilot.kind, session.bytes, bytes(ear.sample)))
@@ -262,9 +279,13 @@ class Doctor:
         add = self._report.add
         add(look.heartbeat(ear.sources(), followed, target))
         if vehicle is None:
+            self._right |= look.target(ear.sources())
             return
-        for stream in ear.streams(now, self._options.stream_rate, recorded=self._autopilot.kind == "tlog"):
+        streams = ear.streams(now, self._options.stream_rate, recorded=self._autopilot.kind == "tlog")
+        for stream in streams:
             add(look.stream(stream))
+        if (slow := look.slowest(streams)) is not None:
+            self._right["stream_rate"] = str(slow)
         last = session.track.last_position
         place = (last.lat, last.lon, last.alt) if last else None
         add(look.position(Position(place, session.navigation.unpositioned, session.navigation.refused, ear.fix)))
@@ -272,25 +293,6 @@ class Doctor:
         state = session.state_at(now, last.frame) if last else None
         add(look.pose(state.age_s if state else None))
         add(look.clock(ear.lags(now), session.navigation.reboots))
-
-    def _command(self) -> str:
-        """What to type next."""
-        options = self._options
-        words = ["arva-hil", "run", "--autopilot", str(self._autopilot)]
-        if options.format in MAVLINK_FORMATS:
-            words += ["--format", options.format]
-        else:
-            usb = [port.device for port in _candidates(self._autopilot) if port.usb]
-            words += ["--port", options.port or (usb[0] if len(usb) == 1 else "pty:/tmp/arva0")]
-            words += ["--format", options.format] if options.format != "binary" else []
-        for name in ("target_system", "target_component"):
-            if (value := getattr(options, name)) is not None:
-                words += [f"--{name.replace('_', '-')}", str(value)]
-        if options.signing_key:
-            words += ["--signing-key", options.signing_key]
-        if options.stream_rate != 50.0:
-            words += ["--stream-rate", f"{options.stream_rate:g}"]
-        return shlex.join(words)
 
 
 def _candidates(autopilot: Address) -> list[SerialPort]:

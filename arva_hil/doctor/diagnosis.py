@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from arva_hil.doctor.values import Finding, Position, Source, Stream, Traffic, Way
+from arva_hil.doctor.values import Finding, Position, Source, Stream, Traffic
 
 ENOUGH: Final = 0.7  # of the rate asked for; the session asks again below it
 MAX_AGE_S: Final = 2.0  # of a pose, as `run` has it
@@ -37,16 +37,24 @@ _FIX_CURE: Final = (
 _SILENT_CURE: Final = {
     "serial": f"is it powered, RX on TX, a cable with data lines? {_SERIAL_CURE}",
     "udpin": "ArduPilot: SITL sends here with --serial1 udpclient:HOST:PORT, MAVProxy with --out HOST:PORT; "
-    "PX4: SITL sends to 14550 and 14540, and goes on with whoever answered first: restart it, or let that ground "
-    "station forward",
+    "PX4: SITL sends to 14550 and 14540, each to whoever answered first, and to 14030 at 8 Hz: take a free one, "
+    "restart it, or let the ground station forward (QGroundControl: to udpin:127.0.0.1:14445)",
     "udpout": "does the autopilot listen there? ArduPilot: NET_Pn_TYPE UDP server; PX4: MAV_n_UDP_PRT, SITL 18570",
-    "tcp": "ArduPilot: each port has one client, another may have it: take the next, in SITL tcp:127.0.0.1:5762 or "
-    "5763; PX4: speaks UDP, not TCP",
+    "tcp": "ArduPilot: each port has one client, another may have it, or SERIALn_PROTOCOL is not 2 (MAVLink 2); "
+    "SITL has tcp:127.0.0.1:5760, 5762 and 5763; PX4: speaks UDP, not TCP",
     "tcpin": "no client speaks; ArduPilot: NET_Pn_TYPE TCP client, in SITL --serial1 tcpclient:HOST:PORT; "
     "PX4: speaks UDP, not TCP",
     "pty": "give its path to the program that is the autopilot; ArduPilot: SITL --serial1 uart:PATH",
     "tlog": "is it a MAVLink telemetry log?",
 }
+_NOT_TAKEN: Final = (
+    "ArduPilot: a port has one client: take another one, SITL has tcp:127.0.0.1:5760, 5762 and 5763; PX4: speaks UDP, "
+    "not TCP"
+)
+_TAKEN: Final = (
+    "is it a MAVLink port? ArduPilot: SERIALn_PROTOCOL 2, in SITL SERIAL0 is 5760, SERIAL1 5762, SERIAL2 5763; "
+    "PX4: speaks UDP, not TCP"
+)
 _TONGUES: Final = (  # what others say → who it is
     (rb"\xa4\x57\x01", "frames of a receiver, as arva-hil sends them: is it the other port?"),
     (rb"\xb5\x62[\x01\x02\x0a]", "u-blox: a GPS receiver"),
@@ -64,11 +72,17 @@ def rate(times: Sequence[float], now: float, window_s: float = 2.0) -> float:
 # -- the autopilot's link ------------------------------------------------------------------------------------
 
 
-def silence(kind: str, seconds: float, *, refused: bool = False) -> Finding:
-    """No byte came."""
+def silence(kind: str, seconds: float, *, refused: bool = False, accepted: bool | None = None) -> Finding:
+    """No byte came. `accepted`: whether a TCP server has taken the connection, when that is known."""
     found = f"nothing was heard in {seconds:.1f} s"
     if refused:
         found += ": nobody listens there"
+    if accepted is False:
+        return Finding(
+            "bytes", "fail", f"{found}: the connection is not taken, another client has the port", _NOT_TAKEN
+        )
+    if accepted:
+        return Finding("bytes", "fail", f"{found}: the connection is taken, and nothing is sent on it", _TAKEN)
     return Finding("bytes", "fail", found, _SILENT_CURE.get(kind, _SERIAL_CURE))
 
 
@@ -162,6 +176,15 @@ def heartbeat(
     return Finding("heartbeat", "ok", found)
 
 
+def target(sources: Sequence[Source]) -> dict[str, str | None]:
+    """The options that choose an autopilot, where the one asked for is not there; N for one of several."""
+    pilots = [s for s in sources if s.pilot]
+    if len(pilots) != 1:
+        return {"target_system": "N", "target_component": None} if pilots else {}
+    component = str(pilots[0].component) if pilots[0].component != 1 else None
+    return {"target_system": str(pilots[0].system), "target_component": component}
+
+
 def _choose(pilots: Sequence[Source]) -> str:
     """The options that name each of the autopilots."""
     each = [
@@ -187,9 +210,15 @@ def stream(s: Stream) -> Finding:
     found = f"{s.hz:.1f} Hz, {s.wanted_hz:g} were asked for"
     if s.recorded:
         return Finding(s.name, "ok", f"{s.hz:.1f} Hz, as recorded")
-    if s.hz < ENOUGH * s.wanted_hz:
-        return Finding(s.name, "note", found + said, f"--stream-rate {max(1, round(s.hz))}, or a faster link; {cure}")
+    if slow := slowest([s]):
+        return Finding(s.name, "note", found + said, f"--stream-rate {slow}, or a faster link; {cure}")
     return Finding(s.name, "ok", found)
+
+
+def slowest(streams: Sequence[Stream]) -> int | None:
+    """The rate to ask for [Hz] where a stream comes much slower than it was asked for; None where none does."""
+    slow = [s.hz for s in streams if s.hz and not s.recorded and s.hz < ENOUGH * s.wanted_hz]
+    return max(1, round(min(slow))) if slow else None
 
 
 def position(p: Position) -> Finding:
@@ -242,65 +271,6 @@ def clock(lags_s: Sequence[float], reboots: int) -> Finding:
 
 def _lla(place: tuple[float, float, float]) -> str:
     return "{:.7f}, {:.7f}, {:.1f} m AMSL".format(*place)
-
-
-# -- the port ------------------------------------------------------------------------------------------------
-
-
-def no_port(candidates: Sequence[str]) -> Finding:
-    """No port was named; only the autopilot's side is looked at."""
-    there = f"there is {', '.join(candidates[:6])}" if candidates else "no serial port is free for it"
-    return Finding("port", "note", f"none was named; {there}", "--port /dev/ttyUSB0, --port pty, or --format tunnel")
-
-
-def frames(way: Way, form: str) -> Finding:
-    """Whether the port takes them."""
-    if way.lost:
-        return Finding("frames", "fail", way.lost, "plug it in again, or start what is behind it")
-    found = f"{way.taken} of {way.taken + way.dropped} {form} frames were taken, all saying no signal"
-    if not way.taken:
-        cure = {
-            "mavlink": "there is no vehicle to send them to, see above",
-            "tcpin": "start the consumer: nobody is connected; `run` waits for it",
-            "udpin": "let the consumer send a datagram first, or name it: --port udpout:HOST:PORT",
-            "serial": "the other end is full and not read, or holds CTS: is the consumer running?",
-        }.get(way.kind, "start the consumer: nobody takes them; `run` waits for it")
-        return Finding("frames", "fail", found, cure)
-    if way.dropped:
-        return Finding("frames", "note", found, "the consumer came late, or is slower than the frames")
-    return Finding("frames", "ok", found)
-
-
-def reader(way: Way) -> Finding | None:
-    """Whether anybody reads; None when no frame was taken, which says it."""
-    if way.refused:
-        return Finding("reader", "fail", "none: nobody listens there", "start the consumer, or correct --port")
-    if not way.taken or way.lost:
-        return None
-    if way.answered:
-        return Finding("reader", "ok", f"{way.answered} bytes came back")
-    who = ", ".join(way.seen)
-    if way.kind == "pty":
-        if who and way.unread:
-            return Finding("reader", "note", f"{who} has it open and left {way.unread} bytes unread", "let it read")
-        if who or not way.unread:
-            return Finding("reader", "ok", f"{who or 'somebody'} reads it")
-        return Finding("reader", "note", "nobody has it open", f"arva-hil listen {way.name}, or start the consumer")
-    if way.kind in ("tcp", "tcpin"):
-        return Finding("reader", "ok", "connected")
-    if way.kind == "udpin":
-        return Finding("reader", "ok", "a datagram came from there")
-    if who:
-        return Finding("reader", "ok", f"{who} has the other end")
-    cure = {
-        "mavlink": "a Lua script or a companion has to; PX4 keeps them in its log, see firmware_proto/px4",
-        "udpout": "UDP does not tell; at the other end: arva-hil listen udpin:0.0.0.0:PORT",
-    }.get(
-        way.kind,
-        "a serial line does not tell; ArduPilot: SERIALn_PROTOCOL 28 and SCR_ENABLE 1 for the Lua driver, SERIALn_BAUD "
-        "115; PX4: arva_receiver status; elsewhere arva-hil listen",
-    )
-    return Finding("reader", "note", "unknown", cure)
 
 
 # -- all in all ----------------------------------------------------------------------------------------------

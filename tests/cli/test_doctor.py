@@ -19,7 +19,7 @@ from arva_hil.autopilot.signing import Signing
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.cli import doctor
 from arva_hil.clock import Clock, RealClock
-from arva_hil.doctor import diagnosis as look
+from arva_hil.doctor import port_diagnosis as port_look
 from arva_hil.doctor.examination import Mouth
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.ports import Port
@@ -231,6 +231,47 @@ def test_no_such_port(examine: Examine) -> None:
     said = examine("--autopilot", "/dev/ttyACM77", "--port", "/dev/ttyUSB77")
     assert (said.code, failed(said)) == (3, {"link", "port"})
     assert said["link"]["found"] == "/dev/ttyACM77: no such port"
+    assert said["verdict"]["cure"].endswith("arva-hil run --autopilot URL --port URL --stream-rate 20")
+
+
+def test_instead_of_a_port_that_is_not_there_the_one_on_usb_is_named(
+    examine: Examine, autopilot: Autopilot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "list_ports", lambda: [Port("/dev/ttyUSB7", vid=0x0403, pid=0x6001)])
+    said = examine("--autopilot", autopilot.address, "--port", "/dev/ttyUSB77")
+    assert f"--autopilot {autopilot.address} --port /dev/ttyUSB7 " in said["verdict"]["cure"]
+
+
+def test_what_is_cured_elsewhere_stays_in_the_command(examine: Examine, line: PtyLink, keep: Keep) -> None:
+    keep(open_serial(line.path))
+    tcp = f"tcp:127.0.0.1:{free_port(socket.SOCK_STREAM)}"
+    said = examine("--autopilot", tcp, "--port", line.path)
+    assert f"--autopilot {tcp} --port {line.path}" in said["verdict"]["cure"]
+
+
+@pytest.mark.parametrize("other", [False, True])
+def test_a_tcp_port_that_is_silent_is_told_from_one_that_another_client_has(
+    examine: Examine, keep: Keep, other: bool
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server, contextlib.ExitStack() as stack:
+        address = f"tcp:127.0.0.1:{server.getsockname()[1]}"
+        taken = threading.Event()
+
+        def serve_one() -> None:
+            stack.enter_context(server.accept()[0])
+            taken.set()
+
+        first = threading.Thread(target=serve_one)
+        first.start()
+        if other:
+            stack.enter_context(socket.create_connection(server.getsockname()))
+            assert taken.wait(20)
+        said = examine("--autopilot", address)
+        first.join(20)
+    assert failed(said) == {"bytes"}
+    assert ("another client has the port" in said["bytes"]["found"]) == other
+    assert ("SERIALn_PROTOCOL 2" in said["bytes"]["cure"]) == (not other)
+    assert (address in said["verdict"]["cure"]) == (not other)
 
 
 @pytest.mark.parametrize("side", ["link", "port"])
@@ -260,6 +301,8 @@ def test_whose_pseudo_terminal_it_is_is_named(
     said = examine("--autopilot", autopilot.address, "--port", f"pty:{tmp_path / 'arva0'}")
     assert said.code == 3
     assert "which is in use: held by " in said["port"]["found"]
+    assert said["port"]["cure"] == "take another name"
+    assert str(tmp_path) not in said["verdict"]["cure"]
 
 
 def test_a_link_that_is_lost_meanwhile(examine: Examine, serve: Callable[[Task], None], keep: Keep) -> None:
@@ -349,6 +392,7 @@ def test_with_a_key_it_says_whether_it_is_the_vehicles(
     else:
         assert (said.code, failed(said)) == (3, {"signing"})
         assert "no packet is believed" in said["signing"]["found"]
+        assert "--signing-key FILE" in said["verdict"]["cure"]
 
 
 # -- from whom -----------------------------------------------------------------------------------------------
@@ -385,6 +429,19 @@ def test_the_autopilot_asked_for_is_another(examine: Examine, autopilot: Autopil
     said = examine("--autopilot", autopilot.address, "--target-system", 9)
     assert (said.code, failed(said)) == (3, {"heartbeat"})
     assert said["heartbeat"]["cure"] == "--target-system 1"
+    assert "--target-system 1 --stream-rate 20" in said["verdict"]["cure"]
+
+
+def test_a_rate_that_is_never_reached_is_not_asked_for_again(
+    examine: Examine, serve: Callable[[Task], None], line: PtyLink
+) -> None:
+    attitude = Encoder(1, 1).pack(dialect.MAVLink_attitude_message(0, 0, 0, 0, 0, 0, 0))
+    serve(Says(line, heartbeat(Encoder(1, 1)), attitude))  # 10 Hz
+    said = examine("--autopilot", line.path, listen=HEARTBEAT_S)
+    assert said["ATTITUDE"]["state"] == "note"
+    slow = said["ATTITUDE"]["cure"].partition(",")[0]
+    assert 1 <= int(slow.removeprefix("--stream-rate ")) <= 14
+    assert said["verdict"]["cure"].endswith(slow)
 
 
 # -- the pose ------------------------------------------------------------------------------------------------
@@ -458,7 +515,7 @@ def test_a_client_that_is_connected_reads(keep: Keep) -> None:
     mouth = Mouth(WirePort(server, "binary"), server, parse(server.name), 0.0)
     clock = RealClock()
     until(lambda: mouth.service(clock) and mouth.way().taken)
-    assert look.reader(mouth.way()) == ("reader", "ok", "connected", "")
+    assert port_look.reader(mouth.way()) == ("reader", "ok", "connected", "")
 
 
 def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink) -> None:
@@ -481,7 +538,7 @@ def test_a_port_that_is_lost_meanwhile(keep: Keep) -> None:
     mouth = Mouth(WirePort(port, "binary"), port, parse(consumer.path), 0.0)
     consumer.close()
     mouth.service(RealClock())
-    assert look.frames(mouth.way(), "binary").found.startswith(f"{consumer.path}: lost: ")
+    assert port_look.frames(mouth.way(), "binary").found.startswith(f"{consumer.path}: lost: ")
 
 
 # -- how it ends ---------------------------------------------------------------------------------------------

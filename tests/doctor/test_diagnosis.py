@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from arva_hil.doctor import diagnosis as look
+from arva_hil.doctor import port_diagnosis as port_look
 from arva_hil.doctor.values import Finding, Position, Source, Stream, Traffic, Way
 
 PILOT = Source(1, 1, "ardupilotmega quadrotor", True, 6, 1.0)
@@ -29,7 +30,8 @@ def both(cure: str) -> bool:
     ("kind", "cure"),
     [
         ("serial", "SERIALn_PROTOCOL 2"),
-        ("udpin", "14550 and 14540"),
+        ("udpin", "14030 at 8 Hz"),
+        ("udpin", "udpin:127.0.0.1:14445"),
         ("udpout", "MAV_n_UDP_PRT"),
         ("tcp", "each port has one client"),
         ("tcpin", "TCP client"),
@@ -40,6 +42,23 @@ def test_silence_has_a_cure_for_each_kind_of_link(kind: str, cure: str) -> None:
     finding = look.silence(kind, 6.0)
     assert (finding.check, finding.state, finding.found) == ("bytes", "fail", "nothing was heard in 6.0 s")
     assert cure in finding.cure
+    assert both(finding.cure)
+
+
+@pytest.mark.parametrize(
+    ("accepted", "found", "cure", "never"),
+    [
+        (True, "is taken, and nothing is sent", "SERIALn_PROTOCOL 2", "another client"),
+        (False, "another client has the port", "take another one", "SERIALn_PROTOCOL"),
+    ],
+)
+def test_a_port_that_is_not_mavlink_is_told_from_one_that_another_client_has(
+    accepted: bool, found: str, cure: str, never: str
+) -> None:
+    finding = look.silence("tcp", 6.0, accepted=accepted)
+    assert found in finding.found
+    assert cure in finding.cure
+    assert never not in finding.found + finding.cure
     assert both(finding.cure)
 
 
@@ -254,9 +273,15 @@ def test_rate(times: list[float], now: float, hz: float) -> None:
 
 
 def test_no_port_lists_the_candidates() -> None:
-    finding = look.no_port(["/dev/ttyUSB0", "/dev/ttyUSB1"])
-    assert finding[:3] == ("port", "note", "none was named; there is /dev/ttyUSB0, /dev/ttyUSB1")
-    assert look.no_port([]).found == "none was named; no serial port is free for it"
+    finding = port_look.no_port(["/dev/ttyS0", "/dev/ttyUSB3"], ["/dev/ttyUSB3"])
+    assert finding[:3] == ("port", "note", "none was named; there is /dev/ttyS0, /dev/ttyUSB3")
+    assert finding.cure == "--port /dev/ttyUSB3, --port pty, or --format tunnel"
+
+
+def test_no_port_is_proposed_that_is_not_there() -> None:
+    assert port_look.no_port([], []) == (
+        "port", "note", "none was named; no serial port is free for it", "--port pty, or --format tunnel",
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -270,7 +295,7 @@ def test_no_port_lists_the_candidates() -> None:
     ],
 )
 def test_frames(way: Way, state: str, found: str) -> None:
-    finding = look.frames(way, "binary")
+    finding = port_look.frames(way, "binary")
     assert (finding.check, finding.state) == ("frames", state)
     assert found in finding.found
     assert bool(finding.cure) == (state != "ok")
@@ -295,7 +320,7 @@ def test_frames(way: Way, state: str, found: str) -> None:
     ],
 )
 def test_reader(way: Way, state: str, found: str) -> None:
-    finding = look.reader(way)
+    finding = port_look.reader(way)
     assert finding is not None
     assert (finding.check, finding.state) == ("reader", state)
     assert found in finding.found
@@ -304,7 +329,7 @@ def test_reader(way: Way, state: str, found: str) -> None:
 
 @pytest.mark.parametrize("way", [replace(WAY, taken=0, dropped=3), replace(WAY, lost="gone")])
 def test_of_a_port_that_takes_nothing_no_reader_is_told(way: Way) -> None:
-    assert look.reader(way) is None
+    assert port_look.reader(way) is None
 
 
 # -- all in all ----------------------------------------------------------------------------------------------

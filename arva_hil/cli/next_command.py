@@ -1,0 +1,35 @@
+"""What to type after an examination: the options that were given, none that was found wrong."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Mapping
+from typing import Final
+
+from arva_hil.output import MAVLINK_FORMATS
+
+UNKNOWN_PORT: Final = "pty:/tmp/arva0"
+
+
+def next_command(
+    options: argparse.Namespace, autopilot: str, usb_ports: list[str], right: Mapping[str, str | None]
+) -> str:
+    """The command that runs as `options` say, with what is `right` instead of what was found wrong.
+
+    `autopilot`: the address that was heard. `usb_ports`: where frames may go, when no port was named. `right`: by an
+    option's name what belongs there, a word in capitals when that is not known, None when it is to be left out.
+    """
+    words: dict[str, str | None] = {"autopilot": autopilot}
+    if options.format in MAVLINK_FORMATS:
+        words["format"] = options.format
+    else:
+        words["port"] = options.port or (usb_ports[0] if len(usb_ports) == 1 else UNKNOWN_PORT)
+        words["format"] = options.format if options.format != "binary" else None
+    for name in ("target_system", "target_component", "signing_key"):
+        value = getattr(options, name)
+        words[name] = None if value is None else str(value)
+    words["stream_rate"] = f"{options.stream_rate:g}" if options.stream_rate != 50.0 else None
+    words |= {name: value for name, value in right.items() if name in words}
+    each = ((f"--{name.replace('_', '-')}", value) for name, value in words.items() if value is not None)
+    return shlex.join(["arva-hil", "run", *(word for pair in each for word in pair)])
