@@ -302,6 +302,8 @@ class Session:
             is_position = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT in stream.ids
             if not any(stream.seen.values()) and not (zeros and is_position):
                 lacking.append(f"no {stream.name} ({stream.said or silence})")
+                if is_position and stream.promised:
+                    lacking[-1] += ": PX4 sends none before it has a position, no GPS fix yet?"
         if not lacking and nowhere:
             return "the position is out of range: no GPS fix yet"
         return ", ".join(lacking) or "the streams have stopped"

@@ -33,6 +33,7 @@ class Stream:
     group: int  # the MAV_DATA_STREAM it belongs to
     want_hz: float
     said: str = ""  # what the vehicle answered to the last request, for a person
+    promised: bool = False  # it accepted a request
     seen: dict[int, deque[float]] = field(default_factory=dict)  # when each of the ids came lately
     tries: int = 0  # since it was fast enough
     by_group: bool = False
@@ -155,6 +156,7 @@ class Streams:
             return
         answer = RESULTS.get(result, f"result {result}")
         stream.said = f"SET_MESSAGE_INTERVAL to {stream.want_hz:g} Hz: {answer}"
+        stream.promised = stream.promised or result == dialect.MAV_RESULT_ACCEPTED
         if result == dialect.MAV_RESULT_DENIED and stream.want_hz > _SLOWEST_HZ:
             stream.want_hz = max(stream.want_hz / 2, _SLOWEST_HZ)
             stream.tries, stream.next_ask = 0, 0.0

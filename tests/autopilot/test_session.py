@@ -657,6 +657,22 @@ def test_positions_of_zeros_are_named_though_they_are_slow() -> None:
     assert session.counts()["positions_before_fix"] == 2
 
 
+@pytest.mark.parametrize(
+    ("result", "waits"), [(dialect.MAV_RESULT_ACCEPTED, True), (dialect.MAV_RESULT_TEMPORARILY_REJECTED, False)]
+)
+def test_a_position_that_is_promised_and_does_not_come_waits_for_a_fix(result: int, waits: bool) -> None:
+    """As PX4 does; what is refused waits for something else."""
+    session = Session()
+    for message in (heartbeat(), attitude(1.0)):
+        tell(session, message, 100.0)
+    for n in range(30):
+        session.poll(100.0 + n / 10)
+        ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, result)
+        tell(session, ack, 100.05 + n / 10)
+    assert "no GLOBAL_POSITION_INT (SET_MESSAGE_INTERVAL to 50 Hz: " in session.why_no_pose()
+    assert ("PX4 sends none before it has a position, no GPS fix yet?" in session.why_no_pose()) == waits
+
+
 def test_of_a_log_it_does_not_say_that_something_was_not_asked_for() -> None:
     session = Session(passive=True)
     for message in (heartbeat(), attitude(1.0)):
