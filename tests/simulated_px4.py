@@ -141,7 +141,8 @@ class Px4:
 
     def _request(self, message: Any, now: float) -> tuple[int, ...]:
         if message.param1 != dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
-            return (dialect.MAV_RESULT_DENIED,)
+            self._tell(message.command, message.param1, now=now)
+            return (dialect.MAV_RESULT_ACCEPTED,)
         truth = self.truth(now)
         lat, lon, alt = (round(v * scale) for v, scale in zip(truth.lla, (1e7, 1e7, 1e3), strict=True))
         attitude = [-v for v in truth.quaternion]

@@ -49,6 +49,10 @@ class Authority:
         if ours:
             self._ours |= {mode}
 
+    def borrow(self) -> None:
+        """The mode that it is in now is somebody else's, who lets us have the vehicle: it may still be in it."""
+        self._ours = frozenset({self.mode})
+
     @property
     def in_mode(self) -> bool:
         """It is in the mode that is wanted."""

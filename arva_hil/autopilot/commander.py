@@ -60,6 +60,7 @@ class Commander:
         self._velocity = _STILL
         self._yaw = 0.0
         self._tries = 0  # of arming
+        self._borrowing = False  # it flies in the mode of who had it, and does not follow us yet
         self._authority = Authority()
         self._heard_since = 0.0  # what is heard now came after that
         self._since = 0.0  # in this phase
@@ -83,12 +84,32 @@ class Commander:
         self.sticks.mark()
         self._enter(Phase.ARMING, now, self._modes.hold, self._arm_timeout_s)
 
+    def take_over(self, now: float) -> None:
+        """Follow velocities from where it hovers, armed, in a mode of somebody else; the heading is kept.
+
+        The origin is below that place, at the height of home. If it does not follow it is left to who had it. Raises
+        ValueError for a vehicle that cannot be flown like this.
+        """
+        assert self._session.vehicle is not None
+        self._modes = modes_of(self._session.vehicle)
+        place, home = self._session.track.last_position, self._session.home
+        if place is None or home is None or self._authority.mode == -1 or not self._turn(now, place):
+            raise ValueError("its pose, its home or its mode is not known")
+        self.origin = place._replace(alt=home[2])
+        self.sticks.mark()
+        self._borrowing = True
+        self._authority.borrow()
+        self._enter(Phase.FLYING, now, self._modes.steer)
+        self._next_order = now + _FLOWING_S
+
     def steer(self, velocity: tuple[float, float, float]) -> None:
         """Fly with this velocity, NED, m/s, until told otherwise."""
         self._velocity = velocity
 
     def land(self, now: float, why: str = "") -> None:
         """Land where it is; before the take-off: disarm. `why`: when that is not how it should end."""
+        if self._leave_alone(why):
+            return
         if self.phase is Phase.ARMING:
             self.why = why
             self._enter(Phase.DISARMING, now, self._modes.hold)
@@ -98,6 +119,8 @@ class Commander:
 
     def hold(self, now: float, why: str = "") -> None:
         """Stay in the air where it is, for the pilot to take; before the take-off: disarm. A landing goes on."""
+        if self._leave_alone(why):
+            return
         if self.phase is Phase.ARMING:
             self.land(now, why)
         elif self.phase in (Phase.CLIMBING, Phase.FLYING):
@@ -150,6 +173,7 @@ class Commander:
     def _advance(self, now: float) -> None:
         """Go on to the next phase when this one has come to its end, or to the limit of its time."""
         late, in_mode = now - self._since, self._authority.in_mode
+        self._borrowing = self._borrowing and not in_mode
         if self._authority.silent(now):
             self._lose(f"the vehicle has not said its mode for {authority.SILENT_S:g} s")
         elif self.phase is Phase.CLIMBING and self._climbed:
@@ -286,11 +310,17 @@ class Commander:
     def _stand(self, armed: bool, now: float) -> None:
         """Note place and heading: until it arms an autopilot still moves them while it settles."""
         place = self._session.track.last_position
-        if place is not None and (state := self._session.state_at(now, place.frame)) is not None:
+        if place is not None and self._turn(now, place):
             self.origin = place
-            self._yaw = rotation.to_euler(rotation.to_matrix(state.attitude))[2]
         if armed and self.origin is not None:
             self._enter(Phase.CLIMBING, now, self._modes.take_off)
+
+    def _turn(self, now: float, place: PositionSample) -> bool:
+        """Keep the heading that it has; False when that is not known."""
+        state = self._session.state_at(now, place.frame)
+        if state is not None:
+            self._yaw = rotation.to_euler(rotation.to_matrix(state.attitude))[2]
+        return state is not None
 
     def _on_timesync(self, message: Any, now: float) -> None:
         self._authority.hear_answer(message)
@@ -312,6 +342,8 @@ class Commander:
         self.sticks.hear(message)
         flown = self.phase in (Phase.CLIMBING, Phase.FLYING)
         if not (why := self.sticks.moved or (self.sticks.low_battery and "low battery") or ""):
+            return
+        if self._leave_alone(why):
             return
         if self.phase is Phase.ARMING or (self._modes.px4 and flown and not self.sticks.moved):
             self.hold(now, why)
@@ -341,6 +373,12 @@ class Commander:
         self._next_order, self._ordered_s = -math.inf, math.inf
         self._complaints.begin(keep_texts=phase is Phase.ARMING)
         self._authority.want(wanted, ours=phase is not Phase.ARMING)
+
+    def _leave_alone(self, why: str) -> bool:
+        """Before it follows us, whatever speaks against it ends the take-over: nothing has to be undone by an order."""
+        if self._borrowing and self.phase.active:
+            self._lose("; ".join(filter(None, [why, "it was not taken over"])), handed_over=True)
+        return self._borrowing
 
     def _lose(self, why: str, *, handed_over: bool = False) -> None:
         self.phase, self.handed_over = Phase.LOST, handed_over

@@ -77,6 +77,12 @@ def add_options(parser: opt.Parser) -> None:
         metavar="S",
         help="said before it arms, when all is ready; default 3",
     )
+    parser.typed(
+        "--take-over",
+        action="store_true",
+        help="begin in the air: take a vehicle that hovers, armed, in AUTO, GUIDED, LOITER or BRAKE (PX4: mission or "
+        "hold), for a second and 1 m above home at least; has no ARVA_HIL_ variable",
+    )
     opt.add_target(parser)
     opt.add_signing(parser)
     parser.option(
@@ -179,6 +185,7 @@ def main(options: argparse.Namespace) -> int:
             timeout_s=options.timeout,
             arm_timeout_s=options.arm_timeout,
             permission=Permission(session, yes=options.yes, question=question),
+            take_over=options.take_over,
             countdown_s=options.countdown,
             say=printer.notice,
             log=rows_to(printer, log),

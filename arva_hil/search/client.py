@@ -68,6 +68,7 @@ class SearchClient:
         timeout_s: float = 60.0,
         arm_timeout_s: float = 60.0,
         permission: Permission | None = None,
+        take_over: bool = False,
         countdown_s: float = 0.0,
         say: Callable[[Notice], None] = lambda _: None,
         log: Callable[[Row], None] = lambda _: None,
@@ -84,6 +85,7 @@ class SearchClient:
             start=start,
             timeout_s=timeout_s,
             permission=permission,
+            take_over=take_over,
             countdown_s=countdown_s,
             say=say,
         )
@@ -93,6 +95,8 @@ class SearchClient:
         self._empty_s = start  # when the autopilot's link was last found empty
         self._gap = False  # since it is not
         self._losses = 0
+        self._begin = self._commander.take_over if take_over else self._commander.launch
+        self._beginning = "taking over" if take_over else "arming"
         self._patience_s = plan.patience_s
         self._stopping = False
 
@@ -234,7 +238,7 @@ class SearchClient:
 
     def _launch(self, now: float) -> None:
         try:
-            self._commander.launch(now)
+            self._begin(now)
         except ValueError as error:
             self._finish("failed", str(error))
             return
@@ -243,7 +247,7 @@ class SearchClient:
         self._losses = self._autopilot.losses
         if throttle := self._preflight.failsafes.values.get("RCMAP_THROTTLE"):
             self._commander.sticks.throttle = int(throttle)
-        self._tell("info", f"arming {self._session.vehicle}")
+        self._tell("info", f"{self._beginning} {self._session.vehicle}")
 
     # -- the end -------------------------------------------------------------------------------------------
 

@@ -93,16 +93,16 @@ class Permission:
         if self._yes:
             self._agree("warning", f"{real}: --yes")
         elif self._question is None:
-            return Refusal("refused", f"{real}: to arm it, write --yes")
+            return Refusal("refused", f"{real}: to let it fly, write --yes")
         elif self._asked is None:
             self._asked = now
             self._question.ask(f"{real}: propellers will turn. Type yes to let it fly")
         elif (answer := self._question.answer()) is not None:
             if answer.strip().lower() != "yes":
-                return Refusal("refused", f"{real}, and the answer was not yes: nothing was armed")
+                return Refusal("refused", f"{real}, and the answer was not yes: nothing was done")
             self._said = True
         elif now - self._asked > _THINK_S:
-            return Refusal("refused", f"{real}, and nobody said yes within {_THINK_S:g} s: nothing was armed")
+            return Refusal("refused", f"{real}, and nobody said yes within {_THINK_S:g} s: nothing was done")
         return self._said
 
     def _agree(self, level: str, text: str) -> None:

@@ -13,6 +13,7 @@ from arva_hil.links import Link
 from arva_hil.links.readers import other_readers
 from arva_hil.notice import Notice
 from arva_hil.search.flight import OLD_S
+from arva_hil.search.hover import Hover
 from arva_hil.search.outcome import Kind, Refusal
 from arva_hil.search.permission import Permission
 from arva_hil.search.receiver import Receiver
@@ -24,8 +25,8 @@ INTERRUPTED: Final = "interrupted"
 class Preflight:
     """Remembers what a search waits for, and since when. `timeout_s`: from `start`, for all of it.
 
-    `permission`: to arm this vehicle; None where any may be armed. `countdown_s`: waited for when all is there.
-    `failsafes`: what the vehicle does when it is left alone.
+    `permission`: to fly this vehicle; None where any may be flown. `take_over`: it is in the air.
+    `countdown_s`: waited for when all is there. `failsafes`: what the vehicle does when it is left alone.
     """
 
     def __init__(
@@ -37,6 +38,7 @@ class Preflight:
         start: float,
         timeout_s: float,
         permission: Permission | None,
+        take_over: bool,
         countdown_s: float,
         say: Callable[[Notice], None],
     ) -> None:
@@ -48,6 +50,7 @@ class Preflight:
         self._since = start
         self._timeout_s = timeout_s
         self._permission = permission
+        self._hover = Hover(session) if take_over else None
         self._countdown_s = countdown_s
         self._arm_at = math.inf
         self._next_said = 0
@@ -65,8 +68,9 @@ class Preflight:
                 self._greeted = True
             elif packet.msgid == dialect.MAVLINK_MSG_ID_PARAM_VALUE:
                 self.failsafes.hear(self._session.parser.decode(packet))
-        if self._permission:
-            self._permission.hear(packets)
+        for listener in (self._permission, self._hover):
+            if listener:
+                listener.hear(packets)
 
     def poll(self, now: float) -> bytes:
         """What is due to be sent: questions."""
@@ -80,6 +84,8 @@ class Preflight:
         """There was a gap: a heartbeat has to come, and it is counted down again."""
         self._greeted = False
         self._arm_at = math.inf
+        if self._permission:  # who knows for how long, and what has changed
+            self._permission.forget()
 
     def watch_link(self, now: float) -> None:
         """A link that comes back is a new one, to a vehicle that may have rebooted."""
@@ -104,13 +110,16 @@ class Preflight:
             return self._lack("the autopilot's link", "no link", lambda: self._autopilot.why, waited)
         if session.vehicle is None or not self._greeted:
             return self._lack("an autopilot", "no link", lambda: f"no autopilot: {session.heard()}", waited)
-        if session.vehicle.armed:
-            return Refusal("failed", "the vehicle is armed already: a search starts on the ground, disarmed")
+        if session.vehicle.armed and not self._hover:
+            why = "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover"
+            return Refusal("failed", why)
         if self._receiver.silent(now):
-            why = self._receiver.why_silent
-            return self._lack("a frame from the receiver", "no link", lambda: why(now), waited)
+            silence = self._receiver.why_silent
+            return self._lack("a frame from the receiver", "no link", lambda: silence(now), waited)
         if not self._has_pose(now):
             return self._lack("a pose", "failed", lambda: f"no pose: {session.why_no_pose()}", waited)
+        if self._hover and (moving := self._hover.why_not(now)):
+            return self._lack("a hover", "failed", lambda: f"the vehicle is not taken over: {moving}", waited)
         if not self.failsafes.done:
             return False
         permitted = self._permitted(now)
@@ -141,7 +150,7 @@ class Preflight:
             self._next_said = math.ceil(self._countdown_s)
         left = self._arm_at - now
         if left > 0 and left <= self._next_said:
-            self._say(Notice("info", f"arming in {self._next_said} s"))
+            self._say(Notice("info", f"{'taking over' if self._hover else 'arming'} in {self._next_said} s"))
             self._next_said = math.ceil(left) - 1
         return left <= 0
 

@@ -223,6 +223,16 @@ def test_frames_of_another_format_are_shown(start: Start, autopilot: Autopilot, 
     assert orders(autopilot) == []
 
 
+def test_on_the_ground_there_is_nothing_to_take_over(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
+    program = start(
+        *("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path),
+        *("--take-over", "--timeout", 3),
+    )
+    assert program.ends() == 1
+    assert last_lines(program, 1) == ["error: the vehicle is not taken over: it is not armed"]
+    assert orders(autopilot) == []
+
+
 def test_a_port_that_another_program_listens_to_is_busy(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:
     listener = start("listen", beacon.link.path)
     listener.says("listening")

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from arva_hil.autopilot.mavlink import Parser, dialect
+from arva_hil.console.question import TerminalQuestion
 
 from .far_ends import Autopilot, Program
 from .test_search import ARM, Beacon, orders
@@ -57,7 +58,7 @@ def test_without_a_terminal_and_a_yes_it_is_refused(
 ) -> None:
     program = start(*arguments(real, beacon), "--json", env=os.environ | variable)
     assert program.ends() == 2
-    assert "is not known to be a simulator: to arm it, write --yes\n" in program.err
+    assert "is not known to be a simulator: to let it fly, write --yes\n" in program.err
     assert ("warning: ARVA_HIL_YES is not read: --yes has to be typed each time" in program.err) == bool(variable)
     assert b'"outcome": "refused"' in program.out
     assert orders(real) == []
@@ -88,7 +89,7 @@ def test_the_answer_is_typed_at_the_terminal(
         program.send(signal.SIGINT)
         assert program.ends() == 130
     else:
-        terminal.shows("the answer was not yes: nothing was armed")
+        terminal.shows("the answer was not yes: nothing was done")
         assert program.ends() == 2
         assert orders(real) == []
 
@@ -106,4 +107,16 @@ def test_no_question_is_asked_that_nobody_sees(start: Start, real: Autopilot, be
     terminal = keep(Terminal(160))
     program = start(*arguments(real, beacon), stdin=terminal.slave)
     assert program.ends() == 2
-    assert "to arm it, write --yes" in program.err
+    assert "to let it fly, write --yes" in program.err
+
+
+def test_in_the_background_nothing_is_read_for_that_would_stop_the_program(
+    keep: Keep, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    terminal = keep(Terminal(80))
+    question = TerminalQuestion(lambda text: None, terminal.slave)
+    terminal.types(b"yes\n")
+    monkeypatch.setattr(os, "tcgetpgrp", lambda fd: os.getpgrp() + 1)
+    assert question.answer() is None
+    monkeypatch.setattr(os, "tcgetpgrp", lambda fd: os.getpgrp())
+    assert question.answer() == "yes"

@@ -386,7 +386,10 @@ def test_a_vehicle_that_is_armed_is_somebody_elses() -> None:
     vehicle.poll(0.0)
     vehicle._pilot.arm()
     kind, how = world.end()
-    assert (kind, how) == ("failed", "the vehicle is armed already: a search starts on the ground, disarmed")
+    assert (kind, how) == (
+        "failed",
+        "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover",
+    )
     assert world.orders() == []
 
 
@@ -566,7 +569,7 @@ def test_who_had_the_vehicle_meanwhile_is_seen_before_anything_is_ordered() -> N
     world.between = bytes
     assert world.end(3.0) == (
         "failed",
-        "the vehicle is armed already: a search starts on the ground, disarmed",
+        "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover",
     )
     assert world.orders() == []
 

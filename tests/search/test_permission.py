@@ -69,7 +69,7 @@ def test_without_a_word_and_a_terminal_nothing_else_is_armed(make: Callable[[], 
     world = real(make)
     kind, how = world.end()
     assert kind == "refused"
-    assert how.endswith("is not known to be a simulator: to arm it, write --yes")
+    assert how.endswith("is not known to be a simulator: to let it fly, write --yes")
     assert world.orders() == []
 
 
@@ -99,7 +99,7 @@ def test_any_other_answer_is_no(line: str) -> None:
     world = real(lambda: SimulatedVehicle(HOME), question=Person(line))
     kind, how = world.end()
     assert kind == "refused"
-    assert how.endswith("the answer was not yes: nothing was armed")
+    assert how.endswith("the answer was not yes: nothing was done")
     assert world.orders() == []
 
 
@@ -107,7 +107,7 @@ def test_a_person_who_is_not_there_does_not_hold_it_for_ever() -> None:
     world = real(lambda: SimulatedVehicle(HOME), question=Person("yes", looks=10**6))
     kind, how = world.end(90.0)
     assert kind == "refused"
-    assert how.endswith("nobody said yes within 60 s: nothing was armed")
+    assert how.endswith("nobody said yes within 60 s: nothing was done")
     assert world.orders() == []
 
 
