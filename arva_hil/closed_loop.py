@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from arva_hil.autopilot.multirotor import Vector
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.emulator import Emulator
+from arva_hil.drivers import Live
+from arva_hil.engine import Emulator, one_vehicle
 from arva_hil.links import Link
 from arva_hil.notice import Notice
-from arva_hil.observer import Observer
-from arva_hil.output import WirePort
+from arva_hil.observer import Audience, Observer
 from arva_hil.scenario import Scenario
 from arva_hil.scene import transmitters
 from arva_hil.search.client import COMPONENT, SearchClient
@@ -52,15 +52,8 @@ class ClosedLoop:
         format = scenario.output_format
         self._scenario = scenario
         self.vehicle = SimulatedVehicle(HOME, wind=wind, gps_noise_m=gps_noise_m, seed=scenario.seed, boot_time=start)
-        self.emulator = Emulator(
-            scenario,
-            Session(rate_hz=stream_hz),
-            autopilot[0],
-            WirePort(port[1], format),
-            start=start,
-            timeout_s=10.0,
-            observers=observers,
-        )
+        self.emulator = Emulator([one_vehicle(scenario, Session(rate_hz=stream_hz))], start=start, timeout_s=10.0)
+        live = Live(self.emulator, {"autopilot": autopilot[0]}, {"port": port[1]}, Audience(observers))
         self.search = SearchClient(
             plan,
             Session(rate_hz=stream_hz, component=COMPONENT),
@@ -71,9 +64,9 @@ class ClosedLoop:
             say=say,
             log=log,
         )
-        self.tasks: list[Simulator | Emulator | SearchClient] = [
+        self.tasks: list[Simulator | Live | SearchClient] = [
             Simulator(self.vehicle, [autopilot[1], commands[1]]),
-            self.emulator,
+            live,
             self.search,
         ]
 
@@ -85,7 +78,7 @@ class ClosedLoop:
 
     def truth(self) -> dict[int, tuple[float, float]]:
         """Where the transmitters are: north and east of the take-off point, by id. Needs a search in the air."""
-        origin, datum = self.search.origin, self.emulator.datum.frame
+        origin, datum = self.search.origin, self.emulator.vehicles[0].datum.frame
         assert origin is not None
         assert datum is not None
         places = transmitters(self._scenario, datum)

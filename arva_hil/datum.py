@@ -28,9 +28,6 @@ class Change(NamedTuple):
     lat_lon_alt: Place
     why: str
 
-    def __str__(self) -> str:
-        return "{:.7f}, {:.7f}, {:.2f} m AMSL".format(*self.lat_lon_alt) + (f" ({self.why})" if self.why else "")
-
 
 class Datum:
     """Remembers where the scenario's origin lies, and where it lay before.
@@ -53,7 +50,7 @@ class Datum:
         self.frame: LocalFrame | None = None
         self.changes: list[Change] = []
         self._start = start
-        self._fixed = fixed != "home"
+        self.fixed = fixed != "home"
         self._flown: Place | None = None
         self._armed_at: float | None = None
         self._has_landed = False  # and has not rebooted since
@@ -73,7 +70,7 @@ class Datum:
 
     def update(self, session: Session, now: float) -> bool:
         """Look again; True when the datum has changed."""
-        if self._fixed:
+        if self.fixed:
             return False
         if session.navigation.reboots != self._reboots:
             self._reboots = session.navigation.reboots
@@ -88,27 +85,18 @@ class Datum:
             self._flown = self.lla
         return changed
 
-    def far(self, position: NDArray[np.float64], reading: Reading) -> str:
-        """What to say, once for each place of the datum, when no transmitter can be heard from here; mostly nothing.
+    def far(self, position: NDArray[np.float64], reading: Reading) -> tuple[float, float] | None:
+        """Once for each place of the datum: that no transmitter can be heard from here; mostly None.
 
-        `position` (3,): of the receiver, NED from the datum, metres; `reading`: what is read there.
+        `position` (3,): of the receiver, NED from the datum, metres; `reading`: what is read there. Gives back how far
+        the datum is, horizontally, and the nearest transmitter, metres.
         """
         nearest = reading.channels[0]
         away_m = nearest.true_range_m or 0.0
         if self._far_said or nearest.id is not None or away_m <= _FAR_M:
-            return ""
+            return None
         self._far_said = True
-        where = f"{math.hypot(*position[:2].tolist()) / 1e3:.1f} km from the datum ({self})"
-        if self._fixed:
-            cure = "correct `datum` and `transmitters` in the scenario, or use `datum: home`"
-        else:
-            cure = (
-                "the datum is the vehicle's home, and after landing and disarming a new one: set home there, or name a "
-                "place in the scenario, `datum: {lat: …, lon: …, alt: …}`"
-            )
-        return (
-            f"the vehicle is {where} and {away_m / 1e3:.1f} km from the nearest transmitter, too far to hear it: {cure}"
-        )
+        return math.hypot(*position[:2].tolist()), away_m
 
     def _note_flight(self, armed: bool, now: float) -> None:
         if armed and self._armed_at is None:
@@ -162,6 +150,3 @@ class Datum:
         self.lla = place
         self.frame = LocalFrame(*place)
         return True
-
-    def __str__(self) -> str:
-        return "unknown" if self.lla is None else "{:.7f}, {:.7f}, {:.2f} m AMSL".format(*self.lla)

@@ -1,69 +1,34 @@
-"""What the loop tells those who watch it. They get frozen values, and cannot change, slow or stop anything."""
+"""Those who watch an engine. They get frozen events, and cannot change, slow or stop anything."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from arva_hil.autopilot.mavlink import Packet
-from arva_hil.model import Reading
-from arva_hil.notice import Notice
-from firmware_proto import Frame
+from arva_hil.events import Event, ObserverFailed
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """The receiver's own pose, mount included: NED [m] from the datum, and the matrix receiver → NED."""
+class Observer(Protocol):
+    """Whoever hears of every event, in order."""
 
-    position: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """One frame: its instant, the pose it was computed from, what was read, what went out."""
-
-    number: int  # 0…
-    time_s: float  # its instant, from the start of the run
-    boot_s: float | None  # the same instant on the autopilot's clock
-    pose: Pose | None  # None: no pose, or one too old
-    age_s: float | None  # of the pose
-    reading: Reading
-    frame: Frame
-    sent: bool  # False: nobody takes it, dropped; or a fault keeps it from being sent
-    late_s: float  # how long after its instant it was made
-    faults: tuple[str, ...] = ()  # that it met
+    def observe(self, event: Event) -> None:
+        """Take one event; it must not wait for anything."""
 
 
-@dataclass(frozen=True, slots=True)
-class Status:
-    """How things stand, a few times a second."""
+class Audience:
+    """Remembers who observes. One that raises is switched off, which the others hear of, and stops nothing."""
 
-    time_s: float
-    vehicle: str  # "" before there is one
-    rates: Mapping[str, float]  # Hz by message name
-    last: Snapshot | None
-    frames: int  # that were to be sent
-    dropped: int
+    def __init__(self, observers: Sequence[Observer]) -> None:
+        self.failed = 0
+        self._observers = list(observers)
 
-
-class Observer:
-    """Every method may be left out."""
-
-    def packets(self, now: float, packets: Sequence[Packet]) -> None:
-        """Packets as they came, whoever sent them, at `now` on the loop's clock [s]."""
-
-    def frame(self, snapshot: Snapshot) -> None:
-        """A frame was made, and sent unless it says else."""
-
-    def wire(self, data: bytes) -> None:
-        """These bytes went out."""
-
-    def status(self, status: Status) -> None:
-        """How things stand."""
-
-    def notice(self, notice: Notice) -> None:
-        """Something to tell a person."""
+    def tell(self, events: Sequence[Event]) -> None:
+        """Give every event to everybody."""
+        for event in events:
+            for observer in tuple(self._observers):
+                try:
+                    observer.observe(event)
+                except Exception as error:
+                    self.failed += 1
+                    self._observers.remove(observer)
+                    self.tell([ObserverFailed(event.time_s, type(observer).__name__, repr(error))])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Final, Protocol
 
 import firmware_proto
@@ -39,6 +39,14 @@ def frame_of(reading: Reading, sequence: int) -> Frame:
     status |= firmware_proto.MORE_TRANSMITTERS if reading.more_heard else 0
     channels = (Channel(c.id, c.zone, c.d_cm, c.delta_deg) for c in reading.channels)
     return Frame(sequence, status, tuple(channels))
+
+
+def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:
+    """(frame, its instant in ms on the vehicle's clock) → its bytes in a format, b"" while nobody is there."""
+    if format not in MAVLINK_FORMATS:
+        encode = firmware_proto.ENCODERS[format]
+        return lambda frame, boot_ms: encode(frame)
+    return MavlinkPort(None, session, format).encode  # type: ignore[arg-type]
 
 
 class WirePort:

@@ -10,13 +10,13 @@ from typing import Final
 
 from arva_hil.clock import Clock, Waitable
 from arva_hil.console.printer import status_line
-from arva_hil.observer import Observer, Status
+from arva_hil.events import Event, StatusReport
 
 _RETRY_S: Final = 0.5  # after a datagram that nobody took
 _STATUS_S: Final = 5.0
 
 
-class Watchdog(Observer):
+class Watchdog:
     """Says READY=1 after the loop's first turn, WATCHDOG=1 twice in every WATCHDOG_USEC from then on, STATUS= now and
     then, and STOPPING=1 when it is closed. Where NOTIFY_SOCKET is not set, nothing.
 
@@ -42,10 +42,10 @@ class Watchdog(Observer):
             self._next = now + (self._period_s if sent else min(_RETRY_S, self._period_s))
         return self._next
 
-    def status(self, status: Status) -> None:
-        if self._socket and status.time_s >= self._next_status:
-            self._next_status = status.time_s + _STATUS_S
-            self._send(f"STATUS={status_line(status)}")
+    def observe(self, event: Event) -> None:
+        if self._socket and isinstance(event, StatusReport) and event.time_s >= self._next_status:
+            self._next_status = event.time_s + _STATUS_S
+            self._send(f"STATUS={status_line(event)}")
 
     def close(self) -> None:
         if self._socket:

@@ -10,7 +10,9 @@ import pytest
 
 from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.autopilot.session import Session
+from arva_hil.console.sentences import sentence
 from arva_hil.datum import HOME_WAIT_S, Datum
+from arva_hil.events import TooFar
 from arva_hil.model import ChannelReading, LocalFrame, Reading, Zone
 from arva_hil.scenario import DEFAULT, Lla
 
@@ -67,13 +69,13 @@ def test_without_a_vehicle_there_is_none() -> None:
     told = Told()
     assert not told.datum.update(told.session, 100.0)
     assert told.lies_at(None)
-    assert str(told.datum) == "unknown"
+    assert told.datum.lla is None
 
 
 def test_home_is_the_datum_at_once(told: Told) -> None:
     assert told.home(A, 0.1)
     assert told.lies_at(A)
-    assert str(told.datum) == "46.5000000, 11.3500000, 1800.00 m AMSL"
+    assert told.datum.lla == A
     assert not told.home(A, 0.2)  # nothing new
 
 
@@ -310,18 +312,20 @@ def reading(id_: int | None, true_range_m: float | None) -> Reading:
 def test_a_vehicle_far_from_everything_is_said_once_for_each_place_of_the_datum(told: Told) -> None:
     told.home(A, 0.1)
     away = np.array([100_000.0, 55_000.0, -10.0])
-    assert told.datum.far(away, reading(None, 900.0)) == ""
-    assert told.datum.far(away, reading(None, None)) == ""  # no transmitter at all
-    assert told.datum.far(away, reading(3, 5000.0)) == ""  # heard
-    said = told.datum.far(away, reading(None, 114_130.0))
-    assert "the vehicle is 114.1 km from the datum (46.5000000, 11.3500000, 1800.00 m AMSL)" in said
-    assert "after landing and disarming" in said
-    assert "datum: {lat: …, lon: …, alt: …}" in said
-    assert told.datum.far(away, reading(None, 114_131.0)) == ""
+    assert told.datum.far(away, reading(None, 900.0)) is None
+    assert told.datum.far(away, reading(None, None)) is None  # no transmitter at all
+    assert told.datum.far(away, reading(3, 5000.0)) is None  # heard
+    assert told.datum.far(away, reading(None, 114_130.0)) == pytest.approx((114_127.0, 114_130.0), abs=1)
+    assert told.datum.far(away, reading(None, 114_131.0)) is None
     told.home(C, 1.0)
-    assert told.datum.far(away, reading(None, 114_131.0)) != ""
+    assert told.datum.far(away, reading(None, 114_131.0))
 
 
-def test_far_from_a_fixed_datum_the_cure_is_in_the_scenario() -> None:
-    told = Told(Lla(*C))
-    assert "correct `datum` and `transmitters`" in told.datum.far(np.array([2000.0, 0, 0]), reading(None, 1980.0))
+@pytest.mark.parametrize(
+    ("fixed", "cure"), [(True, "correct `datum` and `transmitters`"), (False, "datum: {lat: …, lon: …, alt: …}")]
+)
+def test_far_from_everything_the_cure_fits_the_datum(fixed: bool, cure: str) -> None:
+    said = sentence(TooFar(1.0, "vehicle", "receiver", 114_127.0, 114_130.0, fixed))
+    assert said is not None
+    assert said.text.startswith("the vehicle is 114.1 km from the datum and 114.1 km from the nearest transmitter")
+    assert cure in said.text

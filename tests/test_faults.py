@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from one_receiver import Diary, OneReceiver
 
 from arva_hil._yaml import Range
 from arva_hil.autopilot.mavlink import Parser
@@ -25,14 +26,16 @@ from arva_hil.autopilot.session import COMPONENT, Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.cli.main import main
 from arva_hil.clock import StepClock
-from arva_hil.emulator import Emulator
+from arva_hil.drivers import LOOK_AHEAD_S, replay
+from arva_hil.engine import Emulator, one_vehicle
+from arva_hil.events import FrameMade
 from arva_hil.faults.spec import KINDS, Fault, parse_fault
 from arva_hil.faults.wire import GARBLERS, resample
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.tlog import read_tlog
-from arva_hil.loop import Task, replay, run
-from arva_hil.observer import Observer, Snapshot
-from arva_hil.output import MavlinkDecoder, MavlinkPort, WirePort
+from arva_hil.loop import Task, run
+from arva_hil.observer import Audience
+from arva_hil.output import MavlinkDecoder
 from arva_hil.scenario import Scenario, ScenarioError, load, parse, to_dict
 from arva_hil.simulator import Simulator
 from firmware_proto import INTERFERENCE, SELF_TEST_FAULT, Decoder, Frame
@@ -73,20 +76,6 @@ class Wire(Link):
     def close(self) -> None: ...
 
 
-class Diary(Observer):
-    """Keeps all frames and bytes."""
-
-    def __init__(self) -> None:
-        self.snapshots: list[Snapshot] = []
-        self.bytes = b""
-
-    def frame(self, snapshot: Snapshot) -> None:
-        self.snapshots.append(snapshot)
-
-    def wire(self, data: bytes) -> None:
-        self.bytes += data
-
-
 class Bench:
     """The built-in vehicle on the ground, an emulator under faults, and what came out of it after some seconds."""
 
@@ -95,17 +84,12 @@ class Bench:
         self.clock = StepClock()
         autopilot, far = memory.pair()
         self.wire, self.diary = Wire(self.clock), Diary()
-        self.emulator = Emulator(
-            self.scenario,
-            Session(rate_hz=10),
-            autopilot,
-            WirePort(self.wire, self.scenario.output_format),
-            start=0.0,
-            observers=[self.diary],
+        self.emulator = OneReceiver(
+            self.scenario, Session(rate_hz=10), autopilot, self.wire, start=0.0, observers=[self.diary]
         )
         self.tasks: list[Task] = [Simulator(SimulatedVehicle(HOME), [far]), self.emulator]
         self.run(seconds)
-        self.snapshots = self.diary.snapshots
+        self.snapshots = self.diary.frames
 
     def run(self, until: float) -> None:
         run(self.tasks, self.clock, until=until)
@@ -176,7 +160,7 @@ def test_every_frame_is_accounted_for_and_every_fault_counted_and_marked(name: s
 @pytest.mark.parametrize("name", KINDS)
 def test_before_and_after_a_fault_the_frames_are_what_they_would_be_without(name: str) -> None:
     without, bench = harmless(), Bench(fault(name, ", from_s: 8, until_s: 12"))
-    times = [s.time_s for s in bench.snapshots if s.faults]
+    times = [s.instant_s for s in bench.snapshots if s.faults]
     assert times
     assert 8 <= min(times) <= max(times) < 12
     for said, plain in zip(bench.snapshots, without.snapshots, strict=True):
@@ -234,7 +218,7 @@ def test_nobody_takes_the_frames_and_they_are_accounted_for_all_the_same() -> No
     clock = StepClock()
     autopilot, far = memory.pair()
     port, _ = memory.pair(capacity=500)
-    emulator = Emulator(chosen, Session(), autopilot, WirePort(port, "binary"), start=0.0)
+    emulator = OneReceiver(chosen, Session(), autopilot, port, start=0.0)
     run([Simulator(SimulatedVehicle(HOME), [far]), emulator], clock, until=20.0)
     c = emulator.counters
     assert c.dropped > 100
@@ -245,10 +229,11 @@ def test_nobody_takes_the_frames_and_they_are_accounted_for_all_the_same() -> No
 def test_a_frame_on_its_way_is_not_taken_for_one_that_nobody_takes() -> None:
     port, _ = memory.pair(capacity=0)
     diary = Diary()
-    wire = WirePort(port, "binary")
-    emulator = Emulator(scenario("delay_s: 0.1, until_s: 1"), Session(), None, wire, start=0.0, observers=[diary])
+    emulator = OneReceiver(
+        scenario("delay_s: 0.1, until_s: 1"), Session(passive=True), None, port, start=0.0, observers=[diary]
+    )
     run([emulator], StepClock(), until=2.0)
-    assert [s.sent for s in diary.snapshots] == [True] * 10 + [False] * 11
+    assert [s.sent for s in diary.frames] == [True] * 10 + [False] * 11
     assert emulator.counters.dropped == 21
 
 
@@ -256,7 +241,7 @@ def test_a_frame_on_its_way_is_not_taken_for_one_that_nobody_takes() -> None:
 def test_frames_are_accounted_for_when_the_link_is_lost(faults: tuple[str, ...]) -> None:
     clock = StepClock()
     port, consumer = memory.pair()
-    emulator = Emulator(scenario(*faults), Session(), None, WirePort(port, "binary"), start=0.0)
+    emulator = OneReceiver(scenario(*faults), Session(passive=True), None, port, start=0.0)
     run([emulator], clock, until=5.0)
     consumer.close()
     with pytest.raises(LinkError, match="lost"):
@@ -295,23 +280,23 @@ def test_a_fault_is_on_from_then_until_then(start: int, length: int, period: tup
 
 def test_it_repeats() -> None:
     bench = Bench("silence: true, from_s: 2, until_s: 15, every_s: 5, for_s: 0.3")
-    times = [s.time_s for s in bench.snapshots if s.faults]
+    times = [s.instant_s for s in bench.snapshots if s.faults]
     assert times == pytest.approx([2.0, 2.1, 2.2, 7.0, 7.1, 7.2, 12.0, 12.1, 12.2])
 
 
 def test_it_keeps_the_runs_time_wherever_the_clock_began() -> None:
     clock = StepClock(12345.678)
     wire, diary = Wire(clock), Diary()
-    emulator = Emulator(
+    emulator = OneReceiver(
         scenario("silence: true, from_s: 1, until_s: 2"),
-        Session(),
+        Session(passive=True),
         None,
-        WirePort(wire, "binary"),
+        wire,
         start=clock.now(),
         observers=[diary],
     )
     run([emulator], clock, until=clock.now() + 3)
-    assert [s.number for s in diary.snapshots if s.faults] == list(range(10, 20))
+    assert [s.number for s in diary.frames if s.faults] == list(range(10, 20))
 
 
 # -- what is sent --------------------------------------------------------------------------------------------------
@@ -402,7 +387,7 @@ def quiet(*faults: str, transmitters: str = TWO, seconds: float = 20.0) -> Bench
 def test_a_transmitter_off_is_not_heard_and_the_other_is_as_before() -> None:
     bench = quiet("transmitter_off: 2, from_s: 5, until_s: 10")
     for s in bench.snapshots[20:]:
-        assert [c.id for c in s.frame.channels[:2]] == ([1, None] if 5 <= s.time_s < 10 else [2, 1])
+        assert [c.id for c in s.frame.channels[:2]] == ([1, None] if 5 <= s.instant_s < 10 else [2, 1])
     off = [s.frame.channels[0] for s in bench.snapshots if s.faults]
     assert set(off) == {bench.snapshots[-1].frame.channels[1]}
 
@@ -412,7 +397,7 @@ def test_a_moved_transmitter_is_heard_where_it_is_then() -> None:
     there = quiet(transmitters="[{id: 1, ned: [15, 15, 1]}, {id: 2, ned: [10, -8, 0]}]")
     stays = quiet()
     for s, moved, plain in zip(bench.snapshots, there.snapshots, stays.snapshots, strict=True):
-        assert s.reading == (moved.reading if 5 <= s.time_s < 10 else plain.reading)
+        assert s.reading == (moved.reading if 5 <= s.instant_s < 10 else plain.reading)
     assert there.snapshots[-1].reading != stays.snapshots[-1].reading
 
 
@@ -443,7 +428,7 @@ def test_interference_is_heard_by_a_receiver_without_noise_too() -> None:
     assert any(s.frame.status & INTERFERENCE for s in bench.snapshots)
 
 
-def spread(snapshots: list[Snapshot]) -> float:
+def spread(snapshots: list[FrameMade]) -> float:
     """Of the nearest transmitter's d, cm."""
     return float(np.std([s.frame.channels[0].d for s in snapshots]))
 
@@ -594,8 +579,7 @@ def test_frames_inside_mavlink_meet_what_is_sent_and_the_link_stays_whole(format
             far.write(self.vehicle.poll(clock.now()))
             return self.vehicle.next_due
 
-    port = MavlinkPort(autopilot, session, format)
-    emulator = Emulator(parse(text, "test"), session, autopilot, port, start=0.0)
+    emulator = OneReceiver(parse(text, "test"), session, autopilot, None, start=0.0)
     run([Ear(SimulatedVehicle(HOME), [far]), emulator], clock, until=30.0)
     heard.extend(far.read())
     decoder = MavlinkDecoder(format)
@@ -820,13 +804,19 @@ def test_none_takes_back_what_scenario_and_environment_ask_for(tmp_path: Path, m
     assert {row["faults"] for row in rows} == {"", "stuck"}
 
 
+def play(chosen: Scenario, wire: Wire, clock: StepClock | None = None) -> Emulator:
+    """The log's frames on a wire."""
+    emulator = Emulator([one_vehicle(chosen, Session(passive=True))], start=0.0, look_ahead_s=LOOK_AHEAD_S)
+    replay(emulator, read_tlog(LOG), "autopilot", lambda output: wire.write(output.data), Audience([]), clock=clock)
+    return emulator
+
+
 def test_a_replay_in_a_clocks_time_sends_late_frames_late_and_the_same_bytes() -> None:
     chosen = scenario("delay_s: 0.04, from_s: 5, until_s: 10", "jitter_s: 0.25, from_s: 12")
 
     def write(clock: StepClock | None) -> list[tuple[float, bytes]]:
         wire = Wire(clock or StepClock())
-        emulator = Emulator(chosen, Session(passive=True), None, WirePort(wire, "binary"), start=0.0)
-        replay(emulator, read_tlog(LOG), clock=clock)
+        play(chosen, wire, clock)
         return wire.writes
 
     paced = write(StepClock())
@@ -836,11 +826,9 @@ def test_a_replay_in_a_clocks_time_sends_late_frames_late_and_the_same_bytes() -
 
 
 def test_a_replay_sends_what_is_due_before_the_log_ends() -> None:
-    wire = WirePort(Wire(StepClock()), "binary")
-    emulator = Emulator(scenario("delay_s: 0.001"), Session(passive=True), None, wire, start=0.0)
-    replay(emulator, read_tlog(LOG))
-    assert emulator.counters.delivered == emulator.counters.frames > 100
-    assert emulator.counters.waiting == 0
+    counters = play(scenario("delay_s: 0.001"), Wire(StepClock())).vehicles[0].sources[0].counters
+    assert counters.delivered == counters.frames > 100
+    assert counters.waiting == 0
 
 
 def test_every_fault_is_in_the_scenario_that_shows_them() -> None:

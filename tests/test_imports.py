@@ -9,6 +9,18 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
+ENGINE = {  # no links, no console, no clock
+    "arva_hil.autopilot",
+    "arva_hil.datum",
+    "arva_hil.events",
+    "arva_hil.faults",
+    "arva_hil.frame_source",
+    "arva_hil.model",
+    "arva_hil.output",
+    "arva_hil.scenario",
+    "arva_hil.scene",
+    "firmware_proto",
+}
 ROOMS = {  # a room → what of ours it may import
     "firmware_proto": {"firmware_proto"},
     "arva_hil/model": {"arva_hil.model"},
@@ -30,13 +42,6 @@ ROOMS = {  # a room → what of ours it may import
     "arva_hil/files.py": set(),
     "arva_hil/signing_state.py": {"arva_hil.autopilot.signing", "arva_hil.background", "arva_hil.files"},
     "arva_hil/links": {"arva_hil.links", "arva_hil.clock"},
-    "arva_hil/linkwatch.py": {
-        "arva_hil.links",
-        "arva_hil.clock",
-        "arva_hil.autopilot",
-        "arva_hil.observer",
-        "arva_hil.watched",
-    },
     "arva_hil/watched.py": {"arva_hil.links", "arva_hil.notice"},
     "arva_hil/autopilot": {"arva_hil.autopilot", "arva_hil.model", "arva_hil.notice"},
     "arva_hil/search": {
@@ -50,12 +55,15 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.model.geodesy",
         "arva_hil.model.rotation",
     },
-    "arva_hil/observer.py": {"arva_hil.autopilot", "arva_hil.model", "arva_hil.notice", "firmware_proto"},
+    "arva_hil/events.py": {"arva_hil.autopilot.mavlink", "arva_hil.model", "arva_hil.notice", "firmware_proto"},
+    "arva_hil/observer.py": {"arva_hil.events"},
+    "arva_hil/engine.py": ENGINE,
+    "arva_hil/frame_source.py": ENGINE,
     "arva_hil/record": {
         "arva_hil.record",
         "arva_hil.clock",
         "arva_hil.files",
-        "arva_hil.observer",
+        "arva_hil.events",
         "arva_hil.background",
         "arva_hil.autopilot",
         "arva_hil.model",
@@ -76,7 +84,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.scenario",
         "arva_hil.search",
     },
-    "arva_hil/watchdog.py": {"arva_hil.clock", "arva_hil.console", "arva_hil.observer"},
+    "arva_hil/watchdog.py": {"arva_hil.clock", "arva_hil.console", "arva_hil.events"},
     "arva_hil/doctor": {
         "arva_hil.autopilot",
         "arva_hil.clock",
@@ -90,7 +98,7 @@ ROOMS = {  # a room → what of ours it may import
     "arva_hil/plots.py": {"arva_hil.files", "arva_hil.search.outcome"},
     "arva_hil/console": {
         "arva_hil.console",
-        "arva_hil.observer",
+        "arva_hil.events",
         "arva_hil.background",
         "arva_hil.links",
         "arva_hil.notice",

@@ -13,14 +13,14 @@ import pytest
 
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.clock import StepClock
+from arva_hil.events import FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import read_tlog
 from arva_hil.model import ChannelReading, Reading, Zone
-from arva_hil.observer import Snapshot, Status
 from arva_hil.output import frame_of
 from arva_hil.record import Recorder, RecordError
 
 NAMES = ["autopilot.tlog", "frames.bin", "readings.csv", "run.json"]
-STATUS = Status(0.0, "", {}, None, 0, 0)
+STATUS = StatusReport(0.0, [])
 
 
 class Writes:
@@ -44,9 +44,12 @@ def packets(count: int) -> list[Packet]:
     return Parser().feed(b"".join(encoder.pack(heartbeat) for _ in range(count)))
 
 
-def snapshot(number: int) -> Snapshot:
+def made(number: int) -> FrameMade:
     reading = Reading((ChannelReading(None, Zone.OUTER, -1, -1, None),), False, False)
-    return Snapshot(number, number / 10, None, None, None, reading, frame_of(reading, number % 256), True, 0.0)
+    frame = frame_of(reading, number % 256)
+    return FrameMade(
+        number / 10, "vehicle", "receiver", number, number / 10, None, None, None, reading, frame, True, 0.0
+    )
 
 
 def in_tlog(folder: Path) -> int:
@@ -57,13 +60,13 @@ def in_tlog(folder: Path) -> int:
 def test_packets_are_on_the_disk_with_the_next_status_though_no_frame_is_made(tmp_path: Path, patient: bool) -> None:
     clock = StepClock()
     recorder = Recorder(tmp_path, 10**15, clock=clock, patient=patient)
-    recorder.packets(0.0, packets(3))
-    recorder.status(STATUS)
+    recorder.observe(PacketsReceived(0.0, "autopilot", packets(3)))
+    recorder.observe(STATUS)
     Writes(tmp_path).until(lambda folder: in_tlog(folder) == 3)
     for n in range(1, 5):  # the status comes four times a second
-        recorder.packets(n / 4, packets(1))
+        recorder.observe(PacketsReceived(n / 4, "autopilot", packets(1)))
         clock.wait(n / 4)
-        recorder.status(STATUS)
+        recorder.observe(STATUS)
         Writes(tmp_path).until(lambda folder, n=n: in_tlog(folder) == 3 + n)  # type: ignore[misc]
     recorder.close({})
 
@@ -71,14 +74,14 @@ def test_packets_are_on_the_disk_with_the_next_status_though_no_frame_is_made(tm
 def test_frames_are_written_a_few_times_a_second_and_not_one_by_one(tmp_path: Path) -> None:
     clock = StepClock()
     recorder = Recorder(tmp_path, 0, clock=clock)
-    recorder.frame(snapshot(0))
+    recorder.observe(made(0))
     Writes(tmp_path).until(lambda folder: (folder / "readings.csv").read_bytes().count(b"\n") == 2)
     size = (tmp_path / "readings.csv").stat().st_size
     for n in range(1, 10):
         clock.wait(n / 50)
-        recorder.frame(snapshot(n))
+        recorder.observe(made(n))
     clock.wait(0.25)
-    recorder.frame(snapshot(10))
+    recorder.observe(made(10))
     Writes(tmp_path).until(lambda folder: (folder / "readings.csv").stat().st_size > size)
     assert (tmp_path / "readings.csv").read_bytes().count(b"\n") == 12
     recorder.close({})

@@ -12,8 +12,8 @@ import pytest
 from service_manager import Manager
 
 from arva_hil.clock import Clock, StepClock
+from arva_hil.events import ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.loop import run
-from arva_hil.observer import Status
 from arva_hil.watchdog import Watchdog
 
 USEC = "10000000"
@@ -57,8 +57,9 @@ def manager(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Manager]
         yield made
 
 
-def status(time_s: float, vehicle: str = "") -> Status:
-    return Status(time_s, vehicle, {"ATTITUDE": 50.0}, None, 7, 2)
+def status(time_s: float, vehicle: str = "") -> StatusReport:
+    receiver = ReceiverStatus("receiver", None, 7, 2)
+    return StatusReport(time_s, [VehicleStatus("vehicle", vehicle, {"ATTITUDE": 50.0}, [receiver])])
 
 
 def test_ready_then_the_watchdog_twice_an_interval_then_stopping(manager: Manager) -> None:
@@ -115,7 +116,7 @@ def test_without_a_socket_nothing_happens(name: str | None, monkeypatch: pytest.
     watchdog = Watchdog({"WATCHDOG_USEC": USEC} | ({} if name is None else {"NOTIFY_SOCKET": name}))
     with closing(watchdog):
         run([watchdog], StepClock(), until=100.0)
-        watchdog.status(status(0.0))
+        watchdog.observe(status(0.0))
 
 
 def test_a_socket_that_goes_does_not_stop_the_run_and_one_that_comes_is_told(tmp_path: Path) -> None:
@@ -124,7 +125,7 @@ def test_a_socket_that_goes_does_not_stop_the_run_and_one_that_comes_is_told(tmp
     watchdog = Watchdog({"NOTIFY_SOCKET": path, "WATCHDOG_USEC": USEC})
 
     def go_on(seconds: float) -> None:
-        watchdog.status(status(clock.now()))
+        watchdog.observe(status(clock.now()))
         run([watchdog], clock, until=clock.now() + seconds)
 
     go_on(20.0)
@@ -161,13 +162,13 @@ def test_no_socket_can_be_had(monkeypatch: pytest.MonkeyPatch) -> None:
     watchdog = Watchdog({"NOTIFY_SOCKET": "/run/notify", "WATCHDOG_USEC": USEC})
     with closing(watchdog):
         run([watchdog], StepClock(), until=100.0)
-        watchdog.status(status(0.0))
+        watchdog.observe(status(0.0))
 
 
 def test_the_status_is_one_line_now_and_then(manager: Manager) -> None:
     watchdog = Watchdog({"NOTIFY_SOCKET": manager.name})
     with closing(watchdog):
         for n in range(41):
-            watchdog.status(status(n / 4, "px4 1/1"))
+            watchdog.observe(status(n / 4, "px4 1/1"))
     lines = manager.heard()[:-1]
     assert lines == ["STATUS=px4 1/1 | att 50 Hz | 5 sent, 2 dropped"] * 3  # 0, 5 and 10 s

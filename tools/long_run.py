@@ -30,12 +30,13 @@ from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.cli.shared import counters
 from arva_hil.clock import Clock, RealClock, StepClock
-from arva_hil.emulator import Emulator
+from arva_hil.drivers import Live
+from arva_hil.engine import Emulator, one_vehicle
+from arva_hil.events import Event, FrameMade
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.loop import run
-from arva_hil.observer import Observer, Snapshot
-from arva_hil.output import WirePort
+from arva_hil.observer import Audience
 from arva_hil.record import Recorder
 from arva_hil.scenario import load
 from arva_hil.simulator import Simulator
@@ -71,11 +72,11 @@ def long_run(options: argparse.Namespace, folder: Path) -> bool:
         start = clock.now()
         until = start + (options.real or options.hours * 3600)
         vehicle = SimulatedVehicle(HOME, boot_time=start)
-        wire = WirePort(port, scenario.output_format)
-        emulator = Emulator(scenario, Session(), autopilot, wire, start=start, observers=[recorder, watch])
+        emulator = Emulator([one_vehicle(scenario, Session())], start=start, tell_packets=True)
+        live = Live(emulator, {"autopilot": autopilot}, {"port": port}, Audience([recorder, watch]))
         consumer = Consumer(reader, scenario.output_format)
         gc.freeze()  # as the commands do
-        run([Simulator(vehicle, [far]), Pilot(vehicle), emulator, consumer, Memory(watch)], clock, until=until)
+        run([Simulator(vehicle, [far]), Pilot(vehicle), live, consumer, Memory(watch)], clock, until=until)
         run([consumer], clock, until=clock.now() + 0.5)  # what is still on its way
     took = wall.now()
     counts = counters(emulator)
@@ -145,19 +146,20 @@ class Consumer:
         return now + 0.1
 
 
-class Watch(Observer):
+class Watch:
     """Remembers the last frame, how late frames were, how many met a fault, and what memory was."""
 
     def __init__(self) -> None:
-        self.last: Snapshot | None = None
+        self.last: FrameMade | None = None
         self.late_s: deque[float] = deque(maxlen=600)
         self.met: Counter[str] = Counter()
         self.memory_mb: list[float] = []
 
-    def frame(self, snapshot: Snapshot) -> None:
-        self.last = snapshot
-        self.late_s.append(snapshot.late_s)
-        self.met.update(snapshot.faults)
+    def observe(self, event: Event) -> None:
+        if isinstance(event, FrameMade):
+            self.last = event
+            self.late_s.append(event.late_s)
+            self.met.update(event.faults)
 
 
 class Memory:
@@ -184,10 +186,10 @@ def check_time(watch: Watch, rate_hz: float, took_s: float) -> bool:
     """The last deadline is where it belongs, and memory has stayed what it was."""
     assert watch.last is not None
     last, memory_mb = watch.last, watch.memory_mb
-    drift_s = last.time_s - last.number / rate_hz
+    drift_s = last.instant_s - last.number / rate_hz
     late_ms = 1e3 * median(watch.late_s)
     print(
-        f"{last.time_s:.0f} s in {took_s:.0f} s of real time: {last.time_s / took_s:.1f} ×; "
+        f"{last.instant_s:.0f} s in {took_s:.0f} s of real time: {last.instant_s / took_s:.1f} ×; "
         f"{time.process_time():.0f} s of processor time\n"
         f"the last frame, number {last.number}: deadline {1e3 * drift_s:+.6f} ms from number / rate; "
         f"the last {len(watch.late_s)} frames were {late_ms:.3f} ms late in the median"

@@ -29,14 +29,15 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import RealClock
-from arva_hil.emulator import Emulator
+from arva_hil.drivers import Live
+from arva_hil.engine import Emulator, one_vehicle
+from arva_hil.events import Event, FrameMade
 from arva_hil.links import Link, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
 from arva_hil.loop import run
 from arva_hil.model import LocalFrame
-from arva_hil.observer import Observer, Snapshot
-from arva_hil.output import WirePort
+from arva_hil.observer import Audience
 from arva_hil.scenario import parse
 from firmware_proto import Decoder
 
@@ -216,14 +217,15 @@ def measure_machine(seconds: float) -> None:
     )
 
 
-class Samples(Observer):
-    """Keeps every snapshot."""
+class Samples:
+    """Keeps every frame."""
 
     def __init__(self) -> None:
-        self.snapshots: list[Snapshot] = []
+        self.frames: list[FrameMade] = []
 
-    def frame(self, snapshot: Snapshot) -> None:
-        self.snapshots.append(snapshot)
+    def observe(self, event: Event) -> None:
+        if isinstance(event, FrameMade):
+            self.frames.append(event)
 
 
 def measure_live(motion: Motion, seconds: float) -> None:
@@ -234,15 +236,15 @@ def measure_live(motion: Motion, seconds: float) -> None:
         began = played - origin(clock)
         start = clock.now()
         with closing(open_link(device, clock=clock)) as link, closing(Drained(port)) as out:
-            wire = WirePort(out, "binary")
-            emulator = Emulator(scenario, Session(), link, wire, start=start, observers=[samples])
+            emulator = Emulator([one_vehicle(scenario, Session())], start=start)
+            live = Live(emulator, {"autopilot": link}, {"port": out}, Audience([samples]))
             gc.freeze()  # as the commands do
-            run([emulator], clock, until=start + seconds)
-    late = 1e3 * np.array([s.late_s for s in samples.snapshots])
-    posed = [s for s in samples.snapshots if s.pose is not None and s.time_s > 2.0]
+            run([live], clock, until=start + seconds)
+    late = 1e3 * np.array([s.late_s for s in samples.frames])
+    posed = [s for s in samples.frames if s.pose is not None and s.instant_s > 2.0]
     stamped = np.array([error(s, motion, s.boot_s or 0.0) for s in posed])
-    lived = np.array([error(s, motion, s.time_s + start - began) for s in posed])
-    early = max((s.boot_s or 0.0) - (s.time_s + start - began) for s in posed)
+    lived = np.array([error(s, motion, s.instant_s + start - began) for s in posed])
+    early = max((s.boot_s or 0.0) - (s.instant_s + start - began) for s in posed)
     age = 1e3 * np.array([s.age_s for s in posed])
     print(
         f"{motion.name} live, {seconds:.0f} s, poses {STREAM_HZ:g} Hz, frames {FRAMES_HZ:g} Hz over ptys: "
@@ -275,12 +277,12 @@ class Drained(Link):
         self._consumer.close()
 
 
-def error(snapshot: Snapshot, motion: Motion, t: float) -> tuple[float, float]:
+def error(made: FrameMade, motion: Motion, t: float) -> tuple[float, float]:
     """Metres and degrees between a frame's pose and the truth at `t`."""
-    assert snapshot.pose is not None
+    assert made.pose is not None
     position, attitude = motion.at(t)
-    turn = Rotation.from_matrix(snapshot.pose.rotation).inv() * attitude
-    return float(np.linalg.norm(snapshot.pose.position - position)), float(np.degrees(turn.magnitude()))
+    turn = Rotation.from_matrix(made.pose.rotation).inv() * attitude
+    return float(np.linalg.norm(made.pose.position - position)), float(np.degrees(turn.magnitude()))
 
 
 def spread(errors: Any) -> str:

@@ -7,7 +7,7 @@ import itertools
 import math
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
 
 from arva_hil.autopilot.session import Session
@@ -15,16 +15,15 @@ from arva_hil.cli import options as opt
 from arva_hil.cli import shared
 from arva_hil.cli.outcome import UsageError
 from arva_hil.clock import RealClock
-from arva_hil.emulator import Emulator
+from arva_hil.drivers import LOOK_AHEAD_S, replay
+from arva_hil.engine import Emulator, one_vehicle
+from arva_hil.events import LogClockSet, LogLayout
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.links.timeline import Record, Timeline
 from arva_hil.links.tlog import TlogReader, read_tlog
 from arva_hil.links.tlog_layout import BIG
-from arva_hil.loop import replay
-from arva_hil.notice import Level, Notice
-from arva_hil.observer import Observer
-from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
+from arva_hil.observer import Audience
 
 _BAR_STEP_BYTES = 1 << 16
 
@@ -74,27 +73,30 @@ def main(options: argparse.Namespace) -> int:
         )
         if isinstance(out, StdoutLink):
             out.give_up = surroundings.stopped
-        port: Port
-        if chosen.output_format in MAVLINK_FORMATS:
-            port = MavlinkPort(out, session, chosen.output_format)
-        else:
-            port = WirePort(out, chosen.output_format)
         emulator = Emulator(
-            chosen,
-            session,
-            None,
-            port,
+            [one_vehicle(chosen, session)],
             start=0.0,
             max_age_s=options.max_age,
-            observers=surroundings.observers,
+            look_ahead_s=LOOK_AHEAD_S,
+            tell_packets=bool(options.record),
         )
         speed = options.speed or (1.0 if options.port else math.inf)
         clock = None if speed == math.inf else RealClock(speed)
-        tally.begin(surroundings.observers)
+        tally.begin(surroundings.audience)
         records = _progress(log, itertools.chain([first], timeline))
-        return surroundings.drive(
-            emulator, lambda: replay(emulator, records, clock=clock, stopped=surroundings.stopped), tally
-        )
+
+        def loop() -> None:
+            replay(
+                emulator,
+                records,
+                "autopilot",
+                lambda output: out.write(output.data),
+                surroundings.audience,
+                clock=clock,
+                stopped=surroundings.stopped,
+            )
+
+        return surroundings.drive(emulator, loop, tally)
 
 
 class _Tally:
@@ -103,15 +105,13 @@ class _Tally:
     def __init__(self, log: TlogReader) -> None:
         self.timeline = Timeline(log, stamped=log.stamped, tell=self._on_step)
         self._log = log
-        self._observers: Sequence[Observer] = ()
+        self._audience = Audience([])
 
-    def begin(self, observers: Sequence[Observer]) -> None:
+    def begin(self, audience: Audience) -> None:
         """Say to these how the log is laid out, unless it is as it should be, and what its clock does."""
-        self._observers = observers
-        if not self._log.stamped:
-            self._say("info", "it has no times: they come from the vehicles' boot times")
-        elif self._log.layout != BIG.name:
-            self._say("info", f"it has {self._log.layout}")
+        self._audience = audience
+        if not self._log.stamped or self._log.layout != BIG.name:
+            audience.tell([LogLayout(0.0, self._log.path, self._log.layout if self._log.stamped else "")])
 
     def counts(self) -> dict[str, int]:
         return {
@@ -130,11 +130,7 @@ class _Tally:
         return lines
 
     def _on_step(self) -> None:
-        self._say("warning", "its clock was set while it was written: time goes on by the vehicles' own clocks")
-
-    def _say(self, level: Level, text: str) -> None:
-        for observer in self._observers:
-            observer.notice(Notice(level, f"{self._log.path}: {text}"))
+        self._audience.tell([LogClockSet(0.0, self._log.path)])
 
 
 def _out(options: argparse.Namespace, stack: ExitStack) -> Link:

@@ -15,13 +15,13 @@ from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.sides import add_autopilot, check_sides, choose_autopilot
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock
-from arva_hil.emulator import Emulator
+from arva_hil.drivers import Live
+from arva_hil.engine import Emulator, one_vehicle
 from arva_hil.links import Link, parse
 from arva_hil.links.reopen import open_lasting
 from arva_hil.links.stdout import StdoutLink
-from arva_hil.linkwatch import LinkWatch
 from arva_hil.loop import run
-from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
+from arva_hil.output import MAVLINK_FORMATS
 from arva_hil.watchdog import Watchdog
 
 
@@ -62,39 +62,32 @@ def main(options: argparse.Namespace) -> int:
             signing=signing(options.signing_key, clock.epoch_us, stack),
         )
         tell(f"autopilot: {address}")
-        link = stack.enter_context(closing(_open(address, clock, answered=True)))
-        out: Link | None = None
-        port: Port
-        if over_mavlink:
-            port = MavlinkPort(link, session, chosen.output_format)
-        else:
-            out = stack.enter_context(closing(_open(options.port, clock)))
+        links = {"autopilot": stack.enter_context(closing(_open(address, clock, answered=True)))}
+        ports: dict[str, Link] = {}
+        if not over_mavlink:
+            ports["port"] = out = stack.enter_context(closing(_open(options.port, clock)))
             if isinstance(out, StdoutLink):
                 out.give_up = lambda: True  # rather drop a frame than be late with the next
-            port = WirePort(out, chosen.output_format)
             tell(f"frames to: {out.name}")
         surroundings = shared.Run(options, chosen, clock.epoch_us)
         watchdog = Watchdog(os.environ)
         surroundings.observers.append(watchdog)
         start = clock.now()
         emulator = Emulator(
-            chosen,
-            session,
-            link,
-            port,
+            [one_vehicle(chosen, session)],
             start=start,
             timeout_s=min(options.timeout, options.duration),
             max_age_s=options.max_age,
-            observers=surroundings.observers,
+            tell_packets=bool(options.record),
         )
-        watch = LinkWatch(link, out, session, surroundings.observers)
+        live = Live(emulator, links, ports, surroundings.audience)
         until = start + options.duration
 
         def loop() -> None:
             with closing(watchdog):
-                run([watch, emulator, watchdog], clock, until=until, stopped=surroundings.stopped)
+                run([live, watchdog], clock, until=until, stopped=surroundings.stopped)
 
-        return surroundings.drive(emulator, loop, watch)
+        return surroundings.drive(emulator, loop, shared.LinkTally(live))
 
 
 def _open(address: str, clock: Clock, *, answered: bool = False) -> Link:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import gc
 import platform
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import fastcrc
 import numpy
@@ -23,12 +24,15 @@ from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, Usag
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, utc
 from arva_hil.console import Lines, Printer, as_json, plain
-from arva_hil.emulator import Emulator, NoHeartbeatError
+from arva_hil.drivers import Live
+from arva_hil.engine import Emulator
+from arva_hil.events import Event, HeartbeatMissing
 from arva_hil.faults.spec import Fault, misfit
+from arva_hil.frame_source import FrameSource
 from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import open_stdout
 from arva_hil.notice import Notice
-from arva_hil.observer import Observer
+from arva_hil.observer import Audience, Observer
 from arva_hil.record import Recorder, RecordError
 from arva_hil.scenario import DEFAULT, Scenario, ScenarioError, load, to_dict
 
@@ -135,17 +139,27 @@ class Run:
         render = as_json if options.json else plain if lines else None
         self._lines = Lines(open_stdout(), render, patient=patient) if render else None
         every = (self.printer, self._lines, self._recorder)
-        self.observers: list[Observer] = [observer for observer in every if observer is not None]
+        self.observers: list[Observer] = [self, *(observer for observer in every if observer is not None)]
+        self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and what was heard instead
         for line in describe(chosen):
             self.printer.say(line)
         self._guard.__enter__()  # until the end of `drive`
+
+    @functools.cached_property
+    def audience(self) -> Audience:
+        """Those who observe; nobody can be added any more."""
+        return Audience(self.observers)
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, HeartbeatMissing):
+            self._missing[event.vehicle] = event.heard
 
     def stopped(self) -> bool:
         """True once there is no more use in going on: a signal, a thread that failed, nobody reads stdout any more."""
         if self._recorder and self._recorder.error and not self._record_failed:
             self._record_failed = True
             self.printer.notice(Notice("error", f"{self._recorder.error}; frames go on"))
-        return bool(self._guard.caught or self._guard.error or (self._lines and self._lines.error))
+        return bool(self._guard.caught or self._guard.error or (self._lines and self._lines.error) or self._missing)
 
     def drive(self, emulator: Emulator, loop: Callable[[], None], links: Tally | None = None) -> int:
         """Run `loop` until it ends, fails or a signal comes; write the record, print the sum; the exit code."""
@@ -155,10 +169,10 @@ class Run:
             loop()
             if self._guard.error:
                 raise self._guard.error
+            for heard in self._missing.values():
+                failure = Failure(NO_LINK, heard)
         except LinkEnded as error:
             self.printer.say(str(error))
-        except NoHeartbeatError as error:
-            failure = Failure(NO_LINK, error)
         except LinkError as error:
             failure = Failure(FAILED, error)
         except KeyboardInterrupt:  # a loop that was stuck
@@ -197,14 +211,15 @@ class Run:
         return code
 
     def _as_dict(self, emulator: Emulator, links: Tally | None, how: str, code: int) -> dict[str, Any]:
-        session = emulator.session
+        (vehicle,) = emulator.vehicles
+        known = vehicle.session.vehicle
         return {
             "ended": how,
             "exit_code": code,
             **self._known,
-            "vehicle": dataclasses.asdict(session.vehicle) if session.vehicle else None,
-            "datum": emulator.datum.of_the_flight,
-            "datums": [change._asdict() for change in emulator.datum.changes],
+            "vehicle": dataclasses.asdict(known) if known else None,
+            "datum": vehicle.datum.of_the_flight,
+            "datums": [change._asdict() for change in vehicle.datum.changes],
             "counters": counters(emulator) | dict(links.counts() if links else {}),
         }
 
@@ -226,27 +241,51 @@ def _known(chosen: Scenario) -> dict[str, Any]:
     }
 
 
+_OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
+
+
+class LinkTally:
+    """How the links of a live run fared."""
+
+    def __init__(self, live: Live) -> None:
+        self._live = live
+
+    def counts(self) -> dict[str, int]:
+        return self._live.counts()
+
+    def sums(self) -> list[str]:
+        """A line for each link that was lost."""
+        return [
+            f"{_OF_LINKS.get(name, name)} was lost {losses} ×, and came back {returns} ×"
+            for name, (losses, returns) in self._live.losses().items()
+        ]
+
+
 def counters(emulator: Emulator) -> dict[str, Any]:
     """Every counter of a run."""
+    (vehicle,) = emulator.vehicles
+    (source,) = vehicle.sources
     return {
-        **dataclasses.asdict(emulator.counters),
-        **emulator.session.counts(),
-        "faults": emulator.fault_counts(),
+        **dataclasses.asdict(source.counters),
+        **vehicle.session.counts(),
+        "faults": source.fault_counts(),
     }
 
 
 def sums(emulator: Emulator, links: Tally | None) -> list[str]:
     """The summary at the end."""
-    c, session = emulator.counters, emulator.session
+    (vehicle,) = emulator.vehicles
+    (source,) = vehicle.sources
+    session = vehicle.session
     lines = [
-        f"{c.frames} frames: {c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose; "
-        f"worst lateness {c.latest_s * 1e3:.1f} ms",
+        _frames(source),
         f"autopilot: {session.bytes} bytes, {session.parser.packets} packets, {session.parser.bad_crc} bad checksums, "
         f"{session.parser.skipped} bytes skipped, {session.ignored} packets of others ignored",
     ]
     if doubts := [f"{n} {name.replace('_', ' ')}" for name, n in session.disbelieved().items() if n]:
         lines.append(f"not believed: {', '.join(doubts)}")
-    if counts := emulator.fault_counts():
+    if counts := source.fault_counts():
+        c = source.counters
         each = ", ".join(f"{name} {count['frames']}" for name, count in counts.items())
         lines.append(
             f"faults: {c.withheld} frames withheld, {c.damaged} damaged, {c.duplicated} sent again, "
@@ -254,6 +293,14 @@ def sums(emulator: Emulator, links: Tally | None) -> list[str]:
         )
     if links:
         lines += links.sums()
-    if c.skipped:
-        lines.append(f"{c.skipped} frames were skipped: the program was held up for more than a second")
+    if skipped := source.counters.skipped:
+        lines.append(f"{skipped} frames were skipped: the program was held up for more than a second")
     return lines
+
+
+def _frames(source: FrameSource) -> str:
+    c = source.counters
+    return (
+        f"{c.frames} frames: {c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose; "
+        f"worst lateness {c.latest_s * 1e3:.1f} ms"
+    )

@@ -9,9 +9,10 @@ from typing import Final, TextIO
 
 from arva_hil.background import Background
 from arva_hil.console import text
+from arva_hil.console.sentences import sentence
+from arva_hil.events import Event, FrameMade, StatusReport, VehicleStatus
 from arva_hil.links import Link, LinkError
 from arva_hil.notice import Notice
-from arva_hil.observer import Observer, Snapshot, Status
 from arva_hil.safe_text import one_line
 
 _PLAIN_S: Final = 5.0  # between the status lines of a pipe
@@ -19,8 +20,8 @@ _CLEAR: Final = "\r\x1b[K"
 _SHORT: Final = {"GLOBAL_POSITION_INT": "pos", "ATTITUDE": "att"}
 
 
-class Printer(Observer):
-    """Prints notices and the status on `stream`, from a thread of its own: a stopped terminal stops nothing.
+class Printer:
+    """Prints what events say and the status on `stream`, from a thread of its own: a stopped terminal stops nothing.
 
     On a terminal the status is one line that is written over; elsewhere it is a line now and then. `frames`:
     print a line for every frame too. `status`: whether there is one.
@@ -36,16 +37,18 @@ class Printer(Observer):
         self._next_plain = _PLAIN_S
         self._background = Background("console")
 
+    def observe(self, event: Event) -> None:
+        if isinstance(event, FrameMade):
+            if self._frames:
+                self.say(f"{event.frame.sequence:3d} {_words(event)}")
+        elif isinstance(event, StatusReport):
+            if self._status:
+                self.show(event.time_s, status_line(event))
+        elif (notice := sentence(event)) is not None:
+            self.notice(notice)
+
     def notice(self, notice: Notice) -> None:
         self._put(text.notice(notice, self._colour))
-
-    def frame(self, snapshot: Snapshot) -> None:
-        if self._frames:
-            self.say(f"{snapshot.frame.sequence:3d} {_words(snapshot)}")
-
-    def status(self, status: Status) -> None:
-        if self._status:
-            self.show(status.time_s, status_line(status))
 
     def show(self, time_s: float, line: str) -> None:
         """The status as it is at `time_s`."""
@@ -77,18 +80,19 @@ class Printer(Observer):
         self._background.put(write)
 
 
-class Lines(Observer):
+class Lines:
     """Prints one line a frame on `link`: `render` makes it. `patient`: rather wait than leave one out."""
 
-    def __init__(self, link: Link, render: Callable[[Snapshot], str], *, patient: bool) -> None:
+    def __init__(self, link: Link, render: Callable[[FrameMade], str], *, patient: bool) -> None:
         self._link = link
         self._render = render
         self._patient = patient
         self._background = Background("lines", (OSError, LinkError))
 
-    def frame(self, snapshot: Snapshot) -> None:
-        line = (self._render(snapshot) + "\n").encode()
-        self._background.put(lambda: self._link.write(line), wait=self._patient)
+    def observe(self, event: Event) -> None:
+        if isinstance(event, FrameMade):
+            line = (self._render(event) + "\n").encode()
+            self._background.put(lambda: self._link.write(line), wait=self._patient)
 
     @property
     def error(self) -> Exception | None:
@@ -104,43 +108,49 @@ class Lines(Observer):
         return "" if whole else f"{self._link.name}: its reader did not take every line"
 
 
-def plain(snapshot: Snapshot) -> str:
+def plain(made: FrameMade) -> str:
     """One frame in words."""
-    return one_line(f"{snapshot.time_s:9.3f} s  {snapshot.frame.sequence:3d}  {_words(snapshot)}")
+    return one_line(f"{made.instant_s:9.3f} s  {made.frame.sequence:3d}  {_words(made)}")
 
 
-def as_json(snapshot: Snapshot) -> str:
+def as_json(made: FrameMade) -> str:
     """One frame as a JSON object."""
     return json.dumps(
         {
-            "time_s": snapshot.time_s,
-            "boot_ms": None if snapshot.boot_s is None else snapshot.boot_s * 1e3,
-            "ned_m": None if snapshot.pose is None else snapshot.pose.position.tolist(),
-            "pose_age_ms": None if snapshot.age_s is None else snapshot.age_s * 1e3,
-            "sent": snapshot.sent,
-            "faults": list(snapshot.faults),
-            **text.frame_json(snapshot.frame),
+            "time_s": made.instant_s,
+            "boot_ms": None if made.boot_s is None else made.boot_s * 1e3,
+            "ned_m": None if made.pose is None else made.pose.position.tolist(),
+            "pose_age_ms": None if made.age_s is None else made.age_s * 1e3,
+            "sent": made.sent,
+            "faults": list(made.faults),
+            **text.frame_json(made.frame),
         }
     )
 
 
-def status_line(status: Status) -> str:
-    """Vehicle, stream rates, pose age, the channels, frames sent and dropped: one line."""
-    parts = [status.vehicle or "no vehicle yet"]
-    parts += [" ".join(f"{_SHORT[name]} {rate:.0f} Hz" for name, rate in status.rates.items() if name in _SHORT)]
-    if status.last:
-        age = status.last.age_s
-        parts.append("no pose" if status.last.pose is None or age is None else f"pose {age * 1e3:.0f} ms")
-    parts.append(f"{status.frames - status.dropped} sent, {status.dropped} dropped")
-    if status.last:  # the longest comes last, to be cut on a narrow terminal
-        parts.append(text.reading(status.last.frame.channels))
-    return one_line(" | ".join(part for part in parts if part))
+def status_line(report: StatusReport) -> str:
+    """Of each vehicle: what it is, stream rates, pose age, the channels, frames sent and dropped: one line."""
+    return " || ".join(map(_status, report.vehicles))
 
 
-def _words(snapshot: Snapshot) -> str:
+def _status(vehicle: VehicleStatus) -> str:
+    parts = [one_line(vehicle.label) or "no vehicle yet"]
+    parts += [" ".join(f"{_SHORT[name]} {rate:.0f} Hz" for name, rate in vehicle.rates.items() if name in _SHORT)]
+    for receiver in vehicle.receivers:
+        made = receiver.last
+        if made:
+            age = made.age_s
+            parts.append("no pose" if made.pose is None or age is None else f"pose {age * 1e3:.0f} ms")
+        parts.append(f"{receiver.frames - receiver.dropped} sent, {receiver.dropped} dropped")
+        if made:  # the longest comes last, to be cut on a narrow terminal
+            parts.append(text.reading(made.frame.channels))
+    return " | ".join(part for part in parts if part)
+
+
+def _words(made: FrameMade) -> str:
     """What a frame says, and the faults that it met."""
-    met = f"  [{', '.join(snapshot.faults)}]" if snapshot.faults else ""
-    return text.reading(snapshot.frame.channels) + met
+    met = f"  [{', '.join(made.faults)}]" if made.faults else ""
+    return text.reading(made.frame.channels) + met
 
 
 def _columns(terminal: TextIO) -> int:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 
 from arva_hil.faults.hearing import FaultyReceiver
-from arva_hil.faults.sending import SENDERS, Letter, Outbox, Sending
+from arva_hil.faults.sending import SENDERS, Outbox, QueuedFrame, Sending
 from arva_hil.faults.spec import KINDS
 from arva_hil.faults.switch import Switch
 from arva_hil.faults.wire import GARBLERS
@@ -57,11 +57,11 @@ class Faults:
             sender = SENDERS.get(switch.fault.name)
             if sender and sending.copies and sender(sending, switch.fault.value, switch.random(self._number)):
                 self._meet(switch)
-        letters = [Letter(sending.frame, boot_ms)] * sending.copies
-        if letters and (garblers := [s for s in self._on if s.fault.name in GARBLERS]):
-            letters = self._garble(letters, encode(sending.frame, boot_ms), garblers)
-        self.outbox.put(letters, t + sending.late_s, sending.overtaken)
-        return sending.frame, len(letters)
+        queued = [QueuedFrame(sending.frame, boot_ms)] * sending.copies
+        if queued and (garblers := [s for s in self._on if s.fault.name in GARBLERS]):
+            queued = self._garble(queued, encode(sending.frame, boot_ms), garblers)
+        self.outbox.put(queued, t + sending.late_s, sending.overtaken)
+        return sending.frame, len(queued)
 
     def counts(self) -> dict[str, dict[str, int]]:
         """By name: how many frames met it, and how many bytes it hit."""
@@ -71,9 +71,9 @@ class Faults:
             for name in names
         }
 
-    def _garble(self, letters: list[Letter], data: bytes, switches: list[Switch]) -> list[Letter]:
+    def _garble(self, queued: list[QueuedFrame], data: bytes, switches: list[Switch]) -> list[QueuedFrame]:
         """The copies after all that befalls their bytes; those of which nothing is left are gone."""
-        left = [data] * len(letters)
+        left = [data] * len(queued)
         for switch in switches:
             random, hits = switch.random(self._number), 0
             for n, copy in enumerate(left):
@@ -82,9 +82,7 @@ class Faults:
             if hits:
                 self._bytes[switch.fault.name] += hits
                 self._meet(switch)
-        return [
-            letter._replace(data=copy, whole=data in copy) for letter, copy in zip(letters, left, strict=True) if copy
-        ]
+        return [one._replace(data=copy, whole=data in copy) for one, copy in zip(queued, left, strict=True) if copy]
 
     def _meet(self, switch: Switch) -> None:
         name = switch.fault.name

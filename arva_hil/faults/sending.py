@@ -12,10 +12,10 @@ from typing import Final, NamedTuple
 import firmware_proto
 from firmware_proto import Frame
 
-__all__ = ["SENDERS", "Letter", "Outbox", "Sending"]
+__all__ = ["SENDERS", "Outbox", "QueuedFrame", "Sending"]
 
 
-class Letter(NamedTuple):
+class QueuedFrame(NamedTuple):
     """A frame to be handed to the port, or the bytes that faults left of it. `whole`: its frame is in them."""
 
     frame: Frame
@@ -42,8 +42,8 @@ class Outbox:
     """
 
     def __init__(self) -> None:
-        self._line: deque[tuple[float, Letter]] = deque()
-        self._overtaken: list[Letter] = []
+        self._line: deque[tuple[float, QueuedFrame]] = deque()
+        self._overtaken: list[QueuedFrame] = []
 
     def __len__(self) -> int:
         return len(self._line) + len(self._overtaken)
@@ -58,17 +58,17 @@ class Outbox:
         """When there is something to take."""
         return self._line[0][0] if self._line else math.inf
 
-    def put(self, letters: list[Letter], due: float, overtaken: bool = False) -> None:
+    def put(self, queued: list[QueuedFrame], due: float, overtaken: bool = False) -> None:
         """The copies of one frame, to be sent at `due` or as soon after as those before are gone."""
-        if not letters:
+        if not queued:
             return
         if overtaken:
-            self._overtaken += letters
+            self._overtaken += queued
             return
-        self._line += ((due, letter) for letter in [*letters, *self._overtaken])
+        self._line += ((due, one) for one in [*queued, *self._overtaken])
         self._overtaken.clear()
 
-    def take(self, now: float) -> Letter | None:
+    def take(self, now: float) -> QueuedFrame | None:
         """The next that is due, None when nothing is."""
         return self._line.popleft()[1] if self.next_due <= now else None
 

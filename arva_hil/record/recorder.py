@@ -13,12 +13,12 @@ from typing import Any, Final
 import numpy as np
 
 from arva_hil import files
-from arva_hil.autopilot.mavlink import Packet, dialect
+from arva_hil.autopilot.mavlink import dialect
 from arva_hil.background import Background
 from arva_hil.clock import Clock, RealClock
+from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import tlog_record
 from arva_hil.model import rotation
-from arva_hil.observer import Observer, Snapshot, Status
 
 COLUMNS: Final = (
     "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
@@ -37,7 +37,7 @@ class RecordError(Exception):
     """The record could not be made or went wrong; `str()` says where and why."""
 
 
-class Recorder(Observer):
+class Recorder:
     """Writes `autopilot.tlog`, `frames.bin`, `readings.csv` and `run.json` into a folder of its own.
 
     `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: what is known of the run already; run.json says
@@ -83,24 +83,25 @@ class Recorder(Observer):
             return f"{self._folder}: the disk is too slow, the record has {self._background.refused} gaps"
         return ""
 
-    def packets(self, now: float, packets: Sequence[Packet]) -> None:
-        time_us = self._epoch_us + round(now * 1e6)
+    def observe(self, event: Event) -> None:
+        if isinstance(event, PacketsReceived):
+            self._on_packets(event)
+        elif isinstance(event, FrameMade):
+            self._pending[READINGS] += rows(event).encode()
+            self._flush_now_and_then()
+        elif isinstance(event, BytesSent):
+            self._pending[FRAMES] += event.data
+        elif isinstance(event, StatusReport):
+            self._flush_now_and_then()
+
+    def _on_packets(self, event: PacketsReceived) -> None:
+        time_us = self._epoch_us + round(event.time_s * 1e6)
         pending = self._pending[TLOG]
-        for packet in packets:
+        for packet in event.packets:
             if packet.msgid != dialect.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds a key
                 pending += tlog_record(time_us, packet.raw)
         if len(pending) > _BATCH_BYTES:
             self._flush()
-
-    def wire(self, data: bytes) -> None:
-        self._pending[FRAMES] += data
-
-    def frame(self, snapshot: Snapshot) -> None:
-        self._pending[READINGS] += rows(snapshot).encode()
-        self._flush_now_and_then()
-
-    def status(self, status: Status) -> None:
-        self._flush_now_and_then()
 
     def close(self, run: Mapping[str, Any]) -> None:
         """Close all files and replace run.json by `run`, whatever went wrong before; RecordError when anything did."""
@@ -151,18 +152,18 @@ def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:
         raise RecordError(f"{folder}: holds {what} already ({', '.join(there)}); name another folder")
 
 
-def rows(snapshot: Snapshot) -> str:
+def rows(made: FrameMade) -> str:
     """The lines of readings.csv for one frame, one a slot; what is unknown is empty."""
     pose = [""] * 6
-    if snapshot.pose is not None:
-        angles = np.degrees(rotation.to_euler(snapshot.pose.rotation)).tolist()
-        pose = [repr(value) for value in (*snapshot.pose.position.tolist(), *angles)]
-    boot_ms = "" if snapshot.boot_s is None else repr(snapshot.boot_s * 1e3)
-    age_ms = "" if snapshot.age_s is None else repr(snapshot.age_s * 1e3)
-    head = ",".join([str(snapshot.frame.sequence), repr(snapshot.time_s), boot_ms, *pose, age_ms])
-    faults = "+".join(snapshot.faults)
+    if made.pose is not None:
+        angles = np.degrees(rotation.to_euler(made.pose.rotation)).tolist()
+        pose = [repr(value) for value in (*made.pose.position.tolist(), *angles)]
+    boot_ms = "" if made.boot_s is None else repr(made.boot_s * 1e3)
+    age_ms = "" if made.age_s is None else repr(made.age_s * 1e3)
+    head = ",".join([str(made.frame.sequence), repr(made.instant_s), boot_ms, *pose, age_ms])
+    faults = "+".join(made.faults)
     lines = []
-    for slot, c in enumerate(snapshot.reading.channels, 1):
+    for slot, c in enumerate(made.reading.channels, 1):
         id_ = "" if c.id is None else str(c.id)
         true_range = "" if c.true_range_m is None else repr(c.true_range_m)
         lines.append(f"{head},{slot},{id_},{int(c.zone)},{c.d_cm},{c.delta_deg},{true_range},{faults}\n")

@@ -16,7 +16,7 @@ import pytest
 
 from arva_hil.cli.guard import Guard, interrupting, unforeseen
 from arva_hil.clock import StepClock
-from arva_hil.emulator import Emulator
+from arva_hil.engine import Emulator
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
 from arva_hil.record import recorder
@@ -168,14 +168,14 @@ def test_handlers_are_what_they_were_before() -> None:
 def test_an_error_in_the_loop_ends_the_run_with_its_cause(
     arva: Arva, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    def emit(self: Emulator, t: float, now: float) -> None:
+    def advance(self: Emulator, now: float) -> None:
         raise ZeroDivisionError("a mistake")
 
-    monkeypatch.setattr(Emulator, "emit", emit)
+    monkeypatch.setattr(Emulator, "advance", advance)
     link = tmp_path / "arva0"
     code, _, err = arva("--port", f"pty:{link}", "--autopilot", "pty", "--record", tmp_path / "record")
     assert code == 1
-    assert "error: unforeseen ZeroDivisionError: a mistake (emulator.py:" in err
+    assert "error: unforeseen ZeroDivisionError: a mistake (drivers.py:" in err
     assert "Traceback" not in err
     run = json.loads((tmp_path / "record" / "run.json").read_bytes())
     assert run["exit_code"] == 1
@@ -184,7 +184,7 @@ def test_an_error_in_the_loop_ends_the_run_with_its_cause(
 
 
 def test_the_whole_story_of_an_error_is_for_who_wants_it(arva: Arva, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Emulator, "tend", lambda self, now: 1 / 0)
+    monkeypatch.setattr(Emulator, "advance", lambda self, now: 1 / 0)
     code, _, err = arva("--port", "pty", "--autopilot", "pty", "-v")
     assert code == 1
     assert "Traceback (most recent call last)" in err

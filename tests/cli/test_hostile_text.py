@@ -18,10 +18,10 @@ from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.results import row
 from arva_hil.campaign.trial import Result, Trial
 from arva_hil.console.printer import status_line
+from arva_hil.events import StatusReport, VehicleStatus
 from arva_hil.links import ports
 from arva_hil.links.ports import Port
 from arva_hil.links.pty import PtyLink
-from arva_hil.observer import Status
 from arva_hil.scenario import Scenario
 from firmware_proto import Channel, Frame, encode
 
@@ -169,7 +169,7 @@ def test_what_a_vehicle_says(start: Start, keep: Keep, line: PtyLink) -> None:
 
 
 def test_what_a_service_manager_is_told() -> None:
-    line = status_line(Status(0.0, HOSTILE, {}, None, 0, 0))
+    line = status_line(StatusReport(0.0, [VehicleStatus("vehicle", HOSTILE, {}, [])]))
     assert line.isprintable()
     assert SHOWN in line
 

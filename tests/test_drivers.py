@@ -3,44 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import pytest
+from one_receiver import Diary, OneReceiver
 
 from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.clock import Clock, StepClock
-from arva_hil.emulator import Emulator, NoHeartbeatError
+from arva_hil.console.sentences import sentence
+from arva_hil.drivers import LinkMonitor
 from arva_hil.links import Link, LinkError
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.reopen import Barred, Reopening
-from arva_hil.linkwatch import LinkWatch
 from arva_hil.loop import run
-from arva_hil.notice import Notice
-from arva_hil.observer import Observer, Snapshot
-from arva_hil.output import MavlinkPort, WirePort
 from arva_hil.scenario import parse
 from firmware_proto import Decoder, Frame
 
 HOME = (46.0123, 7.7456, 1650.0)
 SCENARIO = parse("receiver: {noise: {kind: off}, rate_hz: 20}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]", "test")
 SET_INTERVAL, REQUEST_MESSAGE = dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MESSAGE
-
-
-class Diary(Observer):
-    def __init__(self) -> None:
-        self.notices: list[Notice] = []
-        self.snapshots: list[Snapshot] = []
-
-    def notice(self, notice: Notice) -> None:
-        self.notices.append(notice)
-
-    def frame(self, snapshot: Snapshot) -> None:
-        self.snapshots.append(snapshot)
-
-    def said(self, part: str) -> int:
-        return sum(part in notice.text for notice in self.notices)
 
 
 class Socket:
@@ -88,10 +72,8 @@ class Bench:
         self._decoder = Decoder()
         self.frames: list[Frame] = []
         link, port = self.autopilot.link, self.port.link
-        self.watch = LinkWatch(link, port, self.session, [self.diary])
-        wire = WirePort(port, "binary")
-        self.emulator = Emulator(
-            SCENARIO, self.session, link, wire, start=0.0, observers=[self.diary], **{"max_age_s": 1.0, **options}
+        self.emulator = OneReceiver(
+            SCENARIO, self.session, link, port, start=0.0, observers=[self.diary], **{"max_age_s": 1.0, **options}
         )
 
     def service(self, clock: Clock) -> float:
@@ -105,7 +87,7 @@ class Bench:
         return now + 0.01
 
     def run(self, seconds: float) -> None:
-        run([self, self.watch, self.emulator], self.clock, until=self.clock.now() + seconds)
+        run([self, self.emulator], self.clock, until=self.clock.now() + seconds)
 
     def asked(self, since: float, command: int, param1: float | None = None) -> list[float]:
         """When a command came."""
@@ -117,7 +99,7 @@ class Bench:
 
     @property
     def posed(self) -> bool:
-        return self.diary.snapshots[-1].pose is not None
+        return self.diary.frames[-1].pose is not None
 
 
 @pytest.fixture
@@ -137,13 +119,13 @@ def test_the_autopilots_link_goes_and_comes_while_frames_keep_their_rhythm(bench
     bench.autopilot.plug()
     bench.run(1.0)
     assert bench.posed
-    times = [s.time_s for s in bench.diary.snapshots]
+    times = [s.instant_s for s in bench.diary.frames]
     assert times == pytest.approx([n / 20 for n in range(len(times))])
-    absent = [s.time_s for s in bench.diary.snapshots if s.pose is None and s.time_s > 5]
+    absent = [s.instant_s for s in bench.diary.frames if s.pose is None and s.instant_s > 5]
     assert absent[0] == pytest.approx(6.0, abs=0.11)  # the pose is too old
     assert absent[-1] < 8.0 + 1.0
     assert [frame.sequence for frame in bench.frames] == [n % 256 for n in range(len(bench.frames))]
-    assert all(s.sent for s in bench.diary.snapshots)
+    assert all(s.sent for s in bench.diary.frames)
     assert (bench.session.navigation.reboots, bench.emulator.counters.skipped) == (0, 0)
 
 
@@ -161,8 +143,8 @@ def test_one_line_for_lost_and_one_for_back(bench: Bench) -> None:
         assert of_links[-1].text.startswith(f"{name}: back after 8.")
     counts = {"losses": 1, "returns": 1, "strangers": 0}
     both = {f"{side}_link_{what}": n for side in ("autopilot", "port") for what, n in counts.items()}
-    assert bench.watch.counts() == both
-    assert len(bench.watch.sums()) == 2
+    assert bench.emulator.counts() == both
+    assert len(bench.emulator.losses()) == 2
 
 
 def test_what_a_person_has_to_see_to_is_one_more_line(bench: Bench) -> None:
@@ -187,8 +169,8 @@ def test_what_a_person_has_to_see_to_is_one_more_line(bench: Bench) -> None:
 def test_a_link_that_was_never_lost_has_no_line() -> None:
     bench = Bench()
     bench.run(1.0)
-    assert bench.watch.sums() == []
-    assert set(bench.watch.counts().values()) == {0}
+    assert bench.emulator.losses() == {}
+    assert set(bench.emulator.counts().values()) == {0}
 
 
 @pytest.mark.parametrize("rebooted", [False, True])
@@ -262,17 +244,16 @@ def test_a_lost_port_is_noticed_and_found_between_two_frames() -> None:
     bench.run(1.0)
     bench.port.pull()
     bench.run(0.2)
-    assert bench.watch.counts()["port_link_losses"] == 1
+    assert bench.emulator.counts()["port_link_losses"] == 1
     bench.port.plug()
     bench.run(1.0)
-    assert bench.watch.counts()["port_link_returns"] == 1
+    assert bench.emulator.counts()["port_link_returns"] == 1
 
 
 def test_frames_inside_mavlink_survive_an_absence() -> None:
     bench = Bench()
-    port = MavlinkPort(bench.autopilot.link, bench.session, "tunnel")
-    bench.watch = LinkWatch(bench.autopilot.link, None, bench.session, [bench.diary])
-    bench.emulator = Emulator(SCENARIO, bench.session, bench.autopilot.link, port, start=0.0, observers=[bench.diary])
+    tunnel = replace(SCENARIO, output_format="tunnel")
+    bench.emulator = OneReceiver(tunnel, bench.session, bench.autopilot.link, None, start=0.0, observers=[bench.diary])
     bench.run(3.0)
     bench.autopilot.pull()
     bench.run(1.0)
@@ -282,15 +263,16 @@ def test_frames_inside_mavlink_survive_an_absence() -> None:
     bench.run(1.0)
     assert sum(when >= at and message.get_type() == "TUNNEL" for when, message in bench.heard) in (19, 20, 21)
     assert bench.diary.said("nobody takes") == 0
-    assert bench.watch.counts()["autopilot_link_returns"] == 1
-    assert bench.watch.counts()["port_link_losses"] == 0
+    assert bench.emulator.counts()["autopilot_link_returns"] == 1
+    assert "port_link_losses" not in bench.emulator.counts()
 
 
 def test_a_link_lost_before_any_vehicle_was_heard_is_what_the_end_tells() -> None:
     bench = Bench(timeout_s=2.0)
     bench.autopilot.pull()
-    with pytest.raises(NoHeartbeatError, match="no autopilot was heard: autopilot: lost: closed by the far end"):
-        bench.run(5.0)
+    bench.run(5.0)
+    (heard,) = bench.diary.missing
+    assert heard.startswith("no autopilot was heard: autopilot: lost: closed by the far end")
 
 
 def test_a_vehicle_that_was_silent_for_some_seconds_is_asked_again_at_once(
@@ -331,10 +313,9 @@ class Still(Link):
     ],
 )
 def test_what_happens_between_two_looks_is_told_too(happens: Callable[[Still], None], lines: list[str]) -> None:
-    link, diary, session = Still(), Diary(), Session()
-    watch = LinkWatch(link, None, session, [diary])
-    watch.service(StepClock())
+    link = Still()
+    monitor = LinkMonitor("autopilot", link)
+    assert not monitor.look(1.0)
     happens(link)
-    for _ in range(2):
-        watch.service(StepClock())
-    assert [notice.text for notice in diary.notices] == lines
+    told = [sentence(event) for now in (2.0, 3.0) for event in monitor.look(now)]
+    assert [notice.text for notice in told if notice] == lines

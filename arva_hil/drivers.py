@@ -1,0 +1,195 @@
+"""What drives an engine: `Live`, a task for the loop, by a clock and whatever arrives; `replay`, by a log.
+
+A stepped clock makes `Live` the third: tests and campaigns drive the very same calls as fast as they can.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final
+
+from arva_hil.clock import Clock
+from arva_hil.engine import Emulator
+from arva_hil.events import Event, LinkBack, LinkBlocked, LinkLost, StrangersIgnored
+from arva_hil.frame_source import Output
+from arva_hil.links import Link, LinkError
+from arva_hil.links.timeline import Record
+from arva_hil.observer import Audience
+
+_LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within it
+_STALL_S: Final = 0.05  # a frame that is late by more than this waits until all that has come is read
+_MOST_READS: Final = 64
+LOOK_AHEAD_S: Final = 1.0  # how far a log is read past a frame's instant, to interpolate
+_WORTH_SAYING_S: Final = 0.05  # a link that was away for less was not away
+
+
+class LinkMonitor:
+    """Remembers what was last seen of one link that may be lost and come back."""
+
+    def __init__(self, name: str, link: Link) -> None:
+        self.name = name
+        self.link = link
+        self._lost_at = 0.0
+        self._note()
+
+    @property
+    def lost_again(self) -> bool:
+        return self.link.losses > self._losses
+
+    @property
+    def renewed_again(self) -> bool:
+        return self.link.renewals > self._renewals
+
+    def look(self, now: float) -> list[Event]:
+        """What has happened to it since the last look."""
+        link, events = self.link, list[Event]()
+        about = now, self.name, link.name
+        if self.lost_again:
+            self._lost_at = now
+            events.append(LinkLost(*about, link.why))
+        elif link.away and link.why != self._why:
+            events.append(LinkBlocked(*about, link.why))
+        if link.returns > self._returns:
+            away = now - self._lost_at
+            events.append(LinkBack(*about, away if away > _WORTH_SAYING_S else 0.0))
+        if link.strangers and not self._strangers:
+            events.append(StrangersIgnored(*about, link.stranger))
+        self._note()
+        return events
+
+    def _note(self) -> None:
+        link = self.link
+        self._losses, self._renewals, self._returns, self._why = link.losses, link.renewals, link.returns, link.why
+        self._strangers = link.strangers
+
+
+class Live:
+    """Drives an engine by links and the loop's clock, and tells the audience. A task for the loop.
+
+    `autopilots`: the links on which vehicles are heard; `ports`: those that take frames; by the engine's names for
+    them. What comes in at a port is read and forgotten, so that its loss shows at once.
+    """
+
+    def __init__(
+        self, emulator: Emulator, autopilots: Mapping[str, Link], ports: Mapping[str, Link], audience: Audience
+    ) -> None:
+        self.emulator = emulator
+        self.links: Sequence[Link] = list(autopilots.values())
+        self._autopilots = autopilots
+        self._ports = ports
+        self._sinks = {**ports, **autopilots}
+        self._monitors = [LinkMonitor(name, link) for name, link in self._sinks.items()]
+        self._audience = audience
+        self._next_look = -math.inf
+        for name, link in autopilots.items():
+            if link.away:  # it is not there yet
+                emulator.link_lost(name, link.why, -math.inf)
+
+    def service(self, clock: Clock) -> float:
+        """Take what came, do what is due; the next time to call.
+
+        The time of what came is read after it: a stamp too late makes a pose older, one too early makes it one
+        from the future.
+        """
+        emulator = self.emulator
+        stalled = clock.now() - emulator.next_deadline() > _STALL_S
+        for name, link in self._autopilots.items():
+            self._read(name, link, clock, _MOST_READS if stalled else 1)
+        now = clock.now()
+        if now >= self._next_look:
+            self._next_look = now + _LONGEST_WAIT_S
+            self._look_at_links(now)
+        emulator.advance(now)
+        lost = [error for output in emulator.output() if (error := self._write(output, now))]
+        self._audience.tell(emulator.events())
+        if lost:
+            raise lost[0]
+        return min(emulator.next_deadline(), self._next_look)
+
+    def counts(self) -> dict[str, int]:
+        """Of each link: how often it was lost and came back, and what strangers sent to it."""
+        return {
+            f"{name}_link_{what}": getattr(link, what)
+            for name, link in self._sinks.items()
+            for what in ("losses", "returns", "strangers")
+        }
+
+    def losses(self) -> dict[str, tuple[int, int]]:
+        """Of each link that was lost: how often, and how often it came back."""
+        return {name: (link.losses, link.returns) for name, link in self._sinks.items() if link.losses}
+
+    def _read(self, name: str, link: Link, clock: Clock, times: int) -> None:
+        for _ in range(times):
+            if not (came := link.receive()):
+                return
+            now = clock.now()
+            for sender, data in came:
+                self.emulator.receive(name, data, now, sender)
+            link.follow(*self.emulator.addressees(name))
+
+    def _write(self, output: Output, now: float) -> LinkError | None:
+        """Write one output; the error of a link that is gone for good."""
+        taken, gone, link = False, None, self._sinks[output.sink]
+        try:
+            taken = link.write(output.data)
+        except LinkError as error:
+            gone = error
+        if link.away:
+            self._look_at_links(now)
+        self.emulator.written(output, taken, now)
+        return gone
+
+    def _look_at_links(self, now: float) -> None:
+        for link in self._ports.values():
+            link.read()
+        for monitor in self._monitors:
+            if monitor.lost_again:
+                self.emulator.link_lost(monitor.name, monitor.link.why, now)
+            if monitor.renewed_again:
+                self.emulator.link_back(monitor.name, now)
+            self._audience.tell(monitor.look(now))
+
+
+def replay(
+    emulator: Emulator,
+    records: Iterable[Record],
+    link: str,
+    write: Callable[[Output], bool],
+    audience: Audience,
+    *,
+    clock: Clock | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> None:
+    """Feed a log to an engine as what came on `link`, by the log's own clock, from 0 at its start.
+
+    With a `clock`, outputs are written no earlier than it reads their instant; without, as soon as they are made.
+    """
+    start_us: int | None = None
+    heard = tend_at = 0.0
+    due = emulator.next_deadline()
+
+    def settle() -> float:
+        for output in emulator.output():
+            while clock is not None and clock.now() < output.due and not stopped():
+                clock.wait(min(output.due, clock.now() + _LONGEST_WAIT_S))
+            emulator.written(output, write(output), output.due)
+        audience.tell(emulator.events())
+        return emulator.next_deadline()
+
+    for record in records:
+        if start_us is None:
+            start_us = record.time_us
+        heard = max(heard, (record.time_us - start_us) / 1e6)
+        if due <= heard:
+            emulator.advance(heard)
+            due = settle()
+            if stopped():
+                return
+        emulator.receive(link, record.raw, heard, whole=True)
+        if heard >= tend_at:
+            emulator.advance(heard)
+            due = settle()
+            tend_at = heard + _LONGEST_WAIT_S
+    emulator.finish(heard)
+    settle()

@@ -1,0 +1,246 @@
+"""The news of an engine: frozen values, each with its time and the vehicle, receiver or link that it concerns.
+
+There is no other news. Nothing in here is a sentence: the console makes those. Times are seconds on the clock of
+whoever drives the engine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.autopilot.mavlink import Packet
+from arva_hil.model import Reading
+from arva_hil.notice import Level
+from firmware_proto import Frame
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened at `time_s`."""
+
+    time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class ObserverFailed(Event):
+    """An observer raised `error` and is switched off."""
+
+    observer: str
+    error: str
+
+
+# -- links -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class LinkEvent(Event):
+    """`link`: its name in the engine."""
+
+    link: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinkLost(LinkEvent):
+    """`address`: its connection string. `reason`: the error of the link, with its cure."""
+
+    address: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinkBlocked(LinkEvent):
+    """It is there again and cannot be opened, or there is another reason why it is not back."""
+
+    address: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class LinkBack(LinkEvent):
+    """`away_s`: how long it was lost."""
+
+    address: str
+    away_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class StrangersIgnored(LinkEvent):
+    """Others than the link's peer have sent something, `stranger` the first of them. Once a link."""
+
+    address: str
+    stranger: str
+
+
+@dataclass(frozen=True, slots=True)
+class PacketsReceived(LinkEvent):
+    """Every packet of one chunk, whoever sent it, believed or not."""
+
+    packets: Sequence[Packet]
+
+
+@dataclass(frozen=True, slots=True)
+class LogLayout(Event):
+    """A log is not laid out as usual: `layout` says how, "" when it has no times at all."""
+
+    log: str
+    layout: str
+
+
+@dataclass(frozen=True, slots=True)
+class LogClockSet(Event):
+    """The clock of whoever wrote the log was set meanwhile: time goes on by the vehicles' own clocks."""
+
+    log: str
+
+
+# -- receivers ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """The receiver's own pose, mount included: NED [m] from the datum, and the matrix receiver → NED."""
+
+    position: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class ReceiverEvent(Event):
+    """`vehicle` and `receiver` are names in the scenario."""
+
+    vehicle: str
+    receiver: str
+
+
+@dataclass(frozen=True, slots=True)
+class FrameMade(ReceiverEvent):
+    """One frame: its instant, the pose it was computed from, what was heard, and what it says."""
+
+    number: int  # 0…
+    instant_s: float  # from the start of the run
+    boot_s: float | None  # the same instant on the autopilot's clock
+    pose: Pose | None  # None: no pose, or one too old
+    age_s: float | None  # of the pose
+    reading: Reading
+    frame: Frame
+    sent: bool  # False: nobody took it, or a fault keeps it from being sent
+    late_s: float  # how long after its instant it was made
+    faults: tuple[str, ...] = ()  # that it met
+
+
+@dataclass(frozen=True, slots=True)
+class BytesSent(ReceiverEvent):
+    """What a port took: a frame, or what faults left of it."""
+
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class FramesRefused(ReceiverEvent):
+    """Nobody takes the frames: they are dropped until somebody does."""
+
+
+@dataclass(frozen=True, slots=True)
+class FramesTaken(ReceiverEvent):
+    """Somebody takes the frames again. `dropped`: how many were dropped so far."""
+
+    dropped: int
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFound(ReceiverEvent):
+    """Readings are real from here on."""
+
+
+@dataclass(frozen=True, slots=True)
+class PoseLost(ReceiverEvent):
+    """Frames say no signal. `age_s`: of the newest pose, None when there is none; `lacking`: why there is none."""
+
+    age_s: float | None
+    lacking: str
+
+
+@dataclass(frozen=True, slots=True)
+class PoseMissing(ReceiverEvent):
+    """There is a vehicle for some time, and still no pose."""
+
+    lacking: str
+
+
+@dataclass(frozen=True, slots=True)
+class TooFar(ReceiverEvent):
+    """No transmitter can be heard from here. Once for each datum.
+
+    `from_datum_m`: horizontally; `nearest_m`: to the nearest transmitter; `fixed`: the datum is not the vehicle's home.
+    """
+
+    from_datum_m: float
+    nearest_m: float
+    fixed: bool
+
+
+# -- vehicles ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleEvent(Event):
+    """`vehicle`: its name in the scenario."""
+
+    vehicle: str
+
+
+@dataclass(frozen=True, slots=True)
+class DatumSet(VehicleEvent):
+    """Where this vehicle's scenario has its origin now: degrees, degrees, metres AMSL.
+
+    `reason`: why it is no longer where it was, "" for the first one.
+    """
+
+    lat: float
+    lon: float
+    alt: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class HeartbeatMissing(VehicleEvent):
+    """No autopilot was heard in time; `heard` is what was heard instead."""
+
+    heard: str
+
+
+@dataclass(frozen=True, slots=True)
+class Said(VehicleEvent):
+    level: Level
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class StatusReport(Event):
+    """How things stand, a few times a second: one entry a vehicle."""
+
+    vehicles: Sequence[VehicleStatus]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleStatus:
+    """`label`: what it is, "" before there is one. `rates`: Hz by message name. `receivers`: one entry each."""
+
+    name: str
+    label: str
+    rates: Mapping[str, float]
+    receivers: Sequence[ReceiverStatus]
+
+
+@dataclass(frozen=True, slots=True)
+class ReceiverStatus:
+    """`frames`: that were to be sent; `dropped` of them nobody took. `last`: the newest, None before the first."""
+
+    name: str
+    last: FrameMade | None
+    frames: int
+    dropped: int

@@ -1,0 +1,82 @@
+"""An emulator of one vehicle with one receiver, on links, by any clock; and who notes its events."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from arva_hil.autopilot.session import Session
+from arva_hil.console.sentences import sentence
+from arva_hil.drivers import Live
+from arva_hil.engine import Emulator, one_vehicle
+from arva_hil.events import BytesSent, Event, FrameMade, HeartbeatMissing, StatusReport
+from arva_hil.frame_source import Counters, Schedule
+from arva_hil.links import Link
+from arva_hil.notice import Notice
+from arva_hil.observer import Audience, Observer
+from arva_hil.scenario import Scenario
+
+
+class OneReceiver(Live):
+    """`link`: the autopilot's, None where there is none; `port`: takes the frames, None where `link` does."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        session: Session,
+        link: Link | None,
+        port: Link | None,
+        *,
+        start: float,
+        observers: Sequence[Observer] = (),
+        **options: float,
+    ) -> None:
+        emulator = Emulator([one_vehicle(scenario, session)], start=start, tell_packets=True, **options)
+        links = {"autopilot": link} if link else {}
+        super().__init__(emulator, links, {"port": port} if port else {}, Audience(observers))
+        self.session = session
+
+    @property
+    def counters(self) -> Counters:
+        return self.emulator.vehicles[0].sources[0].counters
+
+    def fault_counts(self) -> dict[str, dict[str, int]]:
+        return self.emulator.vehicles[0].sources[0].fault_counts()
+
+    @property
+    def schedule(self) -> Schedule:
+        return self.emulator.vehicles[0].sources[0].schedule
+
+
+class Diary:
+    """Notes every event."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+
+    def observe(self, event: Event) -> None:
+        self.events.append(event)
+
+    @property
+    def frames(self) -> list[FrameMade]:
+        return [event for event in self.events if isinstance(event, FrameMade)]
+
+    @property
+    def bytes(self) -> bytes:
+        """All that a port took."""
+        return b"".join(event.data for event in self.events if isinstance(event, BytesSent))
+
+    @property
+    def statuses(self) -> list[StatusReport]:
+        return [event for event in self.events if isinstance(event, StatusReport)]
+
+    @property
+    def missing(self) -> list[str]:
+        """What was heard instead of a heartbeat, when none came in time."""
+        return [event.heard for event in self.events if isinstance(event, HeartbeatMissing)]
+
+    @property
+    def notices(self) -> list[Notice]:
+        return [notice for event in self.events if (notice := sentence(event)) is not None]
+
+    def said(self, part: str) -> int:
+        return sum(part in notice.text for notice in self.notices)
