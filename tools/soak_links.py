@@ -4,7 +4,8 @@
 
 Two programs run at once, one with its autopilot on a pseudo-terminal and its consumer on TCP, one the other way round.
 Each has its two sides unplugged in turn. Back is the autopilot when frames are computed from its pose again, the
-consumer when it has read a whole frame. Ends with 1 when something is not as it should be.
+consumer when it has read a whole frame. Ends with 1 when something is not as it should be. `soak_strangers.py` does to
+links what strangers and careless consumers do.
 """
 
 from __future__ import annotations
