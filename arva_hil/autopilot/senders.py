@@ -43,7 +43,8 @@ class Senders:
     def hear(self, sender: Hashable, now: float) -> None:
         """It sent a packet of the vehicle's own."""
         self.vehicle, self._heard_at = sender, now
-        self._met.clear()
+        if self._met:
+            self._met.clear()
 
     def believes(self, sender: Hashable, now: float) -> bool:
         """Whether a vehicle's packet may be believed from this sender: only from the one, until it falls silent."""

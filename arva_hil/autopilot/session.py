@@ -107,7 +107,7 @@ class Session:
         """
         self.senders.look(now)
         self.own.clear()
-        if self.vehicle and not self.senders.believes(sender, now):
+        if sender != self.senders.vehicle and self.vehicle and not self.senders.believes(sender, now):
             self._look_beside(chunk, sender)
             return []
         self.bytes += len(chunk)
@@ -123,8 +123,9 @@ class Session:
             elif sender != self.senders.vehicle or not vehicle.sent(packet):
                 self.ignored += 1
             else:
-                self.senders.hear(sender, now)
                 self._take(packet, now)
+        if self.own:
+            self.senders.hear(sender, now)
         if self._extras and self._streams:
             for packet in self.own:
                 if packet.msgid in self._streams.extra_ids:

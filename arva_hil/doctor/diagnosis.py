@@ -144,7 +144,7 @@ def strangers(count: int, first: str) -> Finding | None:
     if not count:
         return None
     found = f"{count} datagrams of others are ignored, as from {first}"
-    return Finding("strangers", "note", found, "only the first to speak is heard; let the others send elsewhere")
+    return Finding("strangers", "note", found, "only where the vehicle speaks from is listened to")
 
 
 def heartbeat(
