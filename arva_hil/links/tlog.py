@@ -88,13 +88,25 @@ class TlogReader(Iterator[Record]):
                 chunk = self._chunk()
                 buffer, at, ended = buffer[at:] + chunk, 0, not chunk
                 continue
-            size = len(buffer)
+            size, last = len(buffer), self.last_us
+            if length and last is not None and layout is not BARE and -DAY_US <= time_us - last <= DAY_US:
+                while size - at >= _AHEAD:  # the many that simply follow each other, without the calls below
+                    next_us, magic, payload, flags = layout.unpack(buffer, end := at + length)
+                    if not -DAY_US <= next_us - time_us <= DAY_US or (magic != 0xFD and magic != 0xFE):
+                        break
+                    raw = buffer[at + before : end]
+                    self.last_us, self.records, self.consumed = time_us, self.records + 1, self.consumed + length
+                    yield Record(time_us, raw)
+                    at, time_us = end, next_us
+                    length = payload + (16 if magic == 0xFE else 33 if flags & 1 else 20)
+                if size - at < _AHEAD and not ended:
+                    continue
+                last = self.last_us
             if not length:
                 length, time_us = look(buffer, at, layout)
             end = at + length
             if length and end <= size:
                 following = look(buffer, end, layout)
-                last = self.last_us
                 if (last is not None and -DAY_US <= time_us - last <= DAY_US) or follows(last, time_us, layout):
                     good = (following[0] and -DAY_US <= following[1] - time_us <= DAY_US) or end == size
                     if not good and in_step and end < size:  # garbage follows, unless this one was cut by another
