@@ -25,6 +25,8 @@ local SEARCH_MS = 100
 local SILENT_MS = 2000        -- without a frame: hover
 local DEAF_MS = 60000         -- without a signal: over
 local NO_POSITION_MS = 2000
+local REPEATS_MS = 3000      -- without a frame of another number: over
+local SAME_M = 4             -- flown while the reading stays the same: over
 local NO_RANGE_MS = 2000     -- without the rangefinder that measured in this search: over
 local NEARER = 0.7            -- another transmitter has to be that much nearer to be gone for instead
 local CLIMB_GAIN = 1.0        -- 1/s
@@ -37,235 +39,241 @@ local SWITCH_HIGH = 2
    the strategy: places are metres north and east, angles radians from north, d is in metres, nil where nothing is heard
 --]]
 
-local LOW = 1.3               -- times the least d: where d is low
-local REACH = 0.7             -- times the least d: how far past that an arm goes
-local SHORTEST_M = 1.5        -- of such a reach
-local TOGETHER_MS = 400       -- readings that come within it are one
-local MOST_READINGS = 400     -- of an arm
-local AT_M = 0.5              -- so close to a place is there
-local SETTLED_M = 0.5         -- a middle that moved less stays
-local MOST_ARMS = 8
+local Cross
+do -- its constants are its own: ArduPilot takes 100 local variables a script
+   local LOW = 1.3               -- times the least d: where d is low
+   local REACH = 0.7             -- times the least d: how far past that an arm goes
+   local SHORTEST_M = 1.5        -- of such a reach
+   local TOGETHER_MS = 400       -- readings that come within it are one
+   local MOST_READINGS = 400     -- of an arm
+   local AT_M = 0.5              -- so close to a place is there
+   local SETTLED_M = 0.5         -- a middle that moved less stays
+   local MOST_ARMS = 8
 
---[[
-   the rescuers' cross. An arm begins at the centre and goes both ways until d is low no more, and a reach beyond. Its
-   middle is the next centre, and the next arm goes across. course: of the first one
---]]
-local function Cross(centre_n, centre_e, course)
-   local self = {settled = false}
-   local arms = 0
-   local on_arm, sense                    -- sense: 1 or -1, how the arm goes on
-   local along, power                     -- of the readings, in order: place on the arm; of the field, d^-6
-   local most, newest                     -- power; index of the last reading
-   local sum_along, sum_power, count      -- of those that are to be one
-   local last_ms                          -- of the last that are one
-   local complete                         -- the arm has been flown
+   --[[
+      the rescuers' cross. An arm begins at the centre and goes both ways until d is low no more, and a reach
+      beyond. Its middle is the next centre, and the next arm goes across. course: of the first one
+   --]]
+   function Cross(centre_n, centre_e, course)
+      local self = {settled = false}
+      local arms = 0
+      local on_arm, sense                    -- sense: 1 or -1, how the arm goes on
+      local along, power                     -- of the readings, in order: place on the arm; of the field, d^-6
+      local most, newest                     -- power; index of the last reading
+      local sum_along, sum_power, count      -- of those that are to be one
+      local last_ms                          -- of the last that are one
+      local complete                         -- the arm has been flown
 
-   local function begin(n, e)
-      centre_n, centre_e, on_arm, sense = n, e, false, 1
-      along, power, most, newest = {}, {}, 0, 1
-      sum_along, sum_power, count = 0, 0, 0
-      last_ms, complete = nil, false
-   end
-
-   local function keep(place, here)
-      while newest > 1 and along[newest - 1] > place do
-         newest = newest - 1
+      local function begin(n, e)
+         centre_n, centre_e, on_arm, sense = n, e, false, 1
+         along, power, most, newest = {}, {}, 0, 1
+         sum_along, sum_power, count = 0, 0, 0
+         last_ms, complete = nil, false
       end
-      while along[newest] and along[newest] <= place do
-         newest = newest + 1
-      end
-      table.insert(along, newest, place)
-      table.insert(power, newest, here)
-      most = math.max(most, here)
-   end
 
-   -- the centroid of the field's power
-   local function middle()
-      local total, moment = 0, 0
-      for k = 2, #along do
-         local share = (along[k] - along[k - 1]) * (power[k] + power[k - 1])
-         total = total + share
-         moment = moment + share * (along[k] + along[k - 1])
-      end
-      return moment / total / 2
-   end
-
-   local function finish()
-      local moved = most > 0 and middle() or 0
-      if most > 0 then
-         arms = arms + 1
-         self.settled = arms >= 2 and (math.abs(moved) <= SETTLED_M or arms >= MOST_ARMS)
-      end
-      begin(centre_n + moved * math.cos(course), centre_e + moved * math.sin(course))
-      course = course + math.pi / 2
-   end
-
-   -- which way the arm goes on, or that it is done
-   local function judge()
-      local first_low, last_low, reach = 0, 0, SHORTEST_M
-      if most > 0 then
-         local low = most * LOW^-6
-         local first, last = 1, #along
-         while power[first] < low do
-            first = first + 1
+      local function keep(place, here)
+         while newest > 1 and along[newest - 1] > place do
+            newest = newest - 1
          end
-         while power[last] < low do
-            last = last - 1
+         while along[newest] and along[newest] <= place do
+            newest = newest + 1
          end
-         first_low, last_low = along[first], along[last]
-         reach = math.max(SHORTEST_M, REACH * most^(-1 / 6))
+         table.insert(along, newest, place)
+         table.insert(power, newest, here)
+         most = math.max(most, here)
       end
-      local ahead = along[#along] >= last_low + reach
-      local behind = along[1] <= first_low - reach
-      sense = ahead and -1 or 1
-      complete = (ahead and behind) or #along >= MOST_READINGS
-   end
 
-   -- take a reading
-   function self.hear(now, n, e, d)
-      n, e = n - centre_n, e - centre_e
-      on_arm = on_arm or math.sqrt(n * n + e * e) <= AT_M
-      if not on_arm or complete then
-         return
+      -- the centroid of the field's power
+      local function middle()
+         local total, moment = 0, 0
+         for k = 2, #along do
+            local share = (along[k] - along[k - 1]) * (power[k] + power[k - 1])
+            total = total + share
+            moment = moment + share * (along[k] + along[k - 1])
+         end
+         return moment / total / 2
       end
-      sum_along = sum_along + n * math.cos(course) + e * math.sin(course)
-      sum_power = sum_power + (d and d^-6 or 0)
-      count = count + 1
-      if not last_ms or now - last_ms >= TOGETHER_MS then
-         keep(sum_along / count, sum_power / count)
-         sum_along, sum_power, count, last_ms = 0, 0, 0, now
-         judge()
-      end
-   end
 
-   -- where to fly from there: to the centre, and then ahead on the arm. A complete arm is counted here, so that hear
-   -- leaves the instructions of a pass for that
-   function self.target(n, e)
-      if complete then
-         finish()
+      local function finish()
+         local moved = most > 0 and middle() or 0
+         if most > 0 then
+            arms = arms + 1
+            self.settled = arms >= 2 and (math.abs(moved) <= SETTLED_M or arms >= MOST_ARMS)
+         end
+         begin(centre_n + moved * math.cos(course), centre_e + moved * math.sin(course))
+         course = course + math.pi / 2
       end
-      if not on_arm then
+
+      -- which way the arm goes on, or that it is done
+      local function judge()
+         local first_low, last_low, reach = 0, 0, SHORTEST_M
+         if most > 0 then
+            local low = most * LOW^-6
+            local first, last = 1, #along
+            while power[first] < low do
+               first = first + 1
+            end
+            while power[last] < low do
+               last = last - 1
+            end
+            first_low, last_low = along[first], along[last]
+            reach = math.max(SHORTEST_M, REACH * most^(-1 / 6))
+         end
+         local ahead = along[#along] >= last_low + reach
+         local behind = along[1] <= first_low - reach
+         sense = ahead and -1 or 1
+         complete = (ahead and behind) or #along >= MOST_READINGS
+      end
+
+      -- take a reading
+      function self.hear(now, n, e, d)
+         n, e = n - centre_n, e - centre_e
+         on_arm = on_arm or math.sqrt(n * n + e * e) <= AT_M
+         if not on_arm or complete then
+            return
+         end
+         sum_along = sum_along + n * math.cos(course) + e * math.sin(course)
+         sum_power = sum_power + (d and d^-6 or 0)
+         count = count + 1
+         if not last_ms or now - last_ms >= TOGETHER_MS then
+            keep(sum_along / count, sum_power / count)
+            sum_along, sum_power, count, last_ms = 0, 0, 0, now
+            judge()
+         end
+      end
+
+      -- where to fly from there: to the centre, and then ahead on the arm. A complete arm is counted here, so that hear
+      -- leaves the instructions of a pass for that
+      function self.target(n, e)
+         if complete then
+            finish()
+         end
+         if not on_arm then
+            return centre_n, centre_e
+         end
+         local c, s = math.cos(course), math.sin(course)
+         local place = (n - centre_n) * c + (e - centre_e) * s + 2 * sense
+         return centre_n + place * c, centre_e + place * s
+      end
+
+      function self.centre()
          return centre_n, centre_e
       end
-      local c, s = math.cos(course), math.sin(course)
-      local place = (n - centre_n) * c + (e - centre_e) * s + 2 * sense
-      return centre_n + place * c, centre_e + place * s
-   end
 
-   function self.centre()
-      return centre_n, centre_e
+      begin(centre_n, centre_e)
+      return self
    end
-
-   begin(centre_n, centre_e)
-   return self
 end
 
-local K = 0.8                 -- 1/m; speed * K d / sqrt(1 + (K d)^2)
-local RISE = 1.08             -- times the least d: it rises
-local FALL = 0.7              -- times the first d: it has fallen
-local MOST_TURNS = 3          -- without that d falls
-local SMOOTH_MS = 1000        -- time constant
-local SILENCE_MS = 3000       -- without a signal: turn back; in vain: turn again after twice the time, and so on
+local Flux
+do
+   local K = 0.8                 -- 1/m; speed * K d / sqrt(1 + (K d)^2)
+   local RISE = 1.08             -- times the least d: it rises
+   local FALL = 0.7              -- times the first d: it has fallen
+   local MOST_TURNS = 3          -- without that d falls
+   local SMOOTH_MS = 1000        -- time constant
+   local SILENCE_MS = 3000       -- without a signal: turn back; in vain: turn again after twice the time, and so on
 
---[[
-   along the flux line until d rises after it has fallen, then the cross. A flux line has two ways: d falls along the
-   right one, and where it rises the other one is right. Made with the speed not to be exceeded
---]]
-local function Flux(speed)
-   local self = {}
-   local course = nil                     -- nil before the first signal
-   local smooth = 0                       -- d
-   local first, least = 0, math.huge      -- d when the course was taken, and since; huge: it is yet to be taken
-   local place_n, place_e = 0, 0          -- of the least d
-   local turns = 0
-   local heard_ms = nil                   -- or turned back
-   local patience_ms = SILENCE_MS
-   local cross = nil
+   --[[
+      along the flux line until d rises after it has fallen, then the cross. A flux line has two ways: d falls along the
+      right one, and where it rises the other one is right. Made with the speed not to be exceeded
+   --]]
+   function Flux(speed)
+      local self = {}
+      local course = nil                     -- nil before the first signal
+      local smooth = 0                       -- d
+      local first, least = 0, math.huge      -- d when the course was taken, and since; huge: it is yet to be taken
+      local place_n, place_e = 0, 0          -- of the least d
+      local turns = 0
+      local heard_ms = nil                   -- or turned back
+      local patience_ms = SILENCE_MS
+      local cross = nil
 
-   -- the course is taken anew, at this d
-   local function take(d, n, e)
-      smooth, first, least, place_n, place_e = d, d, d, n, e
-   end
-
-   local function measure(now, n, e, d)
-      if least == math.huge then
-         take(d, n, e)
+      -- the course is taken anew, at this d
+      local function take(d, n, e)
+         smooth, first, least, place_n, place_e = d, d, d, n, e
       end
-      if heard_ms then
-         smooth = smooth + (d - smooth) * (1 - math.exp((heard_ms - now) / SMOOTH_MS))
-      end
-      heard_ms, patience_ms = now, SILENCE_MS
-      if smooth < least then
-         least, place_n, place_e = smooth, n, e
-      end
-   end
 
-   -- whether to go on, to turn round or to begin the cross
-   local function decide(n, e, inner)
-      if inner then
-         cross = Cross(n, e, course)
-      elseif smooth > RISE * least then
-         if least < FALL * first or turns >= MOST_TURNS then
-            cross = Cross(place_n, place_e, course)
-         else
-            turns = turns + 1
-            course = course + math.pi
-            take(smooth, n, e)
+      local function measure(now, n, e, d)
+         if least == math.huge then
+            take(d, n, e)
+         end
+         if heard_ms then
+            smooth = smooth + (d - smooth) * (1 - math.exp((heard_ms - now) / SMOOTH_MS))
+         end
+         heard_ms, patience_ms = now, SILENCE_MS
+         if smooth < least then
+            least, place_n, place_e = smooth, n, e
          end
       end
-   end
 
-   -- to where d was least, and beyond: there the course is taken anew
-   local function turn_back(now, n, e)
-      turns = turns + (least < math.huge and 1 or 0)
-      least = math.huge
-      course = math.atan(place_e - e, place_n - n)
-      heard_ms, patience_ms = now, 2 * patience_ms
-   end
+      -- whether to go on, to turn round or to begin the cross
+      local function decide(n, e, inner)
+         if inner then
+            cross = Cross(n, e, course)
+         elseif smooth > RISE * least then
+            if least < FALL * first or turns >= MOST_TURNS then
+               cross = Cross(place_n, place_e, course)
+            else
+               turns = turns + 1
+               course = course + math.pi
+               take(smooth, n, e)
+            end
+         end
+      end
 
-   -- take what a frame says: when and where it came, the flux line's bearing there, d, and whether the zone is inner
-   function self.hear(now, n, e, bearing, d, inner)
-      if cross then
-         smooth = d or smooth
-         cross.hear(now, n, e, d)
-      elseif d then
+      -- to where d was least, and beyond: there the course is taken anew
+      local function turn_back(now, n, e)
+         turns = turns + (least < math.huge and 1 or 0)
+         least = math.huge
+         course = math.atan(place_e - e, place_n - n)
+         heard_ms, patience_ms = now, 2 * patience_ms
+      end
+
+      -- take what a frame says: when and where it came, the flux line's bearing there, d, and whether the zone is inner
+      function self.hear(now, n, e, bearing, d, inner)
+         if cross then
+            smooth = d or smooth
+            cross.hear(now, n, e, d)
+         elseif d then
+            if not course then
+               course = bearing
+            elseif not inner then
+               course = math.cos(bearing - course) >= 0 and bearing or bearing + math.pi
+            end
+            measure(now, n, e, d)
+            decide(n, e, inner)
+         elseif course and now - heard_ms > patience_ms then
+            turn_back(now, n, e)
+         end
+      end
+
+      -- the velocity to fly: north, east, m/s; the slower the nearer
+      function self.velocity(n, e)
          if not course then
-            course = bearing
-         elseif not inner then
-            course = math.cos(bearing - course) >= 0 and bearing or bearing + math.pi
+            return 0, 0
          end
-         measure(now, n, e, d)
-         decide(n, e, inner)
-      elseif course and now - heard_ms > patience_ms then
-         turn_back(now, n, e)
+         local x = K * smooth
+         local v = speed * x / math.sqrt(1 + x * x)
+         if not cross then
+            return v * math.cos(course), v * math.sin(course)
+         end
+         local to_n, to_e = cross.target(n, e)
+         local left = math.sqrt((to_n - n)^2 + (to_e - e)^2)
+         local share = left > 0 and math.min(1, v / left) or 0
+         return (to_n - n) * share, (to_e - e) * share
       end
-   end
 
-   -- the velocity to fly: north, east, m/s; the slower the nearer
-   function self.velocity(n, e)
-      if not course then
-         return 0, 0
+      -- north and east of the transmitter, nil while it is not known
+      function self.found()
+         if cross and cross.settled then
+            return cross.centre()
+         end
+         return nil
       end
-      local x = K * smooth
-      local v = speed * x / math.sqrt(1 + x * x)
-      if not cross then
-         return v * math.cos(course), v * math.sin(course)
-      end
-      local to_n, to_e = cross.target(n, e)
-      local left = math.sqrt((to_n - n)^2 + (to_e - e)^2)
-      local share = left > 0 and math.min(1, v / left) or 0
-      return (to_n - n) * share, (to_e - e) * share
-   end
 
-   -- north and east of the transmitter, nil while it is not known
-   function self.found()
-      if cross and cross.settled then
-         return cross.centre()
-      end
-      return nil
+      return self
    end
-
-   return self
 end
 
 if ... then -- required, to look at the strategy
@@ -457,6 +465,8 @@ local target, target_d, heard_ms = nil, 0, 0   -- the transmitter gone for, its 
 local sample = nil                             -- of the target, that the strategy has not taken yet
 local begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = 0, 0, 0, 0, 0
 local position_ms, frame_ms = 0, 0
+local sequence = nil                           -- of the last frame
+local same                                     -- the target's last reading and where it was first; over: that is far
 local measured_ms = nil                        -- when the rangefinder last measured in this search
 local assumed_height, assumed_wanted           -- without it: a function, nil where the database ends; m to be held
 local spent = false                            -- the request has had its search
@@ -491,7 +501,10 @@ end
 -- take what a frame says of the transmitter gone for, the nearest but not another at each whim of the noise
 local function on_frame(frame)
    local n, e = position()
-   frame_ms = now
+   if frame.sequence == sequence then
+      return
+   end
+   sequence, frame_ms = frame.sequence, now
    if state ~= SEARCHING or not n then
       return
    end
@@ -515,6 +528,10 @@ local function on_frame(frame)
       target_d, heard_ms = frame.d[mine] * 0.01, now
       sample.bearing = yaw() + math.rad(frame.delta[mine])
       sample.d, sample.inner = target_d, frame.zone[mine] == INNER
+      if not same or same.d ~= frame.d[mine] or same.delta ~= frame.delta[mine] then
+         same = {d = frame.d[mine], delta = frame.delta[mine], n = n, e = e}
+      end
+      same.over = (n - same.n)^2 + (e - same.e)^2 > SAME_M^2
    end
 end
 
@@ -548,6 +565,7 @@ local function begin()
    begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = n, e, now, math.deg(yaw()), rest
    state, flux, target, sample, heard_ms, position_ms, told = SEARCHING, nil, nil, nil, now, now, ""
    say(MAV_SEVERITY.INFO, "search begins")
+   frame_ms, same = now, nil
    measured_ms = measured_height() and now or nil
    assumed_height = height_above_terrain() and height_above_terrain or height_above_home
    assumed_wanted = assumed_height()
@@ -574,6 +592,12 @@ end
 local function limit(n, e)
    if not receiver.healthy then
       return "receiver lost"
+   end
+   if now - frame_ms > REPEATS_MS then
+      return "receiver repeats itself"
+   end
+   if same and same.over then
+      return "the reading does not change"
    end
    if now - position_ms > NO_POSITION_MS then
       return "no position"

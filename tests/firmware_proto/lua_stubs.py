@@ -1,7 +1,7 @@
 """An autopilot to run the Lua scripts on: ArduPilot's sandbox and scheduler in Lua 5.3, its libraries as stubs.
 
-What ArduPilot refuses, the stubs refuse: names that its sandbox lacks, texts and log rows that do not fit, passes of
-more instructions than SCR_VM_I_COUNT allows by default.
+What ArduPilot refuses, the stubs refuse: names that its sandbox lacks, scripts of more than 100 local variables, texts
+and log rows that do not fit, passes of more instructions than SCR_VM_I_COUNT allows by default.
 """
 
 from __future__ import annotations
@@ -41,6 +41,11 @@ local function compile(path)
    local file = assert(io.open(path, "rb"))
    local text = file:read("a")
    file:close()
+   local hundred = {}                  -- ArduPilot's lparser.c takes 100 local variables, this Lua 200
+   for k = 1, 100 do
+      hundred[k] = "_" .. k
+   end
+   assert(load("local " .. table.concat(hundred, ",") .. " " .. text, "@" .. path, "t", sandbox))
    return assert(load(text, "@" .. path, "t", sandbox))
 end
 

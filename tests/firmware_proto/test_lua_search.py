@@ -36,7 +36,9 @@ class Flight:
         self.hertz = hertz
         self.ground = None  # its down at a place north and east, for the rangefinder
         self.lowest = math.inf  # above it
-        self.channels = None  # instead of what the receiver hears
+        self.channels = None  # instead of what the receiver hears; its directions tremble
+        self.stuck = None  # the channels of a receiver that says the same for ever
+        self.repeats = False  # the same frame again and again, its number too
         self._velocity = np.zeros(3)
         self._frames = 0
         self._next_frame = self.autopilot.time_ms
@@ -52,7 +54,7 @@ class Flight:
             if self.hertz and autopilot.time_ms >= self._next_frame:
                 self._next_frame = autopilot.time_ms + 1000 / self.hertz
                 autopilot.receive(encode(self._frame(attitude)))
-                self._frames += 1
+                self._frames += not self.repeats
             autopilot.run(autopilot.time_ms + 20)
             fresh = autopilot.velocity is not None and autopilot.time_ms - autopilot.velocity_ms < 3000
             wanted = np.array(autopilot.velocity if fresh and autopilot.mode == GUIDED else (0, 0, 0))
@@ -70,8 +72,11 @@ class Flight:
             self.lowest = min(self.lowest, self.autopilot.range)
 
     def _frame(self, attitude):
+        if self.stuck is not None:
+            return Frame(self._frames % 256, 1, tuple(self.stuck))
         if self.channels is not None:
-            return Frame(self._frames % 256, 1, tuple(self.channels))
+            trembling = (c._replace(delta=c.delta + self._frames % 2) for c in self.channels)
+            return Frame(self._frames % 256, 1, tuple(trembling))
         pose = self.receiver.pose(np.array(self.autopilot.position), attitude)
         return frame_of(self.receiver.read(*pose), self._frames % 256)
 
@@ -468,6 +473,37 @@ def test_a_search_ends_when_the_rangefinder_it_began_with_measures_no_more(fligh
     flight.fly(3)
     assert flight.said()[-1] == "rangefinder lost: search ends"
     assert flight.autopilot.mode == LOITER
+
+
+def test_a_receiver_that_repeats_one_frame_is_not_believed(flight):
+    flight.repeats = True
+    flight.fly(1)  # what is under way
+    before = list(flight.autopilot.position)
+    flight.fly(4)
+    assert math.dist(before, flight.autopilot.position) < 2
+    assert flight.said()[-1] == "receiver repeats itself: search ends"
+    assert flight.autopilot.mode == LOITER
+
+
+@pytest.mark.parametrize("distance", [100, 3000])
+@pytest.mark.parametrize("at_s", [0, 25])
+def test_a_reading_that_does_not_change_on_the_way_is_not_believed(distance, at_s):
+    flight = Flight(3, ARVS_ENABLE=1)
+    flight.fly(at_s)
+    flight.stuck = [Channel(1, 1, distance, 30)]
+    flight.fly(60)
+    assert flight.said()[-1] == "the reading does not change: search ends"
+    assert flight.autopilot.mode == LOITER
+
+
+def test_flying_on_without_a_signal_is_no_reading_that_does_not_change():
+    flight = Flight(3, ARVS_ENABLE=1, ARVS_SPEED=2)
+    flight.fly(10)
+    before = list(flight.autopilot.position)
+    flight.channels = [Channel()]
+    flight.fly(2.9)
+    assert math.dist(before, flight.autopilot.position) > 4.2
+    assert flight.said()[-1] != "the reading does not change: search ends"
 
 
 def test_it_goes_for_the_nearest_and_changes_for_one_that_is_much_nearer(flight):
