@@ -53,6 +53,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.watched",
         "firmware_proto",
         "arva_hil.model.geodesy",
+        "arva_hil.model.mount",
         "arva_hil.model.rotation",
     },
     "arva_hil/events.py": {"arva_hil.autopilot.mavlink", "arva_hil.model", "arva_hil.notice", "firmware_proto"},

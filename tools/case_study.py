@@ -25,7 +25,8 @@ from arva_hil.search.outcome import Row
 
 PLAN = Path(__file__).parents[1] / "configs/campaigns/paper.yaml"
 CASES = {8: "paper_case_1", 9: "paper_case_2", 10: "paper_case_3", 11: "paper_case_4"}  # by figure
-HEIGHTS_M = (1.0, 2.0, 3.0, 4.0)
+HEIGHTS_M = (1.0, 2.0, 3.0, 4.0)  # of the take-off
+HEIGHT_M = 1.0  # held, as in the paper
 DRAWN = ("flux", "estimate")
 
 
@@ -65,7 +66,7 @@ def draw(figure: int, name: str, path: Path) -> None:
     for strategy in DRAWN:
         for seed, height in enumerate(HEIGHTS_M, 1):
             rows: list[Row] = []
-            trial = Trial(strategy, dataclasses.replace(chosen, seed=seed), take_off_m=height)
+            trial = Trial(strategy, dataclasses.replace(chosen, seed=seed), take_off_m=height, height_m=HEIGHT_M)
             fly(trial, rows.append)
             tracks.append(Track(strategy, rows))
     title = f"Case {figure - 7}: transmitter {east:g} m east, {north:g} m north; taken off to 1, 2, 3 and 4 m"

@@ -189,6 +189,13 @@ def _global_position_int(r: Report) -> Message:
     )
 
 
+def _scaled_pressure(r: Report) -> Message:
+    """Of the standard atmosphere at the true altitude."""
+    altitude = r.home.alt_m - r.motion.position[2]
+    hpa = 1013.25 * max(1 - 2.25577e-5 * altitude, 1e-3) ** 5.25588
+    return dialect.MAVLink_scaled_pressure_message(r.boot_ms, hpa, 0.0, 2000)
+
+
 def _distance_sensor(r: Report) -> Message:
     """Height above the ground, not along the leaning body."""
     height = min(round(-r.motion.position[2] * 100), _RANGE_CM)
@@ -279,6 +286,7 @@ BUILDERS: Final[dict[int, Callable[[Report], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position_ned,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position_int,
+    dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
     dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance_sensor,
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
     dialect.MAVLINK_MSG_ID_HOME_POSITION: _home_position,

@@ -27,8 +27,8 @@ class Trial:
 
     strategy: str
     scenario: Scenario  # its seed is that of the receiver's noise
-    take_off_m: float = 2.0  # height of the take-off
-    height_m: float = 1.0  # height held in the search, above the take-off point
+    take_off_m: float = 3.0  # height of the take-off
+    height_m: float = 3.0  # height held in the search, above the ground
     speed_m_s: float = 1.0
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)  # NED, m/s
     gps_noise_m: float = 0.0  # sigma on each axis

@@ -6,7 +6,8 @@ A receiver that is unplugged is looked for while it hovers. The autopilot's link
 lost later, it leaves the vehicle to its own failsafe.
 A simulator says what it is when asked. Any other vehicle is armed only when somebody at the terminal types yes, or on
 --yes; without either the search ends with 2. On the bench: take the propellers off.
-Exit codes: 0 found, 1 not found or failed, 2 usage or not allowed to arm, 3 no autopilot or no frames, 130 interrupted.
+Exit codes: 0 found, 1 not sure, not found or failed, 2 usage or not allowed to arm, 3 no autopilot or no frames,
+130 interrupted.
 """
 
 from __future__ import annotations
@@ -34,20 +35,30 @@ from arva_hil.console import Printer
 from arva_hil.console.question import TerminalQuestion, somebody_is_there
 from arva_hil.links.reopen import open_lasting
 from arva_hil.loop import run
+from arva_hil.model.mount import Mount
+from arva_hil.model.rotation import from_euler
 from arva_hil.notice import Notice
 from arva_hil.plots import Track, draw_search
 from arva_hil.record import RecordError
 from arva_hil.record.search_log import TRACK, SearchLog, refuse_search
 from arva_hil.search import STRATEGIES
 from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.mission import FOUND, NO_ID, Plan
+from arva_hil.search.heard import NO_ID
+from arva_hil.search.mission import FOUND, Plan
 from arva_hil.search.outcome import Outcome, Row
 from arva_hil.search.permission import Permission
 from arva_hil.search.strips import Strips
 from firmware_proto import DECODERS
 
 PICTURE: Final = "search.png"
-_EXIT: Final = {"found": OK, "not found": FAILED, "failed": FAILED, "no link": NO_LINK, "refused": USAGE}
+_EXIT: Final = {
+    "found": OK,
+    "not sure": FAILED,
+    "not found": FAILED,
+    "failed": FAILED,
+    "no link": NO_LINK,
+    "refused": USAGE,
+}
 
 
 def add_options(parser: opt.Parser) -> None:
@@ -99,8 +110,16 @@ def add_plan(parser: opt.Parser) -> None:
         "--max-speed", type=opt.number(0.2, 10, " of m/s"), default=1.0, metavar="M/S", help="horizontal; default 1"
     )
     metres = opt.number(0.3, 100, " of m")
-    parser.option("--height", type=metres, default=1.0, metavar="M", help="held above the take-off point; default 1")
-    parser.option("--take-off", type=metres, default=2.0, metavar="M", help="height of the take-off; default 2")
+    parser.option("--height", type=metres, default=3.0, metavar="M", help="held above the ground; default 3")
+    parser.option("--take-off", type=metres, default=3.0, metavar="M", help="height of the take-off; default 3")
+    parser.option(
+        "--mount",
+        type=mount,
+        default=Mount(),
+        metavar="X,Y,Z[,R,P,Y]",
+        help="where the receiver sits on the vehicle, m forward, right and down of its centre, and its roll, pitch and "
+        "yaw there, degrees; default 0,0,0,0,0,0",
+    )
     parser.option(
         "--area",
         type=area,
@@ -132,6 +151,21 @@ def area(text: str) -> tuple[float, float, float, float]:
     return south, west, north, east
 
 
+def mount(text: str) -> Mount:
+    """A converter for x,y,z[,roll,pitch,yaw]."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    place, angles = values[:3], values[3:] or [0.0, 0.0, 0.0]
+    valid = len(place) == len(angles) == 3
+    valid = valid and all(abs(m) <= 10 for m in place) and all(abs(angle) <= 360 for angle in angles)
+    if not valid:
+        what = "expected x,y,z in m and, where it is turned, roll,pitch,yaw in degrees"
+        raise argparse.ArgumentTypeError(f"{text!r}: {what}, e.g. --mount=0.3,0,0.1,0,0,90")
+    return Mount(place, from_euler(*map(math.radians, angles)))
+
+
 def plan_of(options: argparse.Namespace) -> Plan:
     return Plan(
         STRATEGIES[options.strategy],
@@ -142,6 +176,7 @@ def plan_of(options: argparse.Namespace) -> Plan:
         strip_width=options.strip_width,
         patience_s=options.patience,
         limit_s=options.limit,
+        mount=options.mount,
     )
 
 
@@ -282,7 +317,9 @@ def result(outcome: Outcome) -> list[str]:
         sigma = f" ± {found.sigma:.1f} m" if found.sigma is not None else ""
         place = f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point"
         first = f"found {_name(outcome.id)}: {place}{sigma}"
-        if outcome.how != FOUND:
+        if outcome.kind == "not sure":
+            first = f"{outcome.how}, {_name(outcome.id)} at {place}"
+        elif outcome.how != FOUND:
             first += f", but {outcome.how}"
     lines = [first]
     if outcome.lat_lon:

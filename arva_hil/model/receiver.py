@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .field import Transmitters, dipole_field
+from .mount import Mount
 from .reading import ChannelReading, Reading, Zone, with_true_ranges
-from .rotation import to_matrix
 
 __all__ = ["Antennas", "NoiseKind", "Receiver", "draw_noise", "noise_bound", "outputs", "receive"]
 
@@ -135,8 +135,7 @@ class Receiver:
         self._q = np.array(antennas.sensitivity)
         self._bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
         self._limit = noise_bound(antennas.sensitivity, _FLOOR_RANGE_M)
-        self._mount = np.asarray(mount_position, float)
-        self._R_mount = to_matrix(mount_attitude)
+        self._mount = Mount(mount_position, mount_attitude)
         self._empty = (ChannelReading(None, Zone.OUTER, *no_signal, None),) * channels
         self._rng = np.random.Generator(np.random.PCG64(seed))
 
@@ -145,8 +144,7 @@ class Receiver:
 
         From the vehicle's position (..., 3) in NED, metres, and its attitude (..., 4), body → NED.
         """
-        R_body = to_matrix(attitude)
-        return position + R_body @ self._mount, R_body @ self._R_mount
+        return self._mount.pose(position, attitude)
 
     def noise(self) -> Array:
         """Its noise for one frame (M, 3) in NED; the generator goes on."""

@@ -17,7 +17,8 @@ from arva_hil.links import Link, LinkError
 from arva_hil.model.geodesy import LocalFrame
 from arva_hil.notice import Level, Notice
 from arva_hil.search.flight import Flight
-from arva_hil.search.mission import FOUND, Mission, Plan
+from arva_hil.search.ground import Ground
+from arva_hil.search.mission import FOUND, NOT_SURE, Mission, Plan
 from arva_hil.search.outcome import Kind, Outcome, Row
 from arva_hil.search.permission import Permission
 from arva_hil.search.preflight import INTERRUPTED, Preflight
@@ -89,7 +90,8 @@ class SearchClient:
             countdown_s=countdown_s,
             say=say,
         )
-        self._flight = Flight(plan, session, self._commander, start=start, land=land, say=say, log=log)
+        self._ground = Ground(session)
+        self._flight = Flight(plan, session, self._commander, self._ground, start=start, land=land, say=say, log=log)
         self._say = say
         self._next_step = start
         self._empty_s = start  # when the autopilot's link was last found empty
@@ -157,6 +159,7 @@ class SearchClient:
                 self._session.feed(chunk, now, sender)
                 self._preflight.hear(self._session.own)
                 self._commander.hear(now, since)
+                self._ground.hear(now)
                 read += len(chunk)
             senders = self._session.senders
             self._autopilot.follow(senders.vehicle, senders.candidates)
@@ -198,7 +201,7 @@ class SearchClient:
                 return
 
     def _pass_on(self) -> None:
-        for source in (self._session, self._commander, self._receiver, self.mission):
+        for source in (self._session, self._commander, self._ground, self._receiver, self.mission):
             for notice in source.take_notices() if source else ():
                 self._say(notice)
 
@@ -258,16 +261,16 @@ class SearchClient:
         elif self._commander.why or mission is None:
             self._finish("failed", self._commander.why)
         elif mission.found is not None:
-            self._finish("found", FOUND)
+            self._finish(_kind(mission), FOUND if mission.sure else NOT_SURE)
         else:
             self._finish("failed" if mission.broken else "not found", mission.ended)
 
     def _conclude_lost(self) -> None:
         """The pilot has it, who may have what was found; or nobody has it, and that is no good end."""
-        commander, found = self._commander, self.mission is not None and self.mission.found is not None
+        commander = self._commander
         assert self._session.vehicle is not None
         if commander.handed_over:
-            self._finish("found" if found else "failed", commander.why)
+            self._finish(_kind(self.mission), commander.why)
         elif not self._session.vehicle.armed:
             self._finish("failed", commander.why)
         elif commander.lands_by_itself:
@@ -306,3 +309,10 @@ class SearchClient:
 
     def _tell(self, level: Level, text: str) -> None:
         self._say(Notice(level, text))
+
+
+def _kind(mission: Mission | None) -> Kind:
+    """What a place reported is worth."""
+    if mission is None or mission.found is None:
+        return "failed"
+    return "found" if mission.sure else "not sure"

@@ -17,12 +17,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Fit", "Readings", "evaluate", "likely_pose_error", "refine", "seeds"]
+__all__ = ["MOMENT", "WIDE", "Fit", "Readings", "evaluate", "likely_pose_error", "refine", "seeds"]
 
 Array = NDArray[np.float64]
 
 # Known beforehand.
-_MOMENT: Final = 1 / 1.542  # of the reference transmitter: 1/κeq
+MOMENT: Final = 1 / 1.542  # of the reference transmitter: 1/κeq
 _STRENGTH: Final = 0.35  # sigma of the logarithm of a transmitter's strength
 _DEPTH: Final = (0.5, 1.2)  # below the take-off point, and its sigma, m
 _RIDGE: Final = np.diag([1e-4] * 3 + [1e-2] * 3)  # next to nothing of the rest
@@ -35,7 +35,8 @@ _SILENCE: Final = (50.0, 0.1**2)  # where hearing ends, m, and of that edge
 _TAIL: Final = 9.0  # variances; beyond, a squared error counts for less and less
 
 _POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # sigmas thought possible of the receiver's place, m
-_SURPRISE: Final = 0.5 * (np.log(_POSE_ERRORS / 0.1) / 0.8) ** 2  # how unexpected each of them is
+WIDE: Final = np.geomspace(0.03, 10.0, 16)  # of a place that may be wrong
+_USUAL: Final = (0.1, 0.8)  # of such a sigma: its median, and the sigma of its logarithm
 _MODESTY: Final = 1.6  # a fit makes its own errors look smaller than they are
 
 _MOST: Final = 64  # readings
@@ -117,7 +118,7 @@ def evaluate(x: Array, o: Readings, pose_error: float) -> Fit:
     slopes[:, 3:] = 3 * share * n - axis
 
     m2 = _dot(m, m)[:, 0] + 1e-20
-    error[:, 0] = (x[:, 2] - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / _MOMENT**2) / (2 * _STRENGTH)
+    error[:, 0] = (x[:, 2] - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / MOMENT**2) / (2 * _STRENGTH)
     slopes[:, :, 0] = 0
     slopes[:, 2, 0], slopes[:, 3:, 0] = 1 / _DEPTH[1], x[:, 3:] * (1j / _STRENGTH / m2)
 
@@ -150,12 +151,13 @@ def refine(x: Array, damping: Array, o: Readings, pose_error: float, rounds: int
     return now, damping
 
 
-def likely_pose_error(fit: Fit, i: int, o: Readings) -> float:
-    """The error of the receiver's place, m, that makes what was said most likely, were hypothesis i true."""
-    total = _POSE_ERRORS[:, None] ** 2 * fit.slope[i] + fit.variance[i]
+def likely_pose_error(fit: Fit, i: int, o: Readings, errors: Array = _POSE_ERRORS) -> float:
+    """Of `errors` of the receiver's place, m, that which makes what was said most likely, were hypothesis i true."""
+    total = errors[:, None] ** 2 * fit.slope[i] + fit.variance[i]
     tail = np.log1p(_MODESTY * fit.error[i] ** 2 / (_TAIL * total))
     cost = 0.5 * np.add.reduce(o.told * (_TAIL * tail + np.log(total)), axis=1)
-    return float(_POSE_ERRORS[np.argmin(cost + _SURPRISE)])
+    surprise = 0.5 * (np.log(errors / _USUAL[0]) / _USUAL[1]) ** 2
+    return float(errors[np.argmin(cost + surprise)])
 
 
 def seeds(position: Sequence[float], bearing: float, d: float) -> Array:
@@ -168,7 +170,7 @@ def seeds(position: Sequence[float], bearing: float, d: float) -> Array:
     n = np.stack([np.cos(bearing + turn), np.sin(bearing + turn), 0 * turn + (_DEPTH[0] - position[2]) / d], axis=1)
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     m = 1.5 * n * np.add.reduce(n * h, axis=1, keepdims=True) - h  # for ρ = d
-    rho = d * np.cbrt(_MOMENT / np.linalg.norm(m, axis=1, keepdims=True))
+    rho = d * np.cbrt(MOMENT / np.linalg.norm(m, axis=1, keepdims=True))
     return np.concatenate([position + rho * n, (rho / d) ** 3 * m], axis=1)
 
 

@@ -6,12 +6,16 @@ import math
 from collections.abc import Callable
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from arva_hil.autopilot.commander import Commander, Phase
 from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
 from arva_hil.model.geodesy import LocalFrame
 from arva_hil.model.rotation import to_euler, to_matrix
 from arva_hil.notice import Notice
+from arva_hil.search.ground import Ground
 from arva_hil.search.mission import Mission, Plan
 from arva_hil.search.outcome import Row
 from arva_hil.search.strategy import Position
@@ -32,6 +36,7 @@ class Flight:
         plan: Plan,
         session: Session,
         commander: Commander,
+        ground: Ground,
         *,
         start: float,
         land: bool,
@@ -43,6 +48,7 @@ class Flight:
         self._plan = plan
         self._session = session
         self._commander = commander
+        self._ground = ground
         self._start = start
         self._land = land
         self._say = say
@@ -54,7 +60,8 @@ class Flight:
     def hear(self, frame: Frame, now: float) -> None:
         self._new_frame = frame
         if self.mission is not None and (state := self._state(now)) is not None:
-            self.mission.hear(frame, now - self._skipped_s, _position(state), to_matrix(state.attitude))
+            place, rotation = self._plan.mount.pose(state.position, state.attitude)
+            self.mission.hear(frame, now - self._skipped_s, _tuple(place), rotation)
 
     def skip(self, seconds: float) -> None:
         """There was a gap: the mission's clock stood still."""
@@ -79,11 +86,13 @@ class Flight:
         position = _position(state)
         if phase is Phase.FLYING:
             if self.mission is None:
-                self.mission = Mission(self._plan, now - self._skipped_s, position)
+                self.mission = Mission(self._plan, now - self._skipped_s, position, land=self._land)
                 self._tell(f"{-position[2]:.1f} m high: the search begins")
-            velocity = self.mission.fly(now - self._skipped_s, position)
+            receiver, _ = self._plan.mount.pose(state.position, state.attitude)
+            height = self._ground.height(now, state)
+            velocity = self.mission.fly(now - self._skipped_s, position, receiver=_tuple(receiver), height=height)
             self._commander.steer(velocity)
-            if self.mission.ended:
+            if self.mission.over:
                 self._over(self.mission, now)
         self._note(now, phase, state, velocity)
 
@@ -125,5 +134,9 @@ def _reading(frame: Frame, target: int | None) -> tuple[int | None, int, int]:
 
 
 def _position(state: VehicleState) -> Position:
-    north, east, down = state.position.tolist()
+    return _tuple(state.position)
+
+
+def _tuple(place: NDArray[np.float64]) -> Position:
+    north, east, down = place.tolist()
     return north, east, down

@@ -6,7 +6,6 @@ Before the first signal it flies strips; then it hands one transmitter, the near
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,64 +14,64 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.model.mount import Mount
 from arva_hil.notice import Level, Notice
+from arva_hil.search.ground import Height
+from arva_hil.search.heard import Heard, name_of, nearest
+from arva_hil.search.height import Descent, HeightKeeper
+from arva_hil.search.reading_checks import Standstill
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Strategy, Velocity, towards
 from arva_hil.search.strips import Strips
-from firmware_proto import INNER, Channel, Frame
+from firmware_proto import INNER, Frame
 
 FOUND: Final = "found"  # how a search ends well
-NO_ID: Final = -1  # stands for the id where frames carry none
+NOT_SURE: Final = "not sure: the readings do not agree with the place reported"
 
+_STUCK: Final = "the receiver says the same"
 _SILENT_S: Final = 2.0  # without a frame: the receiver is not working, hover
 _NEARER: Final = 0.7  # another transmitter has to be that much nearer to be gone for instead
 _DEAF_S: Final = 60.0  # the transmitter was not heard for so long: it is looked for in strips again
-_REMEMBERED: Final = 256  # observations of each transmitter
 _MOST_HEARD: Final = 16  # transmitters
 _THERE_M: Final = 0.5  # from the place found
+_APPROACH_M_S: Final = 1.0  # at most, on the way down onto it
 _AWAY_M: Final = 100.0  # from area and take-off point: no place for a search
-_CLIMB_GAIN: Final = 1.0  # 1/s; k_z of the paper
-_CLIMB_SPEED: Final = 1.0  # m/s
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is wanted of a search. `area`: south, west, north, east of the take-off point, m; heights above it, m."""
+    """What is wanted of a search. `area`: south, west, north, east of the take-off point, m.
+
+    `height`: above the ground, m, as far as that is known (`ground.py`); of `take_off`, above the take-off point.
+    `mount`: where the receiver sits on the vehicle.
+    """
 
     strategy: Callable[[float], Strategy]
     speed: float = 1.0  # m/s, horizontal, not exceeded
-    height: float = 1.0  # held
-    take_off: float = 2.0
+    height: float = 3.0  # held
+    take_off: float = 3.0
     area: tuple[float, float, float, float] = (-50.0, -50.0, 50.0, 50.0)
     strip_width: float = 40.0
     patience_s: float = 10.0  # without frames, hovering, before it ends
     limit_s: float = 900.0  # from the end of the take-off
-
-
-@dataclass
-class Heard:
-    """One transmitter as far as it is known."""
-
-    nearest_m: float = math.inf
-    nearest_at: tuple[float, float] = (0.0, 0.0)  # north, east: where the vehicle was
-    last_m: float = math.inf
-    last_s: float = -math.inf
-    past: deque[Observation] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    mount: Mount = field(default_factory=Mount)
 
 
 class Mission:
     """Remembers what was heard and how the search stands. `ended` is "" until it is over, then says how; `broken`:
-    not because all was done.
+    not because all was done; `sure`: the readings agree with what is found.
 
-    Places are NED metres from the take-off point. `start_s`: the end of the take-off.
+    Places are NED metres from the take-off point. `start_s`: the end of the take-off. `land`: when it has ended above
+    the place found it comes down there; `over` is when nothing is left but to land, or to hover.
     """
 
-    def __init__(self, plan: Plan, start_s: float, position: Position) -> None:
+    def __init__(self, plan: Plan, start_s: float, position: Position, *, land: bool = False) -> None:
         self.plan = plan
         self.start_s = start_s
         self.ended = ""
         self.broken = False
         self.target: int | None = None  # the id or NO_ID; None before the first signal
         self.found: Found | None = None  # it ends above that place
+        self.sure = True
         self.heard: dict[int, Heard] = {}
         self.position = position  # the last one flown by
         self.searched_s = 0.0
@@ -81,17 +80,20 @@ class Mission:
         self._strips = Strips(plan.area, plan.speed, position, width=plan.strip_width)
         self._strategy: Strategy | None = None
         self._last_frame_s = start_s
-        self._hovering = False
+        self._hovering = ""  # why
+        self._hovering_since = start_s
+        self._standstill = Standstill()
+        self._keeper = HeightKeeper(plan.height)
+        self._descent: Descent | None = None
+        self._land = land
         self._notices: list[Notice] = []
 
     def hear(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
-        """Take a frame, and the receiver's pose when it came: NED and the matrix receiver FRD → NED."""
+        """Take a new frame, and the receiver's pose when it came: NED and the matrix receiver FRD → NED."""
         self.frames += 1
         self._last_frame_s = time_s
-        if self._hovering:
-            self._hovering = False
-            self._say("info", "frames are back: the search goes on")
-        channels = _nearest(frame)
+        self._standstill.hear(frame, position)
+        channels = nearest(frame)
         for id_, channel in channels.items():
             self._note(id_, Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER))
         if not self.ended and self.found is None:
@@ -99,19 +101,36 @@ class Mission:
                 self._choose(channels.keys(), time_s)
                 self._observe(channels.keys(), Observation(time_s, position, rotation, -1, -1, False))
 
-    def fly(self, time_s: float, position: Position) -> tuple[float, float, float]:
-        """The velocity to fly now, NED, m/s."""
+    def fly(
+        self, time_s: float, position: Position, *, receiver: Position | None = None, height: Height | None = None
+    ) -> tuple[float, float, float]:
+        """The velocity to fly now, NED, m/s.
+
+        `position`: the vehicle's. `receiver`: its receiver's, when that is another one. `height`: above the ground,
+        when more is known of it than the position.
+        """
         if not self.ended:
             self.searched_s = time_s - self.start_s
         self.path_m += math.hypot(position[0] - self.position[0], position[1] - self.position[1])
         self.position = position
-        north, east = self._bounded(self._horizontal(time_s, position))
-        down = _CLIMB_GAIN * (-self.plan.height - position[2])
-        return north, east, max(-_CLIMB_SPEED, min(_CLIMB_SPEED, down))
+        height = height or Height(-position[2], False)
+        if self.ended and self.found is not None and self._land:
+            return self._come_down(self.found, time_s, position, height)
+        down = self._keeper.velocity(time_s, height.metres)
+        if self._keeper.failed and not self.ended:
+            self._end(f"it does not get higher than {height.metres:.1f} m", broken=True)
+        north, east = self._bounded(self._horizontal(time_s, position, receiver or position))
+        return (0.0, 0.0, down) if self._keeper.too_low else (north, east, down)
 
     def take_notices(self) -> list[Notice]:
-        notices, self._notices = self._notices, []
+        notices, self._notices = self._notices + self._keeper.take_notices(), []
         return notices
+
+    @property
+    def over(self) -> bool:
+        """It has ended, and is down above the place found as far as that goes."""
+        down = self._descent is not None and self._descent.done
+        return bool(self.ended) and (self.found is None or not self._land or down)
 
     @property
     def hunting(self) -> bool:
@@ -123,7 +142,13 @@ class Mission:
         """The transmitters heard and not found."""
         return {id_: heard for id_, heard in self.heard.items() if self.found is None or id_ != self.target}
 
-    def _horizontal(self, time_s: float, position: Position) -> Velocity:
+    def _come_down(self, found: Found, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
+        if self._descent is None:
+            speed = min(self.plan.speed, _APPROACH_M_S)
+            self._descent = Descent((found.north, found.east), speed, time_s, height.metres)
+        return self._descent.velocity(time_s, position, height)
+
+    def _horizontal(self, time_s: float, position: Position, receiver: Position) -> Velocity:
         if self.ended:
             return STILL
         if self._away(position):
@@ -135,25 +160,41 @@ class Mission:
             return self._end(f"no frame from the receiver for {self.plan.patience_s:g} s", broken=True)
         if self.searched_s > self.plan.limit_s:
             return self._end(f"not found in {self.plan.limit_s:g} s")
-        if silent > _SILENT_S:
-            if not self._hovering:
-                self._hovering = True
-                self._say("warning", f"no frame for {_SILENT_S:g} s: hovering")
+        if self._waits(time_s, silent):
             return STILL
         if self._strategy is not None:
             with self._failing():
-                return self._strategy.velocity(time_s, position)
+                return self._strategy.velocity(time_s, receiver)
             return STILL
-        velocity = self._strips.velocity(time_s, position)
+        velocity = self._strips.velocity(time_s, receiver)
         if self._strips.exhausted:
             return self._end("no signal: all strips are flown")
         return velocity
+
+    def _waits(self, time_s: float, silent: float) -> bool:
+        """It hovers while the receiver does not work."""
+        why, back = "", "frames are back"
+        if silent > _SILENT_S:
+            why = f"no frame for {_SILENT_S:g} s"
+        elif self._standstill.stuck:
+            why = f"{_STUCK} over {Standstill.METRES:g} m of flight"
+        elif self._hovering.startswith(_STUCK):
+            back = "the readings change again"
+        if why and why != self._hovering:
+            self._hovering_since = time_s
+            self._say("warning", f"{why}: hovering")
+        elif self._hovering and not why:
+            self._say("info", f"{back}: the search goes on")
+        self._hovering = why
+        if why.startswith(_STUCK) and time_s - self._hovering_since > self.plan.patience_s:
+            self._end(f"{_STUCK}: it is stuck", broken=True)
+        return bool(why)
 
     def _go_there(self, found: Found, position: Position) -> Velocity:
         """What lands, lands where the victim is."""
         place = (found.north, found.east)
         if math.dist(position[:2], place) < _THERE_M or self.searched_s > self.plan.limit_s:
-            return self._end(FOUND)
+            return self._end(FOUND if self.sure else NOT_SURE)
         return towards(position, place, self.plan.speed)
 
     def _bounded(self, velocity: Velocity) -> Velocity:
@@ -176,30 +217,31 @@ class Mission:
                 return
             self.heard[id_] = Heard()
             place = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
-            self._say("info", f"transmitter {_name(id_)} is heard, {observation.d_m:.1f} m away, at {place}")
+            self._say("info", f"transmitter {name_of(id_)} is heard, {observation.d_m:.1f} m away, at {place}")
         heard = self.heard[id_]
         heard.last_m, heard.last_s = observation.d_m, observation.time_s
         if heard.last_m < heard.nearest_m:
             heard.nearest_m, heard.nearest_at = heard.last_m, (north, east)
         heard.past.append(observation)
+        heard.evidence.add(observation)
 
     def _choose(self, ids: Iterable[int], time_s: float) -> None:
         """Which transmitter to go for: the nearest, but not another one at each whim of the noise."""
         current = self.heard.get(self.target) if self.target is not None else None
         if current is not None and self._strategy is not None and time_s - current.last_s > _DEAF_S:
             self._strategy = None
-            self._say("warning", f"transmitter {_name(self.target)} is not heard any more: back to the strips")
+            self._say("warning", f"transmitter {name_of(self.target)} is not heard any more: back to the strips")
         heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard}
         if not heard:
             return
-        nearest = min(heard, key=lambda id_: heard[id_].last_m)
-        if current is None or self._strategy is None or heard[nearest].last_m < _NEARER * current.last_m:
-            if nearest != self.target:
-                self._say("info", f"going for transmitter {_name(nearest)}, {heard[nearest].last_m:.1f} m away")
-            if nearest != self.target or self._strategy is None:
-                self.target = nearest
+        closest = min(heard, key=lambda id_: heard[id_].last_m)
+        if current is None or self._strategy is None or heard[closest].last_m < _NEARER * current.last_m:
+            if closest != self.target:
+                self._say("info", f"going for transmitter {name_of(closest)}, {heard[closest].last_m:.1f} m away")
+            if closest != self.target or self._strategy is None:
+                self.target = closest
                 self._strategy = self.plan.strategy(self.plan.speed)
-                for observation in list(heard[nearest].past)[:-1]:
+                for observation in list(heard[closest].past)[:-1]:
                     self._strategy.hear(observation)
 
     def _observe(self, ids: Collection[int], nothing: Observation) -> None:
@@ -209,6 +251,12 @@ class Mission:
         self._strategy.hear(self.heard[self.target].past[-1] if self.target in ids else nothing)
         if (found := _sound(self._strategy.found)) is not None:
             self.found = found
+            self.sure = self._agrees(self.heard[self.target], found)
+
+    def _agrees(self, heard: Heard, found: Found) -> bool:
+        """Whatever strategy has found it: what was heard is what is heard of a transmitter there."""
+        judgement = heard.evidence.judge((found.north, found.east))
+        return judgement is not None and judgement.agrees(self.plan.height)
 
     @contextmanager
     def _failing(self) -> Iterator[None]:
@@ -236,16 +284,3 @@ def _sound(found: Found | None) -> Found | None:
     if covariance is not None and not (math.isfinite(sum(covariance)) and min(covariance[0], covariance[2]) >= 0):
         covariance = None
     return Found(north, east, down, covariance)
-
-
-def _nearest(frame: Frame) -> dict[int, Channel]:
-    """The channels that hear, one a transmitter: the nearest where an id, or none, comes more than once."""
-    nearest: dict[int, Channel] = {}
-    for channel in sorted(frame.channels, key=lambda channel: channel.d):
-        if channel.valid:
-            nearest.setdefault(NO_ID if channel.id is None else channel.id, channel)
-    return nearest
-
-
-def _name(id_: int | None) -> str:
-    return "without a number" if id_ in (None, NO_ID) else str(id_)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from arva_hil.search.mission import Heard
+from arva_hil.search.heard import Heard
 from arva_hil.search.strategy import Found
 
-Kind = Literal["found", "not found", "no link", "failed", "refused"]
+Kind = Literal["found", "not sure", "not found", "no link", "failed", "refused"]
 
 
 class Refusal(NamedTuple):
@@ -20,7 +20,11 @@ class Refusal(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a search ended. Places are NED metres from the take-off point; `time_s` from the end of the take-off."""
+    """How a search ended. Places are NED metres from the take-off point; `time_s` from the end of the take-off.
+
+    `kind`: found. Not sure: a place is reported, and the readings do not agree with it. Not found: all was flown in
+    vain. No link: one of the two was not there. Refused: it may not be armed. Failed: anything else.
+    """
 
     kind: Kind
     how: str

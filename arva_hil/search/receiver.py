@@ -8,6 +8,7 @@ from typing import Final
 
 from arva_hil.links import Link, LinkError
 from arva_hil.notice import Notice
+from arva_hil.search.reading_checks import Fresh
 from arva_hil.watched import Watched
 from firmware_proto import Frame, FrameDecoder
 
@@ -30,6 +31,7 @@ class Receiver:
         self._decoder = decoder
         self._last_s = -math.inf
         self._first_bytes = b""
+        self._fresh = Fresh()
         self._notices: list[Notice] = []
 
     @property
@@ -37,10 +39,10 @@ class Receiver:
         return self._link.name
 
     def read(self, now: float) -> list[Frame]:
-        """The frames that have come by `now`, s."""
+        """The new frames that have come by `now`, s; one that comes again is none."""
         chunk = self._read(now) if self.links else b""
         self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
-        frames = self._decoder.feed(chunk, now)
+        frames = [frame for frame in self._decoder.feed(chunk, now) if self._fresh.new(frame)]
         if frames:
             self.last, self._last_s = frames[-1], now
         return frames
@@ -61,6 +63,8 @@ class Receiver:
             return f"no frame from the receiver: {self._link.why}"
         if self.last is not None:
             why = f"the last one came {now - self._last_s:.0f} s ago"
+            if self._fresh.repeats:
+                why += f", and its sequence number {self.last.sequence} again and again since"
         elif self._first_bytes:
             why = f"bytes came that are none, first {self._first_bytes!r}: is the format right, and the baud rate?"
         else:

@@ -59,7 +59,7 @@ success_m: 3
         wind_m_s=(0.0, 3.0),
         gps_noise_m=(0.5,),
         take_off_m=(1.0, 2.0),
-        height_m={"flux": 1.0, "estimate": 2.0},
+        height_m={"flux": 3.0, "estimate": 2.0},
         speed_m_s={"flux": 1.5, "estimate": 1.5},
         limit_s={"flux": 60.0, "estimate": 120.0},
         success_m=3.0,
@@ -68,7 +68,7 @@ success_m: 3
 
 def test_a_short_plan_has_the_defaults_of_a_trial() -> None:
     plan = parse(MINIMAL, "p.yaml", NAMES)
-    assert (list(plan.seeds), plan.noise, plan.take_off_m, plan.success_m) == ([1], (None,), (2.0,), 2.0)
+    assert (list(plan.seeds), plan.noise, plan.take_off_m, plan.success_m) == ([1], (None,), (3.0,), 2.0)
     (one,) = trials(plan)
     assert replace(one.trial, scenario=Scenario(())) == type(one.trial)("flux", Scenario(()))
 
@@ -183,7 +183,7 @@ def test_all_is_crossed_seed_by_seed_and_strategies_side_by_side() -> None:
 def test_strategies_meet_the_same_transmitter_noise_and_wind() -> None:
     every = planned(
         "strategies: [flux, extremum, estimate]\nscenarios: {random: {within_m: 50}}\n"
-        "seeds: 3\nwind_m_s: [2, 4]\nheight_m: {flux: 3}\n"
+        "seeds: 3\nwind_m_s: [2, 4]\nheight_m: {flux: 4}\n"
     )
     for at in range(0, len(every), 3):
         flux, *others = (one.trial for one in every[at : at + 3])
@@ -201,7 +201,7 @@ def test_a_seed_draws_the_same_whatever_else_is_planned() -> None:
 
 @pytest.mark.parametrize(
     "more",
-    ["seeds: [2]", "noise: off", "wind_m_s: 1", "gps_noise_m: 1", "take_off_m: 3", "height_m: 2", "limit_s: 5"],
+    ["seeds: [2]", "noise: off", "wind_m_s: 1", "gps_noise_m: 1", "take_off_m: 2", "height_m: 2", "limit_s: 5"],
 )
 def test_whatever_changes_a_trial_changes_its_key(more: str) -> None:
     assert planned(MINIMAL)[0].key != planned(MINIMAL + more)[0].key

@@ -110,6 +110,8 @@ def last_lines(program: Program, count: int) -> list[str]:
             "--area: its nearest corner is 3000 m away, at 1 m/s too far for --limit 600",
         ),
         ("--autopilot pty --receiver pty --max-speed 0", "--max-speed: '0': expected a number of m/s 0.2…10"),
+        ("--autopilot pty --receiver pty --mount 1,2", "--mount: '1,2': expected x,y,z in m and, where it is turned"),
+        ("--autopilot pty --receiver pty --mount 0,0,0,nan,0,0", "--mount: '0,0,0,nan,0,0': expected x,y,z in m"),
         ("--autopilot pty --receiver pty --height -1", "--height: '-1': expected a number of m 0.3…100"),
         ("--autopilot pty --receiver pty --take-off nan", "--take-off: 'nan'"),
         ("--autopilot pty --receiver pty --end crash", "--end: invalid choice: 'crash'"),

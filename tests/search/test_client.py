@@ -96,7 +96,7 @@ class World:
         self.port = Port(port, self.frames)
         self.session = Session(rate_hz=10, component=US)
         self.client = SearchClient(
-            Plan(**({"strategy": GoTo} | plan)),
+            Plan(**({"strategy": GoTo, "take_off": 2.0, "height": 1.0} | plan)),
             self.session,
             self.autopilot,
             self.receiver,
@@ -449,7 +449,7 @@ def test_frames_that_stop_make_it_hover_and_go_on_when_they_are_back(make: Calla
     world.pass_s(4)
     before = world.ned
     world.pass_s(4)
-    assert world.ned == pytest.approx(before, abs=0.1)
+    assert world.ned == pytest.approx(before, abs=0.2)
     world.port.says = world.frames
     assert world.end() == ("found", "found")
     assert "no frame for 2 s: hovering" in world.said
@@ -498,7 +498,7 @@ def test_a_receiver_that_is_plugged_in_again_goes_on(make: Callable[[], Any]) ->
     world.pass_s(4)
     before = world.ned
     world.pass_s(4)
-    assert world.ned == pytest.approx(before, abs=0.1)
+    assert world.ned == pytest.approx(before, abs=0.2)
     world.plugs[1].there = True
     assert world.end() == ("found", "found")
     lost, hovering, back, on = [
@@ -768,7 +768,7 @@ def test_a_strategy_that_does_not_know_hovers_until_the_time_is_up() -> None:
 
 def test_the_end_of_the_strips_lands() -> None:
     world = World(ardupilot(), area=(0.0, 0.0, 12.0, 10.0), strip_width=10.0)
-    world.port.says = lambda now: encode(Frame(0, 1, (Channel(),)))
+    world.port.says = lambda now: encode(Frame(round(now * 5) % 256, 1, (Channel(),)))
     assert world.end() == ("not found", "no signal: all strips are flown")
     assert world.ned == pytest.approx((12.0, 5.0, 0.0), abs=1.5)
     assert "no signal: all strips are flown; landing" in world.said

@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arva_hil.search.mission import FOUND, NO_ID, Mission, Plan
+from arva_hil.search.ground import Height
+from arva_hil.search.heard import NO_ID
+from arva_hil.search.mission import FOUND, NOT_SURE, Mission, Plan
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity
 from firmware_proto import INNER, MID, Channel, Frame
 
@@ -49,7 +51,7 @@ def strategy() -> type[Scripted]:
 
 
 def mission(strategy: Callable[[float], Any], **options: Any) -> Mission:
-    return Mission(Plan(strategy, **options), 100.0, (0.0, 0.0, -2.0))
+    return Mission(Plan(strategy, **({"height": 1.0} | options)), 100.0, (0.0, 0.0, -2.0))
 
 
 def frame(*channels: Channel) -> Frame:
@@ -302,8 +304,10 @@ def test_a_strategy_that_fails_ends_the_search_and_not_the_flight(strategy: type
 def test_the_height_is_held(height: float, wanted: float) -> None:
     m = mission(Scripted, height=wanted)
     down = m.fly(100.1, (0.0, 0.0, -height))[2]
-    assert abs(down) <= 1.0
-    assert down == pytest.approx(max(-1.0, min(1.0, height - wanted)), abs=1e-9)
+    if height < wanted / 2:
+        assert down == -1.0
+    else:
+        assert down == pytest.approx(max(-1.0, min(0.5, height - wanted)), abs=1e-9)
 
 
 @given(st.lists(st.tuples(st.floats(0, 300), st.booleans(), st.integers(-5, 6000)), max_size=30))
@@ -334,8 +338,113 @@ def test_it_ends_above_the_place_found_wherever_that_was_found_from(strategy: ty
 def test_a_place_found_that_is_not_reached_ends_at_the_limit(strategy: type[Scripted]) -> None:
     m = mission(strategy, limit_s=10)
     strategy.finds = Found(30.0, 40.0)
-    heard(m, beacon(1, 5), at_s=101.0, position=(0.0, 0.0, -1.0))
+    heard(m, beacon(1, 50), at_s=101.0, position=(0.0, 0.0, -1.0))
     m.fly(109.0, (0.0, 0.0, -1.0))
     assert m.ended == ""
     m.fly(110.5, (0.0, 0.0, -1.0))
     assert m.ended == FOUND
+
+
+def test_a_place_that_the_readings_do_not_agree_with_is_not_sure(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    for k in range(10):
+        heard(m, beacon(1, 20 - k), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0))  # it lies 20 m north
+    strategy.finds = Found(9.0, 0.0)
+    heard(m, beacon(1, 10), at_s=112.0, position=(9.0, 0.0, -1.0))
+    assert (m.ended, m.sure, m.found) == (NOT_SURE, False, strategy.finds)
+
+
+# -- on the ground -----------------------------------------------------------------------------------------
+
+
+def test_what_is_heard_of_the_height_is_flown_by(strategy: type[Scripted]) -> None:
+    m = mission(strategy, height=3.0)
+    m.hear(frame(beacon(1, 20)), 101.0, AT, LEVEL)
+    assert m.fly(101.0, (3.0, 4.0, -9.0), height=Height(3.0, True)) == (*NORTH, 0.0)
+    assert m.fly(101.2, (3.0, 4.0, -9.0), height=Height(3.3, True))[2] == pytest.approx(0.3)
+
+
+def test_too_low_it_flies_nowhere_but_up_and_says_so(strategy: type[Scripted]) -> None:
+    m = mission(strategy, height=3.0)
+    m.hear(frame(beacon(1, 20)), 101.0, AT, LEVEL)
+    m.fly(101.0, AT, height=Height(3.0, True))
+    said(m)
+    assert m.fly(102.0, AT, height=Height(1.4, True)) == (0.0, 0.0, -1.0)
+    assert said(m) == [("warning", "only 1.4 m above the ground, 3 m are wanted: climbing")]
+    m.hear(frame(beacon(1, 19)), 103.0, AT, LEVEL)
+    assert m.fly(103.0, AT, height=Height(2.5, True)) == (*NORTH, -0.5)
+    assert not m.ended
+
+
+def test_what_stays_too_low_ends(strategy: type[Scripted]) -> None:
+    m = mission(strategy, height=3.0, patience_s=60.0)
+    m.fly(101.0, AT, height=Height(3.0, False))
+    for k in range(12):
+        m.fly(102.0 + k, AT, height=Height(0.7, False))
+    assert (m.ended, m.broken) == ("it does not get higher than 0.7 m", True)
+
+
+def test_when_it_lands_it_comes_down_above_the_place_first(strategy: type[Scripted]) -> None:
+    m = Mission(Plan(strategy, height=3.0), 100.0, (0.0, 0.0, -3.0), land=True)
+    strategy.finds = Found(3.0, 4.0)
+    m.hear(frame(beacon(1, 3)), 101.0, (3.0, 4.0, -3.0), LEVEL)
+    position, now = np.array([3.0, 4.4, -3.0]), 101.0
+    while not m.over:
+        position += 0.1 * np.array(m.fly(now, tuple(position)))
+        now += 0.1
+        assert now < 130
+    assert m.ended
+    assert math.dist(position[:2], (3.0, 4.0)) < 0.2
+    assert -1.7 < position[2] < -1.5
+    assert m.searched_s == pytest.approx(1.0)
+
+
+def test_what_does_not_land_is_over_at_once(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    strategy.finds = Found(3.0, 4.0)
+    heard(m, beacon(1, 1), at_s=101.0)
+    assert m.over
+    assert m.fly(102.0, AT)[:2] == STILL
+
+
+# -- the receiver is not where the vehicle is --------------------------------------------------------------
+
+
+def test_the_receiver_is_flown_to_the_signal_and_the_vehicle_to_the_victim(strategy: type[Scripted]) -> None:
+    def velocity(self: Scripted, time_s: float, position: Position) -> Velocity:
+        return position[0] / 10, position[1] / 10
+
+    strategy.velocity = velocity
+    m = mission(strategy)
+    m.hear(frame(beacon(1, 20)), 101.0, AT, LEVEL)
+    assert m.fly(101.0, AT, receiver=(5.0, 6.0, -1.0))[:2] == pytest.approx((0.5, 0.6))
+    strategy.finds = Found(3.0, 4.0)
+    m.hear(frame(beacon(1, 5)), 102.0, AT, LEVEL)
+    m.fly(102.0, (3.0, 4.0, -1.0), receiver=(5.0, 6.0, -1.0))
+    assert m.ended
+
+
+# -- a receiver that says the same -------------------------------------------------------------------------
+
+
+def test_a_reading_that_never_changes_is_not_flown_by(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    for k in range(4):
+        assert heard(m, beacon(1, 9, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0)) == NORTH
+    said(m)
+    assert heard(m, beacon(1, 9, 20), at_s=105.0, position=(4.0, 0.0, -1.0)) == STILL
+    assert said(m) == [("warning", "the receiver says the same over 3 m of flight: hovering")]
+    assert heard(m, beacon(1, 8, 20), at_s=106.0, position=(4.0, 0.0, -1.0)) == NORTH
+    assert said(m) == [("info", "the readings change again: the search goes on")]
+    for k in range(20):
+        heard(m, beacon(1, 8, 20), at_s=107.0 + k, position=(4.0 + min(k, 4), 0.0, -1.0))
+    assert (m.ended, m.broken) == ("the receiver says the same: it is stuck", True)
+
+
+def test_a_stuck_receiver_whose_frames_stop_too_has_no_frames(strategy: type[Scripted]) -> None:
+    m = mission(strategy)
+    for k in range(6):
+        heard(m, beacon(1, 9, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0))
+    for k in range(20):
+        m.fly(107.0 + k, AT)
+    assert m.ended == "no frame from the receiver for 10 s"

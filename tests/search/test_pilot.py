@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from simulated_px4 import HOLD, POSITION, Px4
-from test_client import BOTH, GUIDED_ALONE, HOME, LEFT, VICTIM, World, ardupilot, frames, px4, without
+from test_client import BOTH, GUIDED_ALONE, HOME, LEFT, VICTIM, World, ardupilot, px4, without
 
 from arva_hil.autopilot.authority import BOUND_MS
 from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
@@ -442,7 +442,7 @@ def test_frames_that_stop_for_a_moment_while_it_arms_only_delay_it() -> None:
     silent = world.clock.now()
     world.pass_s(4)
     assert [m for m in world.orders(silent) if m.command == dialect.MAV_CMD_COMPONENT_ARM_DISARM] == []
-    world.port.says = frames
+    world.port.says = world.frames
     assert world.end() == ("found", "found")
 
 
@@ -479,7 +479,7 @@ def test_the_last_seconds_on_the_ground_are_counted_down_and_begin_again_when_so
     world.port.says = lambda now: None
     world.pass_s(6)
     assert world.orders() == []
-    world.port.says = frames
+    world.port.says = world.frames
     back = world.clock.now()
     world.reach("arming")
     assert world.clock.now() - back > 2.9

@@ -17,9 +17,10 @@ def test_frames_are_read_as_they_come() -> None:
     assert receiver.silent(100.0)
     far.write(encode(FRAME)[:7])
     assert receiver.read(100.0) == []
-    far.write(encode(FRAME)[7:] + encode(FRAME))
-    assert receiver.read(100.01) == [FRAME, FRAME]
-    assert receiver.last == FRAME
+    next_one = FRAME._replace(sequence=4)
+    far.write(encode(FRAME)[7:] + encode(next_one))
+    assert receiver.read(100.01) == [FRAME, next_one]
+    assert receiver.last == next_one
     assert not receiver.silent(102.0)
     assert receiver.silent(102.1)
 

@@ -1,0 +1,107 @@
+"""Does a place agree with what was heard? The last judgement of a search, whatever strategy has found the place.
+
+A dipole is put at that place, as deep and turned as suits the readings best. What is left unexplained is told as an
+error of the receiver's own place: small when the transmitter is there, large when the readings came late, stood
+still, or were of something else. Then the dipole may go wherever the readings want it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.search import dipole
+from arva_hil.search.strategy import Observation
+
+_STEP_M: Final = 0.4  # flown between two readings that are kept
+_DOWNS: Final = (-1.0, 0.5, 2.0, 4.0)  # of the dipole to begin with, below the take-off point, m
+_TURNS: Final = 6  # and its moment's directions: level ones, up and down
+_ROUNDS: Final = 12
+_NEAR_M: Final = 2.5  # so near to the place is there
+
+_UNEXPLAINED_M: Final = 1.2  # at most
+_DEEPEST_M: Final = 8.0  # under the ground
+_STRONGEST: Final = 4.0  # times the reference transmitter's moment, or that part of it
+_BETTER: Final = 12.0  # elsewhere: more likely by e^12
+
+Array = NDArray[np.float64]
+
+
+class Judgement(NamedTuple):
+    """What has to be true for a transmitter at a place."""
+
+    unexplained_m: float  # how far off the receiver's own places are
+    below_m: float  # how far it lies below the lowest of them
+    strength: float  # of the reference transmitter's moment
+    better: float  # the logarithm of how much more likely it is somewhere else
+
+    def agrees(self, height_m: float) -> bool:
+        """It can be true; the receiver was flown at that height."""
+        deep = not self.below_m < height_m + _DEEPEST_M
+        odd = not 1 / _STRONGEST < self.strength < _STRONGEST
+        return not (deep or odd) and self.unexplained_m < _UNEXPLAINED_M and self.better < _BETTER
+
+
+class Evidence:
+    """Remembers the nearest of what was heard of one transmitter, and where."""
+
+    def __init__(self) -> None:
+        self._readings = dipole.Readings()
+        self._at = (math.inf, math.inf)
+        self._lowest = -math.inf  # down
+        self._strongest: Observation | None = None
+
+    def add(self, o: Observation) -> None:
+        """Take a reading, unless it is of the same place as the last one."""
+        usable = o.heard and np.isfinite(o.position).all() and np.isfinite(o.rotation).all()
+        if usable and not math.dist(self._at, o.position[:2]) < _STEP_M:
+            self._at = o.position[:2]
+            self._lowest = max(self._lowest, o.position[2])
+            if self._strongest is None or o.d_cm < self._strongest.d_cm:
+                self._strongest = o
+            self._readings.add(o.position, o.rotation, o.d_m, math.radians(o.delta_deg), o.inner)
+
+    def judge(self, place: tuple[float, float]) -> Judgement | None:
+        """A transmitter at `place` (north, east); None when nothing was heard."""
+        o = self._strongest
+        if o is None:
+            return None
+        x = _hypotheses(place)
+        error, damping = 1.0, np.full(len(x), 0.01)
+        for _ in range(3):
+            there, damping = _turned(x, damping, self._readings, error)
+            best = int(np.argmin(there.cost))
+            x = there.x
+            error = dipole.likely_pose_error(there, best, self._readings, dipole.WIDE)
+        down, strength = float(x[best, 2]), float(np.linalg.norm(x[best, 3:])) / dipole.MOMENT
+        free = np.concatenate([x[[best]], dipole.seeds(o.position, o.bearing, o.d_m)])
+        fit, _ = dipole.refine(free, np.full(len(free), 0.01), self._readings, error, _ROUNDS)
+        near = np.hypot(fit.x[:, 0] - place[0], fit.x[:, 1] - place[1]) < _NEAR_M
+        here = min(float(there.cost[best]), float(np.min(fit.cost[near], initial=math.inf)))
+        better = here - float(np.min(fit.cost))
+        return Judgement(error, down - self._lowest, strength, better)
+
+
+def _hypotheses(place: tuple[float, float]) -> Array:
+    """Dipoles (K, 6) there, of the reference strength."""
+    level = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(_TURNS) * math.tau / _TURNS]
+    moments = dipole.MOMENT * np.array([*level, (0, 0, 1), (0, 0, -1)])
+    return np.array([[*place, down, *moment] for down in _DOWNS for moment in moments])
+
+
+def _turned(x: Array, damping: Array, o: dipole.Readings, error: float) -> tuple[dipole.Fit, Array]:
+    """Steps of Levenberg and Marquardt that change depth and moment only."""
+    now = dipole.evaluate(x, o, error)
+    for _ in range(_ROUNDS):
+        damped = now.information[:, 2:, 2:] * (1 + damping[:, None, None] * np.eye(4))
+        step = np.zeros_like(now.x)
+        step[:, 2:] = np.linalg.solve(damped, now.gradient[:, 2:, None])[:, :, 0]
+        new = dipole.evaluate(now.x - step, o, error)
+        better = new.cost < now.cost
+        damping = np.clip(np.where(better, damping / 8, damping * 8), 1e-4, 1e4)
+        pairs = zip(now, new, strict=True)
+        now = dipole.Fit(*(np.where(better.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in pairs))
+    return now, damping

@@ -1,0 +1,171 @@
+"""How high the vehicle is above the ground: its rangefinder says it; without one, what is safe to believe.
+
+Messages, https://mavlink.io/en/messages/common.html: DISTANCE_SENSOR or ArduPilot's RANGEFINDER measure the height.
+ALTITUDE.bottom_clearance, TERRAIN_REPORT and SCALED_PRESSURE do not, but may say that it is less than the estimate of
+the position says.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from statistics import median
+from typing import Any, Final, NamedTuple
+
+from arva_hil.autopilot.mavlink import dialect
+from arva_hil.autopilot.pose import VehicleState
+from arva_hil.autopilot.session import Session
+from arva_hil.model.rotation import to_matrix
+from arva_hil.notice import Notice
+
+EXTRAS: Final[Mapping[int, float]] = {  # Hz, to be asked for
+    dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,
+    dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: 5.0,
+    dialect.MAVLINK_MSG_ID_RANGEFINDER: 10.0,
+    dialect.MAVLINK_MSG_ID_ALTITUDE: 5.0,
+    dialect.MAVLINK_MSG_ID_TERRAIN_REPORT: 2.0,
+}
+_FRESH_S: Final = 1.0
+_SURVEY_FRESH_S: Final = 3.0  # of the terrain database
+_SAMPLES: Final = 3  # the median of so many: one echo of a bird is none of the ground
+_NOT_INVALID: Final = 1  # DISTANCE_SENSOR.signal_quality: 1 is invalid, 0 is unknown
+_LEVEL: Final = math.cos(math.radians(30))  # leaning more, the beam meets the ground elsewhere
+_STUCK_M: Final = 0.5  # climbed or sunk while the rangefinder says the same
+_SMOOTH_S: Final = 5.0  # of what the barometer says more or less than the estimate
+_MOST_M: Final = 5.0  # of it: weather is no height
+_STEADY: Final = 0.1  # the weight of one pressure more on the ground
+_SCALE_M: Final = 29.27 * 273.0  # of the air: height by the logarithm of pressure
+
+_MEASURED: Final = "height above the ground: from the rangefinder"
+_LOST: Final = "the rangefinder says nothing of use: height is held above the highest ground it has seen"
+_ESTIMATED: Final = "no rangefinder is heard: height is held above the take-off point, over slopes it is another one"
+
+
+class Height(NamedTuple):
+    """Above the ground, m. `measured`: by a rangefinder; else the least that is to be feared."""
+
+    metres: float
+    measured: bool
+
+
+class Ground:
+    """Remembers what the autopilot's sensors said of the height last, m, and the highest ground they have seen."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._range: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)  # when, m
+        self._own_kind = False  # DISTANCE_SENSOR is heard, which knows its limits
+        self._same = (math.nan, 0.0)  # what the rangefinder says, and m sunk since it says so
+        self._time_s = math.inf  # of the last height
+        self._clearance = (-math.inf, 0.0)
+        self._survey = (-math.inf, 0.0)
+        self._pressure = (-math.inf, 0.0)
+        self._standing: tuple[float, float] | None = None  # pressure and height in the survey, on the ground
+        self._offset = 0.0  # of the barometer from the estimate
+        self._offset_s = -math.inf
+        self._highest = 0.0  # of the ground, above the take-off point
+        self._said = ""
+        self._notices: list[Notice] = []
+        session.want(EXTRAS)
+
+    def hear(self, now: float) -> None:
+        """Take what the session was fed last."""
+        for packet in self._session.own:
+            if packet.msgid in _HEARD and (message := self._session.parser.decode(packet)) is not None:
+                _HEARD[packet.msgid](self, message, now)
+
+    def height(self, now: float, state: VehicleState) -> Height:
+        """The height to fly by; `state` in NED from the take-off point."""
+        above, sinks = -float(state.position[2]), float(state.velocity[2])
+        level = float(to_matrix(state.attitude)[2, 2])
+        dt, self._time_s = max(0.0, min(now - self._time_s, _FRESH_S)), now
+        measured = self._measured(now, level, sinks * dt)
+        if measured is not None:
+            self._highest = max(self._highest, above - measured)
+            self._tell("info", _MEASURED)
+            return Height(measured, True)
+        self._tell("warning", _LOST if self._said in (_MEASURED, _LOST) else _ESTIMATED)
+        return Height(min([above - self._highest, *self._fears(now, above)]), False)
+
+    def take_notices(self) -> list[Notice]:
+        notices, self._notices = self._notices, []
+        return notices
+
+    def _measured(self, now: float, level: float, sunk: float) -> float | None:
+        """What the rangefinder says, None when that is nothing, or the same however the vehicle climbs or sinks."""
+        fresh = [metres for at, metres in self._range if now - at < _FRESH_S]
+        if not fresh or level < _LEVEL:
+            return None
+        self._same = fresh[-1], self._same[1] + sunk if fresh[-1] == self._same[0] else 0.0
+        return median(fresh) * level if abs(self._same[1]) < _STUCK_M else None
+
+    def _fears(self, now: float, above: float) -> list[float]:
+        """Other heights, any of which may be true."""
+        fears = []
+        if now - self._clearance[0] < _FRESH_S:
+            fears.append(self._clearance[1])
+        if self._standing is None:
+            return fears
+        pressure, ground = self._standing
+        if now - self._survey[0] < _SURVEY_FRESH_S and math.isfinite(ground):
+            fears.append(self._survey[1] - ground)
+        at, hpa = self._pressure
+        if now - at < _FRESH_S:
+            share = 1 - math.exp((self._offset_s - at) / _SMOOTH_S)
+            off = _SCALE_M * math.log(pressure / hpa) - above
+            self._offset += (max(-_MOST_M, min(off, _MOST_M)) - self._offset) * share
+            self._offset_s = at
+            fears.append(above + self._offset)
+        return fears
+
+    def _on_distance(self, message: Any, now: float) -> None:
+        if message.orientation != dialect.MAV_SENSOR_ROTATION_PITCH_270:
+            return
+        self._own_kind = True
+        low, high, cm = message.min_distance, message.max_distance, message.current_distance
+        if low <= cm < high and cm > 0 and message.signal_quality != _NOT_INVALID:
+            self._range.append((now, cm / 100))
+
+    def _on_rangefinder(self, message: Any, now: float) -> None:
+        if not self._own_kind and 0 < message.distance < math.inf:
+            self._range.append((now, message.distance))
+
+    def _on_altitude(self, message: Any, now: float) -> None:
+        if 0 <= message.bottom_clearance < math.inf:
+            self._clearance = now, message.bottom_clearance
+
+    def _on_terrain(self, message: Any, now: float) -> None:
+        if message.spacing > 0 and math.isfinite(message.current_height):
+            self._survey = now, message.current_height
+            self._stand(now)
+
+    def _on_pressure(self, message: Any, now: float) -> None:
+        if 0 < message.press_abs < math.inf:
+            self._pressure = now, message.press_abs
+            self._stand(now)
+
+    def _stand(self, now: float) -> None:
+        """What the sensors say on the ground, disarmed, stands for height 0."""
+        vehicle = self._session.vehicle
+        if vehicle is None or vehicle.armed:
+            return
+        ground = self._survey[1] if now - self._survey[0] < _SURVEY_FRESH_S else math.nan
+        hpa = self._pressure[1]
+        if hpa > 0:
+            before = self._standing[0] if self._standing else hpa
+            self._standing = before + _STEADY * (hpa - before), ground
+
+    def _tell(self, level: Any, text: str) -> None:
+        if text != self._said:
+            self._said = text
+            self._notices.append(Notice(level, text))
+
+
+_HEARD: Final = {
+    dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: Ground._on_distance,
+    dialect.MAVLINK_MSG_ID_RANGEFINDER: Ground._on_rangefinder,
+    dialect.MAVLINK_MSG_ID_ALTITUDE: Ground._on_altitude,
+    dialect.MAVLINK_MSG_ID_TERRAIN_REPORT: Ground._on_terrain,
+    dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: Ground._on_pressure,
+}

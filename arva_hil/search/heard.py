@@ -1,0 +1,40 @@
+"""What a search knows of each transmitter it has heard."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+from arva_hil.search.agreement import Evidence
+from arva_hil.search.strategy import Observation
+from firmware_proto import Channel, Frame
+
+NO_ID: Final = -1  # stands for the id where frames carry none
+_REMEMBERED: Final = 256  # observations of each transmitter
+
+
+@dataclass
+class Heard:
+    """One transmitter as far as it is known."""
+
+    nearest_m: float = math.inf
+    nearest_at: tuple[float, float] = (0.0, 0.0)  # north, east: where the receiver was
+    last_m: float = math.inf
+    last_s: float = -math.inf
+    past: deque[Observation] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
+    evidence: Evidence = field(default_factory=Evidence)
+
+
+def nearest(frame: Frame) -> dict[int, Channel]:
+    """The channels that hear, one a transmitter: the nearest where an id, or none, comes more than once."""
+    best: dict[int, Channel] = {}
+    for channel in sorted(frame.channels, key=lambda channel: channel.d):
+        if channel.valid:
+            best.setdefault(NO_ID if channel.id is None else channel.id, channel)
+    return best
+
+
+def name_of(id_: int | None) -> str:
+    return "without a number" if id_ in (None, NO_ID) else str(id_)

@@ -1,0 +1,85 @@
+"""The height that is held in a search, the least one, and the way down onto the place found."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from arva_hil.notice import Notice
+from arva_hil.search.ground import Height
+from arva_hil.search.strategy import STILL, Position, towards
+
+_GAIN: Final = 1.0  # 1/s; k_z of the paper
+_CLIMB: Final = 1.0  # m/s
+_SINK: Final = 0.5
+_LEAST: Final = 0.5  # of the height wanted: below, nothing matters but to climb,
+_CLEAR: Final = 0.75  # until this
+_RECOVERY_S: Final = 10.0  # for that
+
+_LAND_M: Final = (0.5, 1.5)  # where landing is left to the autopilot, with a rangefinder and without
+_ABOVE_M: Final = 0.4  # from the place: so near is above it; farther off it does not sink
+_SETTLED_M: Final = 0.15
+_LAST_SPEED: Final = 0.3  # m/s, down, in the last metres
+_LAST_M: Final = 2.0
+_WAIT_S: Final = 5.0  # for it to settle, low
+_LIMIT_S: Final = 30.0  # and 5 s more a metre, then it lands wherever it is
+
+
+class HeightKeeper:
+    """Remembers whether the vehicle is too low. `too_low`: nothing is flown but up. `failed`: it does not get up."""
+
+    def __init__(self, wanted: float) -> None:
+        self.too_low = False
+        self.failed = False
+        self._wanted = wanted
+        self._reached = False  # the height was reached once; before, it climbs from the take-off
+        self._since = math.inf
+        self._notices: list[Notice] = []
+
+    def velocity(self, time_s: float, height: float) -> float:
+        """The vertical velocity, down, m/s; at a height that is no number it climbs."""
+        enough = (_CLEAR if self.too_low else _LEAST) * self._wanted
+        self._reached = self._reached or height >= _CLEAR * self._wanted
+        if height >= enough:
+            self.too_low, self._since = False, math.inf
+            return max(-_CLIMB, min(_GAIN * (height - self._wanted), _SINK))
+        if not self.too_low:
+            self.too_low, self._since = True, time_s
+            if self._reached:
+                text = f"only {height:.1f} m above the ground, {self._wanted:g} m are wanted: climbing"
+                self._notices.append(Notice("warning", text))
+        self.failed = time_s - self._since > _RECOVERY_S
+        return -_CLIMB
+
+    def take_notices(self) -> list[Notice]:
+        notices, self._notices = self._notices, []
+        return notices
+
+
+class Descent:
+    """Remembers how far the way down is, onto a place (north, east): `done` where landing is left to the autopilot.
+
+    Above the place it sinks, beside it it only goes there, so that it comes down where it is wanted. `speed`:
+    horizontal, m/s, not exceeded.
+    """
+
+    def __init__(self, place: tuple[float, float], speed: float, start_s: float, height: float) -> None:
+        self.done = False
+        self._place = place
+        self._speed = speed
+        self._late_s = start_s + _LIMIT_S + 5 * max(height, 0.0)
+        self._low_s = math.inf
+
+    def velocity(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
+        """NED, m/s."""
+        off = math.dist(position[:2], self._place)
+        floor = _LAND_M[not height.measured]
+        if height.metres <= floor + 0.1:
+            self._low_s = min(self._low_s, time_s)
+        settled = off < _SETTLED_M or time_s - self._low_s > _WAIT_S
+        self.done = self.done or (self._low_s < math.inf and settled) or time_s > self._late_s
+        if self.done:
+            return *STILL, 0.0
+        fastest = _SINK if height.metres > _LAST_M else _LAST_SPEED
+        sink = max(0.0, min(_GAIN * (height.metres - floor), fastest)) if off < _ABOVE_M else 0.0
+        return *towards(position, self._place, self._speed), sink

@@ -1,0 +1,83 @@
+"""A place agrees with what was heard, or it does not, whatever strategy has found it."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+import pytest
+from world import PAPER, buried, fly
+
+from arva_hil.search.agreement import Evidence
+from arva_hil.search.estimate import Estimate
+from arva_hil.search.extremum import Extremum
+from arva_hil.search.flux import Flux
+from arva_hil.search.strategy import Observation, Strategy
+
+
+def agrees(heard: list[Observation], place: tuple[float, float], height_m: float = 1.0) -> bool:
+    evidence = Evidence()
+    for observation in heard:
+        evidence.add(observation)
+    judgement = evidence.judge(place)
+    return judgement is not None and judgement.agrees(height_m)
+
+
+@pytest.mark.parametrize("strategy", [Flux, Extremum, Estimate])
+@pytest.mark.parametrize("height_m", [1.0, 3.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_what_was_found_agrees_and_what_lies_elsewhere_does_not(
+    strategy: type[Strategy], height_m: float, seed: int
+) -> None:
+    transmitter, start = buried(seed)
+    flight = fly(strategy(1.0), transmitter, start=start, height_m=height_m, gps_m=0.2, seed=seed)
+    assert flight.found is not None
+    north, east = flight.found[:2]
+    assert agrees(flight.heard, (north, east), height_m)
+    assert not agrees(flight.heard, (north + 7.7, east), height_m)
+    assert not agrees(flight.heard, (north, east - 15), height_m)
+
+
+class Late(Flux):
+    """Told what was heard some frames ago as if that were now; `told`: all of that."""
+
+    def __init__(self, speed: float, frames: int) -> None:
+        super().__init__(speed)
+        self.told: list[Observation] = []
+        self._late = deque[Observation](maxlen=frames + 1)
+
+    def hear(self, observation: Observation) -> None:
+        self._late.append(observation)
+        then = self._late[0]
+        now = observation._replace(d_cm=then.d_cm, delta_deg=then.delta_deg, inner=then.inner)
+        self.told.append(now)
+        super().hear(now)
+
+
+def test_what_readings_of_five_seconds_ago_lead_to_does_not_agree() -> None:
+    wrong = 0
+    for transmitter in PAPER:
+        for seed in range(3):
+            late = Late(1.0, 5)
+            flight = fly(late, transmitter, height_m=3.0, seed=seed)
+            if flight.found is not None and flight.error_m > 2:
+                wrong += 1
+                assert not agrees(late.told, flight.found[:2], 3.0)
+    assert wrong > 5
+
+
+@pytest.mark.parametrize("d_m", [1.0, 30.0])
+def test_the_same_d_everywhere_is_no_transmitter(d_m: float) -> None:
+    """Whatever the direction: such a one would have to lie deep, or be stronger or weaker than any."""
+    rng, heard = np.random.default_rng(1), []
+    for k in range(60):
+        at = (3 * math.cos(k / 4), 3 * math.sin(k / 4), -3.0)
+        heard.append(Observation(k, at, np.eye(3), round(100 * d_m), int(rng.integers(-89, 90)), d_m <= 3))
+    assert not agrees(heard, (0.0, 0.0), 3.0)
+
+
+def test_readings_that_are_no_numbers_say_nothing() -> None:
+    nowhere = [Observation(k, (math.nan, k, -1.0), np.eye(3), 500, 0, False) for k in range(9)]
+    odd = [Observation(k, (k, 0.0, -1.0), np.full((3, 3), math.inf), 500, 0, False) for k in range(9)]
+    assert not agrees(nowhere + odd, (0.0, 0.0))

@@ -1,0 +1,160 @@
+"""Whole searches over the built-in vehicle, judged by its true motion: height, landing place, what is no find."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from arva_hil.autopilot.mavlink import dialect
+from arva_hil.autopilot.vehicle_messages import BUILDERS
+from arva_hil.clock import StepClock
+from arva_hil.closed_loop import ClosedLoop
+from arva_hil.links import memory
+from arva_hil.loop import run
+from arva_hil.model.mount import Mount
+from arva_hil.model.rotation import from_euler
+from arva_hil.scenario import parse
+from arva_hil.search import STRATEGIES
+from arva_hil.search.mission import NOT_SURE, Plan
+
+VICTIM = "{id: 1, ned: [14, 9, 1], attitude: {pitch: 20, yaw: 70}}"
+MOUNTED = "receiver: {mount: {position: [0.5, -0.2, 0.1], attitude: {roll: 5, yaw: 90}}}"
+
+
+class Flight:
+    """A search flown to its end. `lowest`: its least true height while it searches, above the ground, m."""
+
+    def __init__(
+        self,
+        strategy: str,
+        *more: str,
+        victim: str = VICTIM,
+        gps_noise_m: float = 0.0,
+        wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        seed: int = 1,
+        **plan: Any,
+    ) -> None:
+        clock = StepClock()
+        text = "\n".join(["spec: 1", f"seed: {seed}", f"transmitters: [{victim}]", *more, ""])
+        self.heights: list[float] = []
+        self.said: list[str] = []
+        self.loop = ClosedLoop(
+            parse(text, "flight"),
+            Plan(STRATEGIES[strategy], **plan),
+            autopilot=memory.pair(),
+            commands=memory.pair(),
+            port=memory.pair(),
+            start=clock.now(),
+            stream_hz=10.0,
+            wind=wind,
+            gps_noise_m=gps_noise_m,
+            say=lambda notice: self.said.append(notice.text),
+            log=lambda row: self._note(row.phase, clock.now()),
+        )
+        self._searching = True
+        run(self.loop.tasks, clock, until=1200.0, stopped=lambda: self.loop.search.outcome is not None)
+        outcome = self.loop.search.outcome
+        assert outcome is not None
+        self.outcome = outcome
+        self.touchdown = self.loop.vehicle.truth(clock.now()).ned
+
+    def _note(self, phase: str, now: float) -> None:
+        if phase == "flying" and not self.loop.over:
+            self.heights.append(-self.loop.vehicle.truth(now).ned[2])
+
+    @property
+    def lowest(self) -> float:
+        return min(self.heights)
+
+    @property
+    def off(self) -> float | None:
+        """The place reported to the transmitter, horizontally, m."""
+        return self.loop.error()
+
+
+# -- the ground --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("height", [1.0, 3.0])
+def test_the_ground_is_not_touched_though_the_position_wanders(height: float, seed: int) -> None:
+    flight = Flight("estimate", gps_noise_m=1.5, height=height, seed=seed)
+    assert flight.outcome.kind == "found"
+    assert flight.lowest > height / 2
+    assert "height above the ground: from the rangefinder" in flight.said
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_without_a_rangefinder_the_barometer_keeps_it_up(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(BUILDERS, dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, lambda report: None)
+    flight = Flight("estimate", gps_noise_m=1.5, seed=seed)
+    assert flight.outcome.kind == "found"
+    assert flight.lowest > 1.5
+    assert any(text.startswith("no rangefinder is heard") for text in flight.said)
+
+
+# -- where it lands ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (4.0, -3.0, 0.0)])
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_it_lands_on_the_place_it_reports(strategy: str, wind: tuple[float, float, float]) -> None:
+    flight = Flight(strategy, wind=wind)
+    found = flight.outcome.found
+    assert flight.outcome.kind == "found"
+    assert found is not None
+    assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
+    assert math.dist(flight.touchdown[:2], found[:2]) < 0.35
+
+
+# -- a receiver off the centre, and turned -----------------------------------------------------------------
+
+
+def mount() -> Mount:
+    return Mount((0.5, -0.2, 0.1), from_euler(*np.radians((5, 0, 90))))
+
+
+@pytest.mark.parametrize(("strategy", "within_m"), [("estimate", 0.1), ("flux", 0.7), ("extremum", 1.0)])
+def test_a_receiver_that_is_mounted_aside_and_turned_finds_as_well(strategy: str, within_m: float) -> None:
+    flight = Flight(strategy, MOUNTED, mount=mount())
+    assert flight.outcome.kind == "found"
+    assert flight.off is not None
+    assert flight.off < within_m
+    assert flight.outcome.found is not None
+    assert math.dist(flight.touchdown[:2], flight.outcome.found[:2]) < 0.35  # the vehicle's centre
+
+
+def test_a_mount_that_nobody_told_of_is_an_error_of_the_place() -> None:
+    flight = Flight("estimate", "receiver: {mount: {position: [0.5, 0, 0]}}")
+    assert flight.off == pytest.approx(0.5, abs=0.1)
+
+
+# -- what is not found -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("fault", ["{stuck: true, from_s: 25}", "{delay_s: 5}"])
+def test_what_is_found_lies_there_or_is_not_called_found(strategy: str, fault: str) -> None:
+    flight = Flight(strategy, f"faults: [{fault}]", limit_s=300.0)
+    assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
+    if flight.outcome.kind == "found":
+        assert flight.off is not None
+        assert flight.off < 2.5
+    else:
+        assert flight.outcome.kind in ("not sure", "failed", "not found")
+
+
+def test_a_receiver_that_sticks_is_said_and_landed_on() -> None:
+    flight = Flight("extremum", "faults: [{stuck: true, from_s: 20}]")
+    assert (flight.outcome.kind, flight.outcome.how) == ("failed", "the receiver says the same: it is stuck")
+    assert "the receiver says the same over 3 m of flight: hovering" in flight.said
+
+
+def test_readings_that_come_late_end_not_sure() -> None:
+    flight = Flight("flux", "faults: [{delay_s: 5}]", victim="{id: 1, ned: [5, 20, 0]}")
+    assert (flight.outcome.kind, flight.outcome.how) == ("not sure", NOT_SURE)
+    assert flight.off is not None
+    assert flight.off > 2.5

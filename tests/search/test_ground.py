@@ -1,0 +1,181 @@
+"""The height above the ground: what measures it, what only says that it may be less, and what is not believed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from arva_hil.autopilot.mavlink import Encoder, dialect
+from arva_hil.autopilot.pose import VehicleState
+from arva_hil.autopilot.session import Session
+from arva_hil.model.rotation import from_euler
+from arva_hil.search.ground import Ground, Height
+
+DOWN = dialect.MAV_SENSOR_ROTATION_PITCH_270
+QUAD, ARDUPILOT = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+
+
+class Vehicle:
+    """A session with a vehicle that says what a test wants, and the ground that is made of it."""
+
+    def __init__(self) -> None:
+        self.session = Session()
+        self.ground = Ground(self.session)
+        self._encoder = Encoder(1, 1)
+        self.arm(False)
+
+    def arm(self, armed: bool = True) -> None:
+        mode = dialect.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+        self.says(0.0, dialect.MAVLink_heartbeat_message(QUAD, ARDUPILOT, mode, 4, 4, 3))
+
+    def says(self, now: float, *messages: Any) -> None:
+        self.session.feed(b"".join(map(self._encoder.pack, messages)), now)
+        self.ground.hear(now)
+
+    def height(self, now: float, above: float, *, sinks: float = 0.0, roll: float = 0.0) -> Height:
+        place, velocity = np.array([0.0, 0.0, -above]), np.array([0.0, 0.0, sinks])
+        return self.ground.height(now, VehicleState(now, place, velocity, from_euler(roll, 0.0, 0.0), 0.0))
+
+    def said(self) -> list[str]:
+        return [notice.text for notice in self.ground.take_notices()]
+
+
+@pytest.fixture
+def vehicle() -> Vehicle:
+    return Vehicle()
+
+
+def distance(cm: int, *, low: int = 20, high: int = 1200, turned: int = DOWN, quality: int = 0) -> Any:
+    return dialect.MAVLink_distance_sensor_message(0, low, high, cm, 0, 0, turned, 255, 0, 0, [0] * 4, quality)
+
+
+def rangefinder(metres: float) -> Any:
+    return dialect.MAVLink_rangefinder_message(metres, 0.0)
+
+
+def pressure(metres: float) -> Any:
+    return dialect.MAVLink_scaled_pressure_message(0, 850 * math.exp(-metres / (29.27 * 273)), 0.0, 0)
+
+
+def terrain(height: float, spacing: int = 100) -> Any:
+    return dialect.MAVLink_terrain_report_message(0, 0, spacing, 500.0, height, 0, 10)
+
+
+def altitude(clearance: float) -> Any:
+    return dialect.MAVLink_altitude_message(0, 0.0, 0.0, 0.0, 0.0, 0.0, clearance)
+
+
+@pytest.mark.parametrize("message", [distance(240), rangefinder(2.4)])
+def test_a_rangefinder_measures_it_whatever_the_position_says(vehicle: Vehicle, message: Any) -> None:
+    vehicle.says(1.0, message)
+    assert vehicle.height(1.1, 7.0) == Height(pytest.approx(2.4), True)
+    assert vehicle.said() == ["height above the ground: from the rangefinder"]
+    assert vehicle.height(1.2, 7.0).measured
+    assert vehicle.said() == []
+
+
+def test_a_leaning_vehicle_looks_aside(vehicle: Vehicle) -> None:
+    vehicle.says(1.0, distance(240))
+    assert vehicle.height(1.1, 7.0, roll=math.radians(20)).metres == pytest.approx(2.4 * math.cos(math.radians(20)))
+    assert not vehicle.height(1.1, 7.0, roll=math.radians(45)).measured
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        distance(240, turned=0),
+        distance(10),
+        distance(1200),
+        distance(0, low=0),
+        distance(240, quality=1),
+        rangefinder(0.0),
+        rangefinder(math.nan),
+        rangefinder(-1.0),
+    ],
+)
+def test_what_measures_nothing_is_no_height(vehicle: Vehicle, message: Any) -> None:
+    vehicle.says(1.0, message)
+    assert vehicle.height(1.1, 7.0) == Height(7.0, False)
+    (text,) = vehicle.said()
+    assert text.startswith("no rangefinder is heard: height is held above the take-off point")
+
+
+def test_one_echo_of_something_else_is_no_ground(vehicle: Vehicle) -> None:
+    for cm in (300, 900, 301):
+        vehicle.says(1.0, distance(cm))
+    assert vehicle.height(1.1, 3.0).metres == pytest.approx(3.0, abs=0.02)
+
+
+def test_a_rangefinder_that_says_the_same_however_it_sinks_is_not_believed(vehicle: Vehicle) -> None:
+    measured = []
+    for n in range(20):
+        vehicle.says(n * 0.2, distance(900))
+        measured.append(vehicle.height(n * 0.2, 3.0, sinks=0.5).measured)
+    assert measured[0]
+    assert not measured[-1]
+    vehicle.says(4.0, distance(120))
+    assert vehicle.height(4.0, 3.0, sinks=0.5).measured
+
+
+def test_a_rangefinder_that_goes_leaves_the_highest_ground_it_saw(vehicle: Vehicle) -> None:
+    vehicle.says(1.0, distance(300))
+    assert vehicle.height(1.0, 8.0).metres == pytest.approx(3.0)  # the ground has risen by 5 m
+    vehicle.says(1.5, distance(299))
+    assert vehicle.height(1.5, 4.0).metres == pytest.approx(2.995)
+    vehicle.said()
+    assert vehicle.height(3.0, 8.0) == Height(pytest.approx(3.0), False)
+    assert vehicle.said() == [
+        "the rangefinder says nothing of use: height is held above the highest ground it has seen"
+    ]
+
+
+def test_the_barometer_may_say_less_and_never_more(vehicle: Vehicle) -> None:
+    for n in range(50):
+        vehicle.says(n * 0.2, pressure(0.0))
+    vehicle.arm()
+    for n in range(50, 400):
+        vehicle.says(n * 0.2, pressure(1.5))
+        height = vehicle.height(n * 0.2, 3.0)
+    assert height == Height(pytest.approx(1.5, abs=0.1), False)
+    for n in range(400, 800):
+        vehicle.says(n * 0.2, pressure(6.0))
+        height = vehicle.height(n * 0.2, 3.0)
+    assert height == Height(3.0, False)
+
+
+def test_the_barometer_is_not_followed_for_ever(vehicle: Vehicle) -> None:
+    vehicle.says(0.0, pressure(0.0))
+    vehicle.arm()
+    for n in range(500):
+        vehicle.says(n * 0.2, pressure(-50.0))
+        height = vehicle.height(n * 0.2, 3.0)
+    assert height.metres == pytest.approx(-2.0, abs=0.01)
+
+
+def test_the_terrain_database_counts_from_the_take_off_and_may_only_say_less(vehicle: Vehicle) -> None:
+    vehicle.says(1.0, pressure(0.0), terrain(-7.0))
+    vehicle.arm()
+    vehicle.says(2.0, terrain(-6.0))  # 1 m above where it stood
+    assert vehicle.height(2.0, 3.0) == Height(pytest.approx(1.0), False)
+    vehicle.says(3.0, terrain(40.0))
+    assert vehicle.height(3.0, 3.0) == Height(3.0, False)
+    vehicle.says(3.0, terrain(-7.0, spacing=0))  # it has no data here
+    assert vehicle.height(3.1, 3.0) == Height(3.0, False)
+
+
+@pytest.mark.parametrize(("clearance", "height"), [(1.2, 1.2), (20.0, 3.0), (math.nan, 3.0), (-1.0, 3.0)])
+def test_the_estimate_of_the_clearance_may_say_less(vehicle: Vehicle, clearance: float, height: float) -> None:
+    vehicle.says(1.0, altitude(clearance))
+    assert vehicle.height(1.1, 3.0) == Height(pytest.approx(height), False)
+
+
+def test_what_is_old_says_nothing(vehicle: Vehicle) -> None:
+    vehicle.says(1.0, pressure(0.0), terrain(0.0))
+    vehicle.arm()
+    vehicle.says(1.0, altitude(1.0), pressure(1.0), distance(100), terrain(1.0))
+    assert vehicle.height(1.5, 3.0).measured
+    late = vehicle.height(9.0, 5.0)
+    assert late == Height(pytest.approx(3.0), False)  # of all that, the highest ground is left

@@ -1,0 +1,99 @@
+"""The height held, the least one, and the way down onto the place found."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from arva_hil.search.ground import Height
+from arva_hil.search.height import Descent, HeightKeeper
+
+PLACE = (5.0, -3.0)
+
+
+@given(st.floats(0.3, 100), st.floats(-100, 300), st.floats(0, 100))
+def test_below_half_the_height_wanted_nothing_points_down(wanted: float, height: float, time_s: float) -> None:
+    down = HeightKeeper(wanted).velocity(time_s, height)
+    assert -1.0 <= down <= 0.5
+    if height < wanted / 2:
+        assert down == -1.0
+
+
+def test_a_height_that_is_no_number_is_climbed_from() -> None:
+    assert HeightKeeper(3.0).velocity(0.0, math.nan) == -1.0
+
+
+def test_too_low_is_said_once_and_holds_until_it_is_clear() -> None:
+    keeper = HeightKeeper(4.0)
+    keeper.velocity(0.0, 4.0)
+    assert not keeper.too_low
+    assert keeper.velocity(1.0, 1.9) == -1.0
+    assert keeper.velocity(2.0, 2.5) == -1.0
+    assert keeper.too_low
+    assert [notice.text for notice in keeper.take_notices()] == [
+        "only 1.9 m above the ground, 4 m are wanted: climbing"
+    ]
+    keeper.velocity(3.0, 3.0)
+    assert not keeper.too_low
+    assert not keeper.failed
+
+
+def test_on_the_way_up_from_the_take_off_there_is_nothing_to_say() -> None:
+    keeper = HeightKeeper(4.0)
+    assert keeper.velocity(0.0, 1.0) == -1.0
+    assert keeper.too_low
+    assert keeper.take_notices() == []
+
+
+def test_what_does_not_get_up_has_failed() -> None:
+    keeper = HeightKeeper(4.0)
+    for time_s in range(11):
+        keeper.velocity(time_s, 1.0)
+        assert not keeper.failed
+    keeper.velocity(10.5, 1.0)
+    assert keeper.failed
+
+
+# -- the way down ------------------------------------------------------------------------------------------
+
+
+def sunk(start: tuple[float, float, float], *, measured: bool, drift: tuple[float, float] = (0.0, 0.0)) -> list[float]:
+    """The way down of a point that follows velocities, and drifts; north, east, down and the time it took."""
+    north, east, down = start
+    descent = Descent(PLACE, 1.0, 100.0, -down)
+    now = 100.0
+    while not descent.done:
+        v_n, v_e, v_d = descent.velocity(now, (north, east, down), Height(-down, measured))
+        assert math.hypot(v_n, v_e) <= 1.0 + 1e-9
+        assert 0 <= v_d <= 0.5
+        if math.dist((north, east), PLACE) > 0.5:
+            assert v_d == 0
+        north, east, down = north + (v_n + drift[0]) * 0.1, east + (v_e + drift[1]) * 0.1, down + v_d * 0.1
+        now += 0.1
+        assert now < 300
+    return [north, east, down, now - 100.0]
+
+
+@pytest.mark.parametrize(("measured", "lowest"), [(True, 0.5), (False, 1.5)])
+@pytest.mark.parametrize("drift", [(0.0, 0.0), (0.1, 0.05)])
+def test_it_comes_down_on_the_place_and_leaves_the_rest_to_the_landing(
+    measured: bool, lowest: float, drift: tuple[float, float]
+) -> None:
+    north, east, down, _ = sunk((0.0, 0.0, -4.0), measured=measured, drift=drift)
+    assert math.dist((north, east), PLACE) < 0.2
+    assert lowest < -down < lowest + 0.15
+
+
+def test_what_is_low_already_only_goes_to_the_place() -> None:
+    north, east, down, _ = sunk((4.0, -3.0, -1.0), measured=False)
+    assert math.dist((north, east), PLACE) < 0.2
+    assert down == -1.0
+
+
+def test_a_place_that_is_not_reached_is_not_waited_for_for_ever() -> None:
+    _, _, down, took = sunk((0.0, 0.0, -4.0), measured=True, drift=(-2.0, 0.0))
+    assert took == pytest.approx(50, abs=1)
+    assert down == -4.0

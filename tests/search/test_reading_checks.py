@@ -1,0 +1,74 @@
+"""A receiver that repeats itself: frames that come again, and readings that stay the same."""
+
+from __future__ import annotations
+
+import pytest
+
+from arva_hil.links import memory
+from arva_hil.search.reading_checks import Fresh, Standstill
+from arva_hil.search.receiver import Receiver
+from firmware_proto import DECODERS, MID, Channel, Frame, encode
+
+
+def frame(sequence: int, *channels: Channel) -> Frame:
+    return Frame(sequence, 1, channels or (Channel(1, MID, 900, 20),))
+
+
+@pytest.mark.parametrize(
+    ("came", "new"),
+    [
+        ([0, 1, 2, 3], [0, 1, 2, 3]),
+        ([254, 255, 0, 1], [254, 255, 0, 1]),
+        ([7, 7, 7, 8], [7, 8]),
+        ([7, 9, 8, 10], [7, 9, 10]),  # one was overtaken
+        ([255, 0, 255, 1], [255, 0, 1]),
+        ([200, 0, 1], [200, 0, 1]),  # it has started anew
+        ([5, 100, 101], [5, 100, 101]),
+    ],
+)
+def test_a_frame_is_new_once(came: list[int], new: list[int]) -> None:
+    fresh = Fresh()
+    assert [number for number in came if fresh.new(frame(number))] == new
+
+
+def test_a_receiver_that_repeats_one_frame_is_silent_and_that_is_explained() -> None:
+    near, far = memory.pair()
+    receiver = Receiver(near, DECODERS["binary"]())
+    for n in range(50):
+        far.write(encode(frame(42)))
+        assert len(receiver.read(100.0 + n * 0.1)) == (n == 0)
+    assert receiver.silent(104.9)
+    assert "the last one came 5 s ago, and its sequence number 42 again and again since" in receiver.why_silent(104.9)
+
+
+def test_lines_of_text_have_no_number_and_are_all_new() -> None:
+    near, far = memory.pair()
+    receiver = Receiver(near, DECODERS["text"]())
+    for n in range(5):
+        far.write(b"900,20\r\n")
+        assert len(receiver.read(100.0 + n)) == 1
+
+
+def stood(*frames: tuple[Frame, float]) -> bool:
+    """Whether it is stuck after those frames, heard so far north."""
+    standstill = Standstill()
+    for frame, north in frames:
+        standstill.hear(frame, (north, 0.0, -1.0))
+    return standstill.stuck
+
+
+def test_the_same_reading_over_some_metres_is_stuck() -> None:
+    assert stood(*((frame(n), 0.5 * n) for n in range(8)))
+
+
+def test_it_is_not_while_the_vehicle_stands_or_anything_changes_or_nothing_is_heard() -> None:
+    assert not stood(*((frame(n), 0.01 * n) for n in range(200)))
+    assert not stood(*((frame(n, Channel(1, MID, 900 + n % 2, 20)), float(n)) for n in range(30)))
+    assert not stood(*((frame(n, Channel(1, MID, 900, n)), float(n)) for n in range(30)))
+    assert not stood(*((frame(n, Channel()), float(n)) for n in range(30)))
+    assert not stood((frame(0), 0.0), (frame(1), 50.0))
+
+
+def test_a_change_frees_it() -> None:
+    same = [(frame(n), 1.0 * n) for n in range(8)]
+    assert not stood(*same, (frame(9, Channel(1, MID, 901, 20)), 8.0))
