@@ -11,7 +11,7 @@ from typing import Final
 
 from arva_hil.clock import Clock
 from arva_hil.engine import Emulator
-from arva_hil.events import Event, LinkBack, LinkBlocked, LinkLost, StrangersIgnored
+from arva_hil.events import Event, LinkBack, LinkBlocked, LinkLost, LinkThere, StrangersIgnored
 from arva_hil.frame_source import Output
 from arva_hil.links import Link, LinkError
 from arva_hil.links.timeline import Record
@@ -53,6 +53,8 @@ class LinkMonitor:
         if link.returns > self._returns:
             away = now - self._lost_at
             events.append(LinkBack(*about, away if away > _WORTH_SAYING_S else 0.0))
+        elif self._away and not link.away:
+            events.append(LinkThere(*about))
         if link.strangers and not self._strangers:
             events.append(StrangersIgnored(*about, link.stranger))
         self._note()
@@ -61,7 +63,7 @@ class LinkMonitor:
     def _note(self) -> None:
         link = self.link
         self._losses, self._renewals, self._returns, self._why = link.losses, link.renewals, link.returns, link.why
-        self._strangers = link.strangers
+        self._strangers, self._away = link.strangers, link.away
 
 
 class Live:

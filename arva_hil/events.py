@@ -60,6 +60,13 @@ class LinkBlocked(LinkEvent):
 
 
 @dataclass(frozen=True, slots=True)
+class LinkThere(LinkEvent):
+    """What was not there yet when the run began is there now."""
+
+    address: str
+
+
+@dataclass(frozen=True, slots=True)
 class LinkBack(LinkEvent):
     """`away_s`: how long it was lost."""
 

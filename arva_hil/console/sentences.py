@@ -64,6 +64,7 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence]]] = {
     events.ObserverFailed: lambda e: ("error", f"{e.observer} has failed and is switched off: {e.error}"),
     events.LinkLost: lambda e: ("warning", e.reason),
     events.LinkBlocked: lambda e: ("warning", e.reason),
+    events.LinkThere: lambda e: ("info", f"{e.address}: is there"),
     events.LinkBack: _link_back,
     events.StrangersIgnored: lambda e: (
         "info",
