@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import options as opt
-from arva_hil.cli import search, shared
+from arva_hil.cli import search, search_report, shared
 from arva_hil.cli.outcome import FAILED, NO_LINK, Failure, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, StepClock
@@ -41,13 +41,13 @@ def main(options: argparse.Namespace) -> int:
     if chosen.output_format in MAVLINK_FORMATS:
         raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
     options.record = options.record or tempfile.mkdtemp(prefix="arva-demo-")
-    search.refuse_log(Path(options.record))  # before the emulator's record is begun beside it
+    search_report.refuse_log(Path(options.record))  # before the emulator's record is begun beside it
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
         autopilot, port = (memory.pair(), memory.pair()) if fast else _ptys(stack, clock)
         surroundings = shared.Run(options, chosen, clock.epoch_us, live=not options.headless)
-        log = search.open_log(Path(options.record))
+        log = search_report.open_log(Path(options.record))
         loop = ClosedLoop(
             chosen,
             search.plan_of(options),
@@ -75,7 +75,9 @@ def main(options: argparse.Namespace) -> int:
         outcome = Outcome("failed", "broken off")
     elif outcome.kind != "found":
         code = code or FAILED
-    for line in search.result(outcome) + _error(loop) + search.close_log(log, outcome, code, _truth(loop)):
+    for line in (
+        search_report.result(outcome) + _error(loop) + search_report.close_log(log, outcome, code, _truth(loop))
+    ):
         tell(line)
     return code
 

@@ -15,20 +15,20 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from arva_hil import __version__
 from arva_hil.autopilot.session import Session
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
 from arva_hil.cli.guard import Guard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, UsageError
+from arva_hil.cli.search_report import as_dict, close_log, open_log, result
 from arva_hil.cli.terminal import show_json
 from arva_hil.clock import RealClock
 from arva_hil.console import Printer
@@ -38,19 +38,15 @@ from arva_hil.loop import run
 from arva_hil.model.mount import Mount
 from arva_hil.model.rotation import from_euler
 from arva_hil.notice import Notice
-from arva_hil.plots import Track, draw_search
-from arva_hil.record import RecordError
-from arva_hil.record.search_log import TRACK, SearchLog, refuse_search
+from arva_hil.record.search_log import SearchLog
 from arva_hil.search import STRATEGIES
 from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.heard import NO_ID
-from arva_hil.search.mission import FOUND, Plan
-from arva_hil.search.outcome import Outcome, Row
+from arva_hil.search.mission import Plan
+from arva_hil.search.outcome import Row
 from arva_hil.search.permission import Permission
 from arva_hil.search.strips import Strips
 from firmware_proto import DECODERS
 
-PICTURE: Final = "search.png"
 _EXIT: Final = {
     "found": OK,
     "not sure": FAILED,
@@ -272,85 +268,3 @@ def rows_to(printer: Printer, log: SearchLog | None) -> Callable[[Row], None]:
             printer.show(row.time_s, f"{row.phase} | {place} | {d}")
 
     return take
-
-
-def refuse_log(folder: Path) -> None:
-    """Raise UsageError when a log could not be opened there, for it would be written over another."""
-    try:
-        refuse_search(folder)
-    except RecordError as error:
-        raise UsageError(error) from None
-
-
-def open_log(folder: Path) -> SearchLog:
-    try:
-        return SearchLog(folder)
-    except RecordError as error:
-        raise UsageError(error) from None
-
-
-def close_log(
-    log: SearchLog, outcome: Outcome, code: int, truth: Mapping[int, tuple[float, float]] | None = None
-) -> list[str]:
-    """Close the log and draw the picture; what there is to say of both. `truth`: see `draw_search`."""
-    try:
-        log.close({"exit_code": code, "command": sys.argv, "version": __version__, **as_dict(outcome)})
-    except RecordError as error:
-        return [f"error: {error}"]
-    picture = log.folder / PICTURE
-    track = Track("search", log.rows, outcome.found and (outcome.found.north, outcome.found.east))
-    try:
-        draw_search(picture, [track], truth or {}, outcome.id)
-    except ImportError:
-        return [f"log: {log.folder / TRACK}; for a picture: pip install 'arva-hil[plots]'"]
-    except OSError as error:
-        return [f"log: {log.folder / TRACK}; no picture: {error}"]
-    return [f"log: {log.folder / TRACK}, picture: {picture}"]
-
-
-def result(outcome: Outcome) -> list[str]:
-    """How it ended, for a person."""
-    found = outcome.found
-    if found is None:
-        first = f"{outcome.how}; nothing found" if outcome.frames and outcome.kind == "failed" else outcome.how
-    else:
-        sigma = f" ± {found.sigma:.1f} m" if found.sigma is not None else ""
-        place = f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point"
-        first = f"found {_name(outcome.id)}: {place}{sigma}"
-        if outcome.kind == "not sure":
-            first = f"{outcome.how}, {_name(outcome.id)} at {place}"
-        elif outcome.how != FOUND:
-            first += f", but {outcome.how}"
-    lines = [first]
-    if outcome.lat_lon:
-        lat, lon = outcome.lat_lon
-        lines.append(f"it lies at {lat:.7f}, {lon:.7f}")
-    if outcome.frames:
-        lines.append(f"searched {outcome.time_s:.0f} s, flew {outcome.path_m:.0f} m, frames: {outcome.frames}")
-    for id_, heard in outcome.others:
-        north, east = heard.nearest_at
-        where = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
-        lines.append(f"{_name(id_)} was heard and not found; nearest, {heard.nearest_m:.1f} m away, at {where}")
-    return lines
-
-
-def as_dict(outcome: Outcome) -> dict[str, Any]:
-    """How it ended, for a program."""
-    found = outcome.found
-    return {
-        "outcome": outcome.kind,
-        "how": outcome.how,
-        "id": None if outcome.id == NO_ID else outcome.id,
-        "found": None if found is None else {**found._asdict(), "lat_lon": outcome.lat_lon},
-        "time_s": outcome.time_s,
-        "path_m": outcome.path_m,
-        "frames": outcome.frames,
-        "others": [
-            {"id": None if id_ == NO_ID else id_, "nearest_m": heard.nearest_m, "nearest_at": heard.nearest_at}
-            for id_, heard in outcome.others
-        ],
-    }
-
-
-def _name(id_: int | None) -> str:
-    return "a transmitter" if id_ in (None, NO_ID) else f"transmitter {id_}"

@@ -1,0 +1,101 @@
+"""What a search leaves behind: how it ended, in words and as a JSON object, its log and its picture."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from arva_hil import __version__
+from arva_hil.cli.outcome import UsageError
+from arva_hil.plots import Track, draw_search
+from arva_hil.record import RecordError
+from arva_hil.record.search_log import TRACK, SearchLog, refuse_search
+from arva_hil.search.heard import NO_ID
+from arva_hil.search.mission import FOUND
+from arva_hil.search.outcome import Outcome
+
+PICTURE: Final = "search.png"
+
+
+def refuse_log(folder: Path) -> None:
+    """Raise UsageError when a log could not be opened there, for it would be written over another."""
+    try:
+        refuse_search(folder)
+    except RecordError as error:
+        raise UsageError(error) from None
+
+
+def open_log(folder: Path) -> SearchLog:
+    try:
+        return SearchLog(folder)
+    except RecordError as error:
+        raise UsageError(error) from None
+
+
+def close_log(
+    log: SearchLog, outcome: Outcome, code: int, truth: Mapping[int, tuple[float, float]] | None = None
+) -> list[str]:
+    """Close the log and draw the picture; what there is to say of both. `truth`: see `draw_search`."""
+    try:
+        log.close({"exit_code": code, "command": sys.argv, "version": __version__, **as_dict(outcome)})
+    except RecordError as error:
+        return [f"error: {error}"]
+    picture = log.folder / PICTURE
+    track = Track("search", log.rows, outcome.found and (outcome.found.north, outcome.found.east))
+    try:
+        draw_search(picture, [track], truth or {}, outcome.id)
+    except ImportError:
+        return [f"log: {log.folder / TRACK}; for a picture: pip install 'arva-hil[plots]'"]
+    except OSError as error:
+        return [f"log: {log.folder / TRACK}; no picture: {error}"]
+    return [f"log: {log.folder / TRACK}, picture: {picture}"]
+
+
+def result(outcome: Outcome) -> list[str]:
+    """How it ended, for a person."""
+    found = outcome.found
+    if found is None:
+        first = f"{outcome.how}; nothing found" if outcome.frames and outcome.kind == "failed" else outcome.how
+    else:
+        sigma = f" ± {found.sigma:.1f} m" if found.sigma is not None else ""
+        place = f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point"
+        first = f"found {_name(outcome.id)}: {place}{sigma}"
+        if outcome.kind == "not sure":
+            first = f"{outcome.how}, {_name(outcome.id)} at {place}"
+        elif outcome.how != FOUND:
+            first += f", but {outcome.how}"
+    lines = [first]
+    if outcome.lat_lon:
+        lat, lon = outcome.lat_lon
+        lines.append(f"it lies at {lat:.7f}, {lon:.7f}")
+    if outcome.frames:
+        lines.append(f"searched {outcome.time_s:.0f} s, flew {outcome.path_m:.0f} m, frames: {outcome.frames}")
+    for id_, heard in outcome.others:
+        north, east = heard.nearest_at
+        where = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
+        lines.append(f"{_name(id_)} was heard and not found; nearest, {heard.nearest_m:.1f} m away, at {where}")
+    return lines
+
+
+def as_dict(outcome: Outcome) -> dict[str, Any]:
+    """How it ended, for a program."""
+    found = outcome.found
+    return {
+        "outcome": outcome.kind,
+        "how": outcome.how,
+        "id": None if outcome.id == NO_ID else outcome.id,
+        "found": None if found is None else {**found._asdict(), "lat_lon": outcome.lat_lon},
+        "time_s": outcome.time_s,
+        "path_m": outcome.path_m,
+        "frames": outcome.frames,
+        "others": [
+            {"id": None if id_ == NO_ID else id_, "nearest_m": heard.nearest_m, "nearest_at": heard.nearest_at}
+            for id_, heard in outcome.others
+        ],
+    }
+
+
+def _name(id_: int | None) -> str:
+    return "a transmitter" if id_ in (None, NO_ID) else f"transmitter {id_}"
