@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from arva_hil.autopilot.multirotor import Vector
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.config import Scenario
 from arva_hil.drivers import Live
 from arva_hil.engine import Emulator, one_vehicle
 from arva_hil.links import Link
 from arva_hil.notice import Notice
 from arva_hil.observer import Audience, Observer
-from arva_hil.scenario import Scenario
 from arva_hil.scene import transmitters
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.mission import Plan

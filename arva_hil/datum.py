@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.autopilot.session import Session
+from arva_hil.config import Scenario
 from arva_hil.model import LocalFrame, Reading
-from arva_hil.scenario import Scenario
 
 HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position serves
 _FAR_M: Final = 1000.0  # with every transmitter so far away, something is wrong

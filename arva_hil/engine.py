@@ -20,11 +20,11 @@ from typing import Final
 
 from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
+from arva_hil.config import Scenario
 from arva_hil.datum import Datum
 from arva_hil.events import DatumSet, Event, HeartbeatMissing, PacketsReceived, Said, StatusReport, VehicleStatus
 from arva_hil.frame_source import FrameSource, Output
 from arva_hil.output import MAVLINK_FORMATS, encoder
-from arva_hil.scenario import Scenario
 
 _STATUS_S: Final = 0.25
 

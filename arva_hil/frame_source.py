@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Final, NamedTuple, Protocol
 
 from arva_hil.autopilot.pose import VehicleState
+from arva_hil.config import Scenario
 from arva_hil.datum import Datum
 from arva_hil.events import (
     BytesSent,
@@ -27,7 +28,6 @@ from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
 from arva_hil.model import LocalFrame, Reading
 from arva_hil.output import frame_of
-from arva_hil.scenario import Scenario
 from arva_hil.scene import receiver, transmitters
 from firmware_proto import Frame
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from arva_hil import scenario as config
+from arva_hil import config
 from arva_hil.model import Antennas, LocalFrame, Receiver, Transmitters, rotation
 
 

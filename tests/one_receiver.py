@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from arva_hil.autopilot.session import Session
+from arva_hil.config import Scenario
 from arva_hil.console.sentences import sentence
 from arva_hil.drivers import Live
 from arva_hil.engine import Emulator, one_vehicle
@@ -13,7 +14,6 @@ from arva_hil.frame_source import Counters, Schedule
 from arva_hil.links import Link
 from arva_hil.notice import Notice
 from arva_hil.observer import Audience, Observer
-from arva_hil.scenario import Scenario
 
 
 class OneReceiver(Live):

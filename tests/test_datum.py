@@ -10,11 +10,11 @@ import pytest
 
 from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.autopilot.session import Session
+from arva_hil.config import DEFAULT, Lla
 from arva_hil.console.sentences import sentence
 from arva_hil.datum import HOME_WAIT_S, Datum
 from arva_hil.events import TooFar
 from arva_hil.model import ChannelReading, LocalFrame, Reading, Zone
-from arva_hil.scenario import DEFAULT, Lla
 
 Place = tuple[float, float, float]
 A, B, C = (46.5, 11.35, 1800.0), (46.5, 11.35, 1801.3), (46.6, 11.4, 1700.0)

@@ -13,13 +13,13 @@ from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.clock import Clock, StepClock
+from arva_hil.config import parse
 from arva_hil.console.sentences import sentence
 from arva_hil.drivers import LinkMonitor
 from arva_hil.links import Link, LinkError
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.reopen import Barred, Reopening
 from arva_hil.loop import run
-from arva_hil.scenario import parse
 from firmware_proto import Decoder, Frame
 
 HOME = (46.0123, 7.7456, 1650.0)

@@ -17,13 +17,13 @@ from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.clock import Clock, RealClock, StepClock
+from arva_hil.config import Format, Scenario, parse
 from arva_hil.frame_source import Schedule
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.loop import run
 from arva_hil.model import Antennas, LocalFrame, Receiver, Transmitters
 from arva_hil.output import MavlinkDecoder
-from arva_hil.scenario import Format, Scenario, parse
 from arva_hil.simulator import Simulator
 from firmware_proto import DECODERS, Decoder, Frame
 

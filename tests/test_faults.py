@@ -20,23 +20,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_receiver import Diary, OneReceiver
 
-from arva_hil._yaml import Range
 from arva_hil.autopilot.mavlink import Parser
 from arva_hil.autopilot.session import COMPONENT, Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.cli.main import main
 from arva_hil.clock import StepClock
+from arva_hil.config import KINDS, Fault, Scenario, ScenarioError, load, parse, parse_fault, to_dict
+from arva_hil.config.sorts import Number
 from arva_hil.drivers import LOOK_AHEAD_S, replay
 from arva_hil.engine import Emulator, one_vehicle
 from arva_hil.events import FrameMade
-from arva_hil.faults.spec import KINDS, Fault, parse_fault
 from arva_hil.faults.wire import GARBLERS, resample
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.tlog import read_tlog
 from arva_hil.loop import Task, run
 from arva_hil.observer import Audience
 from arva_hil.output import MavlinkDecoder
-from arva_hil.scenario import Scenario, ScenarioError, load, parse, to_dict
 from arva_hil.simulator import Simulator
 from firmware_proto import INTERFERENCE, SELF_TEST_FAULT, Decoder, Frame
 
@@ -681,7 +680,7 @@ def any_fault(draw: st.DrawFn) -> Fault:
     )
 
 
-def numbers(valid: Range) -> st.SearchStrategy[float]:
+def numbers(valid: Number) -> st.SearchStrategy[float]:
     return st.floats(valid.low, valid.high, exclude_min=valid.above)
 
 

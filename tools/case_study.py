@@ -13,12 +13,13 @@ import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
-from arva_hil import scenario
+from arva_hil import config
 from arva_hil.campaign import results
-from arva_hil.campaign.plan import read, trials
+from arva_hil.campaign.plan import trials
 from arva_hil.campaign.summary import groups, summary
 from arva_hil.campaign.trial import Trial, fly
 from arva_hil.cli.main import main as arva_hil
+from arva_hil.config.campaign import load_plan
 from arva_hil.plots import Track, draw_search
 from arva_hil.search import STRATEGIES
 from arva_hil.search.outcome import Row
@@ -44,7 +45,7 @@ def main() -> None:
 
 def table(folder: Path) -> Iterator[str]:
     """Success, time, path and error of every case and strategy, in Markdown."""
-    plan = read(PLAN, list(STRATEGIES))
+    plan = load_plan(PLAN, list(STRATEGIES))
     with results.opened(folder) as kept:
         rows = [kept.rows[planned.key] for planned in trials(plan)]
     yield "| case | strategy | found within 2 m | time, s | path, m | error, m | worst error, m |"
@@ -58,7 +59,7 @@ def table(folder: Path) -> Iterator[str]:
 
 def draw(figure: int, name: str, path: Path) -> None:
     """One of the figures 8–11: a flight from each take-off height, with other noise each time."""
-    chosen = scenario.load(str(PLAN.parents[1] / f"{name}.yaml"))
+    chosen = config.load(str(PLAN.parents[1] / f"{name}.yaml"))
     (transmitter,) = chosen.transmitters
     assert transmitter.ned is not None
     north, east, _ = transmitter.ned

@@ -21,11 +21,10 @@ from fastcrc import crc16
 
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.session import Session
-from arva_hil.faults.spec import parse_fault
+from arva_hil.config import ScenarioError, load, parse, parse_fault, to_dict
 from arva_hil.links.tlog import read_tlog
 from arva_hil.model import LocalFrame
 from arva_hil.output import MAVLINK_FORMATS, TUNNEL_TYPE, MavlinkDecoder
-from arva_hil.scenario import ScenarioError, load, parse, to_dict
 from firmware_proto import DECODERS, ENCODERS, MAX_CHANNELS, MAX_FRAME_BYTES, Channel, Frame, FrameDecoder, encode
 
 ROOT: Final = Path(__file__).parent.parent

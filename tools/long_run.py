@@ -30,6 +30,7 @@ from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.cli.shared import counters
 from arva_hil.clock import Clock, RealClock, StepClock
+from arva_hil.config import load
 from arva_hil.drivers import Live
 from arva_hil.engine import Emulator, one_vehicle
 from arva_hil.events import Event, FrameMade
@@ -38,7 +39,6 @@ from arva_hil.links.pty import PtyLink
 from arva_hil.loop import run
 from arva_hil.observer import Audience
 from arva_hil.record import Recorder
-from arva_hil.scenario import load
 from arva_hil.simulator import Simulator
 from firmware_proto import DECODERS
 

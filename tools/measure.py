@@ -29,6 +29,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import RealClock
+from arva_hil.config import parse
 from arva_hil.drivers import Live
 from arva_hil.engine import Emulator, one_vehicle
 from arva_hil.events import Event, FrameMade
@@ -38,7 +39,6 @@ from arva_hil.links.tlog import read_tlog
 from arva_hil.loop import run
 from arva_hil.model import LocalFrame
 from arva_hil.observer import Audience
-from arva_hil.scenario import parse
 from firmware_proto import Decoder
 
 COMMAND = [sys.executable, "-m", "arva_hil"]

@@ -16,12 +16,12 @@ import tempfile
 import time
 from pathlib import Path
 
-from arva_hil import scenario
+from arva_hil import config
 from arva_hil.campaign.trial import Trial, fly
 from arva_hil.search import STRATEGIES
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-CASES = [scenario.load(str(CONFIGS / f"paper_case_{case}.yaml")) for case in (1, 2, 3, 4)]
+CASES = [config.load(str(CONFIGS / f"paper_case_{case}.yaml")) for case in (1, 2, 3, 4)]
 
 
 def main() -> None:

@@ -8,9 +8,9 @@ from typing import Final
 
 from arva_hil.clock import StepClock
 from arva_hil.closed_loop import ClosedLoop
+from arva_hil.config import Scenario
 from arva_hil.links import memory
 from arva_hil.loop import run
-from arva_hil.scenario import Scenario
 from arva_hil.search import STRATEGIES
 from arva_hil.search.mission import FOUND, Plan
 from arva_hil.search.outcome import Row

@@ -24,9 +24,10 @@ from arva_hil.clock import RealClock
 from arva_hil.files import there
 
 if TYPE_CHECKING:
-    from arva_hil.campaign.plan import Plan, Planned
+    from arva_hil.campaign.plan import Planned
     from arva_hil.campaign.results import Results
     from arva_hil.campaign.runner import Crew
+    from arva_hil.config.campaign import CampaignPlan
 
 REPORT: Final = "report.html"
 _PLAIN_S: Final = 10.0  # between the lines of a pipe
@@ -52,12 +53,13 @@ def address(text: str) -> str:
 
 def main(options: argparse.Namespace) -> int:
     from arva_hil.campaign import results
-    from arva_hil.campaign.plan import read, trials
-    from arva_hil.scenario import ScenarioError
+    from arva_hil.campaign.plan import trials
+    from arva_hil.config import ScenarioError
+    from arva_hil.config.campaign import load_plan
     from arva_hil.search import STRATEGIES
 
     try:
-        plan = read(options.plan, list(STRATEGIES))
+        plan = load_plan(options.plan, list(STRATEGIES))
     except ScenarioError as error:
         raise UsageError(*error.problems) from None
     every = list(trials(plan))
@@ -71,7 +73,9 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError(error) from None
 
 
-def _campaign(options: argparse.Namespace, plan: Plan, every: Sequence[Planned], kept: Results, title: str) -> int:
+def _campaign(
+    options: argparse.Namespace, plan: CampaignPlan, every: Sequence[Planned], kept: Results, title: str
+) -> int:
     from arva_hil.campaign import report
     from arva_hil.campaign.results import ResultsError, replace
 

@@ -1,32 +1,67 @@
-"""Validate scenario files: every mistake at its line and column; of what is right, the transmitters and faults."""
+"""Validate scenario files and plans of campaigns: every mistake at its line and column; of what is right, a summary."""
 
 from __future__ import annotations
 
 import argparse
 
 from arva_hil.cli.options import Parser
-from arva_hil.cli.outcome import OK, USAGE
+from arva_hil.cli.outcome import OK, USAGE, UsageError
 from arva_hil.cli.terminal import show, tell
 
 
 def add_options(parser: Parser) -> None:
-    parser.add_argument("files", nargs="+", metavar="FILE", help="scenario (YAML)")
+    parser.add_argument("files", nargs="*", metavar="FILE", help="scenario or plan of a campaign (YAML)")
+    parser.add_argument(
+        "--schema",
+        nargs="?",
+        const="scenario",
+        choices=("scenario", "campaign"),
+        help="print the JSON Schema of such files, for editors, instead; default: scenario",
+    )
 
 
 def main(options: argparse.Namespace) -> int:
-    from arva_hil.scenario import ScenarioError, load
+    from arva_hil.config import ScenarioError
+    from arva_hil.config.yaml_tree import read_text
 
+    if options.schema:
+        from arva_hil.config.reference import schema_text
+
+        for line in schema_text(options.schema).splitlines():
+            show(line)
+        return OK
+    if not options.files:
+        raise UsageError("the following arguments are required: FILE", "see arva-hil check --help")
     code = OK
     for name in options.files:
         try:
-            chosen = load(name)
+            _check(name, read_text(name, "a scenario file"))
         except ScenarioError as error:
             for problem in error.problems:
                 tell(problem)
             code = USAGE
-        else:
-            ids = ", ".join(str(t.id) for t in chosen.transmitters)
-            show(f"{name}: ok: transmitters {ids}; {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}")
-            for fault in chosen.faults:
-                show(f"  fault {fault}")
     return code
+
+
+def _check(name: str, text: str) -> None:
+    """Show what is in a file. Raises ScenarioError."""
+    from arva_hil.config import parse
+    from arva_hil.config.campaign import is_plan, parse_plan
+
+    if is_plan(text):
+        from arva_hil.campaign.plan import size
+        from arva_hil.search import STRATEGIES
+
+        plan = parse_plan(text, name, list(STRATEGIES))
+        show(f"{name}: ok: {size(plan)} trials of {', '.join(plan.strategies)}; {', '.join(plan.scenarios)}")
+        return
+    chosen = parse(text, name)
+    ids = ", ".join(str(t.id) for t in chosen.transmitters)
+    show(f"{name}: ok: transmitters {ids}; {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}")
+    for vehicle in chosen.vehicles:
+        for receiver in vehicle.receivers:
+            where = receiver.port or "the autopilot's link"
+            rate_hz = receiver.receiver.rate_hz
+            show(f"  {vehicle.name}/{receiver.name}: {rate_hz:g} Hz, {receiver.output_format} to {where}")
+    for fault in chosen.faults:
+        show(f"  fault {fault}")

@@ -19,6 +19,7 @@ from arva_hil.cli.outcome import INTERRUPTED, UsageError
 from arva_hil.cli.sides import DEFAULT_AUTOPILOT, add_autopilot, check_sides, choose_autopilot
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.clock import Clock, RealClock
+from arva_hil.config.kinds import FORMATS
 from arva_hil.console.text import wants_colour
 from arva_hil.doctor import diagnosis as look
 from arva_hil.doctor import port_diagnosis as port_look
@@ -30,7 +31,6 @@ from arva_hil.links.ports import Port as SerialPort
 from arva_hil.links.ports import list_ports
 from arva_hil.loop import run
 from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
-from arva_hil.scenario import FORMATS
 
 BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
 _TRY_S: Final = 1.3  # for each baud rate: a heartbeat comes within

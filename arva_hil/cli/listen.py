@@ -19,11 +19,11 @@ from arva_hil.cli.guard import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.clock import Clock, RealClock
+from arva_hil.config.kinds import FORMATS
 from arva_hil.console import text
 from arva_hil.links import AddressError, Link, LinkError, parse
 from arva_hil.loop import run
 from arva_hil.output import MAVLINK_FORMATS, MavlinkDecoder
-from arva_hil.scenario import FORMATS
 from firmware_proto import DECODERS, Frame, FrameDecoder
 from firmware_proto.frame import PAUSE_S
 

@@ -15,7 +15,7 @@ from arva_hil.cli.outcome import UsageError
 from arva_hil.links import AddressError, parse
 
 if TYPE_CHECKING:
-    from arva_hil.faults.spec import Fault
+    from arva_hil.config import Fault
 
 PREFIX: Final = "ARVA_HIL_"
 _NUMBER: Final = r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?|inf"
@@ -127,7 +127,7 @@ def address(text: str) -> str:
 
 def fault(text: str) -> Fault | None:
     """A converter for a fault; `none` is None."""
-    from arva_hil.faults.spec import parse_fault  # not for --help of the whole
+    from arva_hil.config import parse_fault  # not for --help of the whole
 
     try:
         return None if text == "none" else parse_fault(text)
@@ -137,14 +137,14 @@ def fault(text: str) -> Fault | None:
 
 def add_scenario(parser: Parser) -> None:
     """Options that say what is emulated."""
-    from arva_hil.scenario import FORMATS, RATE_HZ, SEED  # not for --help of the whole
+    from arva_hil.config.kinds import FORMATS, RATE_HZ, SEED  # not for --help of the whole
 
     parser.option("--scenario", metavar="FILE", help="scenario (YAML); default: one transmitter 20 m N, 5 m E of home")
     parser.option("--format", choices=FORMATS, help="of the frames; default: the scenario's")
     parser.option(
         "--rate", type=number(RATE_HZ.low, RATE_HZ.high, " of Hz"), metavar="HZ", help="of the frames, 0.1…50"
     )
-    parser.option("--seed", type=whole(int(SEED.low), int(SEED.high)), metavar="N", help="of the noise and the faults")
+    parser.option("--seed", type=whole(SEED.low, SEED.high), metavar="N", help="of the noise and the faults")
     parser.option(
         "--fault",
         type=fault,

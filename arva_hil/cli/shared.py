@@ -23,18 +23,17 @@ from arva_hil.cli.guard import Guard, story, unforeseen
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, utc
+from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, parts_of_spec_2, to_dict
 from arva_hil.console import Lines, Printer, as_json, plain
 from arva_hil.drivers import Live
 from arva_hil.engine import Emulator
 from arva_hil.events import Event, HeartbeatMissing
-from arva_hil.faults.spec import Fault, misfit
 from arva_hil.frame_source import FrameSource
 from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import open_stdout
 from arva_hil.notice import Notice
 from arva_hil.observer import Audience, Observer
 from arva_hil.record import Recorder, RecordError
-from arva_hil.scenario import DEFAULT, Scenario, ScenarioError, load, to_dict
 
 
 class Tally(Protocol):
@@ -53,14 +52,16 @@ def scenario(options: argparse.Namespace) -> Scenario:
         base = load(options.scenario) if options.scenario else DEFAULT
     except ScenarioError as error:
         raise UsageError(*error.problems) from None
+    if unserved := [part for part, there in parts_of_spec_2(base).items() if there]:
+        raise UsageError(f"{base.source}: {', '.join(unserved)}: this command does not serve that part of spec 2 yet")
     receiver = base.receiver
     if options.rate is not None:
-        receiver = dataclasses.replace(receiver, rate_hz=options.rate)
-        if receiver.jitter_s >= 0.5 / receiver.rate_hz:
+        if receiver.jitter_s >= 0.5 / options.rate:
             raise UsageError(
                 f"--rate {options.rate:g}: the scenario's jitter_s of {receiver.jitter_s:g} is not less than "
                 "half the period"
             )
+        receiver = dataclasses.replace(receiver, rate_hz=options.rate)
     chosen = dataclasses.replace(
         base,
         receiver=receiver,

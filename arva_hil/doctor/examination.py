@@ -13,13 +13,13 @@ from arva_hil.autopilot.finder import is_autopilot, short_name
 from arva_hil.autopilot.mavlink import RESULTS, Packet, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import Clock
+from arva_hil.config import DEFAULT
 from arva_hil.doctor.diagnosis import rate
 from arva_hil.doctor.values import Source, Stream, Traffic, Way
 from arva_hil.links import Address, Link, LinkEnded, LinkError, Sender
 from arva_hil.links.ports import far_program, holders, unread
 from arva_hil.links.pty import PtyLink
 from arva_hil.output import MavlinkPort, Port, frame_of
-from arva_hil.scenario import DEFAULT
 from arva_hil.scene import receiver
 
 _FRAME_S: Final = 0.5

@@ -10,9 +10,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from arva_hil.config import Noise, Scenario
 from arva_hil.faults.switch import Switch
 from arva_hil.model import Antennas, Reading, Transmitters, with_true_ranges
-from arva_hil.scenario import Noise, Scenario
 from arva_hil.scene import receiver
 
 Array = NDArray[np.float64]

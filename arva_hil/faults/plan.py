@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 
+from arva_hil.config import KINDS, Scenario
 from arva_hil.faults.hearing import FaultyReceiver
 from arva_hil.faults.sending import SENDERS, Outbox, QueuedFrame, Sending
-from arva_hil.faults.spec import KINDS
 from arva_hil.faults.switch import Switch
 from arva_hil.faults.wire import GARBLERS
-from arva_hil.scenario import Scenario
 from firmware_proto import Frame
 
 

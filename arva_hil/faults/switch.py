@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from random import Random
 
-from arva_hil.faults.spec import Fault
+from arva_hil.config import Fault
 
 
 class Switch:

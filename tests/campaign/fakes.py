@@ -7,9 +7,10 @@ import random
 import signal
 from pathlib import Path
 
-from arva_hil.campaign.plan import Planned, parse, trials
+from arva_hil.campaign.plan import Planned, trials
 from arva_hil.campaign.trial import FOUND, Result, Trial
 from arva_hil.clock import RealClock
+from arva_hil.config.campaign import parse_plan
 
 FOLDER = "FAKE_FLIGHTS"  # in the environment: where `gated` writes down what it flies, and looks for the gate
 FREE = 3  # seeds up to this one fly through a closed gate
@@ -19,7 +20,7 @@ PLAN = "strategies: [flux, estimate]\nscenarios: {random: {within_m: 50}}\nseeds
 
 
 def planned(text: str = PLAN) -> list[Planned]:
-    return list(trials(parse(text, "plan.yaml", STRATEGIES)))
+    return list(trials(parse_plan(text, "plan.yaml", STRATEGIES)))
 
 
 def fake(trial: Trial) -> Result:

@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from arva_hil.campaign.plan import Plan, Random, parse, read, size, trials, wind
+from arva_hil.campaign.plan import draw, size, trials, wind
+from arva_hil.config import Scenario, ScenarioError, load
+from arva_hil.config.campaign import CampaignPlan, Random, load_plan, parse_plan
 from arva_hil.model import rotation
-from arva_hil.scenario import Scenario, ScenarioError, load
 from arva_hil.search import STRATEGIES
 
 from .fakes import STRATEGIES as NAMES
@@ -25,7 +26,7 @@ MINIMAL = "strategies: flux\nscenarios: {random: {within_m: 50}}\n"  # what is a
 
 def mistakes(text: str, source: str = "p.yaml") -> list[str]:
     with pytest.raises(ScenarioError) as caught:
-        parse(text, source, NAMES)
+        parse_plan(text, source, NAMES)
     return str(caught.value).split("\n")
 
 
@@ -47,8 +48,8 @@ speed_m_s: 1.5
 limit_s: {flux: 60, estimate: 120}
 success_m: 3
 """
-    plan = parse(text, str(CONFIGS / "campaigns" / "p.yaml"), NAMES)
-    assert plan == Plan(
+    plan = parse_plan(text, str(CONFIGS / "campaigns" / "p.yaml"), NAMES)
+    assert plan == CampaignPlan(
         strategies=("flux", "estimate"),
         scenarios={
             "paper_case_1": load(CONFIGS / "paper_case_1.yaml"),
@@ -67,7 +68,7 @@ success_m: 3
 
 
 def test_a_short_plan_has_the_defaults_of_a_trial() -> None:
-    plan = parse(MINIMAL, "p.yaml", NAMES)
+    plan = parse_plan(MINIMAL, "p.yaml", NAMES)
     assert (list(plan.seeds), plan.noise, plan.take_off_m, plan.success_m) == ([1], (None,), (3.0,), 2.0)
     (one,) = trials(plan)
     assert replace(one.trial, scenario=Scenario(())) == type(one.trial)("flux", Scenario(()))
@@ -79,7 +80,7 @@ def test_a_short_plan_has_the_defaults_of_a_trial() -> None:
 )
 def test_the_plans_that_come_with_it(name: str, count: int) -> None:
     path = CONFIGS / "campaigns" / f"{name}.yaml"
-    plan = read(path, list(STRATEGIES))
+    plan = load_plan(path, list(STRATEGIES))
     assert size(plan) == count == len({one.key for one in trials(plan)})
     assert path.read_text().startswith("# ")
 
@@ -162,13 +163,13 @@ def test_mistakes_in_a_scenario_file_are_shown_with_those_of_the_plan(tmp_path: 
 def test_a_plan_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     for path, why in [(tmp_path / "none.yaml", "No such file"), (tmp_path, "Is a directory")]:
         with pytest.raises(ScenarioError, match=rf"{path}:1:1: {why}.*, expected the plan of a campaign"):
-            read(path, NAMES)
+            load_plan(path, NAMES)
     (tmp_path / "latin.yaml").write_bytes(b"# \xe9t\xe9\n")
     with pytest.raises(ScenarioError, match="1:3: the byte 0xe9, expected UTF-8"):
-        read(tmp_path / "latin.yaml", NAMES)
+        load_plan(tmp_path / "latin.yaml", NAMES)
     (tmp_path / "long.yaml").write_bytes(b"#" * (1 << 20) + b"\n")
     with pytest.raises(ScenarioError, match="1:1: more than 1 MiB"):
-        read(tmp_path / "long.yaml", NAMES)
+        load_plan(tmp_path / "long.yaml", NAMES)
 
 
 # Which trials
@@ -212,7 +213,7 @@ def test_a_key_is_of_the_content_of_the_scenario(tmp_path: Path) -> None:
     keys = []
     for text in ("{id: 1, ned: [1, 2, 0]}", "{id: 1, enu: [2, 1, 0]} # the same", "{id: 1, ned: [1, 2, 0.5]}"):
         (tmp_path / "a.yaml").write_text(f"transmitters:\n- {text}\n")
-        keys += [one.key for one in trials(parse(plan, str(tmp_path / "p.yaml"), NAMES))]
+        keys += [one.key for one in trials(parse_plan(plan, str(tmp_path / "p.yaml"), NAMES))]
     assert keys[0] == keys[1] != keys[2]
 
 
@@ -220,23 +221,23 @@ def test_noise_is_the_scenarios_own_unless_the_plan_has_some(tmp_path: Path) -> 
     (tmp_path / "a.yaml").write_text("transmitters: [{id: 1, ned: [1, 2, 0]}]\nreceiver: {noise: {kind: gaussian}}\n")
     plan = "strategies: flux\nscenarios: a.yaml\n"
     for more, kinds in [("", ["gaussian"]), ("noise: [off, uniform]", ["off", "uniform"])]:
-        every = trials(parse(plan + more, str(tmp_path / "p.yaml"), NAMES))
+        every = trials(parse_plan(plan + more, str(tmp_path / "p.yaml"), NAMES))
         assert [one.trial.scenario.receiver.noise.kind for one in every] == kinds
 
 
 @given(st.integers(0, 2**63 - 1), st.floats(0.1, 100), st.floats(-2, 2), st.floats(0, 5))
 def test_a_transmitter_is_drawn_inside_its_box(seed: int, within: float, low: float, more: float) -> None:
     kind = Random(within, (low, low + more))
-    (transmitter,) = kind.draw(seed).transmitters
+    (transmitter,) = draw(kind, seed).transmitters
     assert transmitter.ned is not None
     north, east, down = transmitter.ned
     assert max(abs(north), abs(east)) <= within + 0.0005
     assert low - 0.0005 <= down <= low + more + 0.0005
-    assert kind.draw(seed) == kind.draw(seed)
+    assert draw(kind, seed) == draw(kind, seed)
 
 
 def test_transmitters_are_drawn_uniformly() -> None:
-    drawn = [Random(50.0, (0.0, 2.0)).draw(seed).transmitters[0] for seed in range(1, 2001)]
+    drawn = [draw(Random(50.0, (0.0, 2.0)), seed).transmitters[0] for seed in range(1, 2001)]
     places = [t.ned for t in drawn if t.ned]
     matrices = rotation.to_matrix(
         rotation.from_euler(*[[math.radians(t.attitude[n]) for t in drawn] for n in range(3)])

@@ -17,12 +17,12 @@ from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.results import row
 from arva_hil.campaign.trial import Result, Trial
+from arva_hil.config import Scenario
 from arva_hil.console.printer import status_line
 from arva_hil.events import StatusReport, VehicleStatus
 from arva_hil.links import ports
 from arva_hil.links.ports import Port
 from arva_hil.links.pty import PtyLink
-from arva_hil.scenario import Scenario
 from firmware_proto import Channel, Frame, encode
 
 from .far_ends import DEADLINE_S, Autopilot, Program

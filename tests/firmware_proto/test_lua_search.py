@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from lua_stubs import FOLDER, GUIDED, LOITER, Autopilot
 
-from arva_hil import scenario
+from arva_hil import config
 from arva_hil.model import LocalFrame, rotation
 from arva_hil.output import frame_of
 from arva_hil.scene import receiver, transmitters
@@ -28,7 +28,7 @@ class Flight:
     """Remembers the vehicle, which follows velocities with a lag, and the frames it was sent."""
 
     def __init__(self, case=1, hertz=5, folder=FOLDER, **params):
-        chosen = scenario.load(CONFIGS / f"paper_case_{case}.yaml")
+        chosen = config.load(CONFIGS / f"paper_case_{case}.yaml")
         self.receiver = receiver(chosen)
         self.receiver.transmitters = transmitters(chosen, LocalFrame(47.0, 8.0, 488.0))
         self.autopilot = Autopilot(folder, **params)

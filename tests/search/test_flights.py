@@ -12,11 +12,11 @@ from arva_hil.autopilot.mavlink import dialect
 from arva_hil.autopilot.vehicle_messages import BUILDERS
 from arva_hil.clock import StepClock
 from arva_hil.closed_loop import ClosedLoop
+from arva_hil.config import parse
 from arva_hil.links import memory
 from arva_hil.loop import run
 from arva_hil.model.mount import Mount
 from arva_hil.model.rotation import from_euler
-from arva_hil.scenario import parse
 from arva_hil.search import STRATEGIES
 from arva_hil.search.mission import NOT_SURE, Plan
 

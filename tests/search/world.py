@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil import scene
+from arva_hil.config import parse
 from arva_hil.model import Zone, rotation
-from arva_hil.scenario import parse
 from arva_hil.search.strategy import Found, Observation, Position, Strategy
 
 LAG_S = 0.3  # of the point's velocity

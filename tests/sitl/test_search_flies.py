@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 from cli.far_ends import Program
 
-from arva_hil import scenario
+from arva_hil import config
 from arva_hil.model import LocalFrame
 
 from .autopilots import ArduCopter, BuiltIn, Px4, Running
@@ -69,7 +69,7 @@ def test_the_victim_is_found(
 
 def away(lat_lon: list[float], chosen: Path, run: dict[str, Any]) -> float:
     """Horizontal distance [m] from a place to the transmitter where the emulator has put it."""
-    (transmitter,) = scenario.load(str(chosen)).transmitters
+    (transmitter,) = config.load(str(chosen)).transmitters
     assert transmitter.ned is not None
     datum = run["datum"]
     north, east, _ = LocalFrame(*datum).ned(*lat_lon, datum[2])

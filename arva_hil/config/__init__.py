@@ -1,0 +1,93 @@
+"""The files that say what is to be done: scenarios, their faults, plans of campaigns. One declaration of each key.
+
+`kinds` and `sorts` need no pydantic: a command's `--help` imports only them.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from arva_hil.config.faults import KINDS, Fault, Kind, misfit, parse_fault, plain_fault
+    from arva_hil.config.kinds import (
+        FORMATS,
+        NOISE_KINDS,
+        RATE_HZ,
+        RECEIVER_MODELS,
+        SEED,
+        WIRE_FORMATS,
+        Format,
+        NoiseKind,
+        Pose,
+        Triple,
+    )
+    from arva_hil.config.receiver import Mount, Noise, Receiver
+    from arva_hil.config.scenario import DEFAULT, Datum, Scenario, load, parse, parts_of_spec_2, to_dict
+    from arva_hil.config.transmitter import Follows, Lla, Path, Transmitter
+    from arva_hil.config.vehicles import NavigationError, ReceiverConfig, VehicleConfig
+    from arva_hil.config.yaml_tree import Problem, ScenarioError
+
+_MODULES: Final = {
+    "faults": "KINDS Fault Kind misfit parse_fault plain_fault",
+    "kinds": "FORMATS NOISE_KINDS RATE_HZ RECEIVER_MODELS SEED WIRE_FORMATS Format NoiseKind Pose Triple",
+    "receiver": "Mount Noise Receiver",
+    "scenario": "DEFAULT Datum Scenario load parse parts_of_spec_2 to_dict",
+    "transmitter": "Follows Lla Path Transmitter",
+    "vehicles": "NavigationError ReceiverConfig VehicleConfig",
+    "yaml_tree": "Problem ScenarioError",
+}
+_HOMES: Final = {name: module for module, names in _MODULES.items() for name in names.split()}
+
+__all__ = [
+    "DEFAULT",
+    "FORMATS",
+    "KINDS",
+    "NOISE_KINDS",
+    "RATE_HZ",
+    "RECEIVER_MODELS",
+    "SEED",
+    "WIRE_FORMATS",
+    "Datum",
+    "Fault",
+    "Follows",
+    "Format",
+    "Kind",
+    "Lla",
+    "Mount",
+    "NavigationError",
+    "Noise",
+    "NoiseKind",
+    "Path",
+    "Pose",
+    "Problem",
+    "Receiver",
+    "ReceiverConfig",
+    "Scenario",
+    "ScenarioError",
+    "Transmitter",
+    "Triple",
+    "VehicleConfig",
+    "load",
+    "misfit",
+    "parse",
+    "parse_fault",
+    "parts_of_spec_2",
+    "plain_fault",
+    "to_dict",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    collecting = gc.isenabled()
+    gc.disable()  # or the collector walks all that start-up made, again and again while classes are built
+    try:
+        value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    finally:
+        if collecting:
+            gc.enable()
+    globals()[name] = value
+    return value

@@ -1,0 +1,333 @@
+"""The plan of a campaign as a file has it. Every axis of it is one value or a list of them, and all are crossed."""
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Final, cast
+
+from pydantic import TypeAdapter
+
+from arva_hil.config import yaml_tree
+from arva_hil.config.kinds import NOISE_KINDS, SEED, NoiseKind
+from arva_hil.config.reading import read
+from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
+from arva_hil.config.sorts import (
+    Help,
+    Number,
+    Numbers,
+    SeveralWrong,
+    Sort,
+    Spec,
+    Text,
+    Whole,
+    Word,
+    Wrong,
+    below,
+    list_of,
+    read_list,
+)
+from arva_hil.config.tables import TableSort, first, help_of, read_by, read_mapping, right, sort_of, table
+
+SPEC: Final = 1
+MOST_TRIALS: Final = 200_000
+_MANY: Final = 100_000
+_HEIGHT: Final = Number(0, 1000, above=True, unit="m")
+_SPEED: Final = Number(0, 100, above=True, unit="m/s")
+_LIMIT: Final = Number(0, 86_400, above=True, unit="s")
+_WITHIN: Final = Number(0, 10_000, above=True, unit="m")
+_DEPTH: Final = Number(-100, 100, unit="m")
+
+
+class _Depths(Numbers):
+    def read(self, value: Any) -> tuple[Any, ...]:
+        low, high = super().read(value)
+        if low > high:
+            raise Wrong("the smaller one first", f"[{low:g}, {high:g}]")
+        return low, high
+
+
+@table()
+class Random:
+    """One transmitter, another for each seed: uniform within ±`within_m` north and east of home, uniform in depth
+    from `depth_m`[0] to [1], its attitude uniform among all rotations."""
+
+    within_m: Annotated[float, _WITHIN, Help("north and east of home, each way")]
+    depth_m: Annotated[tuple[float, float], _Depths(_DEPTH, _DEPTH), Help("from, to")] = (0.0, 2.0)
+
+    def __str__(self) -> str:
+        low, high = self.depth_m
+        return f"random within {self.within_m:g} m at {low:g} to {high:g} m"
+
+
+class Axis(Sort):
+    """One value or a list of them, each once; a tuple in Python."""
+
+    def __init__(self, item: Sort, what: str = "values") -> None:
+        self.item, self.what, self.unit = item, what, item.unit
+        self.low, self.high = 1, _MANY
+
+    def __str__(self) -> str:
+        return list_of(self.low, self.high, self.what)
+
+    @property
+    def kind(self) -> str:
+        return f"{self.item.kind}, or a list of them"
+
+    @property
+    def range(self) -> str:
+        return self.item.range
+
+    def read(self, value: Any) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple):
+            return (self.item.read(value),)
+        return _unique(value, read_list(self, value, self.item.read))
+
+    def json(self) -> dict[str, Any]:
+        return _one_or_many(self.item.json())
+
+
+def _one_or_many(one: dict[str, Any]) -> dict[str, Any]:
+    return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1, "maxItems": _MANY}]}
+
+
+def _unique(items: Sequence[Any], values: Sequence[Any]) -> tuple[Any, ...]:
+    """The values of some items. Raises SeveralWrong for those that are there again."""
+    seen: dict[Any, Any] = {}
+    again = []
+    for at, (item, value) in enumerate(zip(items, values, strict=True)):
+        if value in seen:
+            again.append(Wrong("each once", f"{value} again{first(seen[value])}", where=(at,)))
+        seen.setdefault(value, item)
+    if again:
+        raise SeveralWrong(again)
+    return tuple(values)
+
+
+class _Seeds(Axis):
+    """A list of seeds, or how many there are from 1 on."""
+
+    count: Final = Whole(1, 100_000, "a list of seeds, or how many,")
+
+    def read(self, value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return super().read(value)
+        return value if isinstance(value, range) else range(1, self.count.read(value) + 1)
+
+    @property
+    def kind(self) -> str:
+        return "a list of seeds, or how many"
+
+    def json(self) -> dict[str, Any]:
+        return {"anyOf": [self.count.json(), super().json()["anyOf"][1]]}
+
+
+class _ByStrategy(Sort):
+    """One number for all strategies, or a mapping from their names, which is read when they are known."""
+
+    def __init__(self, number: Number) -> None:
+        self.number, self.unit = number, number.unit
+
+    @property
+    def kind(self) -> str:
+        return "a number, or one by strategy"
+
+    @property
+    def range(self) -> str:
+        return self.number.range
+
+    def read(self, value: Any) -> Any:
+        return value if isinstance(value, dict) else self.number.read(value)
+
+    def json(self) -> dict[str, Any]:
+        one = self.number.json()
+        return {"anyOf": [one, {"type": "object", "additionalProperties": one}]}
+
+
+class _Strategies(Axis):
+    """Names that are compared when it is known which strategies there are."""
+
+    def read(self, value: Any) -> Any:
+        return value
+
+
+class _Scenarios(Sort):
+    """Files and random ones, read when the plan's folder is known."""
+
+    one: Final = Text("a scenario file or {random: …}")
+
+    def __str__(self) -> str:
+        return list_of(1, _MANY, "scenarios")
+
+    @property
+    def kind(self) -> str:
+        return f"{self.one}, or a list of them"
+
+    def read(self, value: Any) -> Any:
+        return value
+
+    def json(self) -> dict[str, Any]:
+        box = {
+            "type": "object",
+            "properties": {
+                "within_m": _WITHIN.json() | {"description": help_of(Random, "within_m")},
+                "depth_m": sort_of(Random, "depth_m").json() | {"description": help_of(Random, "depth_m")},
+            },
+            "required": ["within_m"],
+            "additionalProperties": False,
+        }
+        drawn = {"type": "object", "properties": {"random": box}, "required": ["random"], "additionalProperties": False}
+        return _one_or_many({"anyOf": [{"type": "string"}, drawn]})
+
+
+_WIND: Final = Axis(Number(0, 100, unit="m/s"), "numbers")
+_GPS_NOISE: Final = Axis(Number(0, 1000, unit="m"), "numbers")
+_SUCCESS: Final = Number(0, 1000, above=True, unit="m")
+
+
+@table()
+class PlanFile:
+    """The keys of a plan."""
+
+    spec: Annotated[int, Spec(SPEC), Help("the version of this file format")] = field(default=1, kw_only=True)
+    strategies: Annotated[Any, _Strategies(Text("a strategy")), Help("what flies")]
+    scenarios: Annotated[Any, _Scenarios(), Help("files, relative to this one, and random ones, drawn by the seed")]
+    seeds: Annotated[Any, _Seeds(SEED, "seeds"), Help("of the noise and of what is drawn")] = range(1, 2)
+    noise: Annotated[Any, Axis(Word(NOISE_KINDS)), Help("of the receiver; without it as the scenario has it")] = (None,)
+    wind_m_s: Annotated[Any, _WIND, Help("from a direction that the seed draws")] = (0.0,)
+    gps_noise_m: Annotated[Any, _GPS_NOISE, Help("sigma on each axis")] = (0.0,)
+    take_off_m: Annotated[Any, Axis(_HEIGHT, "numbers"), Help("height of the take-off")] = (3.0,)
+    height_m: Annotated[Any, _ByStrategy(_HEIGHT), Help("held in the search")] = 3.0
+    speed_m_s: Annotated[Any, _ByStrategy(_SPEED), Help("of the search")] = 1.0
+    limit_s: Annotated[Any, _ByStrategy(_LIMIT), Help("of the search, then it lands")] = 900.0
+    success_m: Annotated[float, _SUCCESS, Help("how near the place reported has to be")] = 2.0
+
+
+@dataclass(frozen=True)
+class CampaignPlan:
+    """What a campaign tries: all of it crossed. `noise` None is the scenario's own; heights, speeds and limits are
+    by strategy; `success_m`: how near the place reported has to be to the transmitter."""
+
+    strategies: tuple[str, ...]
+    scenarios: Mapping[str, Scenario | Random]  # by name
+    seeds: Sequence[int]
+    noise: tuple[NoiseKind | None, ...]
+    wind_m_s: tuple[float, ...]
+    gps_noise_m: tuple[float, ...]
+    take_off_m: tuple[float, ...]
+    height_m: Mapping[str, float]
+    speed_m_s: Mapping[str, float]
+    limit_s: Mapping[str, float]
+    success_m: float
+
+
+def load_plan(path: str | os.PathLike[str], strategies: Sequence[str]) -> CampaignPlan:
+    """The plan in a file. Raises ScenarioError with all mistakes, those in its scenario files too."""
+    return parse_plan(yaml_tree.read_text(path, "the plan of a campaign"), os.fspath(path), strategies)
+
+
+def parse_plan(text: str, source: str, strategies: Sequence[str]) -> CampaignPlan:
+    """The plan in `text`; files that it names are looked for from where `source` is. Raises ScenarioError."""
+    reader = _PlanReader(os.path.dirname(source), strategies)
+    return read(text, source, "a mapping with strategies and scenarios", reader.read, SPEC)
+
+
+def is_plan(text: str) -> bool:
+    """Whether a text looks like a plan and not like a scenario."""
+    try:
+        root = yaml_tree.tree(yaml_tree.Notes("").compose(text, ""))
+    except yaml_tree.ScenarioError:
+        return False
+    return isinstance(root, dict) and "transmitters" not in root and bool(root.keys() & {"strategies", "scenarios"})
+
+
+class _PlanReader:
+    """Reads one plan; remembers what is wrong with it and with the scenarios that it names."""
+
+    def __init__(self, folder: str, strategies: Sequence[str]) -> None:
+        self._folder, self._strategies = folder, strategies
+        self._wrong: list[Wrong] = []
+        self._problems: list[yaml_tree.Problem] = []
+
+    def read(self, tree: yaml_tree.Tree) -> CampaignPlan:
+        """Raises SeveralWrong."""
+        plan = self._try("", lambda: read_by(TypeAdapter(PlanFile).validate_python, tree))
+        top: Mapping[str, Any] = tree if isinstance(tree, dict) else {}
+        names = self._strategy_names(top)
+        scenarios = self._scenarios(top)
+        limits: dict[str, Any] = {
+            key: self._by_strategy(top, key, names) for key in ("height_m", "speed_m_s", "limit_s")
+        }
+        axes: dict[str, Any] = {
+            key: right(PlanFile, top, key) for key in ("seeds", "noise", "wind_m_s", "gps_noise_m", "take_off_m")
+        }
+        count = math.prod(len(one) for one in (names, scenarios, *axes.values()) if one)
+        if count > MOST_TRIALS:
+            self._wrong.append(Wrong(f"at most {MOST_TRIALS}", f"{count} trials"))
+        if self._wrong or self._problems:
+            raise SeveralWrong(self._wrong, self._problems)
+        return CampaignPlan(names, scenarios, **axes, **limits, success_m=plan.success_m)
+
+    def _try(self, key: str, what: Callable[[], Any]) -> Any:
+        try:
+            return what()
+        except (Wrong, SeveralWrong) as error:
+            self._wrong += below(key, error) if key else error.every if isinstance(error, SeveralWrong) else [error]
+
+    def _strategy_names(self, top: Mapping[str, Any]) -> tuple[str, ...]:
+        if "strategies" not in top:
+            return ()
+        return self._try("strategies", lambda: Axis(Word(self._strategies)).read(top["strategies"])) or ()
+
+    def _by_strategy(self, top: Mapping[str, Any], key: str, names: Sequence[str]) -> dict[str, float]:
+        """One number for all, or each strategy's own."""
+        usual = right(PlanFile, {}, key)
+        number = cast("_ByStrategy", sort_of(PlanFile, key)).number
+        value = top.get(key, usual)
+        if isinstance(value, dict):
+            given = self._try(key, lambda: read_mapping(value, dict.fromkeys(names, number), [])) if names else {}
+            return {name: (given or {}).get(name, usual) for name in names}
+        return dict.fromkeys(names, right(PlanFile, top, key))
+
+    def _scenarios(self, top: Mapping[str, Any]) -> dict[str, Scenario | Random]:
+        if "scenarios" not in top:
+            return {}
+        value = top["scenarios"]
+        items = value if isinstance(value, list) else [value]
+        named: dict[str, Scenario | Random] = {}
+
+        def one(item: Any) -> str:
+            kind = self._scenario(item)
+            name = str(kind) if isinstance(kind, Random) else os.path.splitext(os.path.basename(kind.source))[0]
+            named.setdefault(name, kind)
+            return name
+
+        if isinstance(value, list):
+            sort = Axis(Text(""), "scenarios")
+            self._try("scenarios", lambda: _unique(items, read_list(sort, items, one)))
+        else:
+            self._try("scenarios", lambda: one(value))
+        return named
+
+    def _scenario(self, item: Any) -> Scenario | Random:
+        """A file or a random one; a file's own mistakes become the plan's. Raises Wrong or SeveralWrong."""
+        if isinstance(item, dict):
+            random: Random = read_mapping(item, {"random": TableSort(Random)}, ["random"])["random"]
+            return random
+        name = _Scenarios.one.read(item)
+        path = os.path.join(self._folder, name)
+        if not os.path.isfile(path):
+            folder = os.path.dirname(path) or "."
+            names = os.listdir(folder) if os.path.isdir(folder) else []
+            files = [file for file in names if file.endswith((".yaml", ".yml"))]
+            close = yaml_tree.nearest(os.path.basename(path), files)
+            hint = close and os.path.join(os.path.dirname(name), close)
+            raise Wrong(str(_Scenarios.one), f"no file {path}", hint)
+        try:
+            scenario = load(path)
+        except yaml_tree.ScenarioError as error:
+            self._problems += error.problems
+            return Scenario((), source=path)
+        if unserved := [part for part, there in parts_of_spec_2(scenario).items() if there]:
+            raise Wrong("a scenario without these parts of spec 2", f"{path} with {', '.join(unserved)}")
+        return scenario

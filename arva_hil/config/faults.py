@@ -1,0 +1,225 @@
+"""What faults there are, and how they are written: in a scenario, or on the command line."""
+
+import math
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import fields
+from typing import Annotated, Any, Final, Literal, NamedTuple
+
+from arva_hil.config.kinds import NUMBERED_FORMATS, SPAN, TRANSMITTER_ID, WIRE_FORMATS, WORLD_POINT, Triple
+from arva_hil.config.reading import read
+from arva_hil.config.sorts import Help, NotAKey, Number, SeveralWrong, Sort, Whole, Word, Wrong, Yes
+from arva_hil.config.tables import help_of, read_mapping, sort_of, table, unknown, validator
+from arva_hil.config.yaml_tree import ScenarioError
+
+Stage = Literal["heard", "sent", "wire"]
+
+_SHARE: Final = Number(0, 1, "a probability", above=True)
+_SECONDS: Final = Number(0, 60, "seconds", above=True, unit="s")
+_TRANSMITTER: Final = Whole(TRANSMITTER_ID.low, TRANSMITTER_ID.high, "a transmitter's id, a whole number")
+_TIME: Final = Number(0, 1_000_000, "seconds", unit="s", endless=True)
+_SCHEDULE: Final = ("from_s", "until_s", "every_s", "for_s")
+
+
+class Kind(NamedTuple):
+    """A sort of fault: where it strikes, which values it takes (None: only `true`), which keys it needs besides."""
+
+    stage: Stage
+    valid: Number | Whole | None
+    help: str
+    needs: tuple[str, ...] = ()
+
+    @property
+    def sort(self) -> Sort:
+        return self.valid or Yes()
+
+
+KINDS: Final = {  # in the order in which they strike
+    "transmitter_off": Kind("heard", _TRANSMITTER, "it sends nothing"),
+    "transmitter_moved": Kind("heard", _TRANSMITTER, "it is elsewhere, then back again", ("by_ned",)),
+    "transmitter_fading": Kind("heard", _TRANSMITTER, "its field falls evenly to nothing", ("over_s",)),
+    "interference": Kind("heard", Number(1, 1_000_000, above=True), "noise, times the most it is made for"),
+    "stuck": Kind("heard", None, "the same reading over and over"),
+    "silence": Kind("sent", None, "no frames"),
+    "drop": Kind("sent", _SHARE, "probability a frame that it is lost"),
+    "self_test": Kind("sent", None, "the status bit"),
+    "sequence": Kind("sent", _SHARE, "probability a frame that its number is wrong"),
+    "duplicate": Kind("sent", _SHARE, "probability a frame that it is sent again"),
+    "delay_s": Kind("sent", _SECONDS, "frames are late, those behind them too"),
+    "jitter_s": Kind("sent", _SECONDS, "frames are up to this late"),
+    "reorder": Kind("sent", _SHARE, "probability a frame that it changes places with the next"),
+    "truncate": Kind("wire", _SHARE, "probability a frame that only its beginning is sent"),
+    "corrupt": Kind("wire", _SHARE, "probability a frame that one byte is another"),
+    "drop_bytes": Kind("wire", _SHARE, "probability a byte that it is lost"),
+    "insert_bytes": Kind("wire", _SHARE, "probability a byte that another one comes before it"),
+    "flip_bytes": Kind("wire", _SHARE, "probability a byte that one bit is another"),
+    "baud_ratio": Kind("wire", Number(0.1, 10, above=True), "the receiver's baud rate to the host's: garble"),
+}
+
+
+class _Value(Sort):
+    """Whatever the kind of the fault takes, which is checked when it is known."""
+
+    def read(self, value: Any) -> Any:
+        return value
+
+
+@table()
+class Fault:
+    """One fault and when it is on, in seconds from the start of the run.
+
+    `value`: a probability a frame or a byte, seconds, a factor, a transmitter's id, or 1 where there is nothing to
+    say but that it is on. From `from_s` until `until_s`, and with `every_s` only for the first `for_s` of each.
+    Raises ValueError for a name, value or schedule that no fault has.
+    """
+
+    name: Annotated[str, Word(tuple(KINDS)), NotAKey()]
+    value: Annotated[float, _Value(), NotAKey()]
+    from_s: Annotated[float, _TIME, Help("on from this time of the run")] = 0.0
+    until_s: Annotated[float, _TIME, Help("off from this time of the run; without it never")] = math.inf
+    every_s: Annotated[float | None, SPAN, Help("again and again: from one start to the next")] = None
+    for_s: Annotated[float | None, SPAN, Help("with every_s: how long each time")] = None
+    by_ned: Annotated[Triple | None, WORLD_POINT, Help("of transmitter_moved: north, east, down")] = None
+    over_s: Annotated[float | None, SPAN, Help("of transmitter_fading: until nothing is left")] = None
+
+    def __post_init__(self) -> None:
+        kind = KINDS[self.name]
+        object.__setattr__(self, "value", validator(kind.sort.read)(self.value))
+        lacking = [key for key in kind.needs if getattr(self, key) is None]
+        mistakes = [Wrong(f"a fault with {key}", f"{self.name} without {key}") for key in lacking]
+        if mistakes := [*mistakes, *_misscheduled(vars(self))]:
+            raise ValueError("; ".join(map(str, mistakes)))
+
+    def since(self, time_us: int) -> int | None:
+        """How long it has been on [µs] at `time_us`, None when it is off."""
+        since = time_us - round(self.from_s * 1e6)
+        if since < 0 or time_us >= self.until_s * 1e6 - 0.5:
+            return None
+        if self.every_s is not None and self.for_s is not None:
+            since %= round(self.every_s * 1e6)
+            if since >= self.for_s * 1e6 - 0.5:
+                return None
+        return since
+
+    def __str__(self) -> str:
+        """As on the command line."""
+        plain = plain_fault(self)
+        start, end = (f"{plain.pop(key):g}" if key in plain else "" for key in ("from_s", "until_s"))
+        keys = (key if value is True else f"{key}={_short(value)}" for key, value in plain.items())
+        return ",".join(keys) + (f"@{start}-{end}".removesuffix("-") if start or end else "")
+
+
+def _misscheduled(f: Mapping[str, Any]) -> Iterator[Wrong]:
+    """What is wrong between the times of a fault, which are right each."""
+    from_s, until_s = f.get("from_s", 0.0), f.get("until_s", math.inf)
+    every_s, for_s = f.get("every_s"), f.get("for_s")
+    if until_s <= from_s:
+        yield Wrong(f"later than from_s ({from_s:g})", f"until_s {until_s:g}", where=("until_s",))
+    if every_s is not None and for_s is not None:
+        if for_s >= every_s:
+            yield Wrong(f"less than every_s ({every_s:g})", f"for_s {for_s:g}", where=("for_s",))
+    elif every_s is not None or for_s is not None:
+        yield Wrong("both or neither", "every_s without for_s" if for_s is None else "for_s without every_s")
+
+
+class FaultItem(Sort):
+    """A fault as a file has it: a mapping with the name of one fault, and its schedule."""
+
+    def __str__(self) -> str:
+        return "a mapping with the name of a fault"
+
+    def read(self, value: Any) -> Fault:
+        if isinstance(value, Fault):
+            return value
+        named = [name for name in value if name in KINDS] if isinstance(value, dict) else []
+        if len(named) != 1:
+            raise SeveralWrong(list(_not_one(value, named)))
+        (name,) = named
+        kind = KINDS[name]
+        values = read_mapping(value, _sorts(name), [name, *kind.needs])
+        if mistakes := list(_misscheduled(values)):
+            raise SeveralWrong(mistakes)
+        return Fault(name, values.pop(name), **values)
+
+    def json(self) -> dict[str, Any]:
+        every = []
+        for name, kind in KINDS.items():
+            helps = {key: help_of(Fault, key) for key in (*kind.needs, *_SCHEDULE)} | {name: kind.help}
+            properties = {key: sort.json() | {"description": helps[key]} for key, sort in _sorts(name).items()}
+            required = [name, *kind.needs]
+            every.append(
+                {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
+            )
+        return {"oneOf": every}
+
+
+def _sorts(name: str) -> dict[str, Sort]:
+    """The keys of a fault of this name."""
+    kind = KINDS[name]
+    return {name: kind.sort} | {key: sort_of(Fault, key) for key in (*kind.needs, *_SCHEDULE)}
+
+
+def _not_one(value: Any, named: list[str]) -> Iterator[Wrong]:
+    """What is wrong with what is not one fault."""
+    needs = (key for kind in KINDS.values() for key in kind.needs)
+    every = dict.fromkeys([*KINDS, *needs, *_SCHEDULE], 1)
+    if not isinstance(value, dict):
+        yield Wrong("a mapping with {keys}", keys=every)
+        return
+    strangers = [name for name in value if name not in every]
+    yield from (unknown(name, every) for name in strangers)
+    if len(named) > 1:
+        yield Wrong("one fault an item", f"both {named[0]} and {named[1]}", where=(named[1],), at_key=True)
+    elif not strangers:
+        yield Wrong(f"one of {', '.join(KINDS)}", "no fault")
+
+
+def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] | None:
+    """What was found and what was expected, when a scenario with these transmitters and this format cannot have it."""
+    kind = KINDS[fault.name]
+    if kind.valid is _TRANSMITTER and fault.value not in ids:
+        return f"{fault.name} of transmitter {fault.value:g}", f"one of {', '.join(map(str, sorted(ids)))}"
+    if kind.stage == "wire" and format not in WIRE_FORMATS:
+        return (
+            f"{fault.name} with the format {format}",
+            f"{' or '.join(WIRE_FORMATS)}, because it would break the autopilot's own link",
+        )
+    if fault.name in ("sequence", "self_test") and format not in NUMBERED_FORMATS:
+        return f"{fault.name} with the format {format}", f"{' or '.join(NUMBERED_FORMATS)}, which carry it"
+    return None
+
+
+def plain_fault(fault: Fault) -> dict[str, Any]:
+    """The fault as plain JSON types; a file reads it back equal."""
+    plain: dict[str, Any] = {fault.name: True if KINDS[fault.name].valid is None else fault.value}
+    for key in fields(fault):
+        value = getattr(fault, key.name)
+        if key.name not in ("name", "value") and value != key.default:
+            plain[key.name] = list(value) if isinstance(value, tuple) else value
+    return plain
+
+
+_VALUE: Final = r"\[[\w.+,-]*\]|[\w.+-]*"
+_CLOCK: Final = r"(?:\d[\d.]*)?"
+_OPTION: Final = re.compile(rf"(\w+(?:=(?:{_VALUE}))?(?:,\w+(?:=(?:{_VALUE}))?)*)(?:@({_CLOCK})(?:-({_CLOCK}))?)?")
+
+
+def parse_fault(text: str) -> Fault:
+    """The fault that `NAME=VALUE,KEY=VALUE@FROM-UNTIL` is. Raises ValueError that says what is wrong with it."""
+    match = _OPTION.fullmatch(text)
+    if match is None or ("@" in text and not any(match.groups()[1:])):
+        raise ValueError(f"{text!r}: expected NAME=VALUE@FROM-UNTIL, e.g. drop=0.02@10-60 or silence@30-35")
+    keys, start, end = match.groups()
+    pairs = [item.partition("=") for item in re.split(r",(?![^\[]*\])", keys)]
+    pairs += [(key, "=", time) for key, time in (("from_s", start), ("until_s", end)) if time]
+    file = "{" + ", ".join(f"{key}: {value if equals else 'true'}" for key, equals, value in pairs) + "}"
+    try:
+        return read(file, text, "a fault", FaultItem().read)
+    except ScenarioError as error:
+        hints = (f", did you mean {p.nearest!r}?" if p.nearest else "" for p in error.problems)
+        why = (f"{p.found}, expected {p.expected}{hint}" for p, hint in zip(error.problems, hints, strict=True))
+        raise ValueError(f"{text!r}: {'; '.join(why)}") from None
+
+
+def _short(value: Any) -> str:
+    return f"[{','.join(f'{x:g}' for x in value)}]" if isinstance(value, list) else f"{value:g}"

@@ -1,0 +1,32 @@
+"""Words and ranges of a scenario that commands offer as options too. Importing this does not import pydantic."""
+
+from __future__ import annotations
+
+from typing import Final, Literal, get_args
+
+from arva_hil.config.sorts import Number, Numbers, Whole, Word
+
+Triple = tuple[float, float, float]
+NoiseKind = Literal["uniform", "gaussian", "off"]
+Format = Literal["binary", "nmea", "text", "tunnel", "named", "named_float", "debug_vect"]
+Pose = Literal["estimate", "truth"]
+
+FORMATS: Final[tuple[Format, ...]] = get_args(Format)
+WIRE_FORMATS: Final = ("binary", "nmea", "text")  # the others go over the autopilot's own link
+NUMBERED_FORMATS: Final = ("binary", "nmea", "tunnel")  # those that carry sequence number and status
+NOISE_KINDS: Final[tuple[NoiseKind, ...]] = get_args(NoiseKind)
+RECEIVER_MODELS: Final = ["paper"]
+
+FORMAT: Final = Word(FORMATS)
+RATE_HZ: Final = Number(0.1, 50, unit="Hz")
+SEED: Final = Whole(0, 2**63 - 1)
+TRANSMITTER_ID: Final = Whole(0, 254)
+SYSTEM_ID: Final = Whole(1, 255)
+LATITUDE: Final = Number(-90, 90, "a latitude", unit="°")
+LONGITUDE: Final = Number(-180, 180, "a longitude", unit="°")
+ALTITUDE: Final = Number(-500, 9000, "an altitude", unit="m AMSL")
+ANGLE: Final = Number(-360, 360, unit="°")
+WORLD: Final = Number(-1_000_000, 1_000_000, unit="m")
+WORLD_POINT: Final = Numbers(WORLD, WORLD, WORLD)
+BODY_POINT: Final = Numbers(*[Number(-100, 100, unit="m")] * 3)
+SPAN: Final = Number(0, 1_000_000, "seconds", above=True, unit="s")

@@ -1,0 +1,371 @@
+"""Sorts of values: what a key takes, written once. Range, unit and wording of a mistake and of the JSON Schema come
+from here.
+
+A sort reads the text of a file (`Scalar`) and a value of Python alike. Importing this does not import pydantic.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final, get_args
+
+from arva_hil.config.yaml_tree import Items, Problem, Scalar, any_of, nearest
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+    from pydantic.json_schema import JsonSchemaValue
+    from pydantic_core import CoreSchema
+
+_FLOAT: Final = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
+_WHOLE: Final = re.compile(r"[-+]?(0|[1-9][0-9]{0,18})")
+_TYPED: Final = {ord("\N{MINUS SIGN}"): "-", ord("\N{EN DASH}"): "-", ord(","): "."}  # where a number was meant
+
+
+@dataclass(frozen=True)
+class Help:
+    """What a key means, in a few words."""
+
+    text: str
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return handler(schema) | {"description": self.text}
+
+
+@dataclass(frozen=True)
+class Since:
+    """The key is one of files of this `spec` and newer ones."""
+
+    spec: int
+
+
+class NotAKey:
+    """A field of the object that is no key of the file."""
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        from pydantic_core import PydanticOmit
+
+        raise PydanticOmit
+
+
+@dataclass(eq=False)
+class Wrong(Exception):
+    """A value that is not of its sort: what was `expected`; what was `found`, where describing the value is not enough;
+    the `nearest` valid one. `where` is the way to its place from the value that was read, `at_key` if its key is meant.
+
+    `keys` are valid there, each with the spec since which it is: in the texts `{keys}` and `{or}` stand for them.
+    """
+
+    expected: str
+    found: str | None = None
+    nearest: str | None = None
+    where: tuple[str | int, ...] = ()
+    at_key: bool = False
+    keys: Mapping[str, int] = field(default_factory=dict)
+    value: Any = None  # what is wrong, for Python
+    native: bool = False  # from a constructor, not from a sort
+
+    def __str__(self) -> str:
+        return f"{self.told(self.found)}, expected {self.told()}" if self.found else f"expected {self.told()}"
+
+    def told(self, text: str | None = None, spec: int = 1_000) -> str:
+        """What is expected or another text, with the keys that files of a spec have."""
+        names = [name for name, since in self.keys.items() if since <= spec]
+        text = self.expected if text is None else text
+        if not names:
+            return text
+        for mark, said in (
+            ("{one of keys}", any_of(names)),
+            ("{keys}", ", ".join(names)),
+            ("{or}", " or ".join(names)),
+        ):
+            text = text.replace(mark, said)
+        return text
+
+
+class SeveralWrong(Exception):
+    """All that is wrong with a value, and the `problems` of other files that it names."""
+
+    def __init__(self, every: Sequence[Wrong], problems: Sequence[Problem] = ()) -> None:
+        super().__init__(*every)
+        self.every, self.problems = tuple(every), tuple(problems)
+
+
+class Sort:
+    """A sort of value: `str()` is what is expected. None is read as None where the field may be None."""
+
+    unit: str = ""
+
+    def read(self, value: Any) -> Any:
+        """The value, from a file or Python. Raises Wrong or SeveralWrong."""
+        raise NotImplementedError
+
+    def json(self) -> dict[str, Any]:
+        """The JSON Schema of it."""
+        raise NotImplementedError
+
+    @property
+    def kind(self) -> str:
+        """What it is, without its range."""
+        return str(self)
+
+    @property
+    def range(self) -> str:
+        """Which of them are valid, "" if all."""
+        return ""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        from pydantic_core import core_schema
+
+        from arva_hil.config.tables import validator
+
+        read = _or_none(self.read) if type(None) in get_args(source) else self.read
+        return core_schema.no_info_plain_validator_function(validator(read))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        return self.json()
+
+
+def _or_none(read: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    return lambda value: None if value is None else read(value)
+
+
+@dataclass(frozen=True)
+class Number(Sort):
+    """A finite number from `low` to `high`, `low` itself excluded if `above`. In Python, `endless` allows infinity."""
+
+    low: float
+    high: float
+    what: str = "a number"
+    above: bool = False
+    unit: str = ""
+    endless: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high and not (self.above and value == self.low)
+
+    def __str__(self) -> str:
+        return f"{self.what} {self.range}"
+
+    @property
+    def kind(self) -> str:
+        return self.what
+
+    @property
+    def range(self) -> str:
+        return f"above {self.low}, at most {self.high}" if self.above else f"from {self.low} to {self.high}"
+
+    def read(self, value: Any) -> float:
+        if isinstance(value, Scalar):
+            number = float(value.plain) if _FLOAT.fullmatch(value.plain) else math.nan
+        elif isinstance(value, numbers.Real) and not isinstance(value, bool):
+            number = float(value)
+        else:
+            number = math.nan
+        if number in self or (self.endless and number == math.inf and not isinstance(value, Scalar)):
+            return number
+        meant = value.plain.translate(_TYPED) if isinstance(value, Scalar) else ""
+        hint = meant if _FLOAT.fullmatch(meant) and float(meant) in self else None
+        raise Wrong(str(self), nearest=hint)
+
+    def json(self) -> dict[str, Any]:
+        return {"type": "number", "exclusiveMinimum" if self.above else "minimum": self.low, "maximum": self.high}
+
+
+@dataclass(frozen=True)
+class Whole(Sort):
+    """A whole number from `low` to `high`, in a file written without a point."""
+
+    low: int
+    high: int
+    what: str = "a whole number"
+    unit: str = ""
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        return f"{self.what} {self.range}"
+
+    @property
+    def kind(self) -> str:
+        return self.what
+
+    @property
+    def range(self) -> str:
+        return f"from {self.low} to {self.high}"
+
+    def read(self, value: Any) -> int:
+        number = whole(value)
+        if number is None or number not in self:
+            raise Wrong(str(self))
+        return number
+
+    def json(self) -> dict[str, Any]:
+        return {"type": "integer", "minimum": self.low, "maximum": self.high}
+
+
+def whole(value: Any) -> int | None:
+    """The whole number (in a file of 19 digits at most) that a value is, None when it is something else."""
+    if isinstance(value, Scalar):
+        return int(value.plain) if _WHOLE.fullmatch(value.plain) else None
+    return int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else None
+
+
+@dataclass(frozen=True)
+class Spec(Sort):
+    """The version of a file's format, `newest` or an older one."""
+
+    newest: int
+
+    def __str__(self) -> str:
+        return f"spec {' or '.join(map(str, range(1, self.newest + 1)))}"
+
+    def read(self, value: Any) -> int:
+        number = whole(value)
+        if number is None or not 1 <= number <= self.newest:
+            raise Wrong(str(self))
+        return number
+
+    def json(self) -> dict[str, Any]:
+        return {"enum": list(range(1, self.newest + 1))}
+
+
+@dataclass(frozen=True)
+class Word(Sort):
+    """One of some words, quoted or not."""
+
+    words: Sequence[str]
+    expected: str = ""
+
+    def __str__(self) -> str:
+        return self.expected or any_of(self.words)
+
+    def read(self, value: Any) -> str:
+        for word in self.words:
+            if isinstance(value, str) and value == word:
+                return word
+        hint = nearest(value.lower(), self.words) if isinstance(value, str) else None
+        raise Wrong(str(self), nearest=hint)
+
+    def json(self) -> dict[str, Any]:
+        return {"enum": list(self.words)}
+
+
+class Yes(Word):
+    """Only `true`, for what there is nothing to say of but that it is on; read as 1."""
+
+    def __init__(self) -> None:
+        super().__init__(("true",))
+
+    def read(self, value: Any) -> Any:
+        if not isinstance(value, Scalar) and value == 1:
+            return 1
+        super().read(value)
+        return 1
+
+    def json(self) -> dict[str, Any]:
+        return {"const": True}
+
+
+@dataclass(frozen=True)
+class Text(Sort):
+    """Some text that matches `pattern`, quoted or not."""
+
+    what: str
+    pattern: str = r"(?s:.+)"
+
+    def __str__(self) -> str:
+        return self.what
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str) or not re.fullmatch(self.pattern, value):
+            raise Wrong(self.what)
+        return str(value)
+
+    def json(self) -> dict[str, Any]:
+        return {"type": "string"} | ({} if self.pattern == Text.pattern else {"pattern": f"^{self.pattern}$"})
+
+
+class Numbers(Sort):
+    """A list of numbers, one of each sort; a tuple in Python."""
+
+    def __init__(self, *sorts: Number | Whole, unit: str = "") -> None:
+        self.sorts = sorts
+        self.unit = unit or sorts[0].unit
+        self.what = "whole numbers" if isinstance(sorts[0], Whole) else "numbers"
+
+    def __str__(self) -> str:
+        return f"a list of {len(self.sorts)} {self.what}"
+
+    @property
+    def range(self) -> str:
+        each = [sort.range for sort in self.sorts]
+        return each[0] if len(set(each)) == 1 else "; ".join(each)
+
+    def read(self, value: Any) -> tuple[Any, ...]:
+        if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(self.sorts):
+            raise Wrong(str(self))
+        return tuple(each(value, lambda at, item: self.sorts[at].read(item)))
+
+    def json(self) -> dict[str, Any]:
+        every = [sort.json() for sort in self.sorts]
+        size = {"type": "array", "minItems": len(every), "maxItems": len(every)}
+        return size | ({"items": every[0]} if all(one == every[0] for one in every) else {"prefixItems": every})
+
+
+@dataclass(frozen=True)
+class Listed(Sort):
+    """A list of one sort; its length is that of a file, which Python need not keep to."""
+
+    item: Sort
+    low: int
+    high: int
+    what: str
+
+    def __str__(self) -> str:
+        return list_of(self.low, self.high, self.what)
+
+    def read(self, value: Any) -> tuple[Any, ...]:
+        return read_list(self, value, self.item.read)
+
+    def json(self) -> dict[str, Any]:
+        return {"type": "array", "items": self.item.json(), "minItems": self.low, "maxItems": self.high}
+
+
+def list_of(low: int, high: int, what: str) -> str:
+    """A list of that many, in words."""
+    return f"a list of {low if low == high else f'{low} to {high}'} {what}"
+
+
+def read_list(sort: Any, value: Any, read: Callable[[Any], Any]) -> tuple[Any, ...]:
+    """The items of a list, each read, and their number checked when it comes from a file. Raises SeveralWrong."""
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        raise Wrong(str(sort))
+    mistakes: list[Wrong] = []
+    if isinstance(value, Items) and not sort.low <= len(value) <= sort.high:
+        mistakes.append(Wrong(str(sort)))
+    return tuple(each(value, lambda _, item: read(item), mistakes))
+
+
+def each(items: Sequence[Any], read: Callable[[int, Any], Any], mistakes: Sequence[Wrong] = ()) -> list[Any]:
+    """Every item read. Raises SeveralWrong with the mistakes of all, behind those that there are."""
+    values = []
+    wrong = list(mistakes)
+    for at, item in enumerate(items):
+        try:
+            values.append(read(at, item))
+        except (Wrong, SeveralWrong) as error:
+            wrong += below(at, error)
+    if wrong:
+        raise SeveralWrong(wrong)
+    return values
+
+
+def below(step: str | int, error: Wrong | SeveralWrong) -> list[Wrong]:
+    """The mistakes of a part, as those of the whole."""
+    every = error.every if isinstance(error, SeveralWrong) else (error,)
+    return [replace(one, where=(step, *one.where)) for one in every]
