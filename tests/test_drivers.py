@@ -18,7 +18,8 @@ from arva_hil.console.sentences import sentence
 from arva_hil.drivers import LinkMonitor
 from arva_hil.links import Link, LinkError
 from arva_hil.links.memory import MemoryLink, pair
-from arva_hil.links.reopen import Barred, Reopening
+from arva_hil.links.reopen import Reopening
+from arva_hil.links.serial_opener import Barred
 from arva_hil.loop import run
 from firmware_proto import Decoder, Frame
 
