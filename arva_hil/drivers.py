@@ -123,12 +123,13 @@ class Live:
 
     def _read(self, name: str, link: Link, clock: Clock, times: int) -> None:
         for _ in range(times):
-            if not (came := link.receive()):
-                return
+            came = link.receive()
             now = clock.now()
             for sender, data in came:
                 self.emulator.receive(name, data, now, sender)
             link.follow(*self.emulator.addressees(name))
+            if not came:
+                return
 
     def _write(self, output: Output, now: float) -> LinkError | None:
         """Write one output; the error of a link that is gone for good."""

@@ -163,7 +163,7 @@ class TcpServerLink(Link):
             return mute[0]
         if self._others is None:
             return None
-        return next((sender for sender in self._clients if sender != self._peer), None)
+        return next((s for s in self._clients if s != self._peer and s not in self._others), None)
 
     def _leave(self, sender: Sender, why: LinkError) -> None:
         """Forget a client, and with it the rest of a write that only it can make sense of."""

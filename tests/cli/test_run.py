@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
@@ -14,6 +15,7 @@ from typing import Any
 import pytest
 
 from arva_hil.autopilot.mavlink import Encoder, dialect
+from arva_hil.links import LinkError
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
@@ -261,3 +263,20 @@ def test_without_an_autopilot_named_the_usual_place_is_tried_and_printed(start: 
     program = start("--port", line.path, "--timeout", 0.2)
     assert program.ends() == 3
     assert "autopilot: " in program.err
+
+
+def test_silent_tcp_clients_neither_keep_the_vehicle_out_nor_are_answered(
+    start: Start, keep: Keep, line: PtyLink
+) -> None:
+    port = free_port(socket.SOCK_STREAM)
+    program = start("--port", line.path, "--autopilot", f"tcpin:127.0.0.1:{port}", "--rate", 50)
+    program.says("frames to")
+    read_frames(line, 2)
+    strangers = [keep(TcpLink("127.0.0.1", port)) for _ in range(8)]
+    keep(Autopilot(keep(TcpLink("127.0.0.1", port)), speaks_first=True))
+    program.says("there is a pose")
+    for stranger in strangers:
+        with contextlib.suppress(LinkError):  # it gave way to another
+            assert stranger.read() == b""
+    program.process.terminate()
+    assert program.ends() == 130
