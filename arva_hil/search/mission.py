@@ -146,6 +146,7 @@ class Mission:
         if self._descent is None:
             speed = min(self.plan.speed, _APPROACH_M_S)
             self._descent = Descent((found.north, found.east), speed, time_s, height.metres)
+            self._say("info", "coming down onto the place reported")
         return self._descent.velocity(time_s, position, height)
 
     def _horizontal(self, time_s: float, position: Position, receiver: Position) -> Velocity:

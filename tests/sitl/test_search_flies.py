@@ -1,76 +1,82 @@
 """A search on each autopilot, all in real time and over real links: run, search, one flight, the victim found.
 
 The simulators of others fly only where ARVA_HIL_ARDUCOPTER or ARVA_HIL_PX4 names a binary; a machine without them
-still flies the built-in vehicle. They take the loopback ports of one flight: run with `-n 0`.
+still flies the built-in vehicle. They take the loopback ports of one flight: run with `-n 0`, and with `-rP` to read
+what came of each. ARVA_HIL_TRANSMITTERS: how many random ones each of them searches for, 2 if nothing is said.
 """
 
 from __future__ import annotations
 
-import json
-import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from cli.far_ends import Program
 
-from arva_hil import config
-from arva_hil.model import LocalFrame
+from arva_hil.campaign.plan import Random
+from arva_hil.config import load
 
-from .autopilots import ArduCopter, BuiltIn, Px4, Running
+from .autopilots import ArduCopter, BuiltIn, Maker, Px4
+from .flight import Flown, fly
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-WITHIN_M = {"flux": 2.0, "estimate": 1.0}  # of the transmitter, horizontally
+SIMULATORS: list[tuple[Maker, str]] = [(ArduCopter, "ARVA_HIL_ARDUCOPTER"), (Px4, "ARVA_HIL_PX4")]
+WITHIN_M = {"flux": 2.0, "estimate": 1.0}  # of the transmitter, horizontally, by the estimate of the vehicle's place
+GPS_M = 5.0  # of the true place from the estimated one: 1.5 m on each axis, and what the autopilot makes of it
+HEIGHT_M = 3.0  # the default
 
 
-def flights() -> Iterator[Any]:
-    """Autopilot, its binary, strategy, case of the paper."""
-    yield pytest.param(BuiltIn, "", "estimate", 4, id="built-in")
-    for autopilot, name in ((ArduCopter, "ARVA_HIL_ARDUCOPTER"), (Px4, "ARVA_HIL_PX4")):
+def binaries() -> Iterator[tuple[Maker, str]]:
+    for autopilot, name in SIMULATORS:
         if binary := os.environ.get(name):
-            for strategy in WITHIN_M:
-                for case in (1, 2, 3, 4):
-                    yield pytest.param(autopilot, binary, strategy, case, id=f"{autopilot.__name__}-{strategy}-{case}")
+            yield autopilot, binary
 
 
-@pytest.mark.timeout(400)
-@pytest.mark.parametrize(("autopilot", "binary", "strategy", "case"), list(flights()))
-def test_the_victim_is_found(
-    autopilot: Callable[[Path, Path], Running], binary: str, strategy: str, case: int, tmp_path: Path
-) -> None:
-    chosen, port, record = CONFIGS / f"paper_case_{case}.yaml", tmp_path / "receiver", tmp_path / "record"
-    flown = autopilot(Path(binary).resolve(), tmp_path)
-    programs: list[Program] = []
-    try:
-        emulator = Program(
-            *("run", "--scenario", chosen, "--record", record, "--timeout", 60),
-            *("--autopilot", flown.telemetry, "--port", f"pty:{port}"),
-        )
-        programs.append(emulator)
-        emulator.says("frames to")
-        search = Program(
-            *("search", "--strategy", strategy, "--json", "--timeout", 60, "--record", record),
-            *("--autopilot", flown.commands, "--receiver", port),
-        )
-        programs.append(search)
-        assert search.ends(300) == 0, search.err
-        outcome = json.loads(search.out)
-        emulator.process.terminate()
-        assert emulator.ends() == 130, emulator.err
-    finally:
-        for program in programs:
-            program.close()
-        flown.close()
-    assert outcome["outcome"] == "found"
-    assert away(outcome["found"]["lat_lon"], chosen, json.loads((record / "run.json").read_text())) < WITHIN_M[strategy]
+def cases() -> Iterator[Any]:
+    """Autopilot, its binary, strategy, case of the paper."""
+    yield pytest.param(BuiltIn, "", "estimate", 4, id="BuiltIn-estimate-4")
+    for autopilot, binary in binaries():
+        for strategy in WITHIN_M:
+            for case in (1, 2, 3, 4):
+                yield pytest.param(autopilot, binary, strategy, case, id=f"{_name(autopilot)}-{strategy}-{case}")
 
 
-def away(lat_lon: list[float], chosen: Path, run: dict[str, Any]) -> float:
-    """Horizontal distance [m] from a place to the transmitter where the emulator has put it."""
-    (transmitter,) = config.load(str(chosen)).transmitters
+def anywhere() -> Iterator[Any]:
+    """Autopilot, its binary, seed."""
+    for autopilot, binary in binaries():
+        for seed in range(1, int(os.environ.get("ARVA_HIL_TRANSMITTERS", "2")) + 1):
+            yield pytest.param(autopilot, binary, seed, id=f"{_name(autopilot)}-{seed}")
+
+
+def _name(autopilot: Maker) -> str:
+    return str(getattr(autopilot, "__name__", autopilot))
+
+
+def judge(flown: Flown, strategy: str) -> None:
+    print(flown)
+    assert flown.outcome["outcome"] == "found", flown.said
+    assert flown.reported_m is not None
+    assert flown.reported_m < WITHIN_M[strategy]
+    assert flown.touchdown_m < WITHIN_M[strategy] + GPS_M
+    assert abs(flown.standing_m) < 0.3
+    assert flown.lowest_m > HEIGHT_M / 2
+
+
+@pytest.mark.timeout(1000)
+@pytest.mark.parametrize(("autopilot", "binary", "strategy", "case"), list(cases()))
+def test_the_cases_of_the_paper(autopilot: Maker, binary: str, strategy: str, case: int, tmp_path: Path) -> None:
+    (transmitter,) = load(str(CONFIGS / f"paper_case_{case}.yaml")).transmitters
     assert transmitter.ned is not None
-    datum = run["datum"]
-    north, east, _ = LocalFrame(*datum).ned(*lat_lon, datum[2])
-    return math.dist((north, east), transmitter.ned[:2])
+    place = f"{{id: 1, ned: {list(transmitter.ned)}}}"
+    judge(fly(autopilot, Path(binary).resolve(), tmp_path, place, case, "--strategy", strategy), strategy)
+
+
+@pytest.mark.timeout(1000)
+@pytest.mark.parametrize(("autopilot", "binary", "seed"), list(anywhere()))
+def test_a_transmitter_anywhere(autopilot: Maker, binary: str, seed: int, tmp_path: Path) -> None:
+    (drawn,) = Random(40).draw(seed).transmitters
+    assert drawn.ned is not None
+    roll, pitch, yaw = drawn.attitude
+    place = f"{{id: 1, ned: {list(drawn.ned)}, attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}}}"
+    judge(fly(autopilot, Path(binary).resolve(), tmp_path, place, seed), "estimate")

@@ -1,0 +1,93 @@
+"""One search on one autopilot, in real time and over real links, judged by the simulator's own truth."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from cli.far_ends import Program
+
+from arva_hil.model import LocalFrame
+
+from .autopilots import HOME, Maker, Running
+from .truth import ground_m
+
+_BEGINS: Final = "the search begins"
+_ENDS: Final = "coming down onto|; landing|; hovering|the pilot or a failsafe"
+_PATIENCE_S: Final = 700.0
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What came of a search. Errors are horizontal, m, from where the transmitter truly is."""
+
+    outcome: dict[str, Any]  # what --json says
+    said: str
+    lowest_m: float  # true height above the ground, from the beginning of the search to the way down
+    reported_m: float | None  # error of the place reported
+    touchdown_m: float  # error of where the vehicle truly stands in the end
+    standing_m: float  # height there: 0 on the ground
+
+    def __str__(self) -> str:
+        reported = "-" if self.reported_m is None else f"{self.reported_m:.2f}"
+        outcome = self.outcome
+        return (
+            f"{outcome['outcome']}: {outcome['how']}; {outcome['time_s']:.0f} s, place reported {reported} m off, "
+            f"true touchdown {self.touchdown_m:.2f} m off, lowest true height {self.lowest_m:.2f} m"
+        )
+
+
+def fly(autopilot: Maker, binary: Path, folder: Path, transmitter: str, seed: int, *options: object) -> Flown:
+    """Fly to a transmitter as in a scenario file, its place NED from `HOME`; `options` are those of `search`."""
+    scenario, port, record = folder / "scenario.yaml", folder / "receiver", folder / "record"
+    lat, lon, alt = HOME
+    datum = f"datum: {{lat: {lat}, lon: {lon}, alt: {alt}}}"
+    scenario.write_text(f"spec: 1\nseed: {seed}\n{datum}\ntransmitters: [{transmitter}]\n")
+    flown = autopilot(binary, folder, seed)
+    programs: list[Program] = []
+    try:
+        emulator = Program(
+            *("run", "--scenario", scenario, "--record", record, "--timeout", 60),
+            *("--autopilot", flown.telemetry, "--port", f"pty:{port}"),
+        )
+        programs.append(emulator)
+        emulator.says("frames to")
+        search = Program(
+            *("search", "--json", "--timeout", 90, "--arm-timeout", 120, "--record", record, *options),
+            *("--autopilot", flown.commands, "--receiver", port),
+        )
+        programs.append(search)
+        begun, ended = _wait(search, _BEGINS, flown), _wait(search, _ENDS, flown)
+        search.ends(_PATIENCE_S)
+        outcome = json.loads(search.out)
+        emulator.process.terminate()
+        assert emulator.ends() == 130, emulator.err
+    finally:
+        for program in programs:
+            program.close()
+        flown.close()
+    places = flown.places
+    assert places[begun:ended], f"no truth of a search: {search.err}"
+    ground = ground_m(places)
+    heights = [place.alt - ground for place in places[begun:ended]]
+    found, last = outcome["found"], places[-1]
+    reported = None if found is None else _off(found["lat_lon"][0], found["lat_lon"][1], transmitter)
+    return Flown(outcome, search.err, min(heights), reported, _off(last.lat, last.lon, transmitter), last.alt - ground)
+
+
+def _wait(search: Program, pattern: str, flown: Running) -> int:
+    """Wait until it was said; how much truth there was by then. The end of the program is an end, too."""
+    while not re.search(pattern, search.err) and search._listen(_PATIENCE_S):
+        pass
+    return len(flown.places)
+
+
+def _off(lat: float, lon: float, transmitter: str) -> float:
+    north, east, _ = LocalFrame(*HOME).ned(lat, lon, HOME[2])
+    found = re.search(r"ned: \[([-\d.]+), ([-\d.]+)", transmitter)
+    assert found
+    return math.dist((north, east), tuple(map(float, found.groups())))
