@@ -16,6 +16,7 @@ from arva_hil.search.strategy import STILL, Found, Observation, Position, Veloci
 
 _DITHER: Final = 0.8  # times the speed: on the circle
 _DRIFT: Final = 0.8  # times the speed: of its centre, at most; what both exceed the speed by is cut
+_TURN: Final = 0.4  # rad/s on the circle, at most: some 16 readings a round at 1 Hz
 _RADIUS: Final = 0.6  # times d: false minima of d are about so far from the true one
 _RADII_M: Final = (0.8, 3.0)
 _TRACK: Final = 0.5  # 1/s; back onto the circle
@@ -78,7 +79,7 @@ class Extremum:
             return towards(position, self.found[:2], self._speed)
         north, east, phase = self._circle(time_s)
         c, s = math.cos(phase), math.sin(phase)
-        ahead = _DITHER * self._speed
+        ahead = self._turn_rate * self._radius
         v_n = self._drift[0] - ahead * s + _TRACK * (north + self._radius * c - position[0])
         v_e = self._drift[1] + ahead * c + _TRACK * (east + self._radius * s - position[1])
         share = self._speed / max(self._speed, math.hypot(v_n, v_e))
@@ -86,8 +87,8 @@ class Extremum:
 
     @property
     def _turn_rate(self) -> float:
-        """On the circle, rad/s."""
-        return _DITHER * self._speed / self._radius
+        """On the circle, rad/s: no faster than readings and vehicle can follow, however fast it may fly."""
+        return min(_DITHER * self._speed / self._radius, _TURN)
 
     def _circle(self, time_s: float) -> tuple[float, float, float]:
         """Its centre at that time, m north and east, and the phase on it, radians."""

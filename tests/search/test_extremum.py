@@ -43,6 +43,16 @@ def test_however_it_lies_buried(seed: int) -> None:
     assert flight.fastest <= 2.0 + 1e-9
 
 
+@pytest.mark.parametrize("lag_s", [0.3, 1.0, 2.0])
+def test_the_faster_it_may_fly_the_sooner_it_is_there_though_the_vehicle_is_slow_to_follow(lag_s: float) -> None:
+    took = []
+    for speed in (1.0, 3.0):
+        flights = [fly(Extremum(speed), one, height_m=3.0, lag_s=lag_s, seed=seed) for one in PAPER for seed in (0, 1)]
+        assert max(flight.error_m for flight in flights) < 1.3
+        took.append(sum(flight.time_s for flight in flights))
+    assert took[1] < 0.8 * took[0]
+
+
 def test_needs_no_direction() -> None:
     """Where the receiver's nose points makes no difference while it is level."""
     a, b = (fly(Extremum(1.0), PAPER[0], yaw=yaw) for yaw in (0.0, 2.0))

@@ -44,10 +44,11 @@ def fly(
     gps_m: float = 0.0,
     seed: int = 0,
     limit_s: float = 600.0,
+    lag_s: float = LAG_S,
 ) -> Flight:
     """Search from `start`, NED, for the first of the transmitters, "{id: 1, enu: [20, 5, 0]}" as in a scenario file.
 
-    `gps_m`: sigma on each axis of the position that the strategy is told.
+    `gps_m`: sigma on each axis of the position that the strategy is told. `lag_s`: of the point's velocity.
     """
     world = parse(f"spec: 1\nseed: {seed}\ntransmitters: [{', '.join(transmitters)}]\n", "world")
     receiver = scene.receiver(world)
@@ -66,7 +67,7 @@ def fly(
         for _ in range(steps):
             wanted = strategy.velocity(now, _tuple(told))
             fastest = max(fastest, math.hypot(*wanted))
-            velocity += (np.array(wanted) - velocity) * min(1.0, dt / LAG_S)
+            velocity += (np.array(wanted) - velocity) * min(1.0, dt / lag_s)
             place[:2] += velocity * dt
             told[:2] += velocity * dt
             now += dt
