@@ -21,7 +21,7 @@ from typing import Final
 from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
 from arva_hil.config import Scenario
-from arva_hil.datum import Datum
+from arva_hil.datum import MOVE_DATUM, Datum
 from arva_hil.events import DatumSet, Event, HeartbeatMissing, PacketsReceived, Said, StatusReport, VehicleStatus
 from arva_hil.frame_source import FrameSource, Output
 from arva_hil.output import MAVLINK_FORMATS, encoder
@@ -161,7 +161,8 @@ class Emulator:
             if not told:
                 self._events.append(PacketsReceived(now, link, packets))
                 told = True
-            if vehicle.datum.update(vehicle.session, now):
+            moves_datum = any(packet.msgid in MOVE_DATUM for packet in vehicle.session.own)
+            if moves_datum and vehicle.datum.update(vehicle.session, now):
                 self._events.append(vehicle.place(now))
 
     def link_lost(self, link: str, why: str, now: float) -> None:

@@ -105,8 +105,9 @@ class Session:
         `sender`: which of several on the link it came from. Of others than the vehicle's nothing is given back.
         `whole`: no packet goes on in the next chunk, as in a record of a log.
         """
-        self.senders.look(now)
         self.own.clear()
+        if sender is not None:
+            self.senders.look(now)
         if sender != self.senders.vehicle and self.vehicle and not self.senders.believes(sender, now):
             self._look_beside(chunk, sender)
             return []
@@ -124,7 +125,7 @@ class Session:
                 self.ignored += 1
             else:
                 self._take(packet, now)
-        if self.own:
+        if sender is not None and self.own:
             self.senders.hear(sender, now)
         if self._extras and self._streams:
             for packet in self.own:

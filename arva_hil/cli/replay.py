@@ -83,7 +83,9 @@ def main(options: argparse.Namespace) -> int:
         speed = options.speed or (1.0 if options.port else math.inf)
         clock = None if speed == math.inf else RealClock(speed)
         tally.begin(surroundings.audience)
-        records = _progress(log, itertools.chain([first], timeline))
+        records: Iterator[Record] = itertools.chain([first], timeline)
+        if sys.stderr.isatty():
+            records = _progress(log, records)
 
         def loop() -> None:
             replay(
@@ -147,10 +149,7 @@ def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
 
 
 def _progress(log: TlogReader, records: Iterator[Record]) -> Iterator[Record]:
-    """The log's records, with a progress bar on a terminal."""
-    if not sys.stderr.isatty():
-        yield from records
-        return
+    """The log's records, with a progress bar."""
     from tqdm import tqdm  # slow to import
 
     with tqdm(total=log.size, unit="B", unit_scale=True, leave=False) as bar:
