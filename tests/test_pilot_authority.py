@@ -1,0 +1,28 @@
+"""tools/pilot_authority.py, a run or two of each kind: a real search, and a pilot who takes over at a random moment."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parent.parent / "tools"))
+
+import pilot_authority as tool
+
+
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("pause", 22), ("pause", 26), ("end", 1), ("climb", 1), ("climb", 2), ("other", 1), ("other", 2)]
+)
+def test_no_order_comes_later_than_the_bound(kind: str, seed: int) -> None:
+    result = tool.fly(kind, seed)
+    assert (result.late, result.kept) == (0, True), result
+
+
+def test_the_table_names_every_kind(capsys: pytest.CaptureFixture[str]) -> None:
+    assert tool.main(["--runs", "1", "--jobs", "1", "--kinds", "climb"]) == 0
+    heading, columns, row = capsys.readouterr().out.splitlines()
+    assert heading == f"bound: {tool.BOUND_MS} ms"
+    assert columns.split()[:2] == ["kind", "runs"]
+    assert row.split() == ["climb", "1", "0", "0", "1"]
