@@ -67,6 +67,7 @@ class Flight:
         """There was a gap: the mission's clock stood still."""
         self._skipped_s += seconds
         self._last_pose_s += seconds
+        self._commander.steer(STAY)
 
     def wait(self, now: float) -> None:
         """It still stands."""
