@@ -18,6 +18,9 @@ from .truth import ground_m
 
 _BEGINS: Final = "the search begins"
 _ENDS: Final = "coming down onto|; landing|; hovering|the pilot or a failsafe"
+_ITS_OWN: Final = ("--target-system", 1)  # every PX4 of a machine sends to port 14550
+_NOT_LANDED: Final = "does not say that it has landed"
+_CONTACT_M: Final = 0.2
 _PATIENCE_S: Final = 700.0
 
 
@@ -29,15 +32,14 @@ class Flown:
     said: str
     lowest_m: float  # true height above the ground, from the beginning of the search to the way down
     reported_m: float | None  # error of the place reported
-    touchdown_m: float  # error of where the vehicle truly stands in the end
-    standing_m: float  # height there: 0 on the ground
+    touchdown_m: float | None  # error of where the vehicle truly came down first
+    landed: bool  # the autopilot has noticed, too
 
     def __str__(self) -> str:
-        reported = "-" if self.reported_m is None else f"{self.reported_m:.2f}"
-        outcome = self.outcome
+        reported, touchdown = ("-" if off is None else f"{off:.2f} m" for off in (self.reported_m, self.touchdown_m))
         return (
-            f"{outcome['outcome']}: {outcome['how']}; {outcome['time_s']:.0f} s, place reported {reported} m off, "
-            f"true touchdown {self.touchdown_m:.2f} m off, lowest true height {self.lowest_m:.2f} m"
+            f"{self.outcome['outcome']}{'' if self.landed else ', still armed'}; {self.outcome['time_s']:.0f} s, "
+            f"place reported {reported} off, true touchdown {touchdown} off, lowest true height {self.lowest_m:.2f} m"
         )
 
 
@@ -52,13 +54,13 @@ def fly(autopilot: Maker, binary: Path, folder: Path, transmitter: str, seed: in
     try:
         emulator = Program(
             *("run", "--scenario", scenario, "--record", record, "--timeout", 60),
-            *("--autopilot", flown.telemetry, "--port", f"pty:{port}"),
+            *("--autopilot", flown.telemetry, "--port", f"pty:{port}", *_ITS_OWN),
         )
         programs.append(emulator)
         emulator.says("frames to")
         search = Program(
             *("search", "--json", "--timeout", 90, "--arm-timeout", 120, "--record", record, *options),
-            *("--autopilot", flown.commands, "--receiver", port),
+            *("--autopilot", flown.commands, "--receiver", port, *_ITS_OWN),
         )
         programs.append(search)
         begun, ended = _wait(search, _BEGINS, flown), _wait(search, _ENDS, flown)
@@ -74,9 +76,12 @@ def fly(autopilot: Maker, binary: Path, folder: Path, transmitter: str, seed: in
     assert places[begun:ended], f"no truth of a search: {search.err}"
     ground = ground_m(places)
     heights = [place.alt - ground for place in places[begun:ended]]
-    found, last = outcome["found"], places[-1]
+    found = outcome["found"]
     reported = None if found is None else _off(found["lat_lon"][0], found["lat_lon"][1], transmitter)
-    return Flown(outcome, search.err, min(heights), reported, _off(last.lat, last.lon, transmitter), last.alt - ground)
+    contact = next((place for place in places[ended:] if place.alt - ground < _CONTACT_M), None)
+    touchdown = None if contact is None else _off(contact.lat, contact.lon, transmitter)
+    landed = _NOT_LANDED not in outcome["how"]
+    return Flown(outcome, search.err, min(heights), reported, touchdown, landed)
 
 
 def _wait(search: Program, pattern: str, flown: Running) -> int:
