@@ -18,6 +18,9 @@ from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
 from arva_hil.config import Scenario
@@ -87,9 +90,13 @@ class EmulatedVehicle:
     def boot(self, t: float) -> float | None:
         return self.session.clock.boot(t)
 
-    def state(self, t: float) -> VehicleState | None:
+    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
         frame = self.datum.frame
-        return self.session.state_at(t, frame) if frame else None
+        state = self.session.state_at(t, frame) if frame else None
+        return state, state
+
+    def carrier_pose(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        return None
 
     def lacking(self) -> str:
         waiting = self.datum.frame is None and self.session.track.newest is not None

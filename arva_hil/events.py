@@ -9,11 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from arva_hil.autopilot.mavlink import Packet
-from arva_hil.model import Reading
+from arva_hil.model import Pose, Reading
 from arva_hil.notice import Level
 from firmware_proto import Frame
 
@@ -108,14 +105,6 @@ class LogClockSet(Event):
 
 
 @dataclass(frozen=True, slots=True)
-class Pose:
-    """The receiver's own pose, mount included: NED [m] from the datum, and the matrix receiver → NED."""
-
-    position: NDArray[np.float64]
-    rotation: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
 class ReceiverEvent(Event):
     """`vehicle` and `receiver` are names in the scenario."""
 
@@ -125,7 +114,11 @@ class ReceiverEvent(Event):
 
 @dataclass(frozen=True, slots=True)
 class FrameMade(ReceiverEvent):
-    """One frame: its instant, the pose it was computed from, what was heard, and what it says."""
+    """One frame: its instant, what the receiver shows then, the pose that this was heard at, and what the frame says.
+
+    `pose` is where the receiver truly was, `reported_pose` where it would be if its vehicle were where it reports to
+    be; the same object where the report counts as the truth.
+    """
 
     number: int  # 0…
     instant_s: float  # from the start of the run
@@ -137,6 +130,7 @@ class FrameMade(ReceiverEvent):
     sent: bool  # False: nobody took it, or a fault keeps it from being sent
     late_s: float  # how long after its instant it was made
     faults: tuple[str, ...] = ()  # that it met
+    reported_pose: Pose | None = None  # None: no report, or one too old
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""One receiver of one vehicle: its instants, what it hears there, its frames, and what becomes of each."""
+"""One receiver of one vehicle: its looks and frames in the order of time, and what becomes of each frame."""
 
 from __future__ import annotations
 
@@ -6,32 +6,18 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
-from arva_hil.autopilot.pose import VehicleState
 from arva_hil.config import Scenario
-from arva_hil.datum import Datum
-from arva_hil.events import (
-    BytesSent,
-    Event,
-    FrameMade,
-    FramesRefused,
-    FramesTaken,
-    Pose,
-    PoseFound,
-    PoseLost,
-    PoseMissing,
-    ReceiverStatus,
-    TooFar,
-)
+from arva_hil.events import BytesSent, Event, FrameMade, FramesRefused, FramesTaken, ReceiverStatus
 from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
-from arva_hil.model import LocalFrame, Reading
+from arva_hil.model import LocalFrame
 from arva_hil.output import frame_of
-from arva_hil.scene import receiver, transmitters
+from arva_hil.scene import receiver
+from arva_hil.virtual_receiver import PoseSource, VirtualReceiver
 from firmware_proto import Frame
 
-_BLIND_S: Final = 8.0  # with a vehicle but without a pose, before that is worth an event
 _WORST_BACKLOG_S: Final = 1.0  # frames that are late by more than this are skipped, not sent in a burst
 
 
@@ -86,27 +72,8 @@ class Output(NamedTuple):
     made: FrameMade | None = None
 
 
-class PoseSource(Protocol):
-    """The vehicle as its receivers know it."""
-
-    datum: Datum
-
-    def boot(self, t: float) -> float | None:
-        """The instant `t` on the vehicle's clock [s]."""
-
-    def state(self, t: float) -> VehicleState | None:
-        """Where the vehicle truly is at `t`, NED from the datum; None when that is not known."""
-
-    @property
-    def known(self) -> bool:
-        """There is a vehicle."""
-
-    def lacking(self) -> str:
-        """Why there is no pose."""
-
-
 class FrameSource:
-    """Remembers one receiver's schedule, its model, what waits to be sent and what became of all that was.
+    """Remembers one receiver and its schedule, what waits to be sent and what became of all that was.
 
     `name`: of the receiver, `sink`: of the link that takes its frames. `encode`: (frame, its instant in ms on the
     vehicle's clock) → bytes, b"" while there is nobody to send them to. `max_age_s`: a pose older than this is none.
@@ -130,37 +97,52 @@ class FrameSource:
         self.last: FrameMade | None = None
         self.events: list[Event] = []
         self.outputs: list[Output] = []
-        self.faults = Faults(scenario) if scenario.faults else None
+        model = receiver(scenario)
+        self.faults = Faults(scenario, model) if scenario.faults else None
+        self.receiver = VirtualReceiver(
+            vehicle,
+            name,
+            scenario,
+            self.faults.receiver if self.faults else model,
+            start=start,
+            max_age_s=max_age_s,
+        )
+        self.receiver.plan(self.schedule.deadline)
         self._vehicle = vehicle
         self._encode = encode
-        self._receiver = self.faults.receiver if self.faults else receiver(scenario)
         self._start = start
-        self._max_age_s = max_age_s
-        self._had_pose = False
-        self._blind_since: float | None = None
         self._refused = False
 
     @property
     def next_due(self) -> float:
         """When there is something to do."""
-        return min(self.schedule.deadline, self.faults.outbox.next_due if self.faults else math.inf)
+        held_until = self.faults.outbox.next_due if self.faults else math.inf
+        return min(self.schedule.deadline, self.receiver.next_due, held_until)
 
     def place(self, frame: LocalFrame, scenario: Scenario) -> None:
         """The datum is there now."""
-        self._receiver.transmitters = transmitters(scenario, frame)
+        self.receiver.place(frame, scenario)
 
     def advance(self, now: float, vehicle: PoseSource, *, live: bool, ready: Callable[[float], bool]) -> None:
-        """Make the frames whose instants have come and are `ready`, and release what a fault has held up until now.
+        """Look and make frames at the instants that have come and are `ready`, and release what a fault has held up
+        until now.
 
         `live`: a frame that is made after its instant is late by that much, and too late a frame is skipped.
         """
-        schedule = self.schedule
-        while (t := schedule.deadline) <= now and ready(t):
-            self._make(t, now if live else t, vehicle)
+        schedule, receiver = self.schedule, self.receiver
+        while (t := min(receiver.next_due, schedule.deadline)) <= now and ready(t):
+            at = now if live else t
+            if receiver.next_due <= t:
+                self.events += receiver.look(at, vehicle)
+            if t < schedule.deadline:
+                receiver.plan(schedule.deadline)
+                continue
+            self._make(t, at, vehicle)
             schedule.advance()
             while live and now - schedule.deadline > _WORST_BACKLOG_S:
                 self.counters.skipped += 1
                 schedule.advance()
+            receiver.plan(schedule.deadline, now - _WORST_BACKLOG_S if live else -math.inf)
         self._release(min(now, schedule.deadline))
 
     def written(self, output: Output, taken: bool, now: float, *, lost: bool, vehicle_known: bool) -> None:
@@ -199,7 +181,10 @@ class FrameSource:
         if self.faults:
             self.faults.begin(number, instant_s)
         boot = vehicle.boot(t)
-        pose, age, reading = self._look(t, now, vehicle)
+        reading, told = self.receiver.show(t, now, vehicle)
+        self.events += told
+        _, pose, reported_pose, _ = self.receiver.seen
+        age = self.receiver.age_s(t)
         frame = frame_of(reading, number % 256)
         boot_ms = 0 if boot is None else max(0, round(boot * 1e3)) % 2**32
         counters = self.counters
@@ -212,7 +197,9 @@ class FrameSource:
             sent = outputs = self._put(QueuedFrame(frame, boot_ms), t)
         met = self.faults.met if self.faults else ()
         about = now, self._vehicle, self.name
-        made = FrameMade(*about, number, instant_s, boot, pose, age, reading, frame, sent > 0, now - t, met)
+        made = FrameMade(
+            *about, number, instant_s, boot, pose, age, reading, frame, sent > 0, now - t, met, reported_pose
+        )
         if outputs:
             self.outputs[-1] = self.outputs[-1]._replace(made=made)
         else:
@@ -221,36 +208,6 @@ class FrameSource:
     def _tell(self, made: FrameMade) -> None:
         self.last = made
         self.events.append(made)
-
-    def _look(self, t: float, now: float, vehicle: PoseSource) -> tuple[Pose | None, float | None, Reading]:
-        """The receiver's pose at `t`, None when it is unknown or too old; its age [s]; what is heard there."""
-        state = vehicle.state(t)
-        fresh = state is not None and state.age_s <= self._max_age_s
-        self._tell_pose(fresh, state, now, vehicle)
-        if state is None or not fresh:
-            return None, state.age_s if state else None, self._receiver.nothing()
-        pose = Pose(*self._receiver.pose(state.position, state.attitude))
-        reading = self._receiver.read(pose.position, pose.rotation)
-        if far := vehicle.datum.far(pose.position, reading):
-            self.events.append(TooFar(now, self._vehicle, self.name, *far, vehicle.datum.fixed))
-        return pose, state.age_s, reading
-
-    def _tell_pose(self, fresh: bool, state: VehicleState | None, now: float, vehicle: PoseSource) -> None:
-        """One event when the pose is lost or does not come, one when it is there."""
-        about = now, self._vehicle, self.name
-        if fresh != self._had_pose:
-            self._had_pose = fresh
-            self._blind_since = math.inf
-            if fresh:
-                self.events.append(PoseFound(*about))
-            else:
-                self.events.append(PoseLost(*about, state.age_s if state else None, vehicle.lacking()))
-        elif not fresh and vehicle.known:
-            if self._blind_since is None:
-                self._blind_since = now
-            elif now - self._blind_since > _BLIND_S:
-                self._blind_since = math.inf
-                self.events.append(PoseMissing(*about, vehicle.lacking()))
 
     def _send_by(self, faults: Faults, frame: Frame, t: float, boot_ms: int) -> tuple[Frame, int, int]:
         """As the faults have it: what the frame says, how many copies go or will go, how many outputs it made now."""

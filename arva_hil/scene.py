@@ -2,16 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arva_hil import config
-from arva_hil.model import Antennas, LocalFrame, Receiver, Transmitters, rotation
+from arva_hil.model import (
+    Antennas,
+    Carried,
+    LocalFrame,
+    Mount,
+    MovingTransmitters,
+    PaperReceiver,
+    ReceiverModel,
+    Transmitters,
+    Waypoints,
+    rotation,
+)
 
 
 def transmitters(scenario: config.Scenario, frame: LocalFrame) -> Transmitters:
-    """The scenario's transmitters in the NED frame `frame`."""
+    """The scenario's transmitters in the NED frame `frame`, those that move where they begin."""
     every = scenario.transmitters
     return Transmitters(
         tuple(t.id for t in every),
@@ -21,28 +34,51 @@ def transmitters(scenario: config.Scenario, frame: LocalFrame) -> Transmitters:
     )
 
 
-def receiver(scenario: config.Scenario) -> Receiver:
-    """The scenario's receiver, its transmitters not yet in their places when the datum is the vehicle's home."""
+def moving_transmitters(scenario: config.Scenario, frame: LocalFrame) -> MovingTransmitters:
+    """The same at any time."""
+    motions = {index: motion for index, t in enumerate(scenario.transmitters) if (motion := _motion(t))}
+    return MovingTransmitters(transmitters(scenario, frame), motions)
+
+
+def mount(scenario: config.Scenario) -> Mount:
+    """Where the scenario's receiver sits on its vehicle."""
+    m = scenario.receiver.mount
+    return Mount(m.position, _quaternion(m.attitude))
+
+
+def receiver(scenario: config.Scenario) -> ReceiverModel:
+    """The scenario's receiver, without its faults."""
+    return RECEIVER_MODELS[scenario.receiver.model](scenario)
+
+
+def _paper(scenario: config.Scenario) -> ReceiverModel:
     r = scenario.receiver
-    return Receiver(
-        transmitters(scenario, LocalFrame(0.0, 0.0, 0.0)),
-        Antennas(r.sensitivity, r.kappa_eq, r.noise.floor_range_m, r.noise.kind),
-        r.channels,
-        r.no_signal,
-        r.mount.position,
-        _quaternion(r.mount.attitude),
-        scenario.seed,
-    )
+    antennas = Antennas(r.sensitivity, r.kappa_eq, r.noise.floor_range_m, r.noise.kind)
+    return PaperReceiver(antennas, r.channels, r.no_signal, scenario.seed)
 
 
-def _quaternion(degrees: tuple[float, float, float]) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+RECEIVER_MODELS: Final[dict[str, Callable[[config.Scenario], ReceiverModel]]] = {"paper": _paper}
+
+
+def _quaternion(degrees: tuple[float, float, float]) -> NDArray[np.float64]:
     return rotation.from_euler(*np.radians(degrees))
 
 
 def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float]:
-    """NED, metres; a transmitter has either `ned` or `lla`."""
+    """NED, metres; of one that is carried by a vehicle the origin, which nobody asks for."""
     if transmitter.ned is not None:
         return transmitter.ned
+    if transmitter.path is not None:
+        return transmitter.path.points_ned[0][1:]
     lla = transmitter.lla
-    assert lla is not None
-    return tuple(frame.ned(lla.lat, lla.lon, lla.alt))
+    return tuple(frame.ned(lla.lat, lla.lon, lla.alt)) if lla else (0.0, 0.0, 0.0)
+
+
+def _motion(transmitter: config.Transmitter) -> Waypoints | Carried | None:
+    """How it moves, None for one at rest."""
+    if (path := transmitter.path) is not None:
+        points = np.array(path.points_ned)
+        return Waypoints(points[:, 0], points[:, 1:], path.end)
+    if (follows := transmitter.follows) is not None:
+        return Carried(follows.system, np.array(follows.offset))
+    return None

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from one_receiver import Diary, OneReceiver
+from paper_receiver import Receiver
 
 from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.autopilot.session import Session
@@ -22,7 +23,7 @@ from arva_hil.frame_source import Schedule
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.loop import run
-from arva_hil.model import Antennas, LocalFrame, Receiver, Transmitters
+from arva_hil.model import Antennas, LocalFrame, Transmitters
 from arva_hil.output import MavlinkDecoder
 from arva_hil.simulator import Simulator
 from firmware_proto import DECODERS, Decoder, Frame

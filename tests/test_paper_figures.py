@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
+from paper_receiver import Receiver
 from PIL import Image
 
-from arva_hil.model import Antennas, Receiver, Zone
+from arva_hil.model import Antennas, Zone
 
 TOOLS = Path(__file__).parent.parent / "tools"
 sys.path.append(str(TOOLS))

@@ -226,7 +226,7 @@ class Mouth:
         return self._next
 
     def _send(self, now: float) -> None:
-        frame = frame_of(self._receiver.nothing(), self._sequence % 256)
+        frame = frame_of(self._receiver.show(now), self._sequence % 256)
         data = self._port.encode(frame, round(now * 1e3))
         self._sequence += 1
         if data or not isinstance(self._port, MavlinkPort):

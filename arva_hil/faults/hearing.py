@@ -8,12 +8,12 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from arva_hil.config import Noise, Scenario
+from arva_hil.config import Scenario
 from arva_hil.faults.switch import Switch
-from arva_hil.model import Antennas, Reading, Transmitters, with_true_ranges
-from arva_hil.scene import receiver
+from arva_hil.model import Answer, Antennas, Look, Reading, ReceiverModel, Transmitters, with_true_ranges
+from arva_hil.model.receiver import NoiseSource, noise_bound
 
 Array = NDArray[np.float64]
 
@@ -21,78 +21,64 @@ _LIMIT_RANGE_M: Final = Antennas().floor_range_m  # the noise a receiver is made
 
 
 class FaultyReceiver:
-    """A receiver that hears what faults leave it: the face of `Receiver`, and `begin` before each frame.
+    """A receiver that hears what faults leave it; a `ReceiverModel` around another one.
 
-    Its own noise is drawn for every frame all the same, so that after a fault it is what it would have been.
+    Remembers what it shows, for a fault that holds it, and its newest look. `scenario`: with the receiver's noise.
     """
 
-    def __init__(self, scenario: Scenario, switches: Sequence[Switch]) -> None:
-        self._plain = receiver(scenario)
-        self._there = self._plain.transmitters
+    def __init__(self, model: ReceiverModel, scenario: Scenario, switches: Sequence[Switch]) -> None:
+        self._model = model
         self._transmitters = [s for s in switches if s.fault.name in _CHANGES]
         self._stuck = [s for s in switches if s.fault.name == "stuck"]
-        self._loud = [(s, receiver(_louder(scenario, s))) for s in switches if s.fault.name == "interference"]
-        self._last: Reading | None = None
+        self._loud = [(s, _interference(scenario, s)) for s in switches if s.fault.name == "interference"]
+        self._shown: Reading | None = None
+        self._look: Look | None = None
 
-    @property
-    def transmitters(self) -> Transmitters:
-        """As they are for the present frame; what is set is where they are without faults."""
-        return self._plain.transmitters
+    def next_look(self, after_s: float, frame_s: float) -> float:
+        """See `ReceiverModel`."""
+        return self._model.next_look(after_s, frame_s)
 
-    @transmitters.setter
-    def transmitters(self, transmitters: Transmitters) -> None:
-        self._there = self._plain.transmitters = transmitters
+    def look(self, look: Look) -> None:
+        """See `ReceiverModel`."""
+        time_us = round(look.time_s * 1e6)
+        if on := [switch for switch in self._transmitters if switch.turn(time_us)]:
+            look = replace(look, transmitters=_changed(look.transmitters, on))
+        m = len(look.transmitters.ids)
+        if loud := [noise.draw(m) for switch, noise in self._loud if switch.turn(time_us)]:
+            look = replace(look, noise=sum(loud[1:], loud[0]))
+        self._look = look
+        self._model.look(look)
 
-    def begin(self) -> None:
-        """Put the transmitters where they are for the next frame."""
-        if not self._transmitters:
-            return
-        there = self._there
-        changed = replace(there, positions=there.positions.copy(), strengths=there.strengths.copy())
-        for switch in self._transmitters:
-            if switch.since_s is not None:
-                _CHANGES[switch.fault.name](changed, there.ids.index(int(switch.fault.value)), switch)
-        self._plain.transmitters = changed
-
-    def pose(self, position: ArrayLike, attitude: ArrayLike) -> tuple[Array, Array]:
-        """See `Receiver`."""
-        return self._plain.pose(position, attitude)
-
-    def read(self, p_r: Array, R_r: Array) -> Reading:
-        """See `Receiver`."""
-        return self._said(self._plain.read(p_r, R_r, self._interference()), p_r)
-
-    def nothing(self) -> Reading:
-        """See `Receiver`."""
-        return self._said(self._plain.nothing(self._interference()), None)
-
-    def true_ranges(self, p_r: Array) -> dict[int, float]:
-        """See `Receiver`."""
-        return self._plain.true_ranges(p_r)
-
-    def _interference(self) -> Array | None:
-        """What all interference that is on adds up to, instead of the receiver's own noise; None without any."""
-        loud = [receiver.noise() for switch, receiver in self._loud if switch.since_s is not None]
-        if not loud:
-            return None
-        self._plain.noise()
-        return sum(loud[1:], loud[0])
-
-    def _said(self, reading: Reading, p_r: Array | None) -> Reading:
-        """The reading, or while it is stuck the last one before, its true ranges those of now."""
-        if self._last is None or all(switch.since_s is None for switch in self._stuck):
-            self._last = reading
+    def show(self, time_s: float) -> Reading:
+        """See `ReceiverModel`; while it is stuck what it showed before, its true ranges those of its newest look."""
+        reading, time_us = self._model.show(time_s), round(time_s * 1e6)
+        stuck = [switch for switch in self._stuck if switch.turn(time_us)]
+        if self._shown is None or not stuck:
+            self._shown = reading
             return reading
-        ranges = {} if p_r is None else self._plain.true_ranges(p_r)
-        return replace(self._last, channels=with_true_ranges(self._last.channels, ranges))
+        look = self._look
+        ranges = look.transmitters.ranges(look.pose.position) if look and look.pose else {}
+        return replace(self._shown, channels=with_true_ranges(self._shown.channels, ranges))
+
+    def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
+        """See `ReceiverModel`."""
+        return self._model.command(time_s, name, values)
 
 
-def _louder(scenario: Scenario, switch: Switch) -> Scenario:
-    """The same receiver with noise up to `value` times what it is made for, drawn from numbers of its own."""
-    kind = scenario.receiver.noise.kind
-    noise = Noise("uniform" if kind == "off" else kind, _LIMIT_RANGE_M / math.cbrt(switch.fault.value))
+def _interference(scenario: Scenario, switch: Switch) -> NoiseSource:
+    """Noise up to `value` times what the receiver is made for, from numbers of its own."""
+    noise, bound_m = scenario.receiver.noise, _LIMIT_RANGE_M / math.cbrt(switch.fault.value)
+    kind = "uniform" if noise.kind == "off" else noise.kind
     seed = switch.random(-1).getrandbits(63)
-    return replace(scenario, receiver=replace(scenario.receiver, noise=noise), seed=seed)
+    return NoiseSource(kind, noise_bound(scenario.receiver.sensitivity, bound_m), seed)
+
+
+def _changed(there: Transmitters, switches: Sequence[Switch]) -> Transmitters:
+    """The transmitters as faults that are on leave them."""
+    changed = replace(there, positions=there.positions.copy(), strengths=there.strengths.copy())
+    for switch in switches:
+        _CHANGES[switch.fault.name](changed, there.ids.index(int(switch.fault.value)), switch)
+    return changed
 
 
 def _off(t: Transmitters, index: int, switch: Switch) -> None:

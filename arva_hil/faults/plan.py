@@ -10,23 +10,25 @@ from arva_hil.faults.hearing import FaultyReceiver
 from arva_hil.faults.sending import SENDERS, Outbox, QueuedFrame, Sending
 from arva_hil.faults.switch import Switch
 from arva_hil.faults.wire import GARBLERS
+from arva_hil.model import ReceiverModel
 from firmware_proto import Frame
 
 
 class Faults:
     """Remembers which faults are on, which of them the present frame met, and what waits to be sent.
 
-    For each frame: `begin`, then a reading of `receiver`, then `send`. Same scenario, same frame, same faults.
+    `receiver` is the `model` with those of hearing. For each frame: `begin`, then `send`. Same scenario, same frame,
+    same faults.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, model: ReceiverModel) -> None:
         order = list(KINDS)
         seen: Counter[str] = Counter()
         self._switches = []
         for fault in sorted(scenario.faults, key=lambda fault: order.index(fault.name)):
             seen[fault.name] += 1
             self._switches.append(Switch(fault, f"{scenario.seed} {fault.name} {seen[fault.name]}"))
-        self.receiver = FaultyReceiver(scenario, self._switches)
+        self.receiver = FaultyReceiver(model, scenario, self._switches)
         self.outbox = Outbox()
         self.met: tuple[str, ...] = ()  # names, in the order in which they struck
         self._frames: Counter[str] = Counter()
@@ -43,7 +45,6 @@ class Faults:
         for switch in self._on:
             if KINDS[switch.fault.name].stage == "heard":
                 self._meet(switch)
-        self.receiver.begin()
 
     def send(self, frame: Frame, t: float, boot_ms: int, encode: Callable[[Frame, int], bytes]) -> tuple[Frame, int]:
         """Put a frame into the outbox; what it says now, and how many copies of it are left.

@@ -2,17 +2,28 @@
 
 from .field import Transmitters, dipole_field
 from .geodesy import LocalFrame
+from .motion import Carried, MovingTransmitters, Waypoints
+from .mount import Mount
 from .reading import ChannelReading, Reading, Zone, with_true_ranges
-from .receiver import Antennas, NoiseKind, Receiver, outputs
+from .receiver import Antennas, NoiseKind, PaperReceiver, outputs
+from .receiver_model import Answer, Look, Pose, ReceiverModel
 
 __all__ = [
+    "Answer",
     "Antennas",
+    "Carried",
     "ChannelReading",
     "LocalFrame",
+    "Look",
+    "Mount",
+    "MovingTransmitters",
     "NoiseKind",
+    "PaperReceiver",
+    "Pose",
     "Reading",
-    "Receiver",
+    "ReceiverModel",
     "Transmitters",
+    "Waypoints",
     "Zone",
     "dipole_field",
     "outputs",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,18 +17,28 @@ _NEAREST_M = 0.01  # a receiver closer than this reads as if it were this far: t
 
 @dataclass(frozen=True, eq=False)
 class Transmitters:
-    """M transmitters at rest. Raises ValueError when the shapes do not agree."""
+    """M transmitters at one instant. Raises ValueError when the shapes do not agree.
+
+    `unplaced`: ids of those whose place is not known. They are silent, and no range to them is true.
+    """
 
     ids: tuple[int, ...]
     positions: Array  # (M, 3) NED, metres
     rotations: Array  # (M, 3, 3) R_t, transmitter → NED; the dipole lies along the transmitter's x
     strengths: Array  # (M,) κ‖m‖; 1 is the reference transmitter
+    unplaced: frozenset[int] = frozenset()
 
     def __post_init__(self) -> None:
         m = len(self.ids)
         shapes = (self.positions.shape, self.rotations.shape, self.strengths.shape)
         if shapes != ((m, 3), (m, 3, 3), (m,)):
             raise ValueError(f"{m} transmitters with positions, rotations, strengths of shape {shapes}")
+
+    def ranges(self, point: Array) -> dict[int, float]:
+        """How far [m] each is from a point (3,) in NED, by id."""
+        at = point.tolist()
+        every = zip(self.ids, self.positions.tolist(), strict=True)
+        return {id_: math.dist(at, place) for id_, place in every if id_ not in self.unplaced}
 
 
 def dipole_field(points: ArrayLike, positions: Array, rotations: Array, strengths: Array) -> Array:

@@ -11,11 +11,11 @@ from typing import Final, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .field import Transmitters, dipole_field
-from .mount import Mount
+from .field import dipole_field
 from .reading import ChannelReading, Reading, Zone, with_true_ranges
+from .receiver_model import Answer, Look
 
-__all__ = ["Antennas", "NoiseKind", "Receiver", "draw_noise", "noise_bound", "outputs", "receive"]
+__all__ = ["Antennas", "NoiseKind", "NoiseSource", "PaperReceiver", "draw_noise", "noise_bound", "outputs", "receive"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -109,75 +109,69 @@ def _rounded(x: Array) -> Array:
     return whole + np.trunc(2 * (x - whole))
 
 
-class Receiver:
-    """The receiver on its vehicle; remembers its random generator, and where the transmitters are.
+class NoiseSource:
+    """Remembers a random generator: noise of one kind, up to a bound, from a seed."""
 
-    `transmitters` may be set anew, as many in the same order, when their places change. `channels`: slots.
-    `no_signal`: (d, δ) of an empty one. `mount_position` (3,): metres, body frame FRD. `mount_attitude` (4,):
-    quaternion, receiver → body. Noise is drawn for every transmitter in its order and for every frame, so that
-    it depends on the seed and the frame's number alone.
+    def __init__(self, kind: NoiseKind, bound: float, seed: int) -> None:
+        self._kind = kind
+        self._bound = bound
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+
+    def draw(self, m: int) -> Array:
+        """The next (m, 3), NED: see `draw_noise`."""
+        return draw_noise(self._rng, m, self._kind, self._bound)
+
+
+class PaperReceiver:
+    """The receiver of the paper: what a frame says is heard at its instant; a `ReceiverModel`.
+
+    Remembers its random generator and what it has heard last. `channels`: slots. `no_signal`: (d, δ) of an empty one.
+    Noise is drawn for every transmitter in its order and for every look, so that it depends on the seed and the look's
+    number alone. It takes no commands.
     """
 
     def __init__(
-        self,
-        transmitters: Transmitters,
-        antennas: Antennas,
-        channels: int = 4,
-        no_signal: tuple[int, int] = (-1, -1),
-        mount_position: ArrayLike = (0.0, 0.0, 0.0),
-        mount_attitude: ArrayLike = (1.0, 0.0, 0.0, 0.0),
-        seed: int = 0,
+        self, antennas: Antennas, channels: int = 4, no_signal: tuple[int, int] = (-1, -1), seed: int = 0
     ) -> None:
         if channels < 1:
             raise ValueError(f"{channels} channels: expected 1 or more")
-        self.transmitters = transmitters
-        self._antennas = antennas
+        self._kappa_eq = antennas.kappa_eq
         self._q = np.array(antennas.sensitivity)
-        self._bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
+        bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
         self._limit = noise_bound(antennas.sensitivity, _FLOOR_RANGE_M)
-        self._mount = Mount(mount_position, mount_attitude)
+        self._may_interfere = bound > self._limit
         self._empty = (ChannelReading(None, Zone.OUTER, *no_signal, None),) * channels
-        self._rng = np.random.Generator(np.random.PCG64(seed))
+        self._noise = NoiseSource(antennas.noise, bound, seed)
+        self._reading = Reading(self._empty, False, False)
 
-    def pose(self, position: ArrayLike, attitude: ArrayLike) -> tuple[Array, Array]:
-        """The receiver's own p_r (..., 3) in NED, metres, and R_r (..., 3, 3), receiver → NED.
+    def next_look(self, after_s: float, frame_s: float) -> float:
+        """See `ReceiverModel`: when a frame is due."""
+        return frame_s
 
-        From the vehicle's position (..., 3) in NED, metres, and its attitude (..., 4), body → NED.
-        """
-        return self._mount.pose(position, attitude)
-
-    def noise(self) -> Array:
-        """Its noise for one frame (M, 3) in NED; the generator goes on."""
-        return draw_noise(self._rng, len(self.transmitters.ids), self._antennas.noise, self._bound)
-
-    def read(self, p_r: Array, R_r: Array, noise: Array | None = None) -> Reading:
-        """One frame at a pose: p_r (3,) in NED, metres, and R_r (3, 3), receiver → NED.
-
-        `noise` (M, 3): heard instead of its own, which then is not drawn.
-        """
-        w, interference = self._heard(noise)
-        t = self.transmitters
+    def look(self, look: Look) -> None:
+        """See `ReceiverModel`. Without a pose every slot is empty, and the noise is drawn all the same."""
+        t, own = look.transmitters, self._noise.draw(len(look.transmitters.ids))
+        w = own if look.noise is None else look.noise
+        may_interfere = self._may_interfere or look.noise is not None
+        interference = may_interfere and bool((np.linalg.norm(w, axis=1) > self._limit).any())
+        if look.pose is None:
+            self._reading = Reading(self._empty, interference, False)
+            return
+        p_r, R_r = look.pose.position, look.pose.rotation
         h_r = receive(dipole_field(p_r, t.positions, t.rotations, t.strengths), R_r, self._q, w)
-        columns = (column.tolist() for column in outputs(h_r, self._antennas.kappa_eq))
+        columns = (column.tolist() for column in outputs(h_r, self._kappa_eq))
         heard = [
             (d_cm, id_, delta_deg, zone) for id_, d_cm, delta_deg, zone in zip(t.ids, *columns, strict=True) if zone
         ]
         heard.sort()
         slots = [ChannelReading(id_, zone, d_cm, delta_deg, None) for d_cm, id_, delta_deg, zone in heard]
         shown = (*slots[: len(self._empty)], *self._empty[len(slots) :])
-        return Reading(with_true_ranges(shown, self.true_ranges(p_r)), interference, len(slots) > len(shown))
+        self._reading = Reading(with_true_ranges(shown, t.ranges(p_r)), interference, len(slots) > len(shown))
 
-    def nothing(self, noise: Array | None = None) -> Reading:
-        """One frame without a pose: every slot empty, the noise drawn all the same. `noise`: see `read`."""
-        return Reading(self._empty, self._heard(noise)[1], False)
+    def show(self, time_s: float) -> Reading:
+        """See `ReceiverModel`."""
+        return self._reading
 
-    def true_ranges(self, p_r: Array) -> dict[int, float]:
-        """How far [m] each transmitter is from p_r (3,) in NED, by id."""
-        at, t = p_r.tolist(), self.transmitters
-        return {id_: math.dist(at, place) for id_, place in zip(t.ids, t.positions.tolist(), strict=True)}
-
-    def _heard(self, noise: Array | None) -> tuple[Array, bool]:
-        """Noise (M, 3) for one frame, and whether it exceeds the floor that the receiver is made for."""
-        w = self.noise() if noise is None else noise
-        may = noise is not None or self._bound > self._limit
-        return w, may and bool((np.linalg.norm(w, axis=1) > self._limit).any())
+    def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
+        """See `ReceiverModel`."""
+        return Answer.UNKNOWN

@@ -10,7 +10,7 @@ import pytest
 from lua_stubs import FOLDER, GUIDED, LOITER, Autopilot
 
 from arva_hil import config
-from arva_hil.model import LocalFrame, rotation
+from arva_hil.model import LocalFrame, Look, Mount, Pose, rotation
 from arva_hil.output import frame_of
 from arva_hil.scene import receiver, transmitters
 from arva_hil.search.flux import Flux
@@ -30,7 +30,7 @@ class Flight:
     def __init__(self, case=1, hertz=5, folder=FOLDER, **params):
         chosen = config.load(CONFIGS / f"paper_case_{case}.yaml")
         self.receiver = receiver(chosen)
-        self.receiver.transmitters = transmitters(chosen, LocalFrame(47.0, 8.0, 488.0))
+        self.transmitters = transmitters(chosen, LocalFrame(47.0, 8.0, 488.0))
         self.autopilot = Autopilot(folder, **params)
         self.autopilot.start(NAME)
         self.hertz = hertz
@@ -45,7 +45,7 @@ class Flight:
 
     @property
     def transmitter(self):
-        return self.receiver.transmitters.positions[0]
+        return self.transmitters.positions[0]
 
     def fly(self, seconds, until=lambda _: False):
         autopilot = self.autopilot
@@ -77,8 +77,12 @@ class Flight:
         if self.channels is not None:
             trembling = (c._replace(delta=c.delta + self._frames % 2) for c in self.channels)
             return Frame(self._frames % 256, 1, tuple(trembling))
-        pose = self.receiver.pose(np.array(self.autopilot.position), attitude)
-        return frame_of(self.receiver.read(*pose), self._frames % 256)
+        return frame_of(self.reading(self.autopilot.position, attitude), self._frames % 256)
+
+    def reading(self, position, attitude):
+        pose = Pose(*Mount().pose(np.array(position), attitude))
+        self.receiver.look(Look(0.0, pose, self.transmitters))
+        return self.receiver.show(0.0)
 
     def said(self):
         return [text.removeprefix(PREFIX) for text in self.autopilot.said() if text.startswith(PREFIX)]
@@ -135,8 +139,8 @@ def test_the_strategy_is_the_one_of_the_python_client(seed):
     for step in range(1500):
         time_ms = 203 * step
         if step % 5 == 0:
-            position, matrix = flight.receiver.pose(np.array(place), attitude)
-            channel = flight.receiver.read(position, matrix).channels[0]
+            _, matrix = Mount().pose(np.array(place), attitude)
+            channel = flight.reading(place, attitude).channels[0]
             deaf = random.random() < 0.1 or 100 < step < 100 + 20 * seed
             seen = Observation(
                 time_ms / 1000,

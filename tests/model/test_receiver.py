@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from paper_receiver import Receiver
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from arva_hil.model import Antennas, ChannelReading, Reading, Receiver, Transmitters, Zone
-from arva_hil.model.receiver import NoiseKind
+from arva_hil.model import Antennas, ChannelReading, Mount, Reading, Transmitters, Zone
+from arva_hil.model.receiver import NoiseKind, NoiseSource, noise_bound
 
 QUIET = Antennas(noise="off")
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -83,7 +84,7 @@ def test_the_whole_chain_agrees_with_an_independent_one(kind: NoiseKind, floor: 
     t, R_t = random_transmitters(rng, m)
     antennas = Antennas(sensitivity=(0.9, 0.7, 0.5), kappa_eq=1.6, floor_range_m=floor, noise=kind)
     mount, R_mount = np.array([0.3, -0.1, 0.2]), Rotation.from_quat(rng.normal(size=4))
-    receiver = Receiver(t, antennas, channels, (0, 0), mount, wxyz(R_mount), seed=42)
+    receiver = Receiver(t, antennas, channels, (0, 0), seed=42, mount=Mount(mount, wxyz(R_mount)))
 
     away = rng.normal(size=(frames, 3))
     away *= 10 ** rng.uniform(-1.3, 1.9, (frames, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
@@ -233,11 +234,13 @@ def test_the_true_ranges_of_what_is_not_heard_are_in_the_empty_slots_nearest_fir
 
 def test_noise_from_elsewhere_is_heard_instead_of_its_own() -> None:
     t = transmitters((30, 10, 0), (40, 0, 1))
-    theirs, ours = (Receiver(t, Antennas(floor_range_m=20), seed=seed) for seed in (1, 2))
-    expected = here(Receiver(t, Antennas(floor_range_m=20), seed=1))
+    antennas = Antennas(floor_range_m=20)
+    source = NoiseSource(antennas.noise, noise_bound(antennas.sensitivity, antennas.floor_range_m), seed=1)
+    ours, undisturbed = Receiver(t, antennas, seed=2), Receiver(t, antennas, seed=2)
     at = ours.pose(np.zeros(3), LEVEL)
-    assert ours.read(*at, theirs.noise()) == expected
-    assert here(ours) == here(Receiver(t, Antennas(floor_range_m=20), seed=2))  # its own was not drawn
+    assert ours.read(*at, source.draw(2)) == here(Receiver(t, antennas, seed=1))
+    here(undisturbed)
+    assert here(ours) == here(undisturbed)  # its own was drawn all the same
 
 
 def test_without_transmitters() -> None:
@@ -292,7 +295,7 @@ def test_transmitters_may_move_and_the_noise_does_not_notice() -> None:
 
 def test_the_mount_moves_and_turns_the_receiver() -> None:
     right = Rotation.from_euler("ZYX", [math.pi / 2, 0, 0])
-    receiver = Receiver(transmitters((10, 0, 0)), QUIET, mount_position=(1, 0, 0.5), mount_attitude=wxyz(right))
+    receiver = Receiver(transmitters((10, 0, 0)), QUIET, mount=Mount((1, 0, 0.5), wxyz(right)))
     p_r, R_r = receiver.pose(np.array([2.0, 3.0, -4.0]), wxyz(right))  # heading east; the receiver faces south
     assert p_r == pytest.approx([2, 4, -3.5], abs=1e-15)
     assert R_r @ [1, 0, 0] == pytest.approx([-1, 0, 0], abs=1e-15)

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from paper_receiver import Receiver
 from scipy.spatial.transform import Rotation
 
-from arva_hil.model import Antennas, Receiver, Transmitters, Zone
+from arva_hil.model import Antennas, Transmitters, Zone
 from arva_hil.search.dipole import Readings, evaluate, likely_pose_error, refine, seeds
 
 KAPPA_EQ = 1.542
