@@ -21,6 +21,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.autopilot.mavlink import Packet
+from arva_hil.autopilot.packet_reader import Packets
 from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
 from arva_hil.config import Scenario
@@ -146,6 +148,12 @@ class Emulator:
         self._on_link: dict[str, list[EmulatedVehicle]] = {}
         for vehicle in self.vehicles:
             self._on_link.setdefault(vehicle.link, []).append(vehicle)
+        if any(
+            vehicle.session.reader is not every[0].session.reader
+            for every in self._on_link.values()
+            for vehicle in every
+        ):
+            raise ValueError("the sessions of vehicles on one link need the same reader")
         self._start = start
         self._timeout_s = timeout_s
         self._look_ahead_s = look_ahead_s
@@ -162,12 +170,16 @@ class Emulator:
 
         `sender`: which of several on the link they came from. `whole`: no packet goes on in the next bytes.
         """
-        told = not self._tell_packets
-        for vehicle in self._on_link[link]:
-            packets = vehicle.session.feed(data, now, sender, whole=whole)
-            if not told:
-                self._events.append(PacketsReceived(now, link, packets))
-                told = True
+        vehicles = self._on_link[link]
+        if len(vehicles) == 1:
+            packets: Sequence[Packet] = vehicles[0].session.feed(data, now, sender, whole=whole)
+        else:
+            packets = self._share(
+                vehicles, vehicles[0].session.reader.read(data, now, sender, whole=whole), now, sender
+            )
+        if self._tell_packets:
+            self._events.append(PacketsReceived(now, link, packets))
+        for vehicle in vehicles:
             moves_datum = any(packet.msgid in MOVE_DATUM for packet in vehicle.session.own)
             if moves_datum and vehicle.datum.update(vehicle.session, now):
                 self._events.append(vehicle.place(now))
@@ -237,6 +249,16 @@ class Emulator:
         return events
 
     # -- inside --------------------------------------------------------------------------------------------
+
+    def _share(
+        self, vehicles: Sequence[EmulatedVehicle], packets: Packets, now: float, sender: Hashable
+    ) -> Sequence[Packet]:
+        """Give each of the vehicles of one link its packets; all of them, if they may be of one of these vehicles."""
+        heard = False
+        shares = packets.shares([vehicle.session.target_system for vehicle in vehicles])
+        for vehicle, share in zip(vehicles, shares, strict=True):
+            heard |= vehicle.session.hear(share, now, sender) and bool(share.every)
+        return packets.every if heard else []
 
     def _make_frames(self, vehicle: EmulatedVehicle, now: float, ready: Callable[[float], bool]) -> None:
         for source in vehicle.sources:

@@ -9,7 +9,7 @@ from arva_hil.config import Scenario
 from arva_hil.console.sentences import sentence
 from arva_hil.drivers import Live
 from arva_hil.engine import Emulator, one_vehicle
-from arva_hil.events import BytesSent, Event, FrameMade, HeartbeatMissing, StatusReport
+from arva_hil.events import BytesSent, Event, FrameMade, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.frame_source import Counters, Schedule
 from arva_hil.links import Link
 from arva_hil.notice import Notice
@@ -64,6 +64,10 @@ class Diary:
     def bytes(self) -> bytes:
         """All that a port took."""
         return b"".join(event.data for event in self.events if isinstance(event, BytesSent))
+
+    @property
+    def packets(self) -> list[PacketsReceived]:
+        return [event for event in self.events if isinstance(event, PacketsReceived)]
 
     @property
     def statuses(self) -> list[StatusReport]:

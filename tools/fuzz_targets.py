@@ -288,7 +288,7 @@ class Bench:
 
     def _check(self, *, thorough: bool) -> None:
         session, twin = self._sides
-        assert session.bytes == self._fed
+        assert session.reader.bytes == self._fed
         held = self._fed - self._in_packets - session.parser.skipped
         assert 0 <= held < LONGEST_PACKET, f"{held} bytes held back"
         vehicle = session.vehicle

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -12,6 +12,7 @@ from arva_hil.autopilot.finder import Finder, Vehicle
 from arva_hil.autopilot.identity import Identity
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.navigation import Navigation, Place, is_zero, place_of
+from arva_hil.autopilot.packet_reader import PacketReader, Packets
 from arva_hil.autopilot.pose import PoseTrack, VehicleState
 from arva_hil.autopilot.senders import Senders
 from arva_hil.autopilot.signing import Signing, Verdict
@@ -56,7 +57,8 @@ class Session:
 
     `target_system`, `target_component`: follow only these (default: the first autopilot, component 1).
     `rate_hz`: of the pose streams wanted. `passive`: never sends, for a log. `component`: our own id.
-    `signing`: believe only what is signed with its key, and sign. Times are host seconds from the caller's clock. What
+    `signing`: believe only what is signed with its key, and sign. `reader`: of the link, with its signing, where
+    several sessions share one; they `hear` what it has read. Times are host seconds from the caller's clock. What
     other systems send changes nothing. Of several senders on the link only the one that is the vehicle's is believed,
     `senders.vehicle`; a vehicle of the same ids may speak from another once that one has been silent for 3 s.
     """
@@ -70,23 +72,24 @@ class Session:
         passive: bool = False,
         component: int = COMPONENT,
         signing: Signing | None = None,
+        reader: PacketReader | None = None,
     ) -> None:
-        self.parser = Parser()
+        self.reader = reader or PacketReader(signing)
+        self.target_system = target_system
         self.senders = Senders()
         self._strangers = Parser()  # what other senders than the vehicle's sent
-        self.encoder = Encoder(target_system or 1, component, signing=signing)
+        self.encoder = Encoder(target_system or 1, component, signing=self.reader.signing)
         self.component = component
         self.vehicle: Vehicle | None = None
         self.navigation = Navigation(self._say)
         self._wanted = self.navigation.handles | {_ACK}
         self.own: list[Packet] = []  # of what was fed last, the vehicle's own packets that are believed
         self.ignored = 0  # packets of other systems and components, and of who only claims to be the vehicle
-        self.bytes = 0
         self.next_due = -math.inf
         self._finder = Finder(target_system, target_component)
         self._rate_hz = rate_hz
         self._passive = passive
-        self._signing = signing
+        self._signing = self.reader.signing
         self._disbelieved: set[Verdict] = set()
         self._streams: Streams | None = None
         self._extras: dict[int, float] = {}
@@ -105,33 +108,25 @@ class Session:
         `sender`: which of several on the link it came from. Of others than the vehicle's nothing is given back.
         `whole`: no packet goes on in the next chunk, as in a record of a log.
         """
-        self.own.clear()
-        if sender is not None:
-            self.senders.look(now)
-        if sender != self.senders.vehicle and self.vehicle and not self.senders.believes(sender, now):
-            self._look_beside(chunk, sender)
+        if not self._is_heard(sender, now):
+            self._look_beside(self._strangers.feed(chunk, sender), sender)
             return []
-        self.bytes += len(chunk)
-        packets = self.parser.feed(chunk, sender, whole=whole)
-        if self._signing:
-            self._signing.advance(now)
-        for packet in packets:
-            vehicle = self.vehicle
-            if self._signing and (why := self._signing.judge(packet)):
-                self._disbelieve(packet, why)
-            elif vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-                self._look_around(packet, now, sender)
-            elif sender != self.senders.vehicle or not vehicle.sent(packet):
-                self.ignored += 1
-            else:
-                self._take(packet, now)
-        if sender is not None and self.own:
-            self.senders.hear(sender, now)
-        if self._extras and self._streams:
-            for packet in self.own:
-                if packet.msgid in self._streams.extra_ids:
-                    self._streams.note(packet.msgid, now)
-        return packets if self.vehicle is None or sender == self.senders.vehicle else []
+        packets = self.reader.read(chunk, now, sender, whole=whole)
+        self._take_all(packets, now, sender)
+        return list(packets.every) if self.vehicle is None or sender == self.senders.vehicle else []
+
+    def hear(self, packets: Packets, now: float, sender: Hashable = None) -> bool:
+        """As `feed`, of what the link's `reader` has read; whether this sender may be the vehicle's."""
+        if not self._is_heard(sender, now):
+            self._look_beside(packets.every, sender)
+            return False
+        self._take_all(packets, now, sender)
+        return self.vehicle is None or bool(sender == self.senders.vehicle)
+
+    @property
+    def parser(self) -> Parser:
+        """Of the link."""
+        return self.reader.parser
 
     def want(self, streams: Mapping[int, float]) -> None:
         """Ask for these too, message id → Hz, and do without where they are not granted."""
@@ -191,7 +186,7 @@ class Session:
     def counts(self) -> dict[str, int]:
         """What was heard, and what of it was not believed."""
         return {
-            "bytes_received": self.bytes,
+            "bytes_received": self.reader.bytes,
             "packets_received": self.parser.packets,
             "bad_checksums": self.parser.bad_crc,
             "bytes_skipped": self.parser.skipped,
@@ -280,11 +275,11 @@ class Session:
         """What was heard, when no vehicle was found, with the likely cure."""
         if self._interrupted:
             return f"no autopilot was heard: {self._interrupted}"
-        if not self.bytes:
+        if not self.reader.bytes:
             return "nothing was heard at all: is the autopilot powered, and sending MAVLink on this link?"
         if not self.parser.packets:
             return (
-                f"{self.bytes} bytes were heard but no MAVLink packet in them: is the baud rate right, "
+                f"{self.reader.bytes} bytes were heard but no MAVLink packet in them: is the baud rate right, "
                 "and the port's protocol MAVLink?"
             )
         if self._signing and self._disbelieved:
@@ -311,6 +306,31 @@ class Session:
         return ", ".join(lacking) or "the streams have stopped"
 
     # -- the vehicle ---------------------------------------------------------------------------------------
+
+    def _is_heard(self, sender: Hashable, now: float) -> bool:
+        """Begin with what a sender sent; False when it is not the vehicle's."""
+        self.own.clear()
+        if sender is not None:
+            self.senders.look(now)
+        return sender == self.senders.vehicle or self.vehicle is None or self.senders.believes(sender, now)
+
+    def _take_all(self, packets: Packets, now: float, sender: Hashable) -> None:
+        for packet, why in packets.doubted:
+            self._disbelieve(packet, why)
+        for packet in packets.believed:
+            vehicle = self.vehicle
+            if vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self._look_around(packet, now, sender)
+            elif sender != self.senders.vehicle or not vehicle.sent(packet):
+                self.ignored += 1
+            else:
+                self._take(packet, now)
+        if sender is not None and self.own:
+            self.senders.hear(sender, now)
+        if self._extras and self._streams:
+            for packet in self.own:
+                if packet.msgid in self._streams.extra_ids:
+                    self._streams.note(packet.msgid, now)
 
     def _look_around(self, packet: Packet, now: float, sender: Hashable) -> None:
         """A heartbeat, or any packet before the vehicle is known."""
@@ -339,9 +359,9 @@ class Session:
         else:
             self.senders.meet(sender, candidate=False)
 
-    def _look_beside(self, chunk: bytes, sender: Hashable) -> None:
+    def _look_beside(self, packets: Sequence[Packet], sender: Hashable) -> None:
         """What another sender than the vehicle's sent changes nothing; but another autopilot is worth a line."""
-        for packet in self._strangers.feed(chunk, sender):
+        for packet in packets:
             if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT or self._signing:
                 continue
             message = self._strangers.decode(packet)

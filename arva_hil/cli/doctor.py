@@ -209,14 +209,14 @@ class Doctor:
     def _judge_packets(self, ear: Ear, *, again: bool = False) -> Ear | None:
         """Bytes, packets, baud; the ear that listened `again`, at a rate that brings packets."""
         now, session = self._clock.now(), ear.session
-        if not session.bytes:
+        if not session.reader.bytes:
             taken = accepted(self._autopilot.port) if self._autopilot.kind == "tcp" and self._autopilot.port else None
             self._report.add(look.silence(self._autopilot.kind, now - ear.start, refused=ear.refused, accepted=taken))
             if taken is False:
                 self._right["autopilot"] = "URL"
         if ear.lost:
             self._report.add(Finding("link", "fail", ear.lost))
-        if not session.bytes:
+        if not session.reader.bytes:
             return None
         if ear.known:
             traffic = ear.traffic(now)
@@ -226,7 +226,7 @@ class Doctor:
                 self._right["signing_key"] = "FILE"
             self._report.add(look.strangers(*ear.strangers))
             return None
-        self._report.add(look.garbage(self._autopilot.kind, session.bytes, bytes(ear.sample)))
+        self._report.add(look.garbage(self._autopilot.kind, session.reader.bytes, bytes(ear.sample)))
         if self._autopilot.kind != "serial" or ear.lost or again:
             return None
         ear.close()

@@ -277,11 +277,11 @@ def sums(emulator: Emulator, links: Tally | None) -> list[str]:
     """The summary at the end."""
     (vehicle,) = emulator.vehicles
     (source,) = vehicle.sources
-    session = vehicle.session
+    session, parser = vehicle.session, vehicle.session.parser
     lines = [
         _frames(source),
-        f"autopilot: {session.bytes} bytes, {session.parser.packets} packets, {session.parser.bad_crc} bad checksums, "
-        f"{session.parser.skipped} bytes skipped, {session.ignored} packets of others ignored",
+        f"autopilot: {session.reader.bytes} bytes, {parser.packets} packets, {parser.bad_crc} bad checksums, "
+        f"{parser.skipped} bytes skipped, {session.ignored} packets of others ignored",
     ]
     if doubts := [f"{n} {name.replace('_', ' ')}" for name, n in session.disbelieved().items() if n]:
         lines.append(f"not believed: {', '.join(doubts)}")

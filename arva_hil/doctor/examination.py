@@ -97,7 +97,7 @@ class Ear:
 
     def hear(self, chunk: bytes, now: float, sender: Sender = None) -> None:
         """Count what came."""
-        if chunk and not self.session.bytes:
+        if chunk and not self.session.reader.bytes:
             self._first(now - self.start)
         self.sample += chunk[: _SAMPLE - len(self.sample)]
         for packet in self.session.feed(chunk, now, sender):
@@ -154,7 +154,7 @@ class Ear:
 
     def traffic(self, now: float) -> Traffic:
         session, parser = self.session, self.session.parser
-        counts = now - self.start, session.bytes, parser.packets, self._old, self._signed, parser.bad_crc
+        counts = now - self.start, session.reader.bytes, parser.packets, self._old, self._signed, parser.bad_crc
         return Traffic(*counts, session.disbelieved_signatures())
 
     @property
