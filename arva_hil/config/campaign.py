@@ -4,34 +4,23 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Annotated, Any, Final, cast
 
-from pydantic import TypeAdapter
-
 from arva_hil.config import yaml_tree
+from arva_hil.config.axes import MANY, Axis, ByStrategy, Seeds, Strategies, one_or_many, unique
 from arva_hil.config.kinds import NOISE_KINDS, SEED, NoiseKind
+from arva_hil.config.marks import Help
+from arva_hil.config.mistakes import read_mapping
+from arva_hil.config.nested import TableSort, read_by
 from arva_hil.config.reading import read
 from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
-from arva_hil.config.sorts import (
-    Help,
-    Number,
-    Numbers,
-    SeveralWrong,
-    Sort,
-    Spec,
-    Text,
-    Whole,
-    Word,
-    Wrong,
-    below,
-    list_of,
-    read_list,
-)
-from arva_hil.config.tables import TableSort, first, help_of, read_by, read_mapping, right, sort_of, table
+from arva_hil.config.sorts import Number, Numbers, Sort, Spec, Text, Word, list_of, read_list
+from arva_hil.config.tables import help_of, right, sort_of, table, validate
+from arva_hil.config.wrong import SeveralWrong, Wrong, below
 
 SPEC: Final = 1
 MOST_TRIALS: Final = 200_000
-_MANY: Final = 100_000
 _HEIGHT: Final = Number(0, 1000, above=True, unit="m")
 _SPEED: Final = Number(0, 100, above=True, unit="m/s")
 _LIMIT: Final = Number(0, 86_400, above=True, unit="s")
@@ -60,104 +49,13 @@ class Random:
         return f"random within {self.within_m:g} m at {low:g} to {high:g} m"
 
 
-class Axis(Sort):
-    """One value or a list of them, each once; a tuple in Python."""
-
-    def __init__(self, item: Sort, what: str = "values") -> None:
-        self.item, self.what, self.unit = item, what, item.unit
-        self.low, self.high = 1, _MANY
-
-    def __str__(self) -> str:
-        return list_of(self.low, self.high, self.what)
-
-    @property
-    def kind(self) -> str:
-        return f"{self.item.kind}, or a list of them"
-
-    @property
-    def range(self) -> str:
-        return self.item.range
-
-    def read(self, value: Any) -> tuple[Any, ...]:
-        if not isinstance(value, list | tuple):
-            return (self.item.read(value),)
-        return _unique(value, read_list(self, value, self.item.read))
-
-    def json(self) -> dict[str, Any]:
-        return _one_or_many(self.item.json())
-
-
-def _one_or_many(one: dict[str, Any]) -> dict[str, Any]:
-    return {"anyOf": [one, {"type": "array", "items": one, "minItems": 1, "maxItems": _MANY}]}
-
-
-def _unique(items: Sequence[Any], values: Sequence[Any]) -> tuple[Any, ...]:
-    """The values of some items. Raises SeveralWrong for those that are there again."""
-    seen: dict[Any, Any] = {}
-    again = []
-    for at, (item, value) in enumerate(zip(items, values, strict=True)):
-        if value in seen:
-            again.append(Wrong("each once", f"{value} again{first(seen[value])}", where=(at,)))
-        seen.setdefault(value, item)
-    if again:
-        raise SeveralWrong(again)
-    return tuple(values)
-
-
-class _Seeds(Axis):
-    """A list of seeds, or how many there are from 1 on."""
-
-    count: Final = Whole(1, 100_000, "a list of seeds, or how many,")
-
-    def read(self, value: Any) -> Any:
-        if isinstance(value, list | tuple):
-            return super().read(value)
-        return value if isinstance(value, range) else range(1, self.count.read(value) + 1)
-
-    @property
-    def kind(self) -> str:
-        return "a list of seeds, or how many"
-
-    def json(self) -> dict[str, Any]:
-        return {"anyOf": [self.count.json(), super().json()["anyOf"][1]]}
-
-
-class _ByStrategy(Sort):
-    """One number for all strategies, or a mapping from their names, which is read when they are known."""
-
-    def __init__(self, number: Number) -> None:
-        self.number, self.unit = number, number.unit
-
-    @property
-    def kind(self) -> str:
-        return "a number, or one by strategy"
-
-    @property
-    def range(self) -> str:
-        return self.number.range
-
-    def read(self, value: Any) -> Any:
-        return value if isinstance(value, dict) else self.number.read(value)
-
-    def json(self) -> dict[str, Any]:
-        one = self.number.json()
-        return {"anyOf": [one, {"type": "object", "additionalProperties": one}]}
-
-
-class _Strategies(Axis):
-    """Names that are compared when it is known which strategies there are."""
-
-    def read(self, value: Any) -> Any:
-        return value
-
-
-class _Scenarios(Sort):
+class Scenarios(Sort):
     """Files and random ones, read when the plan's folder is known."""
 
     one: Final = Text("a scenario file or {random: …}")
 
     def __str__(self) -> str:
-        return list_of(1, _MANY, "scenarios")
+        return list_of(1, MANY, "scenarios")
 
     @property
     def kind(self) -> str:
@@ -177,7 +75,7 @@ class _Scenarios(Sort):
             "additionalProperties": False,
         }
         drawn = {"type": "object", "properties": {"random": box}, "required": ["random"], "additionalProperties": False}
-        return _one_or_many({"anyOf": [{"type": "string"}, drawn]})
+        return one_or_many({"anyOf": [{"type": "string"}, drawn]})
 
 
 _WIND: Final = Axis(Number(0, 100, unit="m/s"), "numbers")
@@ -190,16 +88,16 @@ class PlanFile:
     """The keys of a plan."""
 
     spec: Annotated[int, Spec(SPEC), Help("the version of this file format")] = field(default=1, kw_only=True)
-    strategies: Annotated[Any, _Strategies(Text("a strategy")), Help("what flies")]
-    scenarios: Annotated[Any, _Scenarios(), Help("files, relative to this one, and random ones, drawn by the seed")]
-    seeds: Annotated[Any, _Seeds(SEED, "seeds"), Help("of the noise and of what is drawn")] = range(1, 2)
+    strategies: Annotated[Any, Strategies(Text("a strategy")), Help("what flies")]
+    scenarios: Annotated[Any, Scenarios(), Help("files, relative to this one, and random ones, drawn by the seed")]
+    seeds: Annotated[Any, Seeds(SEED, "seeds"), Help("of the noise and of what is drawn")] = range(1, 2)
     noise: Annotated[Any, Axis(Word(NOISE_KINDS)), Help("of the receiver; without it as the scenario has it")] = (None,)
     wind_m_s: Annotated[Any, _WIND, Help("from a direction that the seed draws")] = (0.0,)
     gps_noise_m: Annotated[Any, _GPS_NOISE, Help("sigma on each axis")] = (0.0,)
     take_off_m: Annotated[Any, Axis(_HEIGHT, "numbers"), Help("height of the take-off")] = (3.0,)
-    height_m: Annotated[Any, _ByStrategy(_HEIGHT), Help("held in the search")] = 3.0
-    speed_m_s: Annotated[Any, _ByStrategy(_SPEED), Help("of the search")] = 1.0
-    limit_s: Annotated[Any, _ByStrategy(_LIMIT), Help("of the search, then it lands")] = 900.0
+    height_m: Annotated[Any, ByStrategy(_HEIGHT), Help("held in the search")] = 3.0
+    speed_m_s: Annotated[Any, ByStrategy(_SPEED), Help("of the search")] = 1.0
+    limit_s: Annotated[Any, ByStrategy(_LIMIT), Help("of the search, then it lands")] = 900.0
     success_m: Annotated[float, _SUCCESS, Help("how near the place reported has to be")] = 2.0
 
 
@@ -251,7 +149,7 @@ class _PlanReader:
 
     def read(self, tree: yaml_tree.Tree) -> CampaignPlan:
         """Raises SeveralWrong."""
-        plan = self._try("", lambda: read_by(TypeAdapter(PlanFile).validate_python, tree))
+        plan = self._try("", lambda: read_by(partial(validate, PlanFile), tree))
         top: Mapping[str, Any] = tree if isinstance(tree, dict) else {}
         names = self._strategy_names(top)
         scenarios = self._scenarios(top)
@@ -282,7 +180,7 @@ class _PlanReader:
     def _by_strategy(self, top: Mapping[str, Any], key: str, names: Sequence[str]) -> dict[str, float]:
         """One number for all, or each strategy's own."""
         usual = right(PlanFile, {}, key)
-        number = cast("_ByStrategy", sort_of(PlanFile, key)).number
+        number = cast("ByStrategy", sort_of(PlanFile, key)).number
         value = top.get(key, usual)
         if isinstance(value, dict):
             given = self._try(key, lambda: read_mapping(value, dict.fromkeys(names, number), [])) if names else {}
@@ -304,7 +202,7 @@ class _PlanReader:
 
         if isinstance(value, list):
             sort = Axis(Text(""), "scenarios")
-            self._try("scenarios", lambda: _unique(items, read_list(sort, items, one)))
+            self._try("scenarios", lambda: unique(items, read_list(sort, items, one)))
         else:
             self._try("scenarios", lambda: one(value))
         return named
@@ -314,7 +212,7 @@ class _PlanReader:
         if isinstance(item, dict):
             random: Random = read_mapping(item, {"random": TableSort(Random)}, ["random"])["random"]
             return random
-        name = _Scenarios.one.read(item)
+        name = Scenarios.one.read(item)
         path = os.path.join(self._folder, name)
         if not os.path.isfile(path):
             folder = os.path.dirname(path) or "."
@@ -322,7 +220,7 @@ class _PlanReader:
             files = [file for file in names if file.endswith((".yaml", ".yml"))]
             close = yaml_tree.nearest(os.path.basename(path), files)
             hint = close and os.path.join(os.path.dirname(name), close)
-            raise Wrong(str(_Scenarios.one), f"no file {path}", hint)
+            raise Wrong(str(Scenarios.one), f"no file {path}", hint)
         try:
             scenario = load(path)
         except yaml_tree.ScenarioError as error:

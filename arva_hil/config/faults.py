@@ -7,9 +7,12 @@ from dataclasses import fields
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from arva_hil.config.kinds import NUMBERED_FORMATS, SPAN, TRANSMITTER_ID, WIRE_FORMATS, WORLD_POINT, Triple
+from arva_hil.config.marks import Help, NotAKey
+from arva_hil.config.mistakes import read_mapping, unknown, validator
 from arva_hil.config.reading import read
-from arva_hil.config.sorts import Help, NotAKey, Number, SeveralWrong, Sort, Whole, Word, Wrong, Yes
-from arva_hil.config.tables import help_of, read_mapping, sort_of, table, unknown, validator
+from arva_hil.config.sorts import Number, Sort, Whole, Word, Yes
+from arva_hil.config.tables import help_of, sort_of, table
+from arva_hil.config.wrong import SeveralWrong, Wrong
 from arva_hil.config.yaml_tree import ScenarioError
 
 Stage = Literal["heard", "sent", "wire"]

@@ -6,10 +6,11 @@ from collections.abc import Callable, Collection, Iterable
 from typing import Any, TypeVar
 
 import yaml
-from pydantic import ValidationError
+from pydantic_core import ValidationError
 
-from arva_hil.config.sorts import SeveralWrong, Wrong, whole
-from arva_hil.config.tables import UNKNOWN, mistakes_of
+from arva_hil.config.mistakes import UNKNOWN, mistakes_of
+from arva_hil.config.sorts import whole
+from arva_hil.config.wrong import SeveralWrong, Wrong
 from arva_hil.config.yaml_tree import Items, Mapping, Notes, Scalar, Tree, any_of, describe, nearest, tree
 
 _T = TypeVar("_T")

@@ -4,8 +4,11 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final
 
 from arva_hil.config.kinds import ANGLE, BODY_POINT, NOISE_KINDS, RATE_HZ, RECEIVER_MODELS, NoiseKind, Triple
-from arva_hil.config.sorts import Help, Number, Numbers, Since, Whole, Word, Wrong
-from arva_hil.config.tables import Reshaped, right, table
+from arva_hil.config.marks import Help, Since
+from arva_hil.config.nested import Reshaped
+from arva_hil.config.sorts import Number, Numbers, Whole, Word
+from arva_hil.config.tables import right, table
+from arva_hil.config.wrong import Wrong
 
 NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))
 

@@ -9,17 +9,18 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import InitVar, asdict, astuple, field, fields, replace
 from typing import Annotated, Any, Final, Literal, get_args
 
-from pydantic import TypeAdapter
-
 from arva_hil.config import yaml_tree
 from arva_hil.config.faults import Fault, FaultItem, misfit, plain_fault
 from arva_hil.config.kinds import FORMAT, SEED, Format, Pose, Triple
+from arva_hil.config.marks import Help, NotAKey, Since
+from arva_hil.config.nested import Either, Tables
 from arva_hil.config.reading import read
 from arva_hil.config.receiver import Receiver
-from arva_hil.config.sorts import Help, Listed, NotAKey, SeveralWrong, Since, Spec, Word, Wrong, below
-from arva_hil.config.tables import NEWER, Either, Tables, right, table
+from arva_hil.config.sorts import Listed, Spec, Text, Word
+from arva_hil.config.tables import NEWER, right, table, validate
 from arva_hil.config.transmitter import Lla, Transmitter, same_ids
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, clashes
+from arva_hil.config.wrong import SeveralWrong, Wrong, below
 
 Datum = Literal["home"] | Lla
 
@@ -57,7 +58,7 @@ class Scenario:
     output_format: Annotated[Format, FORMAT, NotAKey()] = "binary"
     seed: Annotated[int, SEED, Help("same seed, same noise, same faults")] = 1
     faults: Annotated[tuple[Fault, ...], _FAULTS, Help("on purpose and on time")] = ()
-    source: Annotated[str, NotAKey()] = field(default="default scenario", compare=False)
+    source: Annotated[str, Text("a name", r"(?s:.*)"), NotAKey()] = field(default="default scenario", compare=False)
     pose: Annotated[
         Pose,
         Word(get_args(Pose)),
@@ -148,8 +149,7 @@ def parse(text: str, source: str) -> Scenario:
 def _read(tree: yaml_tree.Tree) -> Scenario:
     if isinstance(tree, yaml_tree.Mapping):
         _inherit(tree)
-    scenario: Scenario = TypeAdapter(Scenario).validate_python(tree)
-    return scenario
+    return validate(Scenario, tree)
 
 
 def _inherit(top: yaml_tree.Mapping) -> None:

@@ -9,11 +9,12 @@ from __future__ import annotations
 import math
 import numbers
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, get_args
 
-from arva_hil.config.yaml_tree import Items, Problem, Scalar, any_of, nearest
+from arva_hil.config.wrong import Wrong, each
+from arva_hil.config.yaml_tree import Items, Scalar, any_of, nearest
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -23,75 +24,6 @@ if TYPE_CHECKING:
 _FLOAT: Final = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _WHOLE: Final = re.compile(r"[-+]?(0|[1-9][0-9]{0,18})")
 _TYPED: Final = {ord("\N{MINUS SIGN}"): "-", ord("\N{EN DASH}"): "-", ord(","): "."}  # where a number was meant
-
-
-@dataclass(frozen=True)
-class Help:
-    """What a key means, in a few words."""
-
-    text: str
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        return handler(schema) | {"description": self.text}
-
-
-@dataclass(frozen=True)
-class Since:
-    """The key is one of files of this `spec` and newer ones."""
-
-    spec: int
-
-
-class NotAKey:
-    """A field of the object that is no key of the file."""
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        from pydantic_core import PydanticOmit
-
-        raise PydanticOmit
-
-
-@dataclass(eq=False)
-class Wrong(Exception):
-    """A value that is not of its sort: what was `expected`; what was `found`, where describing the value is not enough;
-    the `nearest` valid one. `where` is the way to its place from the value that was read, `at_key` if its key is meant.
-
-    `keys` are valid there, each with the spec since which it is: in the texts `{keys}` and `{or}` stand for them.
-    """
-
-    expected: str
-    found: str | None = None
-    nearest: str | None = None
-    where: tuple[str | int, ...] = ()
-    at_key: bool = False
-    keys: Mapping[str, int] = field(default_factory=dict)
-    value: Any = None  # what is wrong, for Python
-    native: bool = False  # from a constructor, not from a sort
-
-    def __str__(self) -> str:
-        return f"{self.told(self.found)}, expected {self.told()}" if self.found else f"expected {self.told()}"
-
-    def told(self, text: str | None = None, spec: int = 1_000) -> str:
-        """What is expected or another text, with the keys that files of a spec have."""
-        names = [name for name, since in self.keys.items() if since <= spec]
-        text = self.expected if text is None else text
-        if not names:
-            return text
-        for mark, said in (
-            ("{one of keys}", any_of(names)),
-            ("{keys}", ", ".join(names)),
-            ("{or}", " or ".join(names)),
-        ):
-            text = text.replace(mark, said)
-        return text
-
-
-class SeveralWrong(Exception):
-    """All that is wrong with a value, and the `problems` of other files that it names."""
-
-    def __init__(self, every: Sequence[Wrong], problems: Sequence[Problem] = ()) -> None:
-        super().__init__(*every)
-        self.every, self.problems = tuple(every), tuple(problems)
 
 
 class Sort:
@@ -120,7 +52,7 @@ class Sort:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         from pydantic_core import core_schema
 
-        from arva_hil.config.tables import validator
+        from arva_hil.config.mistakes import validator
 
         read = _or_none(self.read) if type(None) in get_args(source) else self.read
         return core_schema.no_info_plain_validator_function(validator(read))
@@ -287,7 +219,9 @@ class Text(Sort):
         return str(value)
 
     def json(self) -> dict[str, Any]:
-        return {"type": "string"} | ({} if self.pattern == Text.pattern else {"pattern": f"^{self.pattern}$"})
+        return {"type": "string"} | (
+            {"minLength": 1} if self.pattern == Text.pattern else {"pattern": f"^{self.pattern}$"}
+        )
 
 
 class Numbers(Sort):
@@ -325,6 +259,7 @@ class Listed(Sort):
     low: int
     high: int
     what: str
+    unit: str = ""
 
     def __str__(self) -> str:
         return list_of(self.low, self.high, self.what)
@@ -349,23 +284,3 @@ def read_list(sort: Any, value: Any, read: Callable[[Any], Any]) -> tuple[Any, .
     if isinstance(value, Items) and not sort.low <= len(value) <= sort.high:
         mistakes.append(Wrong(str(sort)))
     return tuple(each(value, lambda _, item: read(item), mistakes))
-
-
-def each(items: Sequence[Any], read: Callable[[int, Any], Any], mistakes: Sequence[Wrong] = ()) -> list[Any]:
-    """Every item read. Raises SeveralWrong with the mistakes of all, behind those that there are."""
-    values = []
-    wrong = list(mistakes)
-    for at, item in enumerate(items):
-        try:
-            values.append(read(at, item))
-        except (Wrong, SeveralWrong) as error:
-            wrong += below(at, error)
-    if wrong:
-        raise SeveralWrong(wrong)
-    return values
-
-
-def below(step: str | int, error: Wrong | SeveralWrong) -> list[Wrong]:
-    """The mistakes of a part, as those of the whole."""
-    every = error.every if isinstance(error, SeveralWrong) else (error,)
-    return [replace(one, where=(step, *one.where)) for one in every]

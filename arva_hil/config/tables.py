@@ -1,24 +1,26 @@
-"""Tables: frozen pydantic dataclasses that are also the mappings of a file, and every mistake of one at once."""
+"""Tables: frozen dataclasses that pydantic validates, and that are the mappings of a file too.
+
+A table needs no more than pydantic's core to be read, which is quick to import; pydantic itself, which makes the JSON
+Schema, takes tables as types of its own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import field, replace
-from typing import Any, Final, TypeVar, cast, dataclass_transform, get_args
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, InitVar, dataclass, field
+from functools import partial, wraps
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, dataclass_transform, get_args
 
-import pydantic.dataclasses
-from pydantic import (
-    ConfigDict,
-    GetCoreSchemaHandler,
-    GetJsonSchemaHandler,
-    TypeAdapter,
-    ValidationError,
-    model_validator,
-)
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import ArgsKwargs, CoreSchema, InitErrorDetails, PydanticCustomError, core_schema
+from pydantic_core import ArgsKwargs, CoreSchema, SchemaValidator, ValidationError, core_schema
 
-from arva_hil.config.sorts import Help, NotAKey, Numbers, SeveralWrong, Since, Sort, Wrong, below, list_of, read_list
+from arva_hil.config.marks import Help, NotAKey, Since
+from arva_hil.config.mistakes import as_validation_error, missing, mistakes_of, needed, unknown
+from arva_hil.config.sorts import Sort
+from arva_hil.config.wrong import SeveralWrong, Wrong
+
+if TYPE_CHECKING:
+    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+    from pydantic.json_schema import JsonSchemaValue
 
 _T = TypeVar("_T")
 
@@ -26,95 +28,153 @@ NEWER: Final[set[str]] = set()
 """The names of all keys that files of spec 1 do not have."""
 
 
+class Field(NamedTuple):
+    """A field as it was declared."""
+
+    annotation: Any  # Annotated with its sort, help and marks
+    type: Any  # without them
+    marks: tuple[Any, ...]
+    default: Any  # MISSING if there is none
+    file_only: bool
+    keyword_only: bool
+
+    def mark(self, cls: type[_T]) -> _T | None:
+        """The first mark of a class, None if there is none."""
+        return next((mark for mark in self.marks if isinstance(mark, cls)), None)
+
+
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def table(*need: str) -> Callable[[type[_T]], type[_T]]:
-    """A frozen pydantic dataclass that is read from a mapping too, which has exactly one key of each group in `need`.
+    """A frozen dataclass that is validated when it is made, and can be read from a mapping, which has exactly one key
+    of each group in `need`. Raises ValueError (pydantic's ValidationError) for values that are not of their sorts.
 
     Its fields are the mapping's keys, an InitVar one of the file alone, a field marked NotAKey none. A class method
     `misfits(mapping)` may give what is wrong between keys, whatever else is wrong: it is asked for mappings only.
     """
 
     def decorate(cls: type[_T]) -> type[_T]:
-        def check(cls: type[_T], value: Any, handler: Callable[[Any], _T]) -> _T:
-            return _read(cls, value, handler, need)
+        made: Any = dataclass(frozen=True)(cls)
+        original = made.__init__
 
-        cls._check = model_validator(mode="wrap")(classmethod(check))  # type: ignore[attr-defined, arg-type]
-        made: Any = pydantic.dataclasses.dataclass(frozen=True, config=_CONFIG)(cls)
+        @wraps(original)
+        def initialise(self: Any, *args: Any, **kwargs: Any) -> None:
+            _validator(made).validate_python(ArgsKwargs(args, kwargs), self_instance=self)
+
+        made.__init__ = initialise
+        made.__fields__ = {name: _declared(field) for name, field in made.__dataclass_fields__.items()}
+        made.__need__ = need
+        made.__get_pydantic_core_schema__ = classmethod(_core_schema)
+        made.__get_pydantic_json_schema__ = classmethod(_json_schema)
         NEWER.update(name for name, since in keys(made).items() if since > 1)
-        return cast("type[_T]", made)
+        return cls
 
     return decorate
 
 
-UNKNOWN: Final = "unknown key"
-_CONFIG: Final = ConfigDict(extra="forbid", defer_build=True)
+def validate(cls: type[_T], value: Any) -> _T:
+    """A table from a mapping. Raises ValidationError."""
+    made: _T = _validator(cls).validate_python(value)
+    return made
 
 
-def validator(read: Callable[[Any], _T]) -> Callable[[Any], _T]:
-    """A function that raises Wrong or SeveralWrong, as pydantic calls it."""
-
-    def validate(value: Any) -> _T:
-        try:
-            return read(value)
-        except (Wrong, SeveralWrong) as error:
-            every = error.every if isinstance(error, SeveralWrong) else [replace(error, value=value)]
-            raise as_validation_error("value", every) from None
-
-    return validate
+def is_table(cls: Any) -> bool:
+    """Whether a type is a table."""
+    return hasattr(cls, "__need__")
 
 
-def as_validation_error(title: str, mistakes: Iterable[Wrong]) -> ValidationError:
-    """Mistakes as pydantic has them."""
-    every: list[InitErrorDetails] = [
-        {"type": PydanticCustomError("wrong", "{wrong}", {"wrong": one}), "loc": one.where, "input": one.value}
-        for one in mistakes
-    ]
-    return ValidationError.from_exception_data(title, every)
+def fields_of(cls: Any) -> dict[str, Field]:
+    """The fields of a table, also those that are keys of the file alone."""
+    declared: dict[str, Field] = cls.__fields__
+    return declared
 
 
-def mistakes_of(error: ValidationError) -> list[Wrong]:
-    """What `validator` and tables have found wrong."""
+def _declared(field: Any) -> Field:
+    annotation = field.type.type if isinstance(field.type, InitVar) else field.type
+    marks = getattr(annotation, "__metadata__", ())
+    base = annotation.__origin__ if marks else annotation
+    return Field(annotation, base, marks, field.default, isinstance(field.type, InitVar), field.kw_only)
+
+
+def _validator(cls: Any) -> SchemaValidator:
+    """Made when it is needed."""
+    if "__validator__" not in cls.__dict__:
+        cls.__validator__ = SchemaValidator(_core_schema(cls, cls, _Quick), {"title": cls.__name__})
+    made: SchemaValidator = cls.__validator__
+    return made
+
+
+class _Quick:
+    """Makes the schemas of what is in a table, as pydantic would."""
+
+    @staticmethod
+    def generate_schema(annotation: Any) -> CoreSchema:
+        marks = getattr(annotation, "__metadata__", ())
+        base = annotation.__origin__ if marks else annotation
+        for sort in marks:
+            if isinstance(sort, Sort):
+                return sort.__get_pydantic_core_schema__(base, _Quick)  # type: ignore[arg-type]
+        (cls,) = (one for one in (base, *get_args(base)) if is_table(one))
+        schema = _core_schema(cls, cls, _Quick)
+        return schema if cls is base else core_schema.nullable_schema(schema)
+
+
+def _core_schema(cls: Any, source: Any, handler: type[_Quick] | GetCoreSchemaHandler) -> CoreSchema:
     every = []
-    for one in error.errors(include_url=False):
-        wrong = one.get("ctx", {}).get("wrong")
-        if isinstance(wrong, Wrong):
-            every.append(replace(wrong, where=one["loc"], value=one["input"]))
-        else:
-            message = one["msg"].removeprefix("Value error, ")
-            every.append(Wrong("something else", message, where=one["loc"], value=one["input"], native=True))
-    return every
+    for name, one in sorted(fields_of(cls).items(), key=lambda item: item[1].keyword_only):
+        schema = handler.generate_schema(one.annotation)
+        if one.default is not MISSING:
+            schema = core_schema.with_default_schema(schema, default=one.default)
+        every.append(
+            core_schema.dataclass_field(name, schema, kw_only=one.keyword_only, init_only=one.file_only or None)
+        )
+    initial = any(one.file_only for one in fields_of(cls).values())
+    arguments = core_schema.dataclass_args_schema(
+        cls.__name__, every, collect_init_only=initial or None, extra_behavior="forbid"
+    )
+    names = [name for name, one in fields_of(cls).items() if not one.file_only]
+    schema = core_schema.dataclass_schema(cls, arguments, names, post_init=hasattr(cls, "__post_init__"))
+    return core_schema.no_info_wrap_validator_function(partial(_read, cls), schema)
+
+
+def _json_schema(cls: Any, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+    made = handler(schema) | {"additionalProperties": False}
+    required = [*made.get("required", ()), *(group for group in cls.__need__ if " " not in group)]
+    if required:
+        made["required"] = required
+    for group in cls.__need__:
+        if " " in group:
+            made["oneOf"] = [{"required": [name]} for name in group.split()]
+    return made
 
 
 def keys(cls: Any) -> dict[str, int]:
     """The keys of a table, each with the spec since which it is."""
-    return {
-        name: next((mark.spec for mark in info.metadata if isinstance(mark, Since)), 1)
-        for name, info in cls.__pydantic_fields__.items()
-        if not any(isinstance(mark, NotAKey) for mark in info.metadata)
-    }
+    every = fields_of(cls).items()
+    return {name: since.spec if (since := one.mark(Since)) else 1 for name, one in every if not one.mark(NotAKey)}
 
 
 def sort_of(cls: Any, name: str) -> Sort:
     """The sort of a table's field."""
-    return next(mark for mark in cls.__pydantic_fields__[name].metadata if isinstance(mark, Sort))
+    return next(mark for mark in fields_of(cls)[name].marks if isinstance(mark, Sort))
 
 
 def help_of(cls: Any, name: str) -> str:
     """The help of a table's field, "" if there is none."""
-    return next((mark.text for mark in cls.__pydantic_fields__[name].metadata if isinstance(mark, Help)), "")
+    mark = fields_of(cls)[name].mark(Help)
+    return mark.text if mark else ""
 
 
 def right(cls: Any, mapping: Mapping[str, Any], name: str) -> Any:
     """The value of a key where it is right, its default where it is not there, None where it is wrong."""
     if name not in mapping:
-        return cls.__pydantic_fields__[name].default
+        return fields_of(cls)[name].default
     try:
         return sort_of(cls, name).read(mapping[name])
     except (Wrong, SeveralWrong):
         return None
 
 
-def _read(cls: Any, value: Any, handler: Callable[[Any], _T], need: tuple[str, ...]) -> _T:
+def _read(cls: Any, value: Any, handler: Callable[[Any], Any]) -> Any:
     if isinstance(value, ArgsKwargs):
         return handler(value)
     if not isinstance(value, dict):
@@ -130,7 +190,7 @@ def _read(cls: Any, value: Any, handler: Callable[[Any], _T], need: tuple[str, .
     except ValidationError as error:
         for wrong in _translated(error, cls):
             (own if wrong.native and not wrong.where else mistakes).append(wrong)
-    mistakes += needed(value, need, valid)
+    mistakes += needed(value, cls.__need__, valid)
     mistakes += cls.misfits(value) if hasattr(cls, "misfits") else ()
     if mistakes or own:
         raise as_validation_error(cls.__name__, mistakes or own)
@@ -146,147 +206,3 @@ def _translated(error: ValidationError, cls: Any) -> Iterator[Wrong]:
             yield Wrong("a mapping with {keys}", keys=keys(cls), value=wrong.value)
         else:
             yield wrong
-
-
-def unknown(name: str, valid: Mapping[str, int]) -> Wrong:
-    """A key that a mapping does not have."""
-    return Wrong("{one of keys}", UNKNOWN, where=(name,), at_key=True, keys=valid)
-
-
-def missing(group: str, keys: Mapping[str, int]) -> Wrong:
-    """A key that a mapping must have, or one of several."""
-    group_keys = {name: keys[name] for name in group.split()}
-    exactly = "exactly one of " if len(group_keys) > 1 else ""
-    return Wrong(f"a mapping with {exactly}{{keys}}", "no {or}", keys=group_keys)
-
-
-def needed(mapping: Mapping[str, Any], need: Iterable[str], keys: Mapping[str, int]) -> Iterator[Wrong]:
-    """What is wrong with the groups of keys of which a mapping has exactly one each."""
-    for group in need:
-        names = group.split()
-        given = [name for name in mapping if name in names]
-        wrong = missing(group, keys)
-        if not given:
-            yield wrong
-        for name in given[1:]:
-            yield Wrong(wrong.expected, f"both {given[0]} and {name}", where=(name,), at_key=True, keys=wrong.keys)
-
-
-def read_mapping(value: Any, sorts: Mapping[str, Sort], need: Sequence[str]) -> dict[str, Any]:
-    """The values of a mapping without a table, which may have keys of these sorts. Raises SeveralWrong."""
-    valid = dict.fromkeys(sorts, 1)
-    if not isinstance(value, dict):
-        raise Wrong("a mapping with {keys}", keys=valid)
-    mistakes = [unknown(name, valid) for name in value if name not in sorts]
-    mistakes += needed(value, need, valid)
-    values = {}
-    for name, item in value.items():
-        try:
-            if name in sorts:
-                values[name] = sorts[name].read(item)
-        except (Wrong, SeveralWrong) as error:
-            mistakes += below(name, error)
-    if mistakes:
-        raise SeveralWrong(mistakes)
-    return values
-
-
-class Tables(Sort):
-    """A list of tables; its length is that of a file, which Python need not keep to.
-
-    With `entry` a file's items are of that table, and `made` makes of each what the list has in Python.
-    """
-
-    def __init__(
-        self, low: int, high: int, what: str, entry: Any = None, made: Callable[[Any], Any] | None = None
-    ) -> None:
-        self.low, self.high, self.what = low, high, what
-        self._entry, self._made = entry, made
-
-    def __str__(self) -> str:
-        return list_of(self.low, self.high, self.what)
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        cls = get_args(source)[0]
-
-        def item_of(item: Any, one: Callable[[Any], Any]) -> Any:
-            if self._made is None or isinstance(item, cls):
-                return item if isinstance(item, cls) else read_by(one, item)
-            return self._made(read_by(one, item))
-
-        def read(value: Any, one: Callable[[Any], Any]) -> tuple[Any, ...]:
-            return validator(lambda items: read_list(self, items, lambda item: item_of(item, one)))(value)
-
-        return core_schema.no_info_wrap_validator_function(read, handler.generate_schema(self._entry or cls))
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        items = handler(schema["schema"])
-        return {"type": "array", "items": items, "minItems": self.low, "maxItems": self.high}
-
-
-class Reshaped(Sort):
-    """What a file has as a table, and Python as a tuple of a sort."""
-
-    def __init__(self, cls: type[_T], tuple_of: Callable[[Any], tuple[Any, ...]], sort: Numbers) -> None:
-        self.cls, self.sort, self._tuple_of = cls, sort, tuple_of
-        self.unit = sort.unit
-
-    def __str__(self) -> str:
-        return f"a mapping with {', '.join(keys(self.cls))}"
-
-    def read(self, value: Any) -> tuple[Any, ...]:
-        """From Python."""
-        return self.sort.read(value)
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        def read(value: Any, one: Callable[[Any], Any]) -> tuple[Any, ...]:
-            return validator(self.read)(value) if isinstance(value, tuple) else self._tuple_of(one(value))
-
-        return core_schema.no_info_wrap_validator_function(read, handler.generate_schema(self.cls))
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        return handler(schema["schema"])
-
-
-class Either(Sort):
-    """A table, or something else of a sort of its own."""
-
-    def __init__(self, other: Sort, expected: str) -> None:
-        self.other, self.expected = other, expected
-
-    def __str__(self) -> str:
-        return self.expected
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        (cls,) = (one for one in get_args(source) if hasattr(one, "__pydantic_fields__"))
-
-        def read(value: Any, one: Callable[[Any], Any]) -> Any:
-            return one(value) if isinstance(value, dict | cls) else validator(self.other.read)(value)
-
-        return core_schema.no_info_wrap_validator_function(read, handler.generate_schema(cls))
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        return {"anyOf": [self.other.json(), handler(schema["schema"])]}
-
-
-class TableSort(Sort):
-    """A table within what is no table."""
-
-    def __init__(self, cls: type[Any]) -> None:
-        self._cls = cls
-
-    def read(self, value: Any) -> Any:
-        return read_by(TypeAdapter(self._cls).validate_python, value)
-
-
-def read_by(one: Callable[[Any], Any], value: Any) -> Any:
-    """What a pydantic validator makes of a value. Raises SeveralWrong."""
-    try:
-        return one(value)
-    except ValidationError as error:
-        raise SeveralWrong(mistakes_of(error)) from None
-
-
-def first(value: Any) -> str:
-    """Where in the file a value is, as a remark for a second one like it."""
-    return f" (first on line {value.node.start_mark.line + 1})" if hasattr(value, "node") else ""

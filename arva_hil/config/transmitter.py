@@ -17,9 +17,12 @@ from arva_hil.config.kinds import (
     WORLD_POINT,
     Triple,
 )
+from arva_hil.config.marks import Help, NotAKey, Since
+from arva_hil.config.mistakes import first
 from arva_hil.config.receiver import ATTITUDE
-from arva_hil.config.sorts import Help, Listed, NotAKey, Number, Numbers, SeveralWrong, Since, Word, Wrong
-from arva_hil.config.tables import first, right, table
+from arva_hil.config.sorts import Listed, Number, Numbers, Word
+from arva_hil.config.tables import right, table
+from arva_hil.config.wrong import SeveralWrong, Wrong
 
 Frame = Literal["enu", "ned"]
 End = Literal["stay", "loop"]
@@ -70,7 +73,7 @@ class _Waypoints(Listed):
 
 
 _WAYPOINTS: Final = _Waypoints(
-    Numbers(Number(0, 1_000_000, unit="s"), WORLD, WORLD, WORLD, unit="s, m, m, m"), 1, 10_000, "waypoints"
+    Numbers(Number(0, 1_000_000, unit="s"), WORLD, WORLD, WORLD), 1, 10_000, "waypoints", unit="s, m, m, m"
 )
 
 
@@ -83,11 +86,11 @@ class Path:
     """
 
     points_ned: Annotated[tuple[Waypoint, ...], _WAYPOINTS, NotAKey()] = ()
-    frame: InitVar[Annotated[Frame | None, Word(get_args(Frame)), Help("of the points")]] = field(
+    frame: InitVar[Annotated[Frame | None, Word(get_args(Frame)), Help("the axes of the points")]] = field(
         default=None, kw_only=True
     )
     points: InitVar[
-        Annotated[tuple[Waypoint, ...] | None, _WAYPOINTS, Help("[t, x, y, z] each; straight between them")]
+        Annotated[tuple[Waypoint, ...] | None, _WAYPOINTS, Help("[t, x, y, z] each, in time; straight between them")]
     ] = field(default=None, kw_only=True)
     end: Annotated[End, Word(get_args(End)), Help("what comes behind the last point")] = "stay"
 

@@ -5,9 +5,13 @@ from dataclasses import InitVar, field, fields
 from typing import Annotated, Any, Final
 
 from arva_hil.config.kinds import FORMAT, SEED, SYSTEM_ID, WIRE_FORMATS, Format, Triple
+from arva_hil.config.marks import Help, NotAKey
+from arva_hil.config.mistakes import first
+from arva_hil.config.nested import Tables
 from arva_hil.config.receiver import Receiver
-from arva_hil.config.sorts import Help, NotAKey, Number, Numbers, Text, Wrong
-from arva_hil.config.tables import Tables, first, right, table
+from arva_hil.config.sorts import Number, Numbers, Text
+from arva_hil.config.tables import right, table
+from arva_hil.config.wrong import Wrong
 
 _NAME: Final = Text("a name of letters, digits, _, - and .", r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _LINK: Final = Text("a connection string")
@@ -58,7 +62,7 @@ class ReceiverEntry(Receiver):
     )
     format: Annotated[Format, FORMAT, Help("of its frames")] = field(default="binary", kw_only=True)
     seed: Annotated[
-        int, SEED, Help("of its noise and faults; without it the scenario's, and one more for each receiver")
+        int, SEED, Help("of its noise and faults; without it the scenario's plus the number of receivers before it")
     ] = field(default=1, kw_only=True)
 
     @classmethod

@@ -1,0 +1,273 @@
+"""Spec 2: several vehicles and receivers, transmitters that move, an estimate that errs. Mistakes: tests/broken."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from arva_hil.cli.main import main
+from arva_hil.config import (
+    DEFAULT,
+    FORMATS,
+    WIRE_FORMATS,
+    Fault,
+    Follows,
+    Lla,
+    Mount,
+    NavigationError,
+    Noise,
+    Receiver,
+    ReceiverConfig,
+    Scenario,
+    ScenarioError,
+    Transmitter,
+    VehicleConfig,
+    load,
+    parse,
+    parts_of_spec_2,
+    to_dict,
+)
+from arva_hil.config import (
+    Path as Waypoints,
+)
+from arva_hil.config.campaign import parse_plan
+
+CONFIGS = Path(__file__).parent.parent.parent / "configs"
+ONE = "spec: 2\ntransmitters: [{id: 1, ned: [1, 2, 3]}]\n"
+
+
+def receivers(text: str) -> list[ReceiverConfig]:
+    """All receivers of a scenario with these lines."""
+    return [receiver for vehicle in parse(ONE + text, "f.yaml").vehicles for receiver in vehicle.receivers]
+
+
+def test_the_example_is_read_as_written() -> None:
+    scenario = load(CONFIGS / "two_vehicles.yaml")
+    assert scenario == Scenario(
+        transmitters=(
+            Transmitter(1, ned=(5.0, 20.0, 0.0)),
+            Transmitter(2, path=Waypoints(((0.0, 0.0, 10.0, 0.0), (60.0, 0.0, 40.0, 0.0)), end="stay")),
+            Transmitter(3, follows=Follows(2, (0.0, 0.0, 1.0))),
+        ),
+        navigation_error=NavigationError(
+            (0.5, 0.0, 0.0), walk_sigma_m=1.5, walk_tau_s=60.0, heading_deg=2.0, latency_s=0.1
+        ),
+        vehicles=(
+            VehicleConfig(
+                "alpha",
+                "udpin:127.0.0.1:14550",
+                1,
+                receivers=(
+                    ReceiverConfig(
+                        "front", "pty:/tmp/alpha-front", Receiver(mount=Mount((0.3, 0.0, 0.0))), "binary", 1
+                    ),
+                    ReceiverConfig("rear", "pty:/tmp/alpha-rear", Receiver(rate_hz=5.0), "nmea", 7),
+                ),
+            ),
+            VehicleConfig(
+                "bravo",
+                "udpin:127.0.0.1:14550",
+                2,
+                receivers=(ReceiverConfig("only", "pty:/tmp/bravo", Receiver(), "binary", 3),),
+            ),
+        ),
+    )
+
+
+def test_a_file_of_spec_1_has_nothing_of_it() -> None:
+    scenario = load(CONFIGS / "default.yaml")
+    assert not any(parts_of_spec_2(scenario).values())
+    assert (scenario.pose, scenario.navigation_error, scenario.vehicles) == ("estimate", None, ())
+    assert to_dict(scenario)["spec"] == 1
+
+
+def test_a_file_of_spec_2_that_has_nothing_of_it_is_the_same_scenario() -> None:
+    assert parse(ONE, "f.yaml") == parse(ONE.replace("spec: 2", "spec: 1"), "f.yaml")
+
+
+def test_a_receiver_has_the_keys_of_the_scenarios_receiver_unless_it_has_its_own() -> None:
+    front, rear = receivers(
+        "receiver: {channels: 2, rate_hz: 5, noise: {kind: off}, mount: {position: [1, 0, 0]}}\n"
+        "output: {format: text}\n"
+        "vehicles:\n"
+        "- name: a\n"
+        "  receivers:\n"
+        "  - {name: front, port: p, rate_hz: 10}\n"
+        "  - {name: rear, port: q, format: nmea, mount: {attitude: {yaw: 180}}}\n"
+    )
+    common = Receiver(channels=2, rate_hz=5.0, noise=Noise("off"), mount=Mount((1.0, 0.0, 0.0)))
+    assert (front.receiver, front.output_format) == (replace(common, rate_hz=10.0), "text")
+    assert (rear.receiver, rear.output_format) == (replace(common, mount=Mount(attitude=(0.0, 0.0, 180.0))), "nmea")
+
+
+def test_receivers_without_a_seed_have_different_ones_that_follow_the_scenarios() -> None:
+    vehicles = (
+        "vehicles:\n"
+        "- {name: a, system: 1, receivers: [{name: x, port: p}, {name: y, port: q, seed: 40}]}\n"
+        "- {name: b, system: 2, receivers: [{name: x, port: r}]}\n"
+    )
+    assert [receiver.seed for receiver in receivers(vehicles)] == [1, 40, 3]
+    assert [receiver.seed for receiver in receivers("seed: 9223372036854775807\n" + vehicles)] == [2**63 - 1, 40, 1]
+
+
+def test_a_receiver_over_the_autopilots_link_needs_no_port() -> None:
+    (receiver,) = receivers("vehicles: [{name: a, receivers: [{name: x, format: tunnel}]}]")
+    assert (receiver.port, receiver.output_format) == (None, "tunnel")
+
+
+def test_vehicles_on_links_of_their_own_need_no_system_and_every_pty_is_a_new_one() -> None:
+    vehicle = "- {{name: {0}, autopilot: {0}, receivers: [{{name: r, port: pty}}]}}\n"
+    scenario = parse(ONE + "vehicles:\n" + vehicle.format("a") + vehicle.format("b"), "f.yaml")
+    assert [vehicle.system for vehicle in scenario.vehicles] == [None, None]
+
+
+def test_a_path_in_enu_is_the_same_path_in_ned() -> None:
+    places = []
+    enu = "frame: enu, points: [[0, 1, 2, 3], [1.5, 4, 5, -6]]"
+    ned = "frame: ned, points: [[0, 2, 1, -3], [1.5, 5, 4, 6]]"
+    for path in (enu, ned):
+        (transmitter,) = parse(f"spec: 2\ntransmitters: [{{id: 1, path: {{{path}}}}}]", "f.yaml").transmitters
+        places.append(transmitter.path)
+    assert places[0] == places[1] == Waypoints(((0.0, 2.0, 1.0, -3.0), (1.5, 5.0, 4.0, 6.0)), end="stay")
+
+
+# In Python
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Receiver(rate_hz=0),
+        lambda: Receiver(rate_hz=10, jitter_s=0.05),
+        lambda: Receiver(sensitivity=(1, 1)),  # type: ignore[arg-type]
+        lambda: Receiver(model="none"),
+        lambda: Receiver(no_signal=(0, -1)),
+        lambda: Receiver(chanels=3),  # type: ignore[call-arg]
+        lambda: replace(Receiver(), channels=True),
+        lambda: Noise("white"),  # type: ignore[arg-type]
+        lambda: Noise(floor_range_m=float("nan")),
+        lambda: Mount((0, 0, 1000)),
+        lambda: Lla(91, 0, 0),
+        lambda: Transmitter(255, ned=(0, 0, 0)),
+        lambda: Transmitter(1),
+        lambda: Transmitter(1, ned=(0, 0, 0), follows=Follows(1)),
+        lambda: Transmitter(1, ned=(0, 0, 0), enu=(0, 0, 0)),
+        lambda: Waypoints(()),
+        lambda: Waypoints(((1, 0, 0, 0), (1, 0, 0, 0))),
+        lambda: Follows(0),
+        lambda: NavigationError(latency_s=-1),
+        lambda: Fault("drop", 2),
+        lambda: Fault("drap", 0.5),
+        lambda: Fault("transmitter_moved", 1),
+        lambda: Fault("drop", 0.5, from_s=5, until_s=5),
+        lambda: ReceiverConfig("a", None),
+        lambda: ReceiverConfig("a", "pty", output_format="tunnel"),
+        lambda: ReceiverConfig("../a", "pty"),
+        lambda: VehicleConfig("a", system=0, receivers=()),
+        lambda: replace(DEFAULT, transmitters=DEFAULT.transmitters * 2),
+        lambda: replace(DEFAULT, seed=-1),
+        lambda: replace(DEFAULT, output_format="json"),  # type: ignore[arg-type]
+        lambda: replace(DEFAULT, pose="guess"),  # type: ignore[arg-type]
+        lambda: replace(DEFAULT, vehicles=(VehicleConfig("a", receivers=()),) * 2),
+    ],
+)
+def test_wrong_values_are_refused_in_python_too(make: Callable[[], Any]) -> None:
+    with pytest.raises(ValueError, match=r"1 validation error for \w+\n"):
+        make()
+
+
+def test_what_is_wrong_is_named_with_its_value() -> None:
+    with pytest.raises(ValueError, match=r"rate_hz\n  expected a number from 0.1 to 50 \[.*input_value=99"):
+        Receiver(rate_hz=99)
+
+
+def test_numbers_of_python_become_those_of_a_file() -> None:
+    assert repr(Transmitter(1, (1, 2, 3)).ned) == "(1.0, 2.0, 3.0)"
+    assert Transmitter(1, enu=(1, 2, 3)) == Transmitter(1, (2.0, 1.0, -3.0))
+
+
+def test_a_scenario_cannot_be_changed() -> None:
+    for thing, name in [(DEFAULT, "seed"), (DEFAULT.receiver, "rate_hz"), (DEFAULT.transmitters[0], "id")]:
+        with pytest.raises(AttributeError):
+            setattr(thing, name, 5)
+
+
+# Round trip
+
+triples = st.tuples(*[st.floats(-100, 100)] * 3)
+names = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,8}", fullmatch=True)
+paths = st.lists(st.tuples(st.floats(0, 1e6), *[st.floats(-1e6, 1e6)] * 3), min_size=1, unique_by=lambda p: p[0]).map(
+    lambda points: tuple(sorted(points))
+)
+ids = st.integers(0, 254)
+moving = st.one_of(
+    st.builds(
+        Transmitter, id=st.integers(0, 254), path=st.builds(Waypoints, paths, end=st.sampled_from(["stay", "loop"]))
+    ),
+    st.builds(
+        Transmitter, id=st.integers(0, 254), follows=st.builds(Follows, system=st.integers(1, 255), offset=triples)
+    ),
+)
+errors = st.builds(
+    NavigationError,
+    bias_ned=triples,
+    walk_sigma_m=st.floats(0, 1000),
+    walk_tau_s=st.floats(0, 1e6, exclude_min=True),
+    heading_deg=st.floats(-180, 180),
+    latency_s=st.floats(0, 10),
+)
+
+
+@st.composite
+def fleets(draw: st.DrawFn) -> tuple[VehicleConfig, ...]:
+    vehicles = []
+    for system, name in enumerate(draw(st.lists(names, max_size=3, unique=True)), 1):
+        each = []
+        for of in draw(st.lists(names, min_size=1, max_size=3, unique=True)):
+            output_format = draw(st.sampled_from(FORMATS))
+            port = f"pty:/tmp/{name}/{of}" if output_format in WIRE_FORMATS else None
+            receiver = draw(st.builds(Receiver, channels=st.integers(1, 16), mount=st.builds(Mount, triples, triples)))
+            each.append(ReceiverConfig(of, port, receiver, output_format, draw(st.integers(0, 2**63 - 1))))
+        autopilot = draw(st.none() | st.just("udpin:127.0.0.1:14550"))
+        vehicles.append(VehicleConfig(name, autopilot, system, receivers=tuple(each)))
+    return tuple(vehicles)
+
+
+@given(
+    st.builds(
+        Scenario,
+        transmitters=st.lists(moving, min_size=1, max_size=4, unique_by=lambda t: t.id).map(tuple),
+        pose=st.sampled_from(["estimate", "truth"]),
+        navigation_error=st.none() | errors,
+        vehicles=fleets(),
+    )
+)
+@settings(deadline=None)
+def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
+    plain = to_dict(scenario)
+    assert json.loads(json.dumps(plain)) == plain  # JSON types only
+    assert parse(json.dumps(plain), "f.yaml") == scenario
+
+
+@pytest.mark.parametrize("command", ["run --port pty", "replay {log}", "demo"])
+def test_a_command_that_does_not_serve_a_part_of_it_says_so(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = Path(__file__).parent.parent / "data" / "px4.tlog"
+    arguments = command.format(log=log).split()
+    assert main([*arguments, "--scenario", str(CONFIGS / "two_vehicles.yaml")]) == 2
+    parts = "navigation_error, path, follows, vehicles"
+    assert f"two_vehicles.yaml: {parts}: this command does not serve" in capsys.readouterr().err
+
+
+def test_a_campaign_refuses_a_scenario_that_it_cannot_fly(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(ONE + "pose: truth\n")
+    with pytest.raises(ScenarioError, match=r"2:12: .*a.yaml with pose, expected a scenario without"):
+        parse_plan("strategies: flux\nscenarios: a.yaml\n", str(tmp_path / "p.yaml"), ["flux"])
