@@ -2,7 +2,7 @@
 
 The simulators of others fly only where ARVA_HIL_ARDUCOPTER or ARVA_HIL_PX4 names a binary; a machine without them
 still flies the built-in vehicle. They take the loopback ports of one flight: run with `-n 0`, and with `-rP` to read
-what came of each. ARVA_HIL_TRANSMITTERS: how many random ones each of them searches for, 2 if nothing is said.
+what came of each. ARVA_SITL_TRANSMITTERS: how many random ones each of them searches for, 2 if nothing is said.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def cases() -> Iterator[Any]:
 def anywhere() -> Iterator[Any]:
     """Autopilot, its binary, seed."""
     for autopilot, binary in binaries():
-        for seed in range(1, int(os.environ.get("ARVA_HIL_TRANSMITTERS", "2")) + 1):
+        for seed in range(1, int(os.environ.get("ARVA_SITL_TRANSMITTERS", "2")) + 1):
             yield pytest.param(autopilot, binary, seed, id=f"{_name(autopilot)}-{seed}")
 
 
