@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from arva_hil import scene
 from arva_hil.config import parse
-from arva_hil.model import Zone, rotation
+from arva_hil.model import LocalFrame, Look, Pose, Zone, rotation
 from arva_hil.search.strategy import Found, Observation, Position, Strategy
 
 LAG_S = 0.3  # of the point's velocity
@@ -51,7 +51,7 @@ def fly(
     `gps_m`: sigma on each axis of the position that the strategy is told. `lag_s`: of the point's velocity.
     """
     world = parse(f"spec: 1\nseed: {seed}\ntransmitters: [{', '.join(transmitters)}]\n", "world")
-    receiver = scene.receiver(world)
+    receiver, there = scene.receiver(world), scene.transmitters(world, LocalFrame(0.0, 0.0, 0.0))
     rng = random.Random(seed)
     R = rotation.to_matrix(rotation.from_euler(0.0, 0.0, yaw))
     place, velocity = np.array([*start, -height_m]), np.zeros(2)
@@ -60,7 +60,8 @@ def fly(
     heard: list[Observation] = []
     fastest = now = 0.0
     while now < limit_s and strategy.found is None:
-        slot = next(c for c in receiver.read(place, R).channels if c.id in (world.transmitters[0].id, None))
+        receiver.look(Look(now, Pose(place, R), there))
+        slot = next(c for c in receiver.show(now).channels if c.id in (world.transmitters[0].id, None))
         told = place + [rng.gauss(0, gps_m) for _ in place]
         heard.append(Observation(now, _tuple(told), R, slot.d_cm, slot.delta_deg, slot.zone == Zone.INNER))
         strategy.hear(heard[-1])
@@ -71,7 +72,7 @@ def fly(
             place[:2] += velocity * dt
             told[:2] += velocity * dt
             now += dt
-    found, target = strategy.found, receiver.transmitters.positions[0]
+    found, target = strategy.found, there.positions[0]
     error = math.inf if found is None else math.hypot(found.north - target[0], found.east - target[1])
     return Flight(found, error, now, fastest, heard)
 
