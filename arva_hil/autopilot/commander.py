@@ -10,17 +10,13 @@ from __future__ import annotations
 import math
 from typing import Any, Final
 
-from arva_hil.autopilot import authority, sticks
-from arva_hil.autopilot.authority import Authority
-from arva_hil.autopilot.complaints import Complaints
+from arva_hil.autopilot import authority
 from arva_hil.autopilot.dialect import MAVLINK_MSG_ID_CURRENT_MODE
+from arva_hil.autopilot.flight_state import RISEN_M, FlightState
 from arva_hil.autopilot.mavlink import command, dialect
-from arva_hil.autopilot.modes import ARDUCOPTER, modes_of
+from arva_hil.autopilot.modes import modes_of
 from arva_hil.autopilot.phase import Phase
-from arva_hil.autopilot.pose import PositionSample
 from arva_hil.autopilot.session import Session
-from arva_hil.autopilot.sticks import Sticks
-from arva_hil.model import rotation
 from arva_hil.notice import Notice
 
 __all__ = ["Commander", "Phase"]
@@ -32,45 +28,23 @@ _SET_POINT_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops aft
 _FLOWING_S: Final = 1.0  # of set-points, before PX4 is told to follow them
 _STOPPED_S: Final = 0.5  # of set-points that say stop, before it is left alone
 _LEAD_S: Final = 0.5  # from an order to what comes of it
-_RISEN_M: Final = 0.5  # no drift of an altitude: it has taken off
 _STILL: Final = (0.0, 0.0, 0.0)
 _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 _STEERED: Final = (Phase.FLYING, Phase.HOLDING, Phase.YIELDING)
 _MIDDLE: Final = "it hovers in GUIDED until the throttle stick is in the middle, then LOITER is ordered"
 
 
-class Commander:
-    """Remembers the last order to one vehicle and how far it has got. `take_off_m`: height of the take-off.
-
-    `why` says why it was LOST, or had to land. Once it is LOST nothing is sent any more: the pilot has the vehicle, if
-    it was `handed_over`, or the autopilot's own failsafe. `ready`: it may be armed now. `origin`: where it armed.
-    """
+class Commander(FlightState):
+    """Remembers the last order to one vehicle. `take_off_m`: height of the take-off. `ready`: it may be armed now."""
 
     def __init__(self, session: Session, *, take_off_m: float, arm_timeout_s: float = 60.0) -> None:
-        self.phase = Phase.IDLE
-        self.why = ""
-        self.handed_over = False
+        super().__init__(session, take_off_m)
         self.ready = True
-        self.origin: PositionSample | None = None
-        self.sticks = Sticks()
-        self._session = session
-        self._take_off_m = take_off_m
         self._arm_timeout_s = arm_timeout_s
-        self._modes = ARDUCOPTER  # until the launch
         self._velocity = _STILL
-        self._yaw = 0.0
         self._tries = 0  # of arming
-        self._borrowing = False  # it flies in the mode of who had it, and does not follow us yet
-        self._authority = Authority()
         self._heard_since = 0.0  # what is heard now came after that
-        self._since = 0.0  # in this phase
-        self._limit_s = math.inf  # of it
-        self._next_order = -math.inf
-        self._ordered_s = math.inf  # when the first order of this phase was sent
         self._next_set_point = -math.inf
-        self._complaints = Complaints()
-        self._notices: list[Notice] = []
-        session.want(authority.WANTED | sticks.WANTED)
 
     # -- orders --------------------------------------------------------------------------------------------
 
@@ -127,31 +101,6 @@ class Commander:
             self.why = why
             self._enter(Phase.HOLDING, now, self._modes.hold)
 
-    def doubt(self, now: float) -> None:
-        """There was a gap: no order before news that comes after it shows the mode that was ordered."""
-        self._authority.doubt(now)
-
-    def let_go(self) -> None:
-        """Send nothing any more."""
-        if self.phase is not Phase.ENDED:
-            self.phase = Phase.LOST
-
-    @property
-    def settled(self) -> bool:
-        """There is no doubt who has the vehicle."""
-        return self._authority.settled
-
-    @property
-    def lands_by_itself(self) -> bool:
-        """It is in the mode that lands."""
-        return self._authority.wanted == self._modes.land and self._authority.in_mode
-
-    @property
-    def height(self) -> float:
-        """Above the take-off point, m; 0 while that is not known."""
-        last = self._session.track.last_position
-        return last.alt - self.origin.alt if last and self.origin else 0.0
-
     # -- what it is told -----------------------------------------------------------------------------------
 
     def poll(self, now: float) -> bytes:
@@ -165,10 +114,6 @@ class Commander:
         if self._authority.settled and not self._authority.usurped and not self._session.doubtful:
             messages += self._due(now)
         return b"".join(map(self._session.encoder.pack, messages))
-
-    def take_notices(self) -> list[Notice]:
-        notices, self._notices = self._notices, []
-        return self._complaints.take_notices() + notices
 
     def _advance(self, now: float) -> None:
         """Go on to the next phase when this one has come to its end, or to the limit of its time."""
@@ -197,7 +142,7 @@ class Commander:
         if not self._modes.px4:
             return self.height > enough
         last = self._session.track.last_position
-        return self.height > _RISEN_M and self.height - (last.velocity[2] if last else 0.0) * _LEAD_S > enough
+        return self.height > RISEN_M and self.height - (last.velocity[2] if last else 0.0) * _LEAD_S > enough
 
     def _due(self, now: float) -> list[Any]:
         """Set-points, which take effect in one mode only; and orders, which may change it."""
@@ -233,7 +178,7 @@ class Commander:
         to = vehicle.system, vehicle.component
         if self.phase is Phase.CLIMBING:
             assert self.origin is not None
-            risen = self.height > _RISEN_M
+            risen = self.height > RISEN_M
             return None if risen else modes.to_take_off(vehicle, self._take_off_m, self.origin.alt), _REPEAT_S
         if self.phase is Phase.DISARMING:
             return command(*to, _ARM, 0), _REPEAT_S
@@ -294,34 +239,6 @@ class Commander:
         if self.phase.active and self.phase is not Phase.LANDING:
             self._watch_mode()
 
-    def _watch_mode(self) -> None:
-        """A mode that does not come of an order of ours is somebody else's: the pilot's, or a failsafe's.
-
-        PX4 arms in the mode that holds, and may be in it until it has risen. It does not come back to it by itself, for
-        its take-off is ordered to more than the height at which it is told to follow set-points.
-        """
-        name, in_mode = self._modes.name(self._authority.mode), self._authority.in_mode
-        risen = self.phase is Phase.CLIMBING and self.height > _RISEN_M
-        if self._authority.usurped or (risen and not in_mode):
-            self._lose(f"the mode is {name}: the pilot or a failsafe has taken over", handed_over=True)
-        elif self.phase is Phase.YIELDING and in_mode:
-            self._lose(f"the pilot has it, in {name}", handed_over=True)
-
-    def _stand(self, armed: bool, now: float) -> None:
-        """Note place and heading: until it arms an autopilot still moves them while it settles."""
-        place = self._session.track.last_position
-        if place is not None and self._turn(now, place):
-            self.origin = place
-        if armed and self.origin is not None:
-            self._enter(Phase.CLIMBING, now, self._modes.take_off)
-
-    def _turn(self, now: float, place: PositionSample) -> bool:
-        """Keep the heading that it has; False when that is not known."""
-        state = self._session.state_at(now, place.frame)
-        if state is not None:
-            self._yaw = rotation.to_euler(rotation.to_matrix(state.attitude))[2]
-        return state is not None
-
     def _on_timesync(self, message: Any, now: float) -> None:
         self._authority.hear_answer(message)
 
@@ -358,31 +275,6 @@ class Commander:
             self._enter(Phase.YIELDING, now, self._modes.yields)
             if not self.sticks.throttle_in_middle:
                 self._notices.append(Notice("warning", f"{why}: {_MIDDLE}"))
-
-    # -- what comes of it ----------------------------------------------------------------------------------
-
-    def _reasons(self) -> str:
-        """What it has answered and said in this phase, for a person."""
-        return self._complaints.why(status=self.phase is Phase.ARMING)
-
-    def _enter(self, phase: Phase, now: float, wanted: int, limit_s: float | None = None) -> None:
-        self.phase, self._since = phase, now
-        self._limit_s = (
-            phase.limit_s(self._take_off_m if phase is Phase.CLIMBING else self.height) if limit_s is None else limit_s
-        )
-        self._next_order, self._ordered_s = -math.inf, math.inf
-        self._complaints.begin(keep_texts=phase is Phase.ARMING)
-        self._authority.want(wanted, ours=phase is not Phase.ARMING)
-
-    def _leave_alone(self, why: str) -> bool:
-        """Before it follows us, whatever speaks against it ends the take-over: nothing has to be undone by an order."""
-        if self._borrowing and self.phase.active:
-            self._lose("; ".join(filter(None, [why, "it was not taken over"])), handed_over=True)
-        return self._borrowing
-
-    def _lose(self, why: str, *, handed_over: bool = False) -> None:
-        self.phase, self.handed_over = Phase.LOST, handed_over
-        self.why = "; ".join(filter(None, [self.why, why]))
 
 
 _HEARD: Final = {

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 from arva_hil.autopilot.clockmap import ClockMap
-from arva_hil.autopilot.navigation import Place, offset_m
+from arva_hil.autopilot.mavlink import dialect
+from arva_hil.autopilot.navigation import Place, is_zero, offset_m, place_of
 
 Velocity = tuple[float, float, float]  # NED, m/s
 
@@ -37,6 +38,17 @@ class Identity:
     @property
     def doubtful(self) -> bool:
         return bool(self._strange_times or self._strange_places or self.why)
+
+    def owns(self, message: Any, now: float) -> bool:
+        """Whether one of the messages that navigation handles may be its own."""
+        if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
+            return True
+        boot = message.time_boot_ms / 1e3
+        if not self.time(boot, now):
+            return False
+        if message.id != dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT or is_zero(message):
+            return True
+        return self.place(boot, *place_of(message))
 
     def time(self, boot: float, now: float) -> bool:
         """Whether its clock may read `boot` now, s."""

@@ -11,7 +11,7 @@ from arva_hil.autopilot.clockmap import ClockMap
 from arva_hil.autopilot.finder import Finder, Vehicle
 from arva_hil.autopilot.identity import Identity
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
-from arva_hil.autopilot.navigation import Navigation, Place, is_zero, place_of
+from arva_hil.autopilot.navigation import Navigation, Place
 from arva_hil.autopilot.packet_reader import PacketReader, Packets
 from arva_hil.autopilot.pose import PoseTrack, VehicleState
 from arva_hil.autopilot.senders import Senders
@@ -32,18 +32,6 @@ _DISBELIEVED: Final[dict[Verdict, str]] = {
     "forged": "packets signed with another key are ignored, the first from {}",
     "replayed": "packets with old time stamps are ignored, the first from {}: replayed, or its clock is behind",
 }
-
-
-def _is_own(identity: Identity, message: Any, now: float) -> bool:
-    """Whether one of the messages that navigation handles may be from the vehicle that was pinned."""
-    if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
-        return True
-    boot = message.time_boot_ms / 1e3
-    if not identity.time(boot, now):
-        return False
-    if message.id != dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT or is_zero(message):
-        return True
-    return identity.place(boot, *place_of(message))
 
 
 def heartbeat() -> Any:
@@ -415,7 +403,7 @@ class Session:
 
     def _navigate(self, message: Any, now: float) -> None:
         assert self._streams is not None
-        if self._identity and not _is_own(self._identity, message, now):
+        if self._identity and not self._identity.owns(message, now):
             return
         judgement = self.navigation.hear(message, now)
         if judgement == "anew":

@@ -13,11 +13,12 @@ from arva_hil.autopilot.commander import Commander, Phase
 from arva_hil.autopilot.mavlink import dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import Clock
-from arva_hil.links import Link, LinkError
+from arva_hil.links import Link, LinkError, Sender
 from arva_hil.model.geodesy import LocalFrame
 from arva_hil.notice import Level, Notice
 from arva_hil.search.flight import Flight
 from arva_hil.search.ground import Ground
+from arva_hil.search.line import Line
 from arva_hil.search.mission import FOUND, NOT_SURE, Mission, Plan
 from arva_hil.search.outcome import Kind, Outcome, Row
 from arva_hil.search.permission import Permission
@@ -28,11 +29,6 @@ from firmware_proto import FrameDecoder
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is the first, a listener the second
 
 _STEP_S: Final = 0.2
-_GAP_S: Final = 1.0  # in which this did not run: who knows who had the vehicle
-_AT_ONCE: Final = 1 << 18  # bytes read before other things are done, and
-_AT_ONCE_S: Final = 0.2
-_HELD_UP_S: Final = 0.04  # after the link was found empty: it has to be looked at again before an order
-_LOOKS: Final = 3
 _STILL_ARMED: Final = (
     "the vehicle is still armed, and does not say that it has landed. If it stands, keep away from the propellers and "
     "disarm it from the radio or the ground station"
@@ -76,7 +72,7 @@ class SearchClient:
     ) -> None:
         self.outcome: Outcome | None = None
         self._session = session
-        self._autopilot = autopilot
+        self._line = Line(autopilot, start, hear=self._hear, anew=self._begin_anew)
         self._receiver = Receiver(receiver, decoder)
         self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=arm_timeout_s)
         self._preflight = Preflight(
@@ -94,9 +90,6 @@ class SearchClient:
         self._flight = Flight(plan, session, self._commander, self._ground, start=start, land=land, say=say, log=log)
         self._say = say
         self._next_step = start
-        self._empty_s = start  # when the autopilot's link was last found empty
-        self._gap = False  # since it is not
-        self._losses = 0
         self._begin = self._commander.take_over if take_over else self._commander.launch
         self._beginning = "taking over" if take_over else "arming"
         self._patience_s = plan.patience_s
@@ -104,7 +97,7 @@ class SearchClient:
 
     @property
     def links(self) -> Sequence[Link]:
-        return [self._autopilot, *self._receiver.links]
+        return [self._line.link, *self._receiver.links]
 
     @property
     def mission(self) -> Mission | None:
@@ -131,48 +124,35 @@ class SearchClient:
     def service(self, clock: Clock) -> float:
         """Take what came, fly on; the next time to call."""
         try:
-            self._take_in(clock)
+            self._line.take_in(clock)
             now = clock.now()
+            if not self.launched:
+                self._preflight.watch_link(now)
             for frame in self._receiver.read(now):
                 self._flight.hear(frame, now)
             self._pass_on()
             if now >= self._next_step:
                 self._next_step = max(self._next_step + _STEP_S, now)
                 self._step(now)
-            self._speak(clock)
+            self._line.speak(clock, self._due)
             self._pass_on()
             return self._next_step
         except LinkError as error:  # the autopilot's
             self._cut_off(str(error))
             return math.inf
 
-    def _take_in(self, clock: Clock) -> bool:
-        """Read until the link is empty, and say whether it is; a flood is left for the next time."""
-        begun = now = clock.now()
-        since, read = self._empty_s, 0
-        if now - since > _GAP_S and not self._gap:
-            self._begin_anew(now, now - since)
-        while True:
-            came = self._autopilot.receive()
-            self._watch_link(now)
-            for sender, chunk in came:
-                self._session.feed(chunk, now, sender)
-                self._preflight.hear(self._session.own)
-                self._commander.hear(now, since)
-                self._ground.hear(now)
-                read += len(chunk)
-            senders = self._session.senders
-            self._autopilot.follow(senders.vehicle, senders.candidates)
-            now = clock.now()
-            if not self._autopilot.ready():
-                self._empty_s, self._gap = now, False
-                return True
-            if read > _AT_ONCE or now - begun > _AT_ONCE_S:
-                return False
+    def _hear(self, sender: Sender, chunk: bytes, now: float, since: float) -> None:
+        if not self.launched:
+            self._preflight.watch_link(now)
+        self._session.feed(chunk, now, sender)
+        self._preflight.hear(self._session.own)
+        self._commander.hear(now, since)
+        self._ground.hear(now)
+        senders = self._session.senders
+        self._line.link.follow(senders.vehicle, senders.candidates)
 
     def _begin_anew(self, now: float, gap_s: float) -> None:
         """Nothing was read for so long: what is known is old."""
-        self._gap = True
         self._commander.doubt(now)
         self._preflight.restart()
         self._flight.skip(gap_s)
@@ -180,25 +160,9 @@ class SearchClient:
         if self.launched:
             self._tell("warning", f"nothing was done for {gap_s:.1f} s: first it is seen who has the vehicle")
 
-    def _watch_link(self, now: float) -> None:
-        """Before the launch a link may come back; from then on another far end is another vehicle's."""
-        if not self.launched:
-            self._preflight.watch_link(now)
-        elif self._autopilot.losses > self._losses:
-            raise LinkError(self._autopilot.name, self._autopilot.why.removeprefix(f"{self._autopilot.name}: "))
-
-    def _speak(self, clock: Clock) -> None:
-        """Send what is due. Orders only when the link was empty a moment ago: so the last word is never theirs."""
-        for _ in range(_LOOKS):
-            empty = self._take_in(clock)
-            now = clock.now()
-            out = self._session.poll(now) + self._preflight.poll(now)
-            orders = self._commander.poll(now)
-            in_time = empty and clock.now() - self._empty_s <= _HELD_UP_S
-            if out or (orders and in_time):
-                self._autopilot.write(out + orders if in_time else out)
-            if in_time or not empty:
-                return
+    def _due(self, now: float) -> tuple[bytes, bytes]:
+        """What is to be sent: whatever, and orders."""
+        return self._session.poll(now) + self._preflight.poll(now), self._commander.poll(now)
 
     def _pass_on(self) -> None:
         for source in (self._session, self._commander, self._ground, self._receiver, self.mission):
@@ -246,8 +210,7 @@ class SearchClient:
             self._finish("failed", str(error))
             return
         self._session.pin()
-        self._autopilot.pin()
-        self._losses = self._autopilot.losses
+        self._line.pin()
         if throttle := self._preflight.failsafes.values.get("RCMAP_THROTTLE"):
             self._commander.sticks.throttle = int(throttle)
         self._tell("info", f"{self._beginning} {self._session.vehicle}")
