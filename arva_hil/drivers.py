@@ -70,7 +70,8 @@ class Live:
     """Drives an engine by links and the loop's clock, and tells the audience. A task for the loop.
 
     `autopilots`: the links on which vehicles are heard; `ports`: those that take frames; by the engine's names for
-    them. What comes in at a port is read and forgotten, so that its loss shows at once.
+    them. What comes in at a port is read and forgotten, so that its loss shows at once. A link that is gone for good is
+    left out while others of its kind are there, and the end of the last one is raised.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class Live:
         self._monitors = [LinkMonitor(name, link) for name, link in self._sinks.items()]
         self._audience = audience
         self._next_look = -math.inf
+        self._gone: set[str] = set()
         for name, link in autopilots.items():
             if link.away:  # it is not there yet
                 emulator.link_lost(name, link.why, -math.inf)
@@ -97,7 +99,8 @@ class Live:
         emulator = self.emulator
         stalled = clock.now() - emulator.next_deadline() > _STALL_S
         for name, link in self._autopilots.items():
-            self._read(name, link, clock, _MOST_READS if stalled else 1)
+            if name not in self._gone:
+                self._read(name, link, clock, _MOST_READS if stalled else 1)
         now = clock.now()
         if now >= self._next_look:
             self._next_look = now + _LONGEST_WAIT_S
@@ -123,7 +126,12 @@ class Live:
 
     def _read(self, name: str, link: Link, clock: Clock, times: int) -> None:
         for _ in range(times):
-            came = link.receive()
+            try:
+                came = link.receive()
+            except LinkError as error:
+                if self._is_last(name, error, clock.now()):
+                    raise
+                return
             now = clock.now()
             for sender, data in came:
                 self.emulator.receive(name, data, now, sender)
@@ -132,20 +140,36 @@ class Live:
                 return
 
     def _write(self, output: Output, now: float) -> LinkError | None:
-        """Write one output; the error of a link that is gone for good."""
-        taken, gone, link = False, None, self._sinks[output.sink]
+        """Write one output; the error of the last link of its kind that is gone for good."""
+        taken, last, link = False, None, self._sinks[output.sink]
         try:
-            taken = link.write(output.data)
+            taken = output.sink not in self._gone and link.write(output.data)
         except LinkError as error:
-            gone = error
+            last = error if self._is_last(output.sink, error, now) else None
         if link.away:
             self._look_at_links(now)
         self.emulator.written(output, taken, now)
-        return gone
+        return last
+
+    def _is_last(self, name: str, error: LinkError, now: float) -> bool:
+        """A link is gone for good: whether it was the last of its kind. If not, the others go on without it."""
+        kind = self._autopilots if name in self._autopilots else self._ports
+        self._gone.add(name)
+        if self._gone >= kind.keys():
+            return True
+        self.links = [link for other, link in self._autopilots.items() if other not in self._gone]
+        self.emulator.link_lost(name, str(error), now)
+        self._audience.tell([LinkLost(now, name, self._sinks[name].name, str(error))])
+        return False
 
     def _look_at_links(self, now: float) -> None:
-        for link in self._ports.values():
-            link.read()
+        for name, port in self._ports.items():
+            if name not in self._gone:
+                try:
+                    port.read()
+                except LinkError as error:
+                    if self._is_last(name, error, now):
+                        raise
         for monitor in self._monitors:
             if monitor.lost_again:
                 self.emulator.link_lost(monitor.name, monitor.link.why, now)

@@ -21,6 +21,11 @@ def scenario_of(scenario: Scenario, receiver: ReceiverConfig) -> Scenario:
     )
 
 
+def receivers_of(scenario: Scenario) -> list[tuple[str, str]]:
+    """The names of all receivers, each with its vehicle's."""
+    return [(vehicle.name, receiver.name) for vehicle in scenario.vehicles for receiver in vehicle.receivers]
+
+
 def sink_name(vehicle: VehicleConfig, receiver: ReceiverConfig) -> str:
     """The engine's name of a receiver's port."""
     return f"{vehicle.name}/{receiver.name}"

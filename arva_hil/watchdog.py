@@ -45,7 +45,7 @@ class Watchdog:
     def observe(self, event: Event) -> None:
         if self._socket and isinstance(event, StatusReport) and event.time_s >= self._next_status:
             self._next_status = event.time_s + _STATUS_S
-            self._send(f"STATUS={status_line(event)}")
+            self._send(f"STATUS={status_line(event, named=len(event.vehicles) > 1)}")
 
     def close(self) -> None:
         if self._socket:

@@ -5,18 +5,25 @@ from __future__ import annotations
 import argparse
 import math
 import os
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
+from typing import NamedTuple
 
+from arva_hil.autopilot.packet_reader import PacketReader
 from arva_hil.autopilot.session import Session
 from arva_hil.cli import options as opt
 from arva_hil.cli import shared
+from arva_hil.cli.fleet_sides import fleet_sides
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.sides import add_autopilot, check_sides, choose_autopilot
+from arva_hil.cli.summary import LinkTally
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock
+from arva_hil.config import Scenario, VehicleConfig
 from arva_hil.drivers import Live
-from arva_hil.engine import Emulator, one_vehicle
+from arva_hil.engine import Emulator, VehicleSetup, one_vehicle
+from arva_hil.fleet import vehicle_setups
 from arva_hil.links import Link, parse
 from arva_hil.links.reopen import open_lasting
 from arva_hil.links.stdout import StdoutLink
@@ -49,45 +56,88 @@ def add_options(parser: opt.Parser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    chosen = shared.scenario(options)
-    over_mavlink = chosen.output_format in MAVLINK_FORMATS
-    _check(options, chosen.output_format, over_mavlink)
+    chosen = shared.scenario(options, fleet=True)
     clock = RealClock()
-    address = options.autopilot or choose_autopilot(options.port)
     with ExitStack() as stack:
-        session = Session(
-            target_system=options.target_system,
-            target_component=options.target_component,
-            rate_hz=options.stream_rate,
-            signing=signing(options.signing_key, clock.epoch_us, stack),
-        )
-        tell(f"autopilot: {address}")
-        links = {"autopilot": stack.enter_context(closing(_open(address, clock, answered=True)))}
-        ports: dict[str, Link] = {}
-        if not over_mavlink:
-            ports["port"] = out = stack.enter_context(closing(_open(options.port, clock)))
-            if isinstance(out, StdoutLink):
-                out.give_up = lambda: True  # rather drop a frame than be late with the next
-            tell(f"frames to: {out.name}")
-        surroundings = shared.Run(options, chosen, clock.epoch_us)
+        sides = (_fleet if chosen.vehicles else _one)(options, chosen, clock, stack)
+        surroundings = shared.Run(options, chosen, clock.epoch_us, record_links=list(sides.autopilots))
         watchdog = Watchdog(os.environ)
         surroundings.observers.append(watchdog)
         start = clock.now()
         emulator = Emulator(
-            [one_vehicle(chosen, session)],
+            sides.vehicles,
             start=start,
             timeout_s=min(options.timeout, options.duration),
             max_age_s=options.max_age,
             tell_packets=bool(options.record),
         )
-        live = Live(emulator, links, ports, surroundings.audience)
+        live = Live(emulator, sides.autopilots, sides.ports, surroundings.audience)
         until = start + options.duration
 
         def loop() -> None:
             with closing(watchdog):
                 run([live, watchdog], clock, until=until, stopped=surroundings.stopped)
 
-        return surroundings.drive(emulator, loop, shared.LinkTally(live))
+        return surroundings.drive(emulator, loop, LinkTally(live))
+
+
+class _Sides(NamedTuple):
+    """The vehicles, and the links by the engine's names for them."""
+
+    vehicles: Sequence[VehicleSetup]
+    autopilots: Mapping[str, Link]
+    ports: Mapping[str, Link]
+
+
+def _one(options: argparse.Namespace, chosen: Scenario, clock: RealClock, stack: ExitStack) -> _Sides:
+    """One vehicle with one receiver, on the command line's links."""
+    over_mavlink = chosen.output_format in MAVLINK_FORMATS
+    _check(options, chosen.output_format, over_mavlink)
+    address = options.autopilot or choose_autopilot(options.port)
+    session = Session(
+        target_system=options.target_system,
+        target_component=options.target_component,
+        rate_hz=options.stream_rate,
+        signing=signing(options.signing_key, clock.epoch_us, stack),
+    )
+    tell(f"autopilot: {address}")
+    autopilots = {"autopilot": stack.enter_context(closing(_open(address, clock, answered=True)))}
+    ports = {} if over_mavlink else {"port": _open_port(options.port, clock, stack)}
+    return _Sides([one_vehicle(chosen, session)], autopilots, ports)
+
+
+def _fleet(options: argparse.Namespace, chosen: Scenario, clock: RealClock, stack: ExitStack) -> _Sides:
+    """The scenario's vehicles, each link opened once."""
+    sides = fleet_sides(options, chosen)
+    readers = {
+        name: PacketReader(signing(options.signing_key, clock.epoch_us, stack, number))
+        for number, name in enumerate(sides.autopilots)
+    }
+
+    def session(vehicle: VehicleConfig) -> Session:
+        return Session(
+            target_system=vehicle.system,
+            target_component=options.target_component,
+            rate_hz=options.stream_rate,
+            reader=readers[sides.of_vehicle[vehicle.name]],
+        )
+
+    autopilots, ports = {}, {}
+    for name, address in sides.autopilots.items():
+        tell(f"autopilot of {', '.join(v for v, of in sides.of_vehicle.items() if of == name)}: {address}")
+        autopilots[name] = stack.enter_context(closing(_open(address, clock, answered=True)))
+    for name, address in sides.ports.items():
+        ports[name] = _open_port(address, clock, stack, of=f" of {name}")
+    setups = vehicle_setups(chosen, lambda vehicle: sides.of_vehicle[vehicle.name], session)
+    return _Sides(setups, autopilots, ports)
+
+
+def _open_port(address: str, clock: Clock, stack: ExitStack, of: str = "") -> Link:
+    out = stack.enter_context(closing(_open(address, clock)))
+    if isinstance(out, StdoutLink):
+        out.give_up = lambda: True  # rather drop a frame than be late with the next
+    tell(f"frames{of} to: {out.name}")
+    return out
 
 
 def _open(address: str, clock: Clock, *, answered: bool = False) -> Link:

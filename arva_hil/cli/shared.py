@@ -6,11 +6,12 @@ import argparse
 import dataclasses
 import functools
 import gc
+import itertools
 import platform
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any
 
 import fastcrc
 import numpy
@@ -21,39 +22,40 @@ import yaml
 from arva_hil import __version__
 from arva_hil.cli.guard import Guard, story, unforeseen
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
+from arva_hil.cli.summary import Tally, as_dict, sums
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, utc
 from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, parts_of_spec_2, to_dict
 from arva_hil.console import Lines, Printer, as_json, plain
-from arva_hil.drivers import Live
 from arva_hil.engine import Emulator
 from arva_hil.events import Event, HeartbeatMissing
-from arva_hil.frame_source import FrameSource
+from arva_hil.fleet import receivers_of
 from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import open_stdout
 from arva_hil.notice import Notice
 from arva_hil.observer import Audience, Observer
-from arva_hil.record import Recorder, RecordError
+from arva_hil.record import Layout, Recorder, RecordError
 
 
-class Tally(Protocol):
-    """What a run's links have to say at its end."""
+def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
+    """The scenario file or the default, with what environment and command line say instead.
 
-    def counts(self) -> Mapping[str, int]:
-        """For run.json."""
-
-    def sums(self) -> list[str]:
-        """For a person."""
-
-
-def scenario(options: argparse.Namespace) -> Scenario:
-    """The scenario file or the default, with what environment and command line say instead."""
+    `fleet`: the command serves a scenario's own vehicles, whose receivers have rate, format and seed of their own.
+    """
     try:
         base = load(options.scenario) if options.scenario else DEFAULT
     except ScenarioError as error:
         raise UsageError(*error.problems) from None
-    if unserved := [part for part, there in parts_of_spec_2(base).items() if there]:
+    if unserved := [
+        part for part, there in parts_of_spec_2(base).items() if there and not (fleet and part == "vehicles")
+    ]:
         raise UsageError(f"{base.source}: {', '.join(unserved)}: this command does not serve that part of spec 2 yet")
+    if base.vehicles:
+        for option in ("rate", "format", "seed"):
+            if getattr(options, option) is not None:
+                raise UsageError(
+                    f"--{option}: the vehicles of {base.source} have receivers with their own: change it there"
+                )
     receiver = base.receiver
     if options.rate is not None:
         if receiver.jitter_s >= 0.5 / options.rate:
@@ -76,8 +78,9 @@ def _faults(options: argparse.Namespace, chosen: Scenario) -> tuple[Fault, ...]:
     faults = chosen.faults
     for fault in options.fault or ():
         faults = (*faults, fault) if fault else ()
-    for fault in faults:
-        if wrong := misfit(fault, [t.id for t in chosen.transmitters], chosen.output_format):
+    formats = {receiver.output_format for vehicle in chosen.vehicles for receiver in vehicle.receivers}
+    for fault, of in itertools.product(faults, sorted(formats) or [chosen.output_format]):
+        if wrong := misfit(fault, [t.id for t in chosen.transmitters], of):
             raise UsageError(f"fault {fault}: {wrong[0]}, expected {wrong[1]}")
     return faults
 
@@ -85,6 +88,12 @@ def _faults(options: argparse.Namespace, chosen: Scenario) -> tuple[Fault, ...]:
 def describe(chosen: Scenario) -> list[str]:
     """The scenario in a few lines, for a person."""
     lines = [f"scenario {chosen.source}: {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}, seed {chosen.seed}"]
+    if chosen.vehicles:
+        lines = [f"scenario {chosen.source}: {len(chosen.vehicles)} vehicles, {len(receivers_of(chosen))} receivers"]
+    for vehicle in chosen.vehicles:
+        for r in vehicle.receivers:
+            what = f"{r.receiver.rate_hz:g} Hz, {r.output_format}, seed {r.seed}"
+            lines.append(f"  receiver {vehicle.name}/{r.name}: {what}")
     for t in chosen.transmitters:
         if t.ned is not None:
             north, east, down = t.ned
@@ -113,6 +122,7 @@ class Run:
 
     `patient`: a replay, which may wait for a slow disk or terminal, and shows a progress bar for a status.
     `lines`: print a line a frame on stdout, unless JSON is wanted there. `live`: a live status line, on a terminal.
+    `record_links`: the engine's names of the autopilots' links, where there are several.
     `stopped()` is what a loop asks.
     """
 
@@ -125,19 +135,26 @@ class Run:
         patient: bool = False,
         lines: bool = False,
         live: bool = True,
+        record_links: Sequence[str] = (),
     ) -> None:
         self._guard = Guard()
+        names = receivers_of(chosen)
+        self._vehicles = len(chosen.vehicles) or 1
+        several = len(names) > 1
+        self._layout = Layout(tuple(names), tuple(record_links))
         self._known = _known(chosen)
         self._traceback = options.verbose > 0
         self._recorder: Recorder | None = None
         self._record_failed = False
         if options.record:
             try:
-                self._recorder = Recorder(Path(options.record), epoch_us, self._known, patient=patient)
+                self._recorder = Recorder(
+                    Path(options.record), epoch_us, self._known, patient=patient, layout=self._layout
+                )
             except RecordError as error:
                 raise UsageError(error) from None
-        self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live)
-        render = as_json if options.json else plain if lines else None
+        self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
+        render = functools.partial(as_json, named=several) if options.json else plain if lines else None
         self._lines = Lines(open_stdout(), render, patient=patient) if render else None
         every = (self.printer, self._lines, self._recorder)
         self.observers: list[Observer] = [self, *(observer for observer in every if observer is not None)]
@@ -160,7 +177,13 @@ class Run:
         if self._recorder and self._recorder.error and not self._record_failed:
             self._record_failed = True
             self.printer.notice(Notice("error", f"{self._recorder.error}; frames go on"))
-        return bool(self._guard.caught or self._guard.error or (self._lines and self._lines.error) or self._missing)
+        return bool(
+            self._guard.caught or self._guard.error or (self._lines and self._lines.error) or self._none_appeared
+        )
+
+    @property
+    def _none_appeared(self) -> bool:
+        return len(self._missing) == self._vehicles
 
     def drive(self, emulator: Emulator, loop: Callable[[], None], links: Tally | None = None) -> int:
         """Run `loop` until it ends, fails or a signal comes; write the record, print the sum; the exit code."""
@@ -170,8 +193,8 @@ class Run:
             loop()
             if self._guard.error:
                 raise self._guard.error
-            for heard in self._missing.values():
-                failure = Failure(NO_LINK, heard)
+            if self._none_appeared:
+                failure = Failure(NO_LINK, "; ".join(dict.fromkeys(self._missing.values())))
         except LinkEnded as error:
             self.printer.say(str(error))
         except LinkError as error:
@@ -212,17 +235,7 @@ class Run:
         return code
 
     def _as_dict(self, emulator: Emulator, links: Tally | None, how: str, code: int) -> dict[str, Any]:
-        (vehicle,) = emulator.vehicles
-        known = vehicle.session.vehicle
-        return {
-            "ended": how,
-            "exit_code": code,
-            **self._known,
-            "vehicle": dataclasses.asdict(known) if known else None,
-            "datum": vehicle.datum.of_the_flight,
-            "datums": [change._asdict() for change in vehicle.datum.changes],
-            "counters": counters(emulator) | dict(links.counts() if links else {}),
-        }
+        return {"ended": how, "exit_code": code, **self._known, **as_dict(emulator, links, self._layout)}
 
 
 def _known(chosen: Scenario) -> dict[str, Any]:
@@ -240,68 +253,3 @@ def _known(chosen: Scenario) -> dict[str, Any]:
             "platform": platform.platform(),
         },
     }
-
-
-_OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
-
-
-class LinkTally:
-    """How the links of a live run fared."""
-
-    def __init__(self, live: Live) -> None:
-        self._live = live
-
-    def counts(self) -> dict[str, int]:
-        return self._live.counts()
-
-    def sums(self) -> list[str]:
-        """A line for each link that was lost."""
-        return [
-            f"{_OF_LINKS.get(name, name)} was lost {losses} ×, and came back {returns} ×"
-            for name, (losses, returns) in self._live.losses().items()
-        ]
-
-
-def counters(emulator: Emulator) -> dict[str, Any]:
-    """Every counter of a run."""
-    (vehicle,) = emulator.vehicles
-    (source,) = vehicle.sources
-    return {
-        **dataclasses.asdict(source.counters),
-        **vehicle.session.counts(),
-        "faults": source.fault_counts(),
-    }
-
-
-def sums(emulator: Emulator, links: Tally | None) -> list[str]:
-    """The summary at the end."""
-    (vehicle,) = emulator.vehicles
-    (source,) = vehicle.sources
-    session, parser = vehicle.session, vehicle.session.parser
-    lines = [
-        _frames(source),
-        f"autopilot: {session.reader.bytes} bytes, {parser.packets} packets, {parser.bad_crc} bad checksums, "
-        f"{parser.skipped} bytes skipped, {session.ignored} packets of others ignored",
-    ]
-    if doubts := [f"{n} {name.replace('_', ' ')}" for name, n in session.disbelieved().items() if n]:
-        lines.append(f"not believed: {', '.join(doubts)}")
-    if counts := source.fault_counts():
-        c = source.counters
-        each = ", ".join(f"{name} {count['frames']}" for name, count in counts.items())
-        lines.append(
-            f"faults: {c.withheld} frames withheld, {c.damaged} damaged, {c.duplicated} sent again, "
-            f"{c.waiting} still waiting ({each})"
-        )
-    if links:
-        lines += links.sums()
-    if skipped := source.counters.skipped:
-        lines.append(f"{skipped} frames were skipped: the program was held up for more than a second")
-    return lines
-
-
-def _frames(source: FrameSource) -> str:
-    c = source.counters
-    return (
-        f"{c.frames} frames: {c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose; "
-        f"worst lateness {c.latest_s * 1e3:.1f} ms"
-    )

@@ -32,9 +32,9 @@ def add_autopilot(parser: Parser) -> None:
     )
 
 
-def choose_autopilot(port: str | None) -> str:
+def choose_autopilot(*ports: str | None) -> str:
     """The one autopilot on USB, else the port where ground stations listen. Raises UsageError for several."""
-    found = find_autopilot(list_ports(), exclude=[port.partition(",")[0]] if port else [])
+    found = find_autopilot(list_ports(), exclude=[port.partition(",")[0] for port in ports if port])
     if len(found) > 1:
         names = ", ".join(p.device for p in found)
         raise UsageError(f"several autopilots are plugged in ({names}): choose one with --autopilot")
@@ -57,14 +57,14 @@ def check_sides(autopilot: str | None, port: str | None, form: str) -> None:
         )
     if parse(port).kind == "tlog":
         raise UsageError(f"--port {port}: is a log, and frames cannot go there; --record writes a folder of files")
-    if autopilot and parse(port) != Address("pty") and _place(autopilot) == _place(port):
+    if autopilot and parse(port) != Address("pty") and place(autopilot) == place(port):
         raise UsageError(
             f"the autopilot and --port are both {port}: each side needs its own, or send the frames inside MAVLink "
             "with --format tunnel"
         )
 
 
-def _place(url: str) -> Address:
-    """What two addresses of the same thing have in common."""
+def place(url: str) -> Address:
+    """What two addresses of the same thing have in common. Raises AddressError."""
     where = parse(url)
     return where._replace(path=os.path.realpath(where.path) if where.path else "", baud=None)

@@ -24,15 +24,18 @@ class Printer:
     """Prints what events say and the status on `stream`, from a thread of its own: a stopped terminal stops nothing.
 
     On a terminal the status is one line that is written over; elsewhere it is a line now and then. `frames`:
-    print a line for every frame too. `status`: whether there is one.
+    print a line for every frame too. `status`: whether there is one. `named`: say of which vehicle and receiver.
     """
 
-    def __init__(self, stream: TextIO, *, frames: bool = False, status: bool = True, live: bool = True) -> None:
+    def __init__(
+        self, stream: TextIO, *, frames: bool = False, status: bool = True, live: bool = True, named: bool = False
+    ) -> None:
         self._stream = stream
         self._live = live and stream.isatty()
         self._colour = text.wants_colour(stream)
         self._frames = frames
         self._status = status
+        self._named = named
         self._shown = ""
         self._next_plain = _PLAIN_S
         self._background = Background("console")
@@ -40,11 +43,11 @@ class Printer:
     def observe(self, event: Event) -> None:
         if isinstance(event, FrameMade):
             if self._frames:
-                self.say(f"{event.frame.sequence:3d} {_words(event)}")
+                self.say(f"{_name(event) if self._named else ''}{event.frame.sequence:3d} {_words(event)}")
         elif isinstance(event, StatusReport):
             if self._status:
-                self.show(event.time_s, status_line(event))
-        elif (notice := sentence(event)) is not None:
+                self.show(event.time_s, status_line(event, named=self._named))
+        elif (notice := sentence(event, named=self._named)) is not None:
             self.notice(notice)
 
     def notice(self, notice: Notice) -> None:
@@ -113,10 +116,11 @@ def plain(made: FrameMade) -> str:
     return one_line(f"{made.instant_s:9.3f} s  {made.frame.sequence:3d}  {_words(made)}")
 
 
-def as_json(made: FrameMade) -> str:
-    """One frame as a JSON object."""
+def as_json(made: FrameMade, *, named: bool = False) -> str:
+    """One frame as a JSON object; `named`: with its vehicle and receiver."""
     return json.dumps(
         {
+            **({"vehicle": made.vehicle, "receiver": made.receiver} if named else {}),
             "time_s": made.instant_s,
             "boot_ms": None if made.boot_s is None else made.boot_s * 1e3,
             "ned_m": None if made.pose is None else made.pose.position.tolist(),
@@ -128,16 +132,18 @@ def as_json(made: FrameMade) -> str:
     )
 
 
-def status_line(report: StatusReport) -> str:
+def status_line(report: StatusReport, *, named: bool = False) -> str:
     """Of each vehicle: what it is, stream rates, pose age, the channels, frames sent and dropped: one line."""
-    return " || ".join(map(_status, report.vehicles))
+    return " || ".join(_status(vehicle, named) for vehicle in report.vehicles)
 
 
-def _status(vehicle: VehicleStatus) -> str:
-    parts = [one_line(vehicle.label) or "no vehicle yet"]
+def _status(vehicle: VehicleStatus, named: bool) -> str:
+    parts = [(f"{vehicle.name}: " if named else "") + (one_line(vehicle.label) or "no vehicle yet")]
     parts += [" ".join(f"{_SHORT[name]} {rate:.0f} Hz" for name, rate in vehicle.rates.items() if name in _SHORT)]
     for receiver in vehicle.receivers:
         made = receiver.last
+        if named:
+            parts.append(f"{receiver.name}:")
         if made:
             age = made.age_s
             parts.append("no pose" if made.pose is None or age is None else f"pose {age * 1e3:.0f} ms")
@@ -145,6 +151,10 @@ def _status(vehicle: VehicleStatus) -> str:
         if made:  # the longest comes last, to be cut on a narrow terminal
             parts.append(text.reading(made.frame.channels))
     return " | ".join(part for part in parts if part)
+
+
+def _name(made: FrameMade) -> str:
+    return f"{made.vehicle}/{made.receiver} "
 
 
 def _words(made: FrameMade) -> str:

@@ -15,7 +15,7 @@ Sentence = tuple[Level, str]
 def sentence(event: Event, *, named: bool = False) -> Notice | None:
     """What a person is told of an event, None when that is nothing. `named`: with the vehicle's or receiver's name."""
     make = _SENTENCES.get(type(event))
-    if make is None:
+    if make is None or (isinstance(event, events.HeartbeatMissing) and not named):  # the only vehicle: the run's end
         return None
     level, text = make(event)
     return Notice(level, f"{_name(event)}: {text}" if named and _name(event) else text)
@@ -82,5 +82,6 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence]]] = {
     events.PoseMissing: lambda e: ("warning", f"still no pose, frames say no signal: {e.lacking}"),
     events.TooFar: _too_far,
     events.DatumSet: _datum,
+    events.HeartbeatMissing: lambda e: ("warning", f"{e.heard}; it is still waited for"),
     events.Said: lambda e: (e.level, e.text),
 }

@@ -19,12 +19,12 @@ from arva_hil.clock import Clock, RealClock
 from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import tlog_record
 from arva_hil.model import rotation
+from arva_hil.record.layout import FILES, FRAMES, READINGS, RUN, Layout
 
 COLUMNS: Final = (
     "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
     "slot id zone d_cm delta_deg true_range_m faults"
 ).split()
-TLOG, FRAMES, READINGS, RUN = FILES = ("autopilot.tlog", "frames.bin", "readings.csv", "run.json")
 NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # what run.json says until it ends
 _BATCH_BYTES: Final = 1 << 16
 _FLUSH_S: Final = 0.2  # with the status four times a second, what a killed program loses is less than half a second
@@ -38,7 +38,8 @@ class RecordError(Exception):
 
 
 class Recorder:
-    """Writes `autopilot.tlog`, `frames.bin`, `readings.csv` and `run.json` into a folder of its own.
+    """Writes `autopilot.tlog`, `frames.bin`, `readings.csv` and `run.json` into a folder of its own, and with several
+    receivers or links into the files of `layout`.
 
     `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: what is known of the run already; run.json says
     that, and that it has not ended, until `close`. `patient`: the loop may be held up while the disk catches up, as a
@@ -54,8 +55,11 @@ class Recorder:
         *,
         patient: bool = False,
         clock: Clock | None = None,
+        layout: Layout | None = None,
     ) -> None:
         self._folder = folder
+        self._layout = layout or Layout()
+        self._folders: list[Path] = []
         self._epoch_us = epoch_us
         self._patient = patient
         self._clock = clock or RealClock()
@@ -63,15 +67,20 @@ class Recorder:
         self._files: dict[str, FileIO] = {}
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            refuse_old(folder, FILES, "a record")
-            for name in FILES[:-1]:
+            refuse_old(folder, list(dict.fromkeys([*FILES, *self._layout.files, *self._layout.folders])), "a record")
+            for name in self._layout.folders:
+                (folder / name).mkdir()
+                self._folders.append(folder / name)
+            for name in self._layout.files:
                 self._files[name] = files.create(folder / name)
             files.replace(folder / RUN, _json({**NOT_ENDED, **(run or {})}))
         except OSError as error:
             self._take_back()
             raise RecordError(why(folder, error)) from None
         self._pending: dict[str, bytearray] = {name: bytearray() for name in self._files}
-        self._pending[READINGS] += (",".join(COLUMNS) + "\n").encode()
+        for name, pending in self._pending.items():
+            if name.endswith(READINGS):
+                pending += (",".join(COLUMNS) + "\n").encode()
         self._background = Background("record", most_jobs=_FEW_JOBS if patient else _MANY_JOBS)
 
     @property
@@ -87,16 +96,18 @@ class Recorder:
         if isinstance(event, PacketsReceived):
             self._on_packets(event)
         elif isinstance(event, FrameMade):
-            self._pending[READINGS] += rows(event).encode()
-            self._flush_now_and_then()
+            pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, READINGS)]
+            pending += rows(event).encode()
+            self._flush_now_and_then(full=len(pending) > _BATCH_BYTES)
         elif isinstance(event, BytesSent):
-            self._pending[FRAMES] += event.data
+            pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, FRAMES)]
+            pending += event.data
         elif isinstance(event, StatusReport):
             self._flush_now_and_then()
 
     def _on_packets(self, event: PacketsReceived) -> None:
         time_us = self._epoch_us + round(event.time_s * 1e6)
-        pending = self._pending[TLOG]
+        pending = self._pending[self._layout.tlog(event.link)]
         for packet in event.packets:
             if packet.msgid != dialect.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds a key
                 pending += tlog_record(time_us, packet.raw)
@@ -116,10 +127,10 @@ class Recorder:
         if not (finished and said):
             raise RecordError(f"{self._folder}: the disk does not take the record in time")
 
-    def _flush_now_and_then(self) -> None:
-        """Hand over what is pending when some time has passed, whatever there is to write."""
+    def _flush_now_and_then(self, *, full: bool = False) -> None:
+        """Hand over what is pending when some time has passed or there is much of it."""
         now = self._clock.now()
-        if now < self._next_flush and len(self._pending[READINGS]) <= _BATCH_BYTES:
+        if now < self._next_flush and not full:
             return
         self._next_flush = now + _FLUSH_S
         self._flush()
@@ -143,6 +154,9 @@ class Recorder:
             file.close()
             with contextlib.suppress(OSError):
                 (self._folder / name).unlink()
+        for made in reversed(self._folders):
+            with contextlib.suppress(OSError):
+                made.rmdir()
 
 
 def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:

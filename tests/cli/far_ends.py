@@ -89,16 +89,17 @@ class Autopilot:
     """The built-in vehicle at its home, on a link, served by a thread. `heard` is all that was sent to it.
 
     It is switched on when somebody speaks to it, so that its heartbeat comes at once; or now, if it `speaks_first`.
-    `key`: it signs, and obeys only what is signed.
+    `key`: it signs, and obeys only what is signed. `system`: its id.
     """
 
-    def __init__(self, link: Link, *, speaks_first: bool = False, key: bytes | None = None) -> None:
+    def __init__(self, link: Link, *, speaks_first: bool = False, key: bytes | None = None, system: int = 1) -> None:
         self.heard = bytearray()
         self.link = link
         self.address = link.path if isinstance(link, PtyLink) else link.name
         self._stop = threading.Event()
         self._speaks_first = speaks_first
         self._key = key
+        self._system = system
         self._thread = threading.Thread(target=self._fly)
         read = link.read
 
@@ -114,7 +115,7 @@ class Autopilot:
         while not (self._speaks_first or self.link.ready() or self._stop.is_set()):
             clock.wait(clock.now() + 0.1, [self.link])
         signing = Signing(self._key, clock.epoch_us) if self._key else None
-        vehicle = SimulatedVehicle(HOME, boot_time=clock.now(), signing=signing)
+        vehicle = SimulatedVehicle(HOME, self._system, boot_time=clock.now(), signing=signing)
         with contextlib.suppress(LinkError):  # the program has ended
             run([Simulator(vehicle, [self.link])], clock, stopped=self._stop.is_set)
 

@@ -1,0 +1,132 @@
+"""What a run comes to: its counters for run.json, and a few lines for a person."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, Final, Protocol
+
+from arva_hil.autopilot.session import Session
+from arva_hil.drivers import Live
+from arva_hil.engine import EmulatedVehicle, Emulator
+from arva_hil.frame_source import FrameSource
+from arva_hil.record.layout import Layout
+
+_OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
+
+
+class Tally(Protocol):
+    """What a run's links have to say at its end."""
+
+    def counts(self) -> Mapping[str, int]:
+        """For run.json."""
+
+    def sums(self) -> list[str]:
+        """For a person."""
+
+
+class LinkTally:
+    """How the links of a live run fared."""
+
+    def __init__(self, live: Live) -> None:
+        self._live = live
+
+    def counts(self) -> dict[str, int]:
+        return self._live.counts()
+
+    def sums(self) -> list[str]:
+        """A line for each link that was lost."""
+        return [
+            f"{_OF_LINKS.get(name, name)} was lost {losses} ×, and came back {returns} ×"
+            for name, (losses, returns) in self._live.losses().items()
+        ]
+
+
+def is_one(emulator: Emulator) -> bool:
+    """Whether there is one vehicle with one receiver."""
+    return sum(len(vehicle.sources) for vehicle in emulator.vehicles) == 1
+
+
+def as_dict(emulator: Emulator, links: Tally | None, layout: Layout) -> dict[str, Any]:
+    """What run.json says of vehicles, receivers and links at the end."""
+    counts = dict(links.counts() if links else {})
+    if is_one(emulator):
+        (vehicle,) = emulator.vehicles
+        return _vehicle(vehicle) | {"counters": counters(emulator) | counts}
+    return {
+        "vehicles": {
+            vehicle.name: {
+                **_vehicle(vehicle),
+                "link": vehicle.link,
+                "tlog": layout.tlog(vehicle.link),
+                "counters": vehicle.session.counts(),
+                "receivers": {source.name: _receiver(source) for source in vehicle.sources},
+            }
+            for vehicle in emulator.vehicles
+        },
+        "counters": counts,
+    }
+
+
+def _vehicle(vehicle: EmulatedVehicle) -> dict[str, Any]:
+    known = vehicle.session.vehicle
+    return {
+        "vehicle": dataclasses.asdict(known) if known else None,
+        "datum": vehicle.datum.of_the_flight,
+        "datums": [change._asdict() for change in vehicle.datum.changes],
+    }
+
+
+def _receiver(source: FrameSource) -> dict[str, Any]:
+    return {**dataclasses.asdict(source.counters), "faults": source.fault_counts()}
+
+
+def counters(emulator: Emulator) -> dict[str, Any]:
+    """Every counter of a run of one vehicle with one receiver."""
+    (vehicle,) = emulator.vehicles
+    (source,) = vehicle.sources
+    return {**dataclasses.asdict(source.counters), **vehicle.session.counts(), "faults": source.fault_counts()}
+
+
+def sums(emulator: Emulator, links: Tally | None) -> list[str]:
+    """The summary at the end."""
+    one, lines = is_one(emulator), list[str]()
+    for vehicle in emulator.vehicles:
+        for source in vehicle.sources:
+            of = "" if one else f"{vehicle.name}/{source.name}: "
+            lines.append(of + _frames(source))
+            lines += [of + line for line in _mishaps(source)]
+        lines += [line if one else f"{vehicle.name}: {line}" for line in _heard(vehicle.session)]
+    return lines + (links.sums() if links else [])
+
+
+def _frames(source: FrameSource) -> str:
+    c = source.counters
+    return (
+        f"{c.frames} frames: {c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose; "
+        f"worst lateness {c.latest_s * 1e3:.1f} ms"
+    )
+
+
+def _heard(session: Session) -> list[str]:
+    parser = session.parser
+    lines = [
+        f"autopilot: {session.reader.bytes} bytes, {parser.packets} packets, {parser.bad_crc} bad checksums, "
+        f"{parser.skipped} bytes skipped, {session.ignored} packets of others ignored"
+    ]
+    if doubts := [f"{n} {name.replace('_', ' ')}" for name, n in session.disbelieved().items() if n]:
+        lines.append(f"not believed: {', '.join(doubts)}")
+    return lines
+
+
+def _mishaps(source: FrameSource) -> list[str]:
+    lines, c = [], source.counters
+    if counts := source.fault_counts():
+        each = ", ".join(f"{name} {count['frames']}" for name, count in counts.items())
+        lines.append(
+            f"faults: {c.withheld} frames withheld, {c.damaged} damaged, {c.duplicated} sent again, "
+            f"{c.waiting} still waiting ({each})"
+        )
+    if c.skipped:
+        lines.append(f"{c.skipped} frames were skipped: the program was held up for more than a second")
+    return lines

@@ -1,0 +1,44 @@
+"""Where in a record's folder the files of each receiver and of each link are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+TLOG, FRAMES, READINGS, RUN = FILES = ("autopilot.tlog", "frames.bin", "readings.csv", "run.json")
+_OF_RECEIVERS: Final = (FRAMES, READINGS)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """`receivers`: names of vehicle and receiver; `links`: the engine's names of the links that are recorded.
+
+    With one receiver its files are beside run.json, with several in `VEHICLE/RECEIVER/`. With one link what came there
+    is in autopilot.tlog, with several in autopilot-1.tlog, autopilot-2.tlog and so on.
+    """
+
+    receivers: tuple[tuple[str, str], ...] = ()
+    links: tuple[str, ...] = ()
+
+    def tlog(self, link: str) -> str:
+        """The file of what came on a link."""
+        return TLOG if len(self.links) < 2 else f"autopilot-{self.links.index(link) + 1}.tlog"
+
+    def of_receiver(self, vehicle: str, receiver: str, file: str) -> str:
+        """The path of one of a receiver's files in the record's folder."""
+        return file if len(self.receivers) < 2 else f"{vehicle}/{receiver}/{file}"
+
+    @property
+    def folders(self) -> list[str]:
+        """Those to be made, the outer ones first."""
+        if len(self.receivers) < 2:
+            return []
+        vehicles = dict.fromkeys(vehicle for vehicle, _ in self.receivers)
+        return [*vehicles, *(f"{vehicle}/{receiver}" for vehicle, receiver in self.receivers)]
+
+    @property
+    def files(self) -> list[str]:
+        """Every file but run.json."""
+        receivers = self.receivers if len(self.receivers) > 1 else [("", "")]
+        logs = [self.tlog(link) for link in self.links] or [TLOG]
+        return logs + [self.of_receiver(*names, file) for names in receivers for file in _OF_RECEIVERS]

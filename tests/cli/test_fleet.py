@@ -1,0 +1,261 @@
+"""`run` with a scenario that names its vehicles: all of them in one process, each receiver on a port of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from arva_hil.links.pty import PtyLink
+from arva_hil.links.tlog import read_tlog
+from arva_hil.links.udp import UdpOutLink
+from firmware_proto import DECODERS, Frame
+
+from .conftest import Ended
+from .far_ends import Autopilot, Program, frames_in, free_port, hears, read_frames, until
+
+Start = Callable[..., Program]
+Keep = Callable[[Any], Any]
+Arva = Callable[..., Ended]
+
+TRANSMITTER = "spec: 2\ntransmitters: [{id: 1, ned: [20, 5, 0]}]\nreceiver: {noise: {kind: off}}\n"
+
+
+def fleet_file(folder: Path, vehicles: str) -> Path:
+    path = folder / "fleet.yaml"
+    path.write_text(TRANSMITTER + "vehicles:\n" + vehicles)
+    return path
+
+
+def vehicle(name: str, system: int, address: str, *receivers: str) -> str:
+    """One vehicle, as in the file."""
+    head = f"- {{name: {name}, system: {system}, autopilot: '{address}', receivers: [%s]}}\n"
+    return head % ", ".join(receivers)
+
+
+def ports(keep: Keep, number: int) -> list[PtyLink]:
+    return [keep(PtyLink()) for _ in range(number)]
+
+
+def four_receivers(addresses: tuple[str, str], lines: list[PtyLink]) -> str:
+    """Two vehicles with two receivers each, of different mount, rate and format."""
+    a, b, c, d = (line.path for line in lines)
+    return vehicle(
+        "alpha",
+        1,
+        addresses[0],
+        f"{{name: front, port: '{a}', rate_hz: 20, mount: {{position: [0.5, 0, 0]}}}}",
+        f"{{name: rear, port: '{b}', rate_hz: 10, format: nmea, mount: {{position: [-3, 0, 0]}}}}",
+    ) + vehicle(
+        "bravo",
+        2,
+        addresses[1],
+        f"{{name: front, port: '{c}', rate_hz: 5, format: text}}",
+        f"{{name: rear, port: '{d}', rate_hz: 25, mount: {{position: [0, -4, 0]}}}}",
+    )
+
+
+def fill(line: PtyLink) -> None:
+    """Write to a terminal until nothing more fits in; its master end reads nothing."""
+    terminal = os.open(line.path, os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        while True:
+            os.write(terminal, b"x" * 256)
+    except BlockingIOError:
+        os.close(terminal)
+
+
+def decoded(line: PtyLink, format: str) -> list[Frame]:
+    decoder = DECODERS[format]()
+    return decoder.feed(line.read(), 0.0) + decoder.feed(b"", 1.0)
+
+
+def test_two_vehicles_on_terminals_of_their_own_serve_four_ports(start: Start, keep: Keep, tmp_path: Path) -> None:
+    lines, record = ports(keep, 4), tmp_path / "record"
+    pilots = [keep(Autopilot(keep(PtyLink()), system=system)) for system in (1, 2)]
+    path = fleet_file(tmp_path, four_receivers((pilots[0].address, pilots[1].address), lines))
+    program = start("run", "--scenario", path, "--duration", 3, "--record", record)
+    assert program.ends() == 0
+    kept = {
+        "alpha/front": frames_in(lines[0].read()),
+        "alpha/rear": decoded(lines[1], "nmea"),
+        "bravo/front": decoded(lines[2], "text"),
+        "bravo/rear": frames_in(lines[3].read()),
+    }
+    assert {name: len(frames) for name, frames in kept.items()} == {
+        "alpha/front": 61,
+        "alpha/rear": 31,
+        "bravo/front": 16,
+        "bravo/rear": 76,
+    }
+    assert all(hears(frames[-1]) for name, frames in kept.items() if name != "bravo/front")  # text rounds
+    assert len({frames[-1].channels[0].d for frames in kept.values()}) == 4  # each hears at its own place
+    assert "alpha: vehicle ardupilotmega quadrotor 1/1" in program.err
+    assert "bravo: vehicle ardupilotmega quadrotor 2/1" in program.err
+    assert "bravo/rear: there is a pose" in program.err
+    run = json.loads((record / "run.json").read_text())
+    for name, frames in kept.items():
+        vehicle_name, receiver = name.split("/")
+        counters = run["vehicles"][vehicle_name]["receivers"][receiver]
+        assert (counters["frames"], counters["dropped"]) == (len(frames), 0)
+        assert (record / name / "readings.csv").read_text().count("\n") == 1 + 4 * len(frames)
+    assert frames_in((record / "bravo/rear/frames.bin").read_bytes()) == kept["bravo/rear"]
+    for name, system in (("alpha", 1), ("bravo", 2)):
+        said = run["vehicles"][name]
+        assert said["vehicle"]["system"] == system
+        packets = list(read_tlog(record / said["tlog"]))
+        assert len(packets) == said["counters"]["packets_received"] > 100
+    assert sorted(path.name for path in record.iterdir()) == [
+        "alpha",
+        "autopilot-1.tlog",
+        "autopilot-2.tlog",
+        "bravo",
+        "run.json",
+    ]
+
+
+def test_two_vehicles_behind_one_udp_port_are_told_apart_by_system_id(start: Start, keep: Keep, tmp_path: Path) -> None:
+    """Each from a socket of its own; both are asked for their streams."""
+    lines, record, port = ports(keep, 4), tmp_path / "record", free_port(socket.SOCK_DGRAM)
+    address = f"udpin:127.0.0.1:{port}"
+    path = fleet_file(tmp_path, four_receivers((address, address), lines))
+    program = start("run", "--scenario", path, "--record", record)
+    program.says("frames of bravo/rear to")
+    for system in (1, 2):
+        keep(Autopilot(keep(UdpOutLink("127.0.0.1", port)), speaks_first=True, system=system))
+    for name in ("alpha/front", "alpha/rear", "bravo/front", "bravo/rear"):
+        program.says(f"{name}: there is a pose")
+    last = [read_frames(line, 30)[-1] for line in (lines[0], lines[3])]
+    program.process.terminate()
+    assert program.ends() == 130
+    assert all(map(hears, last))
+    run = json.loads((record / "run.json").read_text())
+    assert [run["vehicles"][name]["vehicle"]["system"] for name in ("alpha", "bravo")] == [1, 2]
+    assert run["vehicles"]["alpha"]["tlog"] == run["vehicles"]["bravo"]["tlog"] == "autopilot.tlog"
+    assert "is ignored" not in program.err
+
+
+def test_a_vehicle_that_never_appears_is_said_once_while_the_other_flies(
+    start: Start, keep: Keep, autopilot: Autopilot, tmp_path: Path
+) -> None:
+    lines, nobody = ports(keep, 4), keep(PtyLink())
+    path = fleet_file(tmp_path, four_receivers((autopilot.address, nobody.path), lines))
+    program = start("run", "--scenario", path, "--timeout", 1, "--duration", 4)
+    assert program.ends() == 0
+    assert program.err.count("bravo: nothing was heard at all") == 1
+    assert hears(frames_in(lines[0].read())[-1])
+    frames = frames_in(lines[3].read())
+    assert len(frames) == 101
+    assert not any(frame.channels[0].valid for frame in frames)
+
+
+def test_when_no_vehicle_appears_in_time_it_ends_with_3(start: Start, keep: Keep, tmp_path: Path) -> None:
+    lines, nobody = ports(keep, 4), ports(keep, 2)
+    path = fleet_file(tmp_path, four_receivers((nobody[0].path, nobody[1].path), lines))
+    program = start("run", "--scenario", path, "--timeout", 1)
+    assert program.ends() == 3
+    assert program.err.count("error: nothing was heard at all") == 1
+
+
+def test_a_consumer_that_reads_nothing_holds_up_no_other(
+    start: Start, keep: Keep, autopilot: Autopilot, tmp_path: Path
+) -> None:
+    deaf, heard = ports(keep, 2)
+    fill(deaf)
+    receivers = [f"{{name: {n}, port: '{line.path}', rate_hz: 50}}" for n, line in (("deaf", deaf), ("heard", heard))]
+    path = fleet_file(tmp_path, vehicle("alpha", 1, autopilot.address, *receivers))
+    record = tmp_path / "record"
+    program = start("run", "--scenario", path, "--record", record, "--duration", 3)
+    assert len(read_frames(heard, 151)) == 151
+    assert program.ends() == 0
+    receivers_ran = json.loads((record / "run.json").read_text())["vehicles"]["alpha"]["receivers"]
+    assert receivers_ran["deaf"]["dropped"] > 100
+    assert receivers_ran["heard"]["dropped"] == 0
+    assert program.err.count("alpha/deaf: nobody takes the frames") == 1
+    assert "alpha/heard: nobody" not in program.err
+
+
+def test_json_frames_name_vehicle_and_receiver(start: Start, keep: Keep, autopilot: Autopilot, tmp_path: Path) -> None:
+    lines = ports(keep, 2)
+    receivers = [f"{{name: {n}, port: '{line.path}', rate_hz: 10}}" for n, line in zip("ab", lines, strict=True)]
+    path = fleet_file(tmp_path, vehicle("alpha", 1, autopilot.address, *receivers))
+    program = start("run", "--scenario", path, "--json", "--duration", 1)
+    assert program.ends() == 0
+    objects = [json.loads(line) for line in program.out.decode().splitlines()]
+    named = [(o["vehicle"], o["receiver"]) for o in objects if "ned_m" in o]
+    assert named.count(("alpha", "a")) == named.count(("alpha", "b")) == 11
+
+
+def test_a_vehicle_without_a_link_of_its_own_has_the_command_lines(
+    start: Start, keep: Keep, autopilot: Autopilot, line: PtyLink, tmp_path: Path
+) -> None:
+    """With one receiver the record is the usual one."""
+    path = fleet_file(tmp_path, f"- {{name: alpha, receivers: [{{name: front, port: '{line.path}', rate_hz: 20}}]}}\n")
+    record = tmp_path / "record"
+    program = start("run", "--scenario", path, "--autopilot", autopilot.address, "--record", record, "--duration", 1.5)
+    assert program.ends() == 0
+    assert hears(frames_in(line.read())[-1])
+    assert sorted(path.name for path in record.iterdir()) == [
+        "autopilot.tlog",
+        "frames.bin",
+        "readings.csv",
+        "run.json",
+    ]
+    assert json.loads((record / "run.json").read_text())["counters"]["frames"] == 31
+
+
+TWO = "- {{name: a, {a} receivers: [{{name: r, port: {p}}}]}}\n- {{name: b, {b} receivers: [{{name: r, port: {q}}}]}}\n"
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "p", "q", "options", "what"),
+    [
+        ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "pty", "pty", ["--port", "pty"], "--port: "),
+        ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "pty", "pty", ["--autopilot", "pty"], "--autopilot: "),
+        (
+            "autopilot: 'udpin:h:1',",
+            "autopilot: 'udpin:h:2',",
+            "pty",
+            "pty",
+            ["--target-system", "1"],
+            "--target-system",
+        ),
+        ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "pty", "pty", ["--rate", "5"], "--rate: "),
+        ("autopilot: 'udpin:h:1',", "autopilot: 'udpin://h:1',", "pty", "pty", [], "give each a system of its own"),
+        ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "/dev/x", "'serial:///dev/x'", [], "each needs its own"),
+        ("autopilot: '/dev/x',", "autopilot: 'udpin:h:2',", "/dev/x", "pty", [], "each needs its own"),
+        ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "log.tlog", "pty", [], "is a log"),
+        ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "'-'", "pty", ["--json"], "both want stdout"),
+        ("autopilot: '-',", "autopilot: 'udpin:h:2',", "pty", "pty", [], "has to be heard"),
+        ("autopilot: 'nonsense',", "autopilot: 'udpin:h:2',", "pty", "pty", [], "nonsense"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused_before_anything_is_opened(
+    arva: Arva, tmp_path: Path, a: str, b: str, p: str, q: str, options: list[str], what: str
+) -> None:
+    path = fleet_file(tmp_path, TWO.format(a=a, b=b, p=p, q=q))
+    ended = arva("run", "--scenario", path, *options)
+    assert ended.code == 2
+    assert what in ended.err
+    assert "Traceback" not in ended.err
+
+
+def test_a_record_is_not_written_through_a_folder_that_was_there(
+    start: Start, keep: Keep, autopilot: Autopilot, tmp_path: Path
+) -> None:
+    lines, elsewhere, record = ports(keep, 2), tmp_path / "elsewhere", tmp_path / "record"
+    elsewhere.mkdir()
+    record.mkdir()
+    (record / "alpha").symlink_to(elsewhere)
+    receivers = [f"{{name: {n}, port: '{line.path}'}}" for n, line in zip("ab", lines, strict=True)]
+    path = fleet_file(tmp_path, vehicle("alpha", 1, autopilot.address, *receivers))
+    program = start("run", "--scenario", path, "--record", record, "--duration", 1)
+    assert program.ends() == 2
+    assert "holds a record already (alpha)" in program.err
+    assert not list(elsewhere.iterdir())
+    until(lambda: sorted(path.name for path in record.iterdir()) == ["alpha"])
