@@ -11,8 +11,8 @@ from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.config import Scenario
 from arva_hil.drivers import Live
 from arva_hil.engine import Emulator, one_vehicle
+from arva_hil.events.searches import FromSearch
 from arva_hil.links import Link
-from arva_hil.notice import Notice
 from arva_hil.observer import Audience, Observer
 from arva_hil.scene import transmitters
 from arva_hil.search.client import COMPONENT, SearchClient
@@ -46,14 +46,14 @@ class ClosedLoop:
         gps_noise_m: float = 0.0,
         stream_hz: float = 50.0,
         observers: Sequence[Observer] = (),
-        say: Callable[[Notice], None] = lambda _: None,
         log: Callable[[Row], None] = lambda _: None,
     ) -> None:
         format = scenario.output_format
         self._scenario = scenario
         self.vehicle = SimulatedVehicle(HOME, wind=wind, gps_noise_m=gps_noise_m, seed=scenario.seed, boot_time=start)
+        audience = Audience(observers)
         self.emulator = Emulator([one_vehicle(scenario, Session(rate_hz=stream_hz))], start=start, timeout_s=10.0)
-        live = Live(self.emulator, {"autopilot": autopilot[0]}, {"port": port[1]}, Audience(observers))
+        live = Live(self.emulator, {"autopilot": autopilot[0]}, {"port": port[1]}, audience)
         self.search = SearchClient(
             plan,
             Session(rate_hz=stream_hz, component=COMPONENT),
@@ -61,7 +61,7 @@ class ClosedLoop:
             port[0],
             DECODERS[format](),
             start=start,
-            say=say,
+            emit=lambda event: audience.tell([FromSearch(event.time_s, event)]),
             log=log,
         )
         self.tasks: list[Simulator | Live | SearchClient] = [

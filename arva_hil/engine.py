@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 from arva_hil.autopilot.mavlink import Packet
 from arva_hil.autopilot.packet_reader import Packets
 from arva_hil.autopilot.pose import VehicleState
+from arva_hil.autopilot.reasons import NoPose
 from arva_hil.autopilot.session import Session
 from arva_hil.config import Scenario
 from arva_hil.datum import MOVE_DATUM, Datum
-from arva_hil.events import DatumSet, Event, HeartbeatMissing, PacketsReceived, Said, StatusReport, VehicleStatus
+from arva_hil.events import DatumSet, Event, HeartbeatMissing, PacketsReceived, StatusReport, VehicleStatus
 from arva_hil.frame_source import FrameSource, Output
 from arva_hil.output import MAVLINK_FORMATS, encoder
 
@@ -64,13 +65,13 @@ class EmulatedVehicle:
     """Remembers one vehicle's datum and receivers; the session has the rest."""
 
     def __init__(self, setup: VehicleSetup, *, start: float, max_age_s: float) -> None:
-        self.name = setup.name
+        self.name = setup.session.news.name = setup.name
         self.link = setup.link
         self.session = setup.session
         self.datum = Datum(setup.scenario, start)
         self.sources = [
             FrameSource(
-                setup.name,
+                self.name,
                 receiver.name,
                 receiver.sink,
                 receiver.scenario,
@@ -100,9 +101,9 @@ class EmulatedVehicle:
     def carrier_pose(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         return None
 
-    def lacking(self) -> str:
+    def lacking(self) -> NoPose:
         waiting = self.datum.frame is None and self.session.track.newest is not None
-        return "waiting for HOME_POSITION" if waiting else self.session.why_no_pose()
+        return NoPose("no home") if waiting else self.session.why_no_pose()
 
     def place(self, now: float) -> Event:
         """The datum is another one: so are the places of the transmitters."""
@@ -282,7 +283,7 @@ class Emulator:
         session = vehicle.session
         if out := session.poll(now):
             self._outputs.append(Output(vehicle.link, out, now))
-        self._events += (Said(now, vehicle.name, *notice) for notice in session.take_notices())
+        self._events += session.take_events()
         if now - self._start > self._timeout_s:
             self._tell_missing(vehicle, now)
 

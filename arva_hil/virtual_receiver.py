@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.autopilot.pose import VehicleState
+from arva_hil.autopilot.reasons import NoPose
 from arva_hil.config import Scenario
 from arva_hil.datum import Datum
 from arva_hil.events import Event, PoseFound, PoseLost, PoseMissing, TooFar
@@ -41,7 +42,7 @@ class PoseSource(Protocol):
     def known(self) -> bool:
         """There is a vehicle."""
 
-    def lacking(self) -> str:
+    def lacking(self) -> NoPose:
         """Why there is no pose."""
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from arva_hil.autopilot.session import Session
 from arva_hil.config import Scenario
+from arva_hil.console.reasons import no_vehicle
 from arva_hil.console.sentences import sentence
 from arva_hil.drivers import Live
 from arva_hil.engine import Emulator, one_vehicle
@@ -76,7 +77,7 @@ class Diary:
     @property
     def missing(self) -> list[str]:
         """What was heard instead of a heartbeat, when none came in time."""
-        return [event.heard for event in self.events if isinstance(event, HeartbeatMissing)]
+        return [no_vehicle(event.heard) for event in self.events if isinstance(event, HeartbeatMissing)]
 
     @property
     def notices(self) -> list[Notice]:

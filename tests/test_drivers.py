@@ -15,7 +15,7 @@ from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.clock import Clock, StepClock
 from arva_hil.config import parse
 from arva_hil.console.sentences import sentence
-from arva_hil.drivers import LinkMonitor
+from arva_hil.link_monitor import LinkMonitor
 from arva_hil.links import Link, LinkError
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.reopen import Reopening

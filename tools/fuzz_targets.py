@@ -22,6 +22,8 @@ from fastcrc import crc16
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.config import ScenarioError, load, parse, parse_fault, to_dict
+from arva_hil.console.reasons import no_pose, no_vehicle
+from arva_hil.console.sentences import sentence
 from arva_hil.links.tlog import read_tlog
 from arva_hil.model import LocalFrame
 from arva_hil.output import MAVLINK_FORMATS, TUNNEL_TYPE, MavlinkDecoder
@@ -229,11 +231,11 @@ class Bench:
 
     def _ask(self) -> None:
         session = self._sides[0]
-        assert len(session.heard()) < 10_000
-        assert session.why_no_pose()
-        said = session.take_notices()
-        assert all(notice.text and "\n" not in notice.text for notice in said)
-        self._sides[1].take_notices()
+        assert len(no_vehicle(session.heard())) < 10_000
+        assert no_pose(session.why_no_pose())
+        said = [sentence(event) for event in session.take_events()]
+        assert all(notice and notice.text and "\n" not in notice.text for notice in said)
+        self._sides[1].take_events()
 
     def _damaged(self) -> None:
         at, bit = self._s.number(), self._s.number() % 8

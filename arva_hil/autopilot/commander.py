@@ -17,7 +17,7 @@ from arva_hil.autopilot.mavlink import command, dialect
 from arva_hil.autopilot.modes import modes_of
 from arva_hil.autopilot.phase import Phase
 from arva_hil.autopilot.session import Session
-from arva_hil.notice import Notice
+from arva_hil.events.vehicles import ArmingTried, AutopilotText, ThrottleAwaited
 
 __all__ = ["Commander", "Phase"]
 
@@ -31,7 +31,6 @@ _LEAD_S: Final = 0.5  # from an order to what comes of it
 _STILL: Final = (0.0, 0.0, 0.0)
 _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 _STEERED: Final = (Phase.FLYING, Phase.HOLDING, Phase.YIELDING)
-_MIDDLE: Final = "it hovers in GUIDED until the throttle stick is in the middle, then LOITER is ordered"
 
 
 class Commander(FlightState):
@@ -156,7 +155,7 @@ class Commander(FlightState):
                 self._next_order = now + again
                 if order is not None:
                     self._ordered_s = min(self._ordered_s, now)
-                    self._tell_try(order)
+                    self._tell_try(order, now)
                     messages.append(order)
         return messages
 
@@ -190,12 +189,11 @@ class Commander(FlightState):
             return command(*to, dialect.MAV_CMD_NAV_LAND), _REPEAT_S
         return modes.to_set(vehicle, self._authority.wanted), _REPEAT_S
 
-    def _tell_try(self, order: Any) -> None:
+    def _tell_try(self, order: Any, now: float) -> None:
         if self.phase is Phase.ARMING and order.command == _ARM:
             self._tries += 1
-            refused = f"; the one before was refused: {self._complaints.answer}" if self._complaints.answer else ""
-            text = f"arming, try {self._tries}, the next in {_ARM_AGAIN_S:g} s{refused}"
-            self._notices.append(Notice("info", text))
+            refused = self._complaints.refused_order, self._complaints.refused_result
+            self._news.emit(ArmingTried(now, self._news.name, self._tries, _ARM_AGAIN_S, *refused))
 
     # -- what the vehicle says -----------------------------------------------------------------------------
 
@@ -249,6 +247,8 @@ class Commander(FlightState):
 
     def _on_text(self, message: Any, now: float) -> None:
         self._complaints.hear_text(message)
+        for text in self._complaints.take_texts():
+            self._news.emit(AutopilotText(now, self._news.name, text))
 
     def _on_status(self, message: Any, now: float) -> None:
         self._complaints.hear_status(message)
@@ -274,7 +274,7 @@ class Commander(FlightState):
             self.why = why
             self._enter(Phase.YIELDING, now, self._modes.yields)
             if not self.sticks.throttle_in_middle:
-                self._notices.append(Notice("warning", f"{why}: {_MIDDLE}"))
+                self._news.emit(ThrottleAwaited(now, self._news.name, self.sticks.channel, self.sticks.by_us))
 
 
 _HEARD: Final = {

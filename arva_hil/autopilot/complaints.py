@@ -6,7 +6,6 @@ from typing import Any, Final
 
 from arva_hil.autopilot.mavlink import RESULTS, dialect
 from arva_hil.autopilot.status_text import StatusTexts, unwell
-from arva_hil.notice import Notice
 
 _ORDERS: Final = {
     dialect.MAV_CMD_COMPONENT_ARM_DISARM: "arming",
@@ -20,7 +19,7 @@ class Complaints:
     """Remembers the answer to the last order when it was a refusal, the last texts, and what is not healthy."""
 
     def __init__(self) -> None:
-        self.answer = ""
+        self.refused_order = self.refused_result = ""
         self._texts = StatusTexts()
         self._unwell: list[str] = []
 
@@ -30,8 +29,8 @@ class Complaints:
             return False
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
             return True
-        result = RESULTS.get(message.result, f"result {message.result}").removeprefix("MAV_RESULT_")
-        self.answer = f"{_ORDERS[message.command]}: {result}"
+        self.refused_order = _ORDERS[message.command]
+        self.refused_result = RESULTS.get(message.result, f"result {message.result}").removeprefix("MAV_RESULT_")
         return False
 
     def hear_text(self, message: Any) -> None:
@@ -43,14 +42,16 @@ class Complaints:
 
     def begin(self, *, keep_texts: bool) -> None:
         """Another order. `keep_texts`: it is perhaps refused for what was said before."""
-        self.answer = ""
+        self.refused_order = self.refused_result = ""
         if not keep_texts:
             self._texts.recent.clear()
 
     def why(self, *, status: bool = False) -> str:
         """All of it, for a person; `status`: with what is not healthy."""
         said = f"not healthy: {', '.join(self._unwell)}" if status and self._unwell else ""
-        return "; ".join(filter(None, [self.answer, *self._texts.recent, said]))
+        answer = f"{self.refused_order}: {self.refused_result}" if self.refused_order else ""
+        return "; ".join(filter(None, [answer, *self._texts.recent, said]))
 
-    def take_notices(self) -> list[Notice]:
-        return [Notice("warning", f"the autopilot says: {text}") for text in self._texts.take()]
+    def take_texts(self) -> list[str]:
+        """Those that are new since the last call, each once."""
+        return self._texts.take()

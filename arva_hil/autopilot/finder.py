@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from arva_hil.autopilot.mavlink import Packet, dialect
+from arva_hil.autopilot.reasons import HeardSource
 
 _MOST_SOURCES: Final = 32  # remembered of those heard; a hostile link has 65,536
 _NOT_VEHICLES: Final = {
@@ -74,9 +75,10 @@ class Finder:
         self._heard[key] = self._heard.get(key, 0) + 1
         return self._heard[key] == 1
 
-    def __str__(self) -> str:
+    @property
+    def sources(self) -> tuple[HeardSource, ...]:
         """Who was heard."""
-        return ", ".join(f"{kind} from {s}/{c} ×{n}" for (s, c, kind), n in self._heard.items())
+        return tuple(HeardSource(kind, s, c, n) for (s, c, kind), n in self._heard.items())
 
 
 def is_autopilot(heartbeat: Any) -> bool:

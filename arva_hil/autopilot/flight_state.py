@@ -14,7 +14,6 @@ from arva_hil.autopilot.pose import PositionSample
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.sticks import Sticks
 from arva_hil.model import rotation
-from arva_hil.notice import Notice
 
 RISEN_M: Final = 0.5  # no drift of an altitude: it has taken off
 
@@ -43,7 +42,7 @@ class FlightState:
         self._next_order = -math.inf
         self._ordered_s = math.inf  # when the first order of this phase was sent
         self._complaints = Complaints()
-        self._notices: list[Notice] = []
+        self._news = session.news
         session.want(authority.WANTED | sticks.WANTED)
 
     def let_go(self) -> None:
@@ -70,10 +69,6 @@ class FlightState:
         """Above the take-off point, m; 0 while that is not known."""
         last = self._session.track.last_position
         return last.alt - self.origin.alt if last and self.origin else 0.0
-
-    def take_notices(self) -> list[Notice]:
-        notices, self._notices = self._notices, []
-        return self._complaints.take_notices() + notices
 
     def _reasons(self) -> str:
         """What it has answered and said in this phase, for a person."""

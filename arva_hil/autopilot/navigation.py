@@ -9,8 +9,9 @@ from typing import Any, Final
 from arva_hil.autopilot.clockmap import ClockMap
 from arva_hil.autopilot.doubt import Doubt, Judgement
 from arva_hil.autopilot.mavlink import dialect
+from arva_hil.autopilot.news import News
 from arva_hil.autopilot.pose import AttitudeSample, PoseTrack, PositionSample
-from arva_hil.notice import Notice
+from arva_hil.events.vehicles import ClockLeapt, PositionJumped
 
 Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
 
@@ -26,14 +27,14 @@ _M_PER_DEG: Final = 111_320.0
 
 
 class Navigation:
-    """Remembers what the vehicle's own messages made known, and has `say` tell a person. Times are host seconds.
+    """Remembers what the vehicle's own messages made known, and tells the `news`. Times are host seconds.
 
     Counts what it did not believe: `refused` (values that are no pose), `unpositioned` (positions before the first
     fix), `stray_times` and `stray_positions` (which did not follow from those before, nor last). And what it did
     believe in the end: `reboots`, `leaps` of the vehicle's clock ahead, `jumps` of its position.
     """
 
-    def __init__(self, say: Callable[[Notice], None]) -> None:
+    def __init__(self, news: News) -> None:
         self.track = PoseTrack()
         self.clock = ClockMap()
         self.home: Place | None = None
@@ -42,7 +43,7 @@ class Navigation:
         self.reboots = 0
         self.leaps = 0
         self.jumps = 0
-        self._say = say
+        self._news = news
         self._time = Doubt(self._time_follows, best=max)
         self._place = Doubt(_place_follows)
         self._reorder_s = _REORDER_S
@@ -76,7 +77,7 @@ class Navigation:
             if before is None or boot < before:
                 self._on_reboot()
             else:
-                self._on_leap(boot - before)
+                self._on_leap(boot - before, now)
                 judgement = "follows"
         self._reorder_s = _REORDER_S
         self.clock.add(now, boot)
@@ -98,11 +99,11 @@ class Navigation:
         self.home = None
         self._place.forget()
 
-    def _on_leap(self, ahead_s: float) -> None:
+    def _on_leap(self, ahead_s: float, now: float) -> None:
         """What came before was held up somewhere, or lay in a buffer. The vehicle may be far from where it was then."""
         self.leaps += 1
         self._place.forget()
-        self._say(Notice("info", f"the vehicle's clock is ahead by {ahead_s:.0f} s: what came before was late"))
+        self._news.emit(ClockLeapt(now, self._news.name, ahead_s))
 
     def _on_position(self, message: Any, boot: float, now: float) -> None:
         place, velocity = place_of(message)
@@ -118,7 +119,7 @@ class Navigation:
         if judgement == "anew" and (before := self.track.last_position):
             self.jumps += 1
             self.track.forget_positions()  # between the two sides of the jump it never was
-            self._say(Notice("warning", f"the vehicle's position has jumped by {_distance(before[1:4], place):.0f} m"))
+            self._news.emit(PositionJumped(now, self._news.name, _distance(before[1:4], place)))
         self.track.add_position(PositionSample(boot, *place, velocity))
 
     def _on_attitude(self, message: Any, boot: float, now: float) -> None:

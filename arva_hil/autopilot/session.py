@@ -5,20 +5,31 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from arva_hil.autopilot.clockmap import ClockMap
 from arva_hil.autopilot.finder import Finder, Vehicle
 from arva_hil.autopilot.identity import Identity
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.navigation import Navigation, Place
+from arva_hil.autopilot.news import News
 from arva_hil.autopilot.packet_reader import PacketReader, Packets
 from arva_hil.autopilot.pose import PoseTrack, VehicleState
+from arva_hil.autopilot.reasons import NoPose, NoVehicle, SilentStream
 from arva_hil.autopilot.senders import Senders
 from arva_hil.autopilot.signing import Signing, Verdict
 from arva_hil.autopilot.streams import Streams
+from arva_hil.events import Event
+from arva_hil.events.vehicles import (
+    OtherAutopilotIgnored,
+    SignatureRefused,
+    SignaturesUnchecked,
+    VehicleBack,
+    VehicleFound,
+    VehicleLost,
+    VehicleRebooted,
+)
 from arva_hil.model import LocalFrame
-from arva_hil.notice import Notice
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 _HEARTBEAT_S: Final = 1.0
@@ -27,11 +38,6 @@ _GAP_S: Final = 2.5  # between heartbeats: who was away for so long may have for
 _POLL_S: Final = 0.1  # how often requests and time-outs are looked at
 
 _ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
-_DISBELIEVED: Final[dict[Verdict, str]] = {
-    "unsigned": "unsigned packets are ignored, the first from {}: has it been given the key (SETUP_SIGNING)?",
-    "forged": "packets signed with another key are ignored, the first from {}",
-    "replayed": "packets with old time stamps are ignored, the first from {}: replayed, or its clock is behind",
-}
 
 
 def heartbeat() -> Any:
@@ -46,9 +52,11 @@ class Session:
     `target_system`, `target_component`: follow only these (default: the first autopilot, component 1).
     `rate_hz`: of the pose streams wanted. `passive`: never sends, for a log. `component`: our own id.
     `signing`: believe only what is signed with its key, and sign. `reader`: of the link, with its signing, where
-    several sessions share one; they `hear` what it has read. Times are host seconds from the caller's clock. What
-    other systems send changes nothing. Of several senders on the link only the one that is the vehicle's is believed,
-    `senders.vehicle`; a vehicle of the same ids may speak from another once that one has been silent for 3 s.
+    several sessions share one; they `hear` what it has read. What happens to the vehicle is in its `news`. Times are
+    host seconds from the caller's clock.
+
+    What other systems send changes nothing. Of several senders on the link only the one that is the vehicle's is
+    believed, `senders.vehicle`; a vehicle of the same ids may speak from another once that one has been silent for 3 s.
     """
 
     def __init__(
@@ -62,6 +70,7 @@ class Session:
         signing: Signing | None = None,
         reader: PacketReader | None = None,
     ) -> None:
+        self.news = News()
         self.reader = reader or PacketReader(signing)
         self.target_system = target_system
         self.senders = Senders()
@@ -69,7 +78,7 @@ class Session:
         self.encoder = Encoder(target_system or 1, component, signing=self.reader.signing)
         self.component = component
         self.vehicle: Vehicle | None = None
-        self.navigation = Navigation(self._say)
+        self.navigation = Navigation(self.news)
         self._wanted = self.navigation.handles | {_ACK}
         self.own: list[Packet] = []  # of what was fed last, the vehicle's own packets that are believed
         self.ignored = 0  # packets of other systems and components, and of who only claims to be the vehicle
@@ -82,7 +91,6 @@ class Session:
         self._streams: Streams | None = None
         self._extras: dict[int, float] = {}
         self._identity: Identity | None = None  # of the vehicle, once it is pinned
-        self._notices: list[Notice] = []
         self._last_heartbeat = -math.inf
         self._lost = False
         self._interrupted = ""  # why the link is lost
@@ -97,7 +105,7 @@ class Session:
         `whole`: no packet goes on in the next chunk, as in a record of a log.
         """
         if not self._is_heard(sender, now):
-            self._look_beside(self._strangers.feed(chunk, sender), sender)
+            self._look_beside(self._strangers.feed(chunk, sender), now)
             return []
         packets = self.reader.read(chunk, now, sender, whole=whole)
         self._take_all(packets, now, sender)
@@ -106,7 +114,7 @@ class Session:
     def hear(self, packets: Packets, now: float, sender: Hashable = None) -> bool:
         """As `feed`, of what the link's `reader` has read; whether this sender may be the vehicle's."""
         if not self._is_heard(sender, now):
-            self._look_beside(packets.every, sender)
+            self._look_beside(packets.every, now)
             return False
         self._take_all(packets, now, sender)
         return self.vehicle is None or bool(sender == self.senders.vehicle)
@@ -202,14 +210,9 @@ class Session:
         """How many packets were refused for their signature, by why; None without a key."""
         return dict(self._signing.refused) if self._signing else None
 
-    def take_notices(self) -> list[Notice]:
-        """What there is to say since the last call."""
-        if self._streams:
-            self._notices += self._streams.take_notices()
-        notices = self._notices
-        if notices:
-            self._notices = []
-        return notices
+    def take_events(self) -> list[Event]:
+        """What has happened since the last call."""
+        return self.news.take()
 
     # -- bytes out -----------------------------------------------------------------------------------------
 
@@ -257,41 +260,35 @@ class Session:
         if self._streams:
             self._streams.renew(now)
 
-    # -- for a person --------------------------------------------------------------------------------------
+    # -- what is lacking -----------------------------------------------------------------------------------
 
-    def heard(self) -> str:
-        """What was heard, when no vehicle was found, with the likely cure."""
+    def heard(self) -> NoVehicle:
+        """What was heard, when no vehicle was found."""
         if self._interrupted:
-            return f"no autopilot was heard: {self._interrupted}"
-        if not self.reader.bytes:
-            return "nothing was heard at all: is the autopilot powered, and sending MAVLink on this link?"
-        if not self.parser.packets:
-            return (
-                f"{self.reader.bytes} bytes were heard but no MAVLink packet in them: is the baud rate right, "
-                "and the port's protocol MAVLink?"
-            )
-        if self._signing and self._disbelieved:
-            counts = ", ".join(f"{count} {why}" for why, count in self._signing.refused.items())
-            return f"{self.parser.packets} packets were heard, but no autopilot's with the key: {counts}"
-        return f"{self.parser.packets} packets were heard, but no autopilot's heartbeat: {self._finder}"
+            return NoVehicle("link lost", self._interrupted)
+        packets, refused = self.parser.packets, tuple(self._signing.refused.items()) if self._signing else ()
+        if not packets:
+            return NoVehicle("no packets" if self.reader.bytes else "silence", bytes=self.reader.bytes)
+        reason: Literal["no signature", "no heartbeat"] = "no signature" if self._disbelieved else "no heartbeat"
+        return NoVehicle(reason, "", self.reader.bytes, packets, refused, self._finder.sources)
 
-    def why_no_pose(self) -> str:
+    def why_no_pose(self) -> NoPose:
         """Why there is no pose though there is a vehicle."""
         if self._streams is None:
-            return "no vehicle yet"
+            return NoPose("no vehicle")
         nowhere = self.track.first_position is None
         zeros = nowhere and self.navigation.unpositioned > 0
-        lacking = ["the position is all zeros: no GPS fix yet"] if zeros else []
-        silence = "none in the log lately" if self._passive else "not asked for yet"
+        missing = []
         for stream in self._streams.wanted:
             is_position = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT in stream.ids
             if not any(stream.seen.values()) and not (zeros and is_position):
-                lacking.append(f"no {stream.name} ({stream.said or silence})")
-                if is_position and stream.promised:
-                    lacking[-1] += ": PX4 sends none before it has a position, no GPS fix yet?"
-        if not lacking and nowhere:
-            return "the position is out of range: no GPS fix yet"
-        return ", ".join(lacking) or "the streams have stopped"
+                promised = is_position and stream.promised
+                missing.append(SilentStream(stream.name, *stream.asked, self._passive, promised))
+        if zeros:
+            return NoPose("zero position", tuple(missing))
+        if missing:
+            return NoPose("streams missing", tuple(missing))
+        return NoPose("impossible position" if nowhere else "streams stopped")
 
     # -- the vehicle ---------------------------------------------------------------------------------------
 
@@ -304,7 +301,7 @@ class Session:
 
     def _take_all(self, packets: Packets, now: float, sender: Hashable) -> None:
         for packet, why in packets.doubted:
-            self._disbelieve(packet, why)
+            self._disbelieve(packet, why, now)
         for packet in packets.believed:
             vehicle = self.vehicle
             if vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
@@ -343,39 +340,36 @@ class Session:
             self._follow(found, now, signed=packet.signed)
         elif known:
             self.ignored += 1
-            self._say_other(packet, found)
+            self._tell_other(packet, found, now)
         else:
             self.senders.meet(sender, candidate=False)
 
-    def _look_beside(self, packets: Sequence[Packet], sender: Hashable) -> None:
-        """What another sender than the vehicle's sent changes nothing; but another autopilot is worth a line."""
+    def _look_beside(self, packets: Sequence[Packet], now: float) -> None:
+        """What another sender than the vehicle's sent changes nothing; but another autopilot is news."""
         for packet in packets:
             if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT or self._signing:
                 continue
             message = self._strangers.decode(packet)
             if message is not None and (found := self._finder.vehicle(packet, message)):
-                self._say_other(packet, found)
+                self._tell_other(packet, found, now)
 
-    def _say_other(self, packet: Packet, found: Vehicle | None) -> None:
-        """One line about each autopilot that is not the vehicle."""
+    def _tell_other(self, packet: Packet, found: Vehicle | None, now: float) -> None:
+        """One event for each autopilot that is not the vehicle."""
         assert self.vehicle is not None
         same = self.vehicle.sent(packet)
         if (found or same) and self._finder.note(packet, "other"):
-            text = f"another autopilot {packet.system}/{packet.component} on this link is ignored"
-            cure = "it has the ids of this one: give it others" if same else "--target-system chooses"
-            self._say(Notice("info", f"{text}; {cure}"))
+            self.news.emit(OtherAutopilotIgnored(now, self.news.name, packet.system, packet.component, same))
 
     def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
         self.vehicle = vehicle
         self._lost = False
         self.encoder.system = vehicle.system
         self.encoder.version = vehicle.version
-        self._streams = Streams(self._rate_hz, now, self._extras)
+        self._streams = Streams(self._rate_hz, now, self._extras, self.news)
         self._last_heartbeat = now
-        self._say(Notice("info", f"vehicle {vehicle}, MAVLink {vehicle.version}{', signed' if signed else ''}"))
+        self.news.emit(VehicleFound(now, self.news.name, str(vehicle), vehicle.version, signed))
         if signed and not self._signing and not self._passive:
-            text = "its packets are signed, which nobody checks, and it may take no requests without a signature"
-            self._say(Notice("warning", f"{text}: --signing-key FILE"))
+            self.news.emit(SignaturesUnchecked(now, self.news.name))
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self.vehicle is not None
@@ -388,18 +382,18 @@ class Session:
         if self._lost:
             self._lost = False
             self.navigation.home = None  # it may have been moved, or be another one: it is asked for its home again
-            self._say(Notice("info", f"vehicle {self.vehicle} is back"))
+            self.news.emit(VehicleBack(now, self.news.name, str(self.vehicle)))
 
     def _watch_vehicle(self, now: float) -> None:
         if self.vehicle and not self._lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
             self._lost = True
-            self._say(Notice("warning", f"no heartbeat from vehicle {self.vehicle} for {_LOST_S:g} s"))
+            self.news.emit(VehicleLost(now, self.news.name, str(self.vehicle), _LOST_S))
 
     def _take(self, packet: Packet, now: float) -> None:
         """One of the vehicle's own, other than a heartbeat."""
         self.own.append(packet)
         if packet.msgid in self._wanted and (message := self.parser.decode(packet)) is not None:
-            self._on_ack(message) if packet.msgid == _ACK else self._navigate(message, now)
+            self._on_ack(message, now) if packet.msgid == _ACK else self._navigate(message, now)
 
     def _navigate(self, message: Any, now: float) -> None:
         assert self._streams is not None
@@ -407,22 +401,19 @@ class Session:
             return
         judgement = self.navigation.hear(message, now)
         if judgement == "anew":
-            self._streams = Streams(self._rate_hz, now, self._extras)
-            self._say(Notice("warning", f"vehicle {self.vehicle} has rebooted: a new session"))
+            self._streams = Streams(self._rate_hz, now, self._extras, self.news)
+            self.news.emit(VehicleRebooted(now, self.news.name, str(self.vehicle)))
         if judgement != "stray" and message.id != dialect.MAVLINK_MSG_ID_HOME_POSITION:
             self._streams.note(message.id, now)
 
-    def _on_ack(self, message: Any) -> None:
+    def _on_ack(self, message: Any, now: float) -> None:
         if self._streams and self.answers_us(message):
-            self._streams.acknowledged(message.command, message.result)
+            self._streams.acknowledged(message.command, message.result, now)
 
     # -- who is not believed -------------------------------------------------------------------------------
 
-    def _disbelieve(self, packet: Packet, why: Verdict) -> None:
-        """One line for each reason, with the first who gave it."""
+    def _disbelieve(self, packet: Packet, why: Verdict, now: float) -> None:
+        """One event for each reason, with the first who gave it."""
         if why not in self._disbelieved:
             self._disbelieved.add(why)
-            self._say(Notice("warning", _DISBELIEVED[why].format(f"{packet.system}/{packet.component}")))
-
-    def _say(self, notice: Notice) -> None:
-        self._notices.append(notice)
+            self.news.emit(SignatureRefused(now, self.news.name, packet.system, packet.component, why))

@@ -42,6 +42,7 @@ class Sticks:
     def __init__(self) -> None:
         self.throttle = 3
         self.moved = ""
+        self.channel = self.by_us = 0  # which one, from 1, and how far
         self.low_battery = False
         self._now: Sequence[int] = ()
         self._rest: Sequence[int] = ()
@@ -85,4 +86,5 @@ class Sticks:
         by, channel = max((abs(a - b), n) for n, (a, b) in enumerate(zip(self._now, self._rest, strict=True), 1))
         self._times = self._times + 1 if by > _MOVED_US else 0
         if self._times >= _TWICE:
+            self.channel, self.by_us = channel, by
             self.moved = f"the pilot has moved a stick (channel {channel}, by {by} µs)"

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from arva_hil.autopilot.mavlink import RESULTS, command, dialect
-from arva_hil.notice import Notice
+from arva_hil.autopilot.news import News
+from arva_hil.events.vehicles import StreamAskedOtherwise, StreamRateLowered
 
 _MEASURE_S: Final = 2.0  # the window of a rate
 _JUDGE_S: Final = 1.0  # a rate seen for less than this is not judged yet,
@@ -23,6 +24,17 @@ _SLOWEST_HZ: Final = 4.0
 _SET_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
 
 
+class Request(NamedTuple):
+    """`result`: MAVLink's name of what was answered, "" while nothing was. `command` is "" before the first request."""
+
+    command: str = ""
+    hz: float = 0.0
+    result: str = ""
+
+
+_NOT_ASKED: Final = Request()
+
+
 @dataclass
 class Stream:
     """One wanted kind of message: what is known of it, and how it has been asked for."""
@@ -32,7 +44,7 @@ class Stream:
     ids: frozenset[int]  # the message ids that serve
     group: int  # the MAV_DATA_STREAM it belongs to
     want_hz: float
-    said: str = ""  # what the vehicle answered to the last request, for a person
+    asked: Request = _NOT_ASKED  # the last one that was answered, or waited for in vain
     promised: bool = False  # it accepted a request
     seen: dict[int, deque[float]] = field(default_factory=dict)  # when each of the ids came lately
     tries: int = 0  # since it was fast enough
@@ -60,12 +72,12 @@ class Streams:
     A stream is asked for with SET_MESSAGE_INTERVAL, one request at a time since its acknowledgement does not name
     the message. A rate denied is halved; a command unknown or without effect gives way to REQUEST_DATA_STREAM.
     Streams that already flow fast enough are left as they are, and nothing else is asked for. `extras`: message id → Hz
-    of what is done without where it is not granted.
+    of what is done without where it is not granted. What there is to tell goes to the `news`.
     """
 
-    def __init__(self, rate_hz: float, now: float, extras: Mapping[int, float] | None = None) -> None:
+    def __init__(self, rate_hz: float, now: float, extras: Mapping[int, float], news: News) -> None:
         self._since = now
-        self._notices: list[Notice] = []
+        self._news = news
         self._pending: tuple[Stream, float] | None = None
         self._home_next = now
         self._home_asks = 0
@@ -88,7 +100,7 @@ class Streams:
         ]
         self.extras: list[Stream] = []
         self._seen: dict[int, deque[float]] = {}
-        self.want(extras or {})
+        self.want(extras)
 
     def want(self, extras: Mapping[int, float]) -> None:
         """These too: message id → Hz."""
@@ -120,10 +132,6 @@ class Streams:
                 times.clear()
             stream.tries, stream.next_ask, stream.anew, stream.refused = 0, 0.0, True, False
 
-    def take_notices(self) -> list[Notice]:
-        notices, self._notices = self._notices, []
-        return notices
-
     def poll(self, now: float, system: int, component: int) -> list[Any]:
         """The requests that are due, as messages."""
         messages = []
@@ -132,7 +140,7 @@ class Streams:
             self._home_next = now + _AGAIN_S[0]
         if self._pending and now - self._pending[1] > _ACK_S:
             stream, _ = self._pending
-            stream.said = "SET_MESSAGE_INTERVAL: no answer"
+            stream.asked = Request("SET_MESSAGE_INTERVAL", stream.want_hz)
             self._pending = None
         for stream in self._all:
             if self._pending:
@@ -145,7 +153,7 @@ class Streams:
                 stream.tries = 0
         return messages
 
-    def acknowledged(self, command: int, result: int) -> None:
+    def acknowledged(self, command: int, result: int, now: float) -> None:
         """A COMMAND_ACK of the vehicle to us."""
         if command != _SET_INTERVAL or not self._pending or result == dialect.MAV_RESULT_IN_PROGRESS:
             return
@@ -154,15 +162,14 @@ class Streams:
         if not stream.needed:
             stream.refused = stream.refused or result != dialect.MAV_RESULT_ACCEPTED
             return
-        answer = RESULTS.get(result, f"result {result}")
-        stream.said = f"SET_MESSAGE_INTERVAL to {stream.want_hz:g} Hz: {answer}"
+        stream.asked = Request("SET_MESSAGE_INTERVAL", stream.want_hz, RESULTS.get(result, f"result {result}"))
         stream.promised = stream.promised or result == dialect.MAV_RESULT_ACCEPTED
         if result == dialect.MAV_RESULT_DENIED and stream.want_hz > _SLOWEST_HZ:
             stream.want_hz = max(stream.want_hz / 2, _SLOWEST_HZ)
             stream.tries, stream.next_ask = 0, 0.0
-            self._say(f"{stream.name}: {stream.said}; asking for {stream.want_hz:g} Hz")
+            self._news.emit(StreamRateLowered(now, self._news.name, stream.name, *stream.asked, stream.want_hz))
         elif result not in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_TEMPORARILY_REJECTED):
-            self._change_kind(stream)
+            self._change_kind(stream, now)
 
     def _too_slow(self, stream: Stream, now: float) -> bool:
         rate = stream.rate(now, self._since)
@@ -170,13 +177,13 @@ class Streams:
 
     def _ask(self, stream: Stream, now: float, system: int, component: int) -> Any:
         if stream.tries and stream.tries % _PATIENCE == 0 and stream.needed:
-            self._change_kind(stream)
+            self._change_kind(stream, now)
         stream.next_ask = now + _AGAIN_S[min(stream.tries, len(_AGAIN_S) - 1)]
         stream.tries += 1
         stream.anew = False
         stream.refused = not stream.needed and stream.tries >= _PATIENCE  # this is the last time
         if stream.by_group:
-            stream.said = f"REQUEST_DATA_STREAM at {stream.want_hz:g} Hz: never acknowledged"
+            stream.asked = Request("REQUEST_DATA_STREAM", stream.want_hz)
             return dialect.MAVLink_request_data_stream_message(
                 system, component, stream.group, round(stream.want_hz), 1
             )
@@ -192,13 +199,8 @@ class Streams:
             return command(system, component, dialect.MAV_CMD_REQUEST_MESSAGE, home)
         return command(system, component, dialect.MAV_CMD_GET_HOME_POSITION)
 
-    def _change_kind(self, stream: Stream) -> None:
-        was = stream.said
+    def _change_kind(self, stream: Stream, now: float) -> None:
         stream.by_group = not stream.by_group
         if stream.by_group and stream.tries <= _PATIENCE:  # once; what follows is only repetition
-            slow = f"{stream.name} is slower than the {stream.want_hz:g} Hz wanted"
-            self._say(f"{slow} ({was}); trying REQUEST_DATA_STREAM")
+            self._news.emit(StreamAskedOtherwise(now, self._news.name, stream.name, *stream.asked, stream.want_hz))
         stream.next_ask = 0.0
-
-    def _say(self, text: str) -> None:
-        self._notices.append(Notice("warning", text))

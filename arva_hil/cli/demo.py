@@ -21,7 +21,6 @@ from arva_hil.closed_loop import ClosedLoop, Ends
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
 from arva_hil.loop import run
-from arva_hil.notice import Notice
 from arva_hil.output import MAVLINK_FORMATS
 from arva_hil.search.outcome import Outcome
 
@@ -56,7 +55,6 @@ def main(options: argparse.Namespace) -> int:
             port=port,
             start=clock.now(),
             observers=surroundings.observers,
-            say=lambda notice: surroundings.printer.notice(Notice(notice.level, f"search: {notice.text}")),
             log=log.row,
         )
         if not fast:

@@ -186,5 +186,5 @@ def add_duration(parser: Parser) -> None:
 def add_common(parser: Parser) -> None:
     """Options of nearly every command."""
     parser.option("--record", metavar="DIR", help="record what came in, what went out, what was read, into DIR")
-    parser.option("--json", action="store_true", help="one JSON object a frame on stdout")
+    parser.option("--json", action="store_true", help="one JSON object a frame, and one an event, on stdout")
     parser.option("-v", "--verbose", action="count", default=0, help="a line for every frame")

@@ -218,7 +218,7 @@ def main(options: argparse.Namespace) -> int:
             permission=Permission(session, yes=options.yes, question=question),
             take_over=options.take_over,
             countdown_s=options.countdown,
-            say=printer.notice,
+            emit=printer.observe,
             log=rows_to(printer, log),
         )
 

@@ -27,6 +27,7 @@ from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, utc
 from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, parts_of_spec_2, to_dict
 from arva_hil.console import Lines, Printer, as_json, plain
+from arva_hil.console.reasons import no_vehicle
 from arva_hil.engine import Emulator
 from arva_hil.events import Event, HeartbeatMissing
 from arva_hil.fleet import receivers_of
@@ -170,7 +171,7 @@ class Run:
 
     def observe(self, event: Event) -> None:
         if isinstance(event, HeartbeatMissing):
-            self._missing[event.vehicle] = event.heard
+            self._missing[event.vehicle] = no_vehicle(event.heard)
 
     def stopped(self) -> bool:
         """True once there is no more use in going on: a signal, a thread that failed, nobody reads stdout any more."""

@@ -9,6 +9,7 @@ from typing import Final, TextIO
 
 from arva_hil.background import Background
 from arva_hil.console import text
+from arva_hil.console.event_json import event_json
 from arva_hil.console.sentences import sentence
 from arva_hil.events import Event, FrameMade, StatusReport, VehicleStatus
 from arva_hil.links import Link, LinkError
@@ -84,17 +85,17 @@ class Printer:
 
 
 class Lines:
-    """Prints one line a frame on `link`: `render` makes it. `patient`: rather wait than leave one out."""
+    """Prints a line for each event on `link` of which `render` makes one. `patient`: rather wait than leave one out."""
 
-    def __init__(self, link: Link, render: Callable[[FrameMade], str], *, patient: bool) -> None:
+    def __init__(self, link: Link, render: Callable[[Event], str | None], *, patient: bool) -> None:
         self._link = link
         self._render = render
         self._patient = patient
         self._background = Background("lines", (OSError, LinkError))
 
     def observe(self, event: Event) -> None:
-        if isinstance(event, FrameMade):
-            line = (self._render(event) + "\n").encode()
+        if (text := self._render(event)) is not None:
+            line = (text + "\n").encode()
             self._background.put(lambda: self._link.write(line), wait=self._patient)
 
     @property
@@ -111,13 +112,17 @@ class Lines:
         return "" if whole else f"{self._link.name}: its reader did not take every line"
 
 
-def plain(made: FrameMade) -> str:
-    """One frame in words."""
+def plain(made: Event) -> str | None:
+    """One frame in words; None for what is no frame."""
+    if not isinstance(made, FrameMade):
+        return None
     return one_line(f"{made.instant_s:9.3f} s  {made.frame.sequence:3d}  {_words(made)}")
 
 
-def as_json(made: FrameMade, *, named: bool = False) -> str:
-    """One frame as a JSON object; `named`: with its vehicle and receiver."""
+def as_json(made: Event, *, named: bool = False) -> str | None:
+    """A frame or another event as a JSON object; `named`: frames with their receiver. None for what is neither."""
+    if not isinstance(made, FrameMade):
+        return event_json(made)
     return json.dumps(
         {
             **({"vehicle": made.vehicle, "receiver": made.receiver} if named else {}),

@@ -202,7 +202,7 @@ def stream(s: Stream) -> Finding:
     said = f" ({s.said})" if s.said else ""
     cure = "" if s.recorded else _STREAM_CURE.get(s.name, "")
     if not s.count:
-        if "ACCEPTED" in s.said and s.name == "GLOBAL_POSITION_INT":
+        if s.promised and s.name == "GLOBAL_POSITION_INT":
             cure = f"promised and silent: PX4 sends no position before it has one; {cure}"
         return Finding(s.name, "fail", f"none came{said}", cure)
     if not s.hz:

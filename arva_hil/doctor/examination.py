@@ -14,8 +14,10 @@ from arva_hil.autopilot.mavlink import RESULTS, Packet, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import Clock
 from arva_hil.config import DEFAULT
+from arva_hil.console.sentences import stream as stream_words
 from arva_hil.doctor.diagnosis import rate
 from arva_hil.doctor.values import Source, Stream, Traffic, Way
+from arva_hil.events.vehicles import StreamEvent
 from arva_hil.links import Address, Link, LinkEnded, LinkError, Sender
 from arva_hil.links.ports import far_program, holders, unread
 from arva_hil.links.pty import PtyLink
@@ -110,10 +112,9 @@ class Ear:
             self._on_vehicle(packet, now)
         if self.session.vehicle:
             self.followed_at = min(self.followed_at, now)
-        for notice in self.session.take_notices():
-            for name in _POSE:
-                if notice.text.startswith(name):
-                    self._said[name] = notice.text.removeprefix(name).lstrip(": ")
+        for event in self.session.take_events():
+            if isinstance(event, StreamEvent):
+                self._said[event.stream] = stream_words(event)
 
     def _on_heartbeat(self, packet: Packet, now: float) -> None:
         message = self.session.parser.decode(packet)
@@ -183,6 +184,7 @@ class Ear:
                 wanted_hz,
                 "" if recorded else self._said.get(name, acks),
                 recorded,
+                not recorded and self._acks["MAV_RESULT_ACCEPTED"] > 0,
             )
             for name, ids in _POSE.items()
         ]

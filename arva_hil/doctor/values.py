@@ -49,7 +49,10 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """One kind of pose message. `hz`: lately; `said`: how the vehicle answered when it was asked for."""
+    """One kind of pose message. `hz`: lately; `said`: how the vehicle answered when it was asked for.
+
+    `promised`: it accepted to send it.
+    """
 
     name: str
     count: int
@@ -57,6 +60,7 @@ class Stream:
     wanted_hz: float
     said: str = ""
     recorded: bool = False  # it comes from a log, which nobody can ask
+    promised: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,11 @@ from arva_hil.autopilot.commander import Commander, Phase
 from arva_hil.autopilot.mavlink import dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.clock import Clock
+from arva_hil.console.failsafes import left_alone
+from arva_hil.events import Event
+from arva_hil.events.searches import Launched, SearchHeldUp, SearchInterrupted
 from arva_hil.links import Link, LinkError, Sender
 from arva_hil.model.geodesy import LocalFrame
-from arva_hil.notice import Level, Notice
 from arva_hil.search.flight import Flight
 from arva_hil.search.ground import Ground
 from arva_hil.search.line import Line
@@ -33,12 +35,6 @@ _STILL_ARMED: Final = (
     "the vehicle is still armed, and does not say that it has landed. If it stands, keep away from the propellers and "
     "disarm it from the radio or the ground station"
 )
-_STOPPED: Final = {
-    Phase.ARMING: "it is disarmed",
-    Phase.DISARMING: "it is disarmed",
-    Phase.LANDING: "it goes on landing; the mode switch stops it",
-    Phase.YIELDING: "the pilot gets it",
-}
 
 
 class SearchClient:
@@ -49,7 +45,8 @@ class SearchClient:
     `land`: at the end it lands, else it hovers. `timeout_s`: from `start` until there is all that a flight needs.
     `permission`: to arm this vehicle; None where any may be armed, because all there can be are simulated.
     `countdown_s`: said before it is armed.
-    `log` gets five rows a second. `outcome` is None until all is over, the vehicle landed or left hovering.
+    `emit` is told what happens, `log` gets five rows a second. `outcome` is None until all is over, the vehicle landed
+    or left hovering.
     """
 
     def __init__(
@@ -67,13 +64,13 @@ class SearchClient:
         permission: Permission | None = None,
         take_over: bool = False,
         countdown_s: float = 0.0,
-        say: Callable[[Notice], None] = lambda _: None,
+        emit: Callable[[Event], None] = lambda _: None,
         log: Callable[[Row], None] = lambda _: None,
     ) -> None:
         self.outcome: Outcome | None = None
         self._session = session
         self._line = Line(autopilot, start, hear=self._hear, anew=self._begin_anew)
-        self._receiver = Receiver(receiver, decoder)
+        self._receiver = Receiver(receiver, decoder, session.news.emit)
         self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=arm_timeout_s)
         self._preflight = Preflight(
             session,
@@ -84,14 +81,13 @@ class SearchClient:
             permission=permission,
             take_over=take_over,
             countdown_s=countdown_s,
-            say=say,
         )
         self._ground = Ground(session)
-        self._flight = Flight(plan, session, self._commander, self._ground, start=start, land=land, say=say, log=log)
-        self._say = say
-        self._next_step = start
+        self._flight = Flight(plan, session, self._commander, self._ground, start=start, land=land, log=log)
+        self._emit = emit
+        self._next_step = self._now_s = start
         self._begin = self._commander.take_over if take_over else self._commander.launch
-        self._beginning = "taking over" if take_over else "arming"
+        self._take_over = take_over
         self._patience_s = plan.patience_s
         self._stopping = False
 
@@ -117,29 +113,29 @@ class SearchClient:
     def stop(self) -> None:
         """Break it off: what flies is left hovering, what lands goes on landing, what stands is disarmed."""
         if not self._stopping and self.launched:
-            what = _STOPPED.get(self._commander.phase, "it is left hovering")
-            self._tell("info", f"interrupted: {what}")
+            self._session.news.emit(SearchInterrupted(self._now_s, self._commander.phase.name.lower()))
+            self._pass_on()
         self._stopping = True
 
     def service(self, clock: Clock) -> float:
         """Take what came, fly on; the next time to call."""
         try:
             self._line.take_in(clock)
-            now = clock.now()
+            now = self._now_s = clock.now()
             if not self.launched:
                 self._preflight.watch_link(now)
             for frame in self._receiver.read(now):
                 self._flight.hear(frame, now)
-            self._pass_on()
             if now >= self._next_step:
                 self._next_step = max(self._next_step + _STEP_S, now)
                 self._step(now)
             self._line.speak(clock, self._due)
-            self._pass_on()
             return self._next_step
         except LinkError as error:  # the autopilot's
             self._cut_off(str(error))
             return math.inf
+        finally:
+            self._pass_on()
 
     def _hear(self, sender: Sender, chunk: bytes, now: float, since: float) -> None:
         if not self.launched:
@@ -158,16 +154,15 @@ class SearchClient:
         self._flight.skip(gap_s)
         self._receiver.skip(now)
         if self.launched:
-            self._tell("warning", f"nothing was done for {gap_s:.1f} s: first it is seen who has the vehicle")
+            self._session.news.emit(SearchHeldUp(now, gap_s))
 
     def _due(self, now: float) -> tuple[bytes, bytes]:
         """What is to be sent: whatever, and orders."""
         return self._session.poll(now) + self._preflight.poll(now), self._commander.poll(now)
 
     def _pass_on(self) -> None:
-        for source in (self._session, self._commander, self._ground, self._receiver, self.mission):
-            for notice in source.take_notices() if source else ():
-                self._say(notice)
+        for event in self._session.take_events():
+            self._emit(event)
 
     def _step(self, now: float) -> None:
         phase = self._commander.phase
@@ -213,7 +208,7 @@ class SearchClient:
         self._line.pin()
         if throttle := self._preflight.failsafes.values.get("RCMAP_THROTTLE"):
             self._commander.sticks.throttle = int(throttle)
-        self._tell("info", f"{self._beginning} {self._session.vehicle}")
+        self._session.news.emit(Launched(now, str(self._session.vehicle), self._take_over))
 
     # -- the end -------------------------------------------------------------------------------------------
 
@@ -251,7 +246,8 @@ class SearchClient:
     def _failsafe(self) -> str:
         if self._commander.lands_by_itself:
             return "it goes on landing"
-        return self._preflight.failsafes.left_alone
+        failsafes = self._preflight.failsafes
+        return left_alone(failsafes.values, failsafes.px4)
 
     def _finish(self, kind: Kind, how: str) -> None:
         mission = self.mission
@@ -269,9 +265,6 @@ class SearchClient:
         self.outcome = Outcome(
             kind, how, mission.target, found, lat_lon, mission.searched_s, mission.path_m, mission.frames, others
         )
-
-    def _tell(self, level: Level, text: str) -> None:
-        self._say(Notice(level, text))
 
 
 def _kind(mission: Mission | None) -> Kind:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,9 +13,11 @@ from numpy.typing import NDArray
 from arva_hil.autopilot.commander import Commander, Phase
 from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
+from arva_hil.console.reasons import no_pose
+from arva_hil.events import Event
+from arva_hil.events.searches import SearchBegun, SearchEnded
 from arva_hil.model.geodesy import LocalFrame
 from arva_hil.model.rotation import to_euler, to_matrix
-from arva_hil.notice import Notice
 from arva_hil.search.ground import Ground
 from arva_hil.search.mission import Mission, Plan
 from arva_hil.search.outcome import Row
@@ -40,7 +43,6 @@ class Flight:
         *,
         start: float,
         land: bool,
-        say: Callable[[Notice], None],
         log: Callable[[Row], None],
     ) -> None:
         self.mission: Mission | None = None
@@ -51,7 +53,6 @@ class Flight:
         self._ground = ground
         self._start = start
         self._land = land
-        self._say = say
         self._log = log
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
@@ -87,8 +88,10 @@ class Flight:
         position = _position(state)
         if phase is Phase.FLYING:
             if self.mission is None:
-                self.mission = Mission(self._plan, now - self._skipped_s, position, land=self._land)
-                self._tell(f"{-position[2]:.1f} m high: the search begins")
+                self.mission = Mission(
+                    self._plan, now - self._skipped_s, position, land=self._land, emit=self._tell_in_time
+                )
+                self._session.news.emit(SearchBegun(now, -position[2]))
             receiver, _ = self._plan.mount.pose(state.position, state.attitude)
             height = self._ground.height(now, state)
             velocity = self.mission.fly(now - self._skipped_s, position, receiver=_tuple(receiver), height=height)
@@ -101,11 +104,12 @@ class Flight:
         """Without a pose that is new it hovers, then lands."""
         self._commander.steer(STAY)
         if now - self._last_pose_s > self._plan.patience_s:
-            self._commander.land(now, f"no pose for {self._plan.patience_s:g} s: {self._session.why_no_pose()}")
+            why = no_pose(self._session.why_no_pose())
+            self._commander.land(now, f"no pose for {self._plan.patience_s:g} s: {why}")
 
     def _over(self, mission: Mission, now: float) -> None:
         """The search has ended; the flight has not."""
-        self._tell(f"{mission.ended}; {'landing' if self._land else 'hovering'}")
+        self._session.news.emit(SearchEnded(now, mission.ended, self._land))
         if self._land:
             self._commander.land(now)
         else:
@@ -124,8 +128,9 @@ class Flight:
         heading = math.degrees(to_euler(to_matrix(state.attitude))[2])
         self._log(Row(now - self._start, phase.name.lower(), *_position(state), heading, *velocity, *reading))
 
-    def _tell(self, text: str) -> None:
-        self._say(Notice("info", text))
+    def _tell_in_time(self, event: Event) -> None:
+        """What the mission tells, whose clock stands still in gaps."""
+        self._session.news.emit(replace(event, time_s=event.time_s + self._skipped_s))
 
 
 def _reading(frame: Frame, target: int | None) -> tuple[int | None, int, int]:

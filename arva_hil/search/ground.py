@@ -11,13 +11,13 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from statistics import median
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 from arva_hil.autopilot.mavlink import dialect
 from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
+from arva_hil.events.searches import HeightSource
 from arva_hil.model.rotation import to_matrix
-from arva_hil.notice import Notice
 
 EXTRAS: Final[Mapping[int, float]] = {  # Hz, to be asked for
     dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,
@@ -37,9 +37,7 @@ _MOST_M: Final = 5.0  # of it: weather is no height
 _STEADY: Final = 0.1  # the weight of one pressure more on the ground
 _SCALE_M: Final = 29.27 * 273.0  # of the air: height by the logarithm of pressure
 
-_MEASURED: Final = "height above the ground: from the rangefinder"
-_LOST: Final = "the rangefinder says nothing of use: height is held above the highest ground it has seen"
-_ESTIMATED: Final = "no rangefinder is heard: height is held above the take-off point, over slopes it is another one"
+_Source = Literal["rangefinder", "estimate", "highest ground"]
 
 
 class Height(NamedTuple):
@@ -65,8 +63,7 @@ class Ground:
         self._offset = 0.0  # of the barometer from the estimate
         self._offset_s = -math.inf
         self._highest = 0.0  # of the ground, above the take-off point
-        self._said = ""
-        self._notices: list[Notice] = []
+        self._source: _Source | None = None  # told last
         session.want(EXTRAS)
 
     def hear(self, now: float) -> None:
@@ -83,14 +80,10 @@ class Ground:
         measured = self._measured(now, level, sinks * dt)
         if measured is not None:
             self._highest = max(self._highest, above - measured)
-            self._tell("info", _MEASURED)
+            self._tell("rangefinder", now)
             return Height(measured, True)
-        self._tell("warning", _LOST if self._said in (_MEASURED, _LOST) else _ESTIMATED)
+        self._tell("highest ground" if self._source in ("rangefinder", "highest ground") else "estimate", now)
         return Height(min([above - self._highest, *self._fears(now, above)]), False)
-
-    def take_notices(self) -> list[Notice]:
-        notices, self._notices = self._notices, []
-        return notices
 
     def _measured(self, now: float, level: float, sunk: float) -> float | None:
         """What the rangefinder says, None when that is nothing, or the same however the vehicle climbs or sinks."""
@@ -156,10 +149,10 @@ class Ground:
             before = self._standing[0] if self._standing else hpa
             self._standing = before + _STEADY * (hpa - before), ground
 
-    def _tell(self, level: Any, text: str) -> None:
-        if text != self._said:
-            self._said = text
-            self._notices.append(Notice(level, text))
+    def _tell(self, source: _Source, now: float) -> None:
+        if source != self._source:
+            self._source = source
+            self._session.news.emit(HeightSource(now, source))
 
 
 _HEARD: Final = {

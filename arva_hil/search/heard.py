@@ -34,7 +34,3 @@ def nearest(frame: Frame) -> dict[int, Channel]:
         if channel.valid:
             best.setdefault(NO_ID if channel.id is None else channel.id, channel)
     return best
-
-
-def name_of(id_: int | None) -> str:
-    return "without a number" if id_ in (None, NO_ID) else str(id_)

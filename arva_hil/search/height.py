@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
-from arva_hil.notice import Notice
+from arva_hil.events import Event
+from arva_hil.events.searches import TooLow
 from arva_hil.search.ground import Height
 from arva_hil.search.strategy import STILL, Position, towards
 
@@ -28,13 +30,13 @@ _LIMIT_S: Final = 30.0  # and 5 s more a metre, then it lands wherever it is
 class HeightKeeper:
     """Remembers whether the vehicle is too low. `too_low`: nothing is flown but up. `failed`: it does not get up."""
 
-    def __init__(self, wanted: float) -> None:
+    def __init__(self, wanted: float, emit: Callable[[Event], None]) -> None:
         self.too_low = False
         self.failed = False
         self._wanted = wanted
         self._reached = False  # the height was reached once; before, it climbs from the take-off
         self._since = math.inf
-        self._notices: list[Notice] = []
+        self._emit = emit
 
     def velocity(self, time_s: float, height: float) -> float:
         """The vertical velocity, down, m/s; at a height that is no number it climbs."""
@@ -46,14 +48,9 @@ class HeightKeeper:
         if not self.too_low:
             self.too_low, self._since = True, time_s
             if self._reached:
-                text = f"only {height:.1f} m above the ground, {self._wanted:g} m are wanted: climbing"
-                self._notices.append(Notice("warning", text))
+                self._emit(TooLow(time_s, height, self._wanted))
         self.failed = time_s - self._since > _RECOVERY_S
         return -_CLIMB
-
-    def take_notices(self) -> list[Notice]:
-        notices, self._notices = self._notices, []
-        return notices
 
 
 class Descent:

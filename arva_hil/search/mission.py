@@ -9,15 +9,23 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.events import Event
+from arva_hil.events.searches import (
+    DescentBegun,
+    SearchPaused,
+    SearchResumed,
+    TransmitterChosen,
+    TransmitterFaded,
+    TransmitterHeard,
+)
 from arva_hil.model.mount import Mount
-from arva_hil.notice import Level, Notice
 from arva_hil.search.ground import Height
-from arva_hil.search.heard import Heard, name_of, nearest
+from arva_hil.search.heard import NO_ID, Heard, nearest
 from arva_hil.search.height import Descent, HeightKeeper
 from arva_hil.search.reading_checks import Standstill
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Strategy, Velocity, towards
@@ -27,7 +35,6 @@ from firmware_proto import INNER, Frame
 FOUND: Final = "found"  # how a search ends well
 NOT_SURE: Final = "not sure: the readings do not agree with the place reported"
 
-_STUCK: Final = "the receiver says the same"
 _SILENT_S: Final = 2.0  # without a frame: the receiver is not working, hover
 _NEARER: Final = 0.7  # another transmitter has to be that much nearer to be gone for instead
 _DEAF_S: Final = 60.0  # the transmitter was not heard for so long: it is looked for in strips again
@@ -61,10 +68,19 @@ class Mission:
     not because all was done; `sure`: the readings agree with what is found.
 
     Places are NED metres from the take-off point. `start_s`: the end of the take-off. `land`: when it has ended above
-    the place found it comes down there; `over` is when nothing is left but to land, or to hover.
+    the place found it comes down there; `over` is when nothing is left but to land, or to hover. `emit` is told what
+    happens.
     """
 
-    def __init__(self, plan: Plan, start_s: float, position: Position, *, land: bool = False) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        start_s: float,
+        position: Position,
+        *,
+        land: bool = False,
+        emit: Callable[[Event], None] = lambda _: None,
+    ) -> None:
         self.plan = plan
         self.start_s = start_s
         self.ended = ""
@@ -80,13 +96,13 @@ class Mission:
         self._strips = Strips(plan.area, plan.speed, position, width=plan.strip_width)
         self._strategy: Strategy | None = None
         self._last_frame_s = start_s
-        self._hovering = ""  # why
+        self._hovering: Literal["no frame", "same readings"] | None = None  # why
         self._hovering_since = start_s
         self._standstill = Standstill()
-        self._keeper = HeightKeeper(plan.height)
+        self._keeper = HeightKeeper(plan.height, emit)
         self._descent: Descent | None = None
         self._land = land
-        self._notices: list[Notice] = []
+        self._emit = emit
 
     def hear(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
         """Take a new frame, and the receiver's pose when it came: NED and the matrix receiver FRD → NED."""
@@ -122,10 +138,6 @@ class Mission:
         north, east = self._bounded(self._horizontal(time_s, position, receiver or position))
         return (0.0, 0.0, down) if self._keeper.too_low else (north, east, down)
 
-    def take_notices(self) -> list[Notice]:
-        notices, self._notices = self._notices + self._keeper.take_notices(), []
-        return notices
-
     @property
     def over(self) -> bool:
         """It has ended, and is down above the place found as far as that goes."""
@@ -146,7 +158,7 @@ class Mission:
         if self._descent is None:
             speed = min(self.plan.speed, _APPROACH_M_S)
             self._descent = Descent((found.north, found.east), speed, time_s, height.metres)
-            self._say("info", "coming down onto the place reported")
+            self._emit(DescentBegun(time_s))
         return self._descent.velocity(time_s, position, height)
 
     def _horizontal(self, time_s: float, position: Position, receiver: Position) -> Velocity:
@@ -174,22 +186,17 @@ class Mission:
 
     def _waits(self, time_s: float, silent: float) -> bool:
         """It hovers while the receiver does not work."""
-        why, back = "", "frames are back"
-        if silent > _SILENT_S:
-            why = f"no frame for {_SILENT_S:g} s"
-        elif self._standstill.stuck:
-            why = f"{_STUCK} over {Standstill.METRES:g} m of flight"
-        elif self._hovering.startswith(_STUCK):
-            back = "the readings change again"
-        if why and why != self._hovering:
+        before, stuck = self._hovering, self._standstill.stuck
+        why: Literal["no frame", "same readings"] | None
+        self._hovering = why = "no frame" if silent > _SILENT_S else "same readings" if stuck else None
+        if why and why != before:
             self._hovering_since = time_s
-            self._say("warning", f"{why}: hovering")
-        elif self._hovering and not why:
-            self._say("info", f"{back}: the search goes on")
-        self._hovering = why
-        if why.startswith(_STUCK) and time_s - self._hovering_since > self.plan.patience_s:
-            self._end(f"{_STUCK}: it is stuck", broken=True)
-        return bool(why)
+            self._emit(SearchPaused(time_s, why, _SILENT_S, Standstill.METRES))
+        elif before and not why:
+            self._emit(SearchResumed(time_s, before))
+        if why == "same readings" and time_s - self._hovering_since > self.plan.patience_s:
+            self._end("the receiver says the same: it is stuck", broken=True)
+        return why is not None
 
     def _go_there(self, found: Found, position: Position) -> Velocity:
         """What lands, lands where the victim is."""
@@ -217,8 +224,7 @@ class Mission:
             if len(self.heard) >= _MOST_HEARD:
                 return
             self.heard[id_] = Heard()
-            place = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
-            self._say("info", f"transmitter {name_of(id_)} is heard, {observation.d_m:.1f} m away, at {place}")
+            self._emit(TransmitterHeard(observation.time_s, _id_of(id_), observation.d_m, north, east))
         heard = self.heard[id_]
         heard.last_m, heard.last_s = observation.d_m, observation.time_s
         if heard.last_m < heard.nearest_m:
@@ -231,14 +237,14 @@ class Mission:
         current = self.heard.get(self.target) if self.target is not None else None
         if current is not None and self._strategy is not None and time_s - current.last_s > _DEAF_S:
             self._strategy = None
-            self._say("warning", f"transmitter {name_of(self.target)} is not heard any more: back to the strips")
+            self._emit(TransmitterFaded(time_s, _id_of(self.target)))
         heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard}
         if not heard:
             return
         closest = min(heard, key=lambda id_: heard[id_].last_m)
         if current is None or self._strategy is None or heard[closest].last_m < _NEARER * current.last_m:
             if closest != self.target:
-                self._say("info", f"going for transmitter {name_of(closest)}, {heard[closest].last_m:.1f} m away")
+                self._emit(TransmitterChosen(time_s, _id_of(closest), heard[closest].last_m))
             if closest != self.target or self._strategy is None:
                 self.target = closest
                 self._strategy = self.plan.strategy(self.plan.speed)
@@ -271,8 +277,10 @@ class Mission:
         self.ended, self.broken = how, broken
         return STILL
 
-    def _say(self, level: Level, text: str) -> None:
-        self._notices.append(Notice(level, text))
+
+def _id_of(id_: int | None) -> int | None:
+    """As a frame has it."""
+    return None if id_ == NO_ID else id_
 
 
 def _sound(found: Found | None) -> Found | None:

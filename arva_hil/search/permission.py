@@ -8,7 +8,8 @@ from typing import Final, Protocol
 from arva_hil.autopilot.mavlink import Packet
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.simulator_check import SimulatorCheck
-from arva_hil.notice import Notice
+from arva_hil.events import Event
+from arva_hil.events.searches import ArmingAllowed, SimulatorRecognized
 from arva_hil.search.outcome import Refusal
 
 _ANSWER_S: Final = 3.0  # for a simulator to say that it is one, once all else is ready
@@ -40,7 +41,6 @@ class Permission:
         self._looked: float | None = None  # first, at this vehicle
         self._asked: float | None = None
         self._said = False  # yes, and of this vehicle
-        self._notices: list[Notice] = []
 
     @property
     def asking(self) -> bool:
@@ -69,14 +69,10 @@ class Permission:
         if self._said:
             return True
         if self._check.answer:
-            self._agree("info", f"{self._session.vehicle} is a simulator: it answers with {self._check.answer}")
+            self._agree(SimulatorRecognized(now, str(self._session.vehicle), self._check.answer))
         elif now - self._looked > _ANSWER_S:
             return self._ask(now)
         return self._said
-
-    def take_notices(self) -> list[Notice]:
-        notices, self._notices = self._notices, []
-        return notices
 
     def _compare(self) -> None:
         vehicle = self._session.vehicle
@@ -91,7 +87,7 @@ class Permission:
     def _ask(self, now: float) -> Refusal | bool:
         real = f"{self._session.vehicle} is not known to be a simulator"
         if self._yes:
-            self._agree("warning", f"{real}: --yes")
+            self._agree(ArmingAllowed(now, str(self._session.vehicle)))
         elif self._question is None:
             return Refusal("refused", f"{real}: to let it fly, write --yes")
         elif self._asked is None:
@@ -105,6 +101,6 @@ class Permission:
             return Refusal("refused", f"{real}, and nobody said yes within {_THINK_S:g} s: nothing was done")
         return self._said
 
-    def _agree(self, level: str, text: str) -> None:
+    def _agree(self, why: Event) -> None:
         self._said = True
-        self._notices.append(Notice("warning" if level == "warning" else "info", text))
+        self._session.news.emit(why)

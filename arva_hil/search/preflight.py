@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, Literal
 
 from arva_hil.autopilot.failsafes import Failsafes
 from arva_hil.autopilot.mavlink import Packet, dialect
 from arva_hil.autopilot.session import Session
+from arva_hil.console.reasons import no_pose, no_vehicle
+from arva_hil.events.searches import CountDown, FailsafesKnown, WaitingFor
+from arva_hil.link_monitor import LinkMonitor
 from arva_hil.links import Link
 from arva_hil.links.readers import other_readers
-from arva_hil.notice import Notice
 from arva_hil.search.flight import OLD_S
 from arva_hil.search.hover import Hover
 from arva_hil.search.outcome import Kind, Refusal
 from arva_hil.search.permission import Permission
 from arva_hil.search.receiver import Receiver
-from arva_hil.watched import Watched
 
 INTERRUPTED: Final = "interrupted"
+
+_Lacking = Literal["link", "autopilot", "frame", "pose", "hover"]
 
 
 class Preflight:
@@ -40,12 +43,11 @@ class Preflight:
         permission: Permission | None,
         take_over: bool,
         countdown_s: float,
-        say: Callable[[Notice], None],
     ) -> None:
         self.failsafes = Failsafes()
         self._session = session
         self._autopilot = autopilot
-        self._watched = Watched(autopilot)
+        self._monitor = LinkMonitor("autopilot", autopilot)
         self._receiver = receiver
         self._since = start
         self._timeout_s = timeout_s
@@ -54,11 +56,10 @@ class Preflight:
         self._countdown_s = countdown_s
         self._arm_at = math.inf
         self._next_said = 0
-        self._say = say
         self._looked = start
         self._failsafes_told = False
         self._alone = False  # with the receiver, when it was looked at first
-        self._waits_for = ""
+        self._waits_for: _Lacking | None = None
         self._greeted = False  # a heartbeat came since the autopilot's link was opened
 
     def hear(self, packets: Sequence[Packet]) -> None:
@@ -89,37 +90,36 @@ class Preflight:
 
     def watch_link(self, now: float) -> None:
         """A link that comes back is a new one, to a vehicle that may have rebooted."""
-        link = self._watched
-        if link.lost_again:
-            self._session.interrupt(link.link.why)
+        if self._monitor.lost_again:
+            self._session.interrupt(self._autopilot.why)
             self._greeted = False
             if self._permission:
                 self._permission.forget()
-        if link.renewed_again:
+        if self._monitor.renewed_again:
             self._session.resume(now)
-        for notice in link.news(now):
-            self._say(notice)
+        for event in self._monitor.look(now):
+            self._session.news.emit(event)
 
     def look(self, now: float) -> Refusal | bool:
         """Whether all is there that a flight needs, or why there will be none."""
         if self._permission and self._permission.asking:
             self._since += now - self._looked
         self._looked = now
-        session, waited = self._session, now - self._since
+        session = self._session
         if self._autopilot.away:
-            return self._lack("the autopilot's link", "no link", lambda: self._autopilot.why, waited)
+            return self._lack("link", now, "no link", lambda: self._autopilot.why)
         if session.vehicle is None or not self._greeted:
-            return self._lack("an autopilot", "no link", lambda: f"no autopilot: {session.heard()}", waited)
+            return self._lack("autopilot", now, "no link", lambda: f"no autopilot: {no_vehicle(session.heard())}")
         if session.vehicle.armed and not self._hover:
             why = "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover"
             return Refusal("failed", why)
         if self._receiver.silent(now):
             silence = self._receiver.why_silent
-            return self._lack("a frame from the receiver", "no link", lambda: silence(now), waited)
+            return self._lack("frame", now, "no link", lambda: silence(now))
         if not self._has_pose(now):
-            return self._lack("a pose", "failed", lambda: f"no pose: {session.why_no_pose()}", waited)
+            return self._lack("pose", now, "failed", lambda: f"no pose: {no_pose(session.why_no_pose())}")
         if self._hover and (moving := self._hover.why_not(now)):
-            return self._lack("a hover", "failed", lambda: f"the vehicle is not taken over: {moving}", waited)
+            return self._lack("hover", now, "failed", lambda: f"the vehicle is not taken over: {moving}")
         if not self.failsafes.done:
             return False
         permitted = self._permitted(now)
@@ -135,13 +135,9 @@ class Preflight:
         """Whether the vehicle may be armed. As long as a person thinks about it, no time passes."""
         if not self._failsafes_told:
             self._failsafes_told = True
-            self._say(Notice("info", str(self.failsafes)))
-        if self._permission is None:
-            return True
-        verdict = self._permission.look(now)
-        for notice in self._permission.take_notices():
-            self._say(notice)
-        return verdict
+            parameters = tuple(self.failsafes.values.items())
+            self._session.news.emit(FailsafesKnown(now, "px4" if self.failsafes.px4 else "ardupilot", parameters))
+        return self._permission.look(now) if self._permission else True
 
     def _count_down(self, now: float) -> bool:
         """The last seconds before propellers turn."""
@@ -150,16 +146,16 @@ class Preflight:
             self._next_said = math.ceil(self._countdown_s)
         left = self._arm_at - now
         if left > 0 and left <= self._next_said:
-            self._say(Notice("info", f"{'taking over' if self._hover else 'arming'} in {self._next_said} s"))
+            self._session.news.emit(CountDown(now, self._next_said, self._hover is not None))
             self._next_said = math.ceil(left) - 1
         return left <= 0
 
-    def _lack(self, what: str, kind: Kind, why: Callable[[], str], waited: float) -> Refusal | bool:
+    def _lack(self, what: _Lacking, now: float, kind: Kind, why: Callable[[], str]) -> Refusal | bool:
         self._arm_at = math.inf
         if what != self._waits_for:
             self._waits_for = what
-            self._say(Notice("info", f"waiting for {what}"))
-        return Refusal(kind, why()) if waited > self._timeout_s else False
+            self._session.news.emit(WaitingFor(now, what))
+        return Refusal(kind, why()) if now - self._since > self._timeout_s else False
 
     def _has_pose(self, now: float) -> bool:
         place = self._session.track.last_position

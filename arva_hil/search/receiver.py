@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
+from arva_hil.events import Event
+from arva_hil.events.searches import ReceiverGone
+from arva_hil.link_monitor import LinkMonitor
 from arva_hil.links import Link, LinkError
-from arva_hil.notice import Notice
 from arva_hil.search.reading_checks import Fresh
-from arva_hil.watched import Watched
 from firmware_proto import Frame, FrameDecoder
 
 _SILENT_S: Final = 2.0  # without a frame: it does not work
@@ -20,19 +21,19 @@ _SHOWN: Final = 16  # bytes of what is no frame
 class Receiver:
     """Remembers what came from the receiver's link and when. One that is unplugged is silent, and raises nothing.
 
-    A link that comes back is told of, when it is lost and when it is back; any other is gone for good.
+    `emit` is told when a link that comes back is lost and is back; any other is gone for good.
     """
 
-    def __init__(self, link: Link, decoder: FrameDecoder) -> None:
+    def __init__(self, link: Link, decoder: FrameDecoder, emit: Callable[[Event], None]) -> None:
         self.links: Sequence[Link] = [link]  # to wait for; none when it is gone
         self.last: Frame | None = None
         self._link = link
-        self._watched = Watched(link)
+        self._emit = emit
+        self._monitor = LinkMonitor("receiver", link)
         self._decoder = decoder
         self._last_s = -math.inf
         self._first_bytes = b""
         self._fresh = Fresh()
-        self._notices: list[Notice] = []
 
     @property
     def name(self) -> str:
@@ -71,16 +72,13 @@ class Receiver:
             why = "nothing came at all"
         return f"no frame from the receiver at {self._link.name}: {why}"
 
-    def take_notices(self) -> list[Notice]:
-        notices, self._notices = self._notices, []
-        return notices
-
     def _read(self, now: float) -> bytes:
         try:
             chunk = self._link.read()
         except LinkError as error:
             self.links = []
-            self._notices.append(Notice("warning", f"the receiver is gone: {error}"))
+            self._emit(ReceiverGone(now, str(error)))
             return b""
-        self._notices += self._watched.news(now)
+        for event in self._monitor.look(now):
+            self._emit(event)
         return chunk

@@ -18,6 +18,7 @@ from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
 from arva_hil.autopilot.multirotor_pilot import Mode
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.events.vehicles import AutopilotText
 
 HOME = (46.5, 11.35, 1800.0)
 US = 193  # our component
@@ -56,7 +57,6 @@ class Flight:
         self.commander = Commander(self.session, **({"take_off_m": 2.0} | options))
         self.now = 0.0
         self.sent: list[tuple[float, Any]] = []
-        self.notices: list[str] = []
         self.deaf = False
         self._step = step
         self._parser = Parser()
@@ -75,7 +75,6 @@ class Flight:
             self.sent.append((self.now, self._parser.decode(packet)))
         if not self.deaf:
             self.vehicle.feed(told, self.now)
-        self.notices += [notice.text for notice in self.commander.take_notices()]
 
     def until(self, condition: Callable[[], object], within_s: float = 60.0) -> None:
         end = self.now + within_s
@@ -160,7 +159,8 @@ def test_px4_is_told_to_follow_set_points_once_they_flow_and_they_never_pause(st
     flight.until(lambda: flight.vehicle.mode == OFFBOARD)
     first, *_ = [at for at, m in flight.sent if m.get_type() == "COMMAND_LONG" and m.param2 == 6]
     assert flight.set_points[0][0] <= first - 0.9
-    assert not any("OFFBOARD" in text for text in flight.notices)
+    texts = [event.text for event in flight.session.take_events() if isinstance(event, AutopilotText)]
+    assert not any("OFFBOARD" in text for text in texts)
     flight.commander.steer((1.0, 0.0, 0.0))
     flight.pass_s(5)
     flight.deaf = True  # the order to land is lost for a while
@@ -409,12 +409,8 @@ def test_it_says_why_it_does_not_arm() -> None:
             told.say(dialect.MAVLink_statustext_message(2, b"Arm: Throttle too high"))
         told.ack(ARM, FAILED)
         told.hear(3.0)
-    said = [notice.text for notice in told.commander.take_notices() if "says" in notice.text]
-    assert said == [
-        "the autopilot says: PreArm: said before the launch",
-        "the autopilot says: Arm: Throttle too high",
-        f"the autopilot says: {reason}",
-    ]
+    texts = [event.text for event in told.session.take_events() if isinstance(event, AutopilotText)]
+    assert texts == ["PreArm: said before the launch", "Arm: Throttle too high", reason]
     told.hear(20.0)
     assert told.commander.phase is Phase.LOST
     why = f"arming: FAILED; PreArm: said before the launch; Arm: Throttle too high; {reason}"
@@ -720,6 +716,6 @@ def test_no_values_of_the_vehicle_make_it_raise(phase: Phase, said: list[tuple[i
         told.session.feed(b"\xfd" + head + payload + crc.to_bytes(2, "little"), told.now)
         told.commander.hear(told.now)
         told.hear()
-        told.commander.take_notices()
+        told.session.take_events()
     if told.commander.phase in SILENT:
         assert told.hear(5.0) == []

@@ -10,6 +10,7 @@ import pytest
 from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.signing import Signing
+from arva_hil.events.vehicles import OtherAutopilotIgnored
 
 QUADROTOR, GCS = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_TYPE_GCS
 PX4, NONE = dialect.MAV_AUTOPILOT_PX4, dialect.MAV_AUTOPILOT_INVALID
@@ -135,21 +136,20 @@ def test_two_vehicles_on_one_port_are_told_apart(options: dict[str, int], follow
         bench.wait(0.1)
     assert bench.answered == [followed]
     assert bench.boot_ms == (8900 if followed == HERE else 8950)
-    said = [notice.text for notice in bench.session.take_notices()]
-    assert [text for text in said if "ignored" in text] == (
-        [] if options else ["another autopilot 2/1 on this link is ignored; --target-system chooses"]
-    )
+    others = [event for event in bench.session.take_events() if isinstance(event, OtherAutopilotIgnored)]
+    assert [(other.system, other.component, other.same_ids) for other in others] == ([] if options else [(2, 1, False)])
 
 
 def test_another_vehicle_with_the_same_ids_changes_nothing_and_is_named_once(bench: Bench) -> None:
-    bench.session.take_notices()
+    bench.session.take_events()
     for _ in range(3):
         packets = bench.send(THERE, heartbeat(), position(9000), attitude(9000))
         assert packets == bench.session.own == []
     assert bench.boot_ms == 1000
     assert bench.answered == [HERE]
-    (said,) = bench.session.take_notices()
-    assert said.text.startswith("another autopilot 1/1 on this link is ignored; it has the ids of this one")
+    (event,) = bench.session.take_events()
+    assert isinstance(event, OtherAutopilotIgnored)
+    assert (event.system, event.component, event.same_ids) == (1, 1, True)
 
 
 def test_a_ground_station_does_not_take_the_place_of_a_vehicle_that_pauses(bench: Bench) -> None:

@@ -17,7 +17,19 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
+from arva_hil.autopilot.reasons import NoPose, NoVehicle
 from arva_hil.autopilot.session import Session
+from arva_hil.console.reasons import no_pose, no_vehicle
+from arva_hil.events import Event
+from arva_hil.events.vehicles import (
+    ClockLeapt,
+    OtherAutopilotIgnored,
+    PositionJumped,
+    VehicleBack,
+    VehicleFound,
+    VehicleLost,
+    VehicleRebooted,
+)
 from arva_hil.links.tlog import read_tlog
 from arva_hil.model import LocalFrame
 
@@ -74,7 +86,7 @@ def following(now: float = 100.0, source: tuple[int, int] = (1, 1), **options: A
     for message in (heartbeat(), position(now - 90), attitude(now - 90), home()):
         tell(session, message, now, source)
     assert session.vehicle is not None
-    session.take_notices()
+    session.take_events()
     return session
 
 
@@ -96,10 +108,6 @@ def packets(data: bytes) -> list[Packet]:
     found = parser.feed(data)
     assert sum(len(p.raw) for p in found) == len(data)
     return found
-
-
-def texts(session: Session) -> list[str]:
-    return [notice.text for notice in session.take_notices()]
 
 
 # -- which vehicle -----------------------------------------------------------------------------------------
@@ -140,8 +148,9 @@ def test_the_first_autopilot_is_the_vehicle(system: int, kind: int) -> None:
     assert vehicle is not None
     assert (vehicle.system, vehicle.component, vehicle.kind, vehicle.autopilot) == (system, 1, kind, ARDUPILOT)
     assert not vehicle.armed
-    (said,) = texts(session)
-    assert f"{system}/1" in said
+    (event,) = session.take_events()
+    assert isinstance(event, VehicleFound)
+    assert event.label.endswith(f"{system}/1")
 
 
 @pytest.mark.parametrize(
@@ -202,16 +211,16 @@ def test_what_anybody_else_says_changes_nothing_and_is_counted(
         tell(session, message, 101.0, source)
     assert knowledge(session, 101.0) == before
     assert session.ignored == len(strange)
-    assert all("is ignored" in text for text in texts(session))
+    assert {type(event) for event in session.take_events()} <= {OtherAutopilotIgnored}
 
 
 def test_another_autopilot_is_named_once() -> None:
     session = following()
     for _ in range(5):
         tell(session, heartbeat(), 101.0, (2, 1))
-    (said,) = texts(session)
-    assert "2/1" in said
-    assert "--target-system" in said
+    (event,) = session.take_events()
+    assert isinstance(event, OtherAutopilotIgnored)
+    assert (event.system, event.component, event.same_ids) == (2, 1, False)
 
 
 def test_anothers_heartbeats_do_not_keep_the_vehicle_alive() -> None:
@@ -220,7 +229,7 @@ def test_anothers_heartbeats_do_not_keep_the_vehicle_alive() -> None:
         tell(session, heartbeat(), 101.0 + i, (2, 1))
         tell(session, heartbeat(GCS, NONE), 101.0 + i, (255, 190))
     session.poll(110.0)
-    assert any("no heartbeat from vehicle" in text for text in texts(session))
+    assert VehicleLost in map(type, session.take_events())
 
 
 def test_the_vehicles_own_packets_are_those_it_sent_and_is_believed_in() -> None:
@@ -309,9 +318,9 @@ def test_no_bytes_make_it_raise(chunks: list[bytes]) -> None:
         for i, chunk in enumerate(chunks):
             session.feed(chunk, 100.0 + i)
             session.poll(100.0 + i)
-            session.take_notices()
+            session.take_events()
         assert session.heard()
-        assert isinstance(session.why_no_pose(), str)
+        assert no_pose(session.why_no_pose())
 
 
 HANDLED = [0, 30, 31, 33, 77, 242]
@@ -345,12 +354,11 @@ def test_time_that_goes_back_for_good_is_a_reboot(message: Any, back: float, reb
         assert session.track.newest is None
         assert session.state_at(100.62, FRAME) is None
         assert session.clock.boot(100.62) == pytest.approx(10.005 - back)
-        (said,) = texts(session)
-        assert "rebooted" in said
+        assert list(map(type, session.take_events())) == [VehicleRebooted]
     else:
         assert session.home == HOME
         assert session.track.newest == 10.0
-        assert texts(session) == []
+        assert session.take_events() == []
 
 
 def test_a_reboot_is_reckoned_from_the_newest_time_heard() -> None:
@@ -373,7 +381,7 @@ def test_one_time_out_of_line_changes_nothing_and_is_counted(stray: float) -> No
         tell(session, attitude(10.0), 100.02)
     assert session.navigation.stray_times == 3
     assert session.navigation.reboots == 0
-    assert texts(session) == []
+    assert session.take_events() == []
 
 
 @pytest.mark.parametrize("ahead", [41.0, 447.0])
@@ -392,8 +400,9 @@ def test_a_time_that_leaps_ahead_for_good_is_no_reboot(ahead: float) -> None:
     assert session.clock.boot(101.2) == pytest.approx(11.2 + ahead)
     counts = session.counts()
     assert (counts["reboots"], counts["clock_leaps"], counts["position_jumps"]) == (0, 1, 0)
-    (said,) = texts(session)
-    assert f"the vehicle's clock is ahead by {ahead + 0.52:.0f} s" in said
+    (event,) = session.take_events()
+    assert isinstance(event, ClockLeapt)
+    assert event.ahead_s == pytest.approx(ahead + 0.52, abs=0.5)
 
 
 @pytest.mark.parametrize("other", [2.0, 5000.0])
@@ -441,7 +450,7 @@ def test_one_position_far_off_changes_nothing_and_is_counted(stray: tuple[float,
     tell(session, position(10.04), 100.04)
     assert session.navigation.stray_positions == 1
     assert abs(northing(session, 100.04)) < 1
-    assert texts(session) == []
+    assert session.take_events() == []
 
 
 def test_an_estimator_may_correct_itself_by_some_metres() -> None:
@@ -459,8 +468,9 @@ def test_a_position_that_stays_far_off_is_believed_after_half_a_second() -> None
         tell(session, position(10.0 + now, *FAR), 100.0 + now)
         assert (northing(session, 100.0 + now) > 5000) == (now >= 0.5)
     assert session.navigation.stray_positions == 24
-    (said,) = texts(session)
-    assert "jumped by 5566 m" in said
+    (event,) = session.take_events()
+    assert isinstance(event, PositionJumped)
+    assert event.by_m == pytest.approx(5566, abs=0.5)
     assert session.counts()["position_jumps"] == 1
 
 
@@ -487,9 +497,7 @@ def test_a_heartbeat_with_its_ids_that_is_not_its_own_changes_nothing(kind: int,
     assert knowledge(session, 101.0) == before
     assert session.ignored == 70
     session.poll(107.0)
-    said = texts(session)
-    assert [text for text in said if "another autopilot 1/1 on this link is ignored" in text] == said[:1]
-    assert "no heartbeat" in said[1]
+    assert list(map(type, session.take_events())) == [OtherAutopilotIgnored, VehicleLost]
     assert session.lost
 
 
@@ -575,14 +583,13 @@ def test_a_passive_session_is_silent() -> None:
 
 
 def test_what_was_heard_when_there_was_nothing() -> None:
-    assert "nothing was heard" in Session().heard()
+    assert Session().heard() == NoVehicle("silence")
 
 
 def test_what_was_heard_when_it_was_noise() -> None:
     session = Session()
     session.feed(b"\x00\x80\x78" * 50, 0.0)
-    assert "150 bytes" in session.heard()
-    assert "baud" in session.heard()
+    assert session.heard() == NoVehicle("no packets", bytes=150)
 
 
 def test_what_was_heard_when_it_was_a_ground_station() -> None:
@@ -591,32 +598,30 @@ def test_what_was_heard_when_it_was_a_ground_station() -> None:
         tell(session, heartbeat(GCS, NONE), float(i), (255, 190))
     tell(session, attitude(1.0), 3.0, (1, 1))
     heard = session.heard()
-    assert "4 packets" in heard
-    assert "no autopilot" in heard
-    assert "heartbeats of gcs from 255/190 ×3" in heard
-    assert "packets from 1/1 ×1" in heard
+    assert (heard.reason, heard.packets) == ("no heartbeat", 4)
+    assert heard.sources == (("heartbeats of gcs", 255, 190, 3), ("packets", 1, 1, 1))
 
 
 def test_what_was_heard_when_it_was_another_vehicle() -> None:
     session = Session(target_system=5)
     tell(session, heartbeat(), 0.0, (1, 1))
-    assert "heartbeats of quadrotor from 1/1 ×1" in session.heard()
+    assert session.heard().sources == (("heartbeats of quadrotor", 1, 1, 1),)
 
 
 def test_a_vehicle_lost_and_back_is_said_once_each() -> None:
     session = following(100.0)
-    said = []
+    events: list[Event] = []
     for i in range(500):
         now = 100.0 + i / 10
         if now >= 130.0 and i % 10 == 0:
             tell(session, heartbeat(), now)
         session.poll(now)
-        said += [(now, n.level, n.text) for n in session.take_notices() if "vehicle" in n.text]
-    (lost_at, warning, lost), (back_at, info, back) = said
-    assert lost_at == pytest.approx(105.0, abs=0.11)
-    assert (warning, info, back_at) == ("warning", "info", 130.0)
-    assert "no heartbeat" in lost
-    assert "is back" in back
+        events += [event for event in session.take_events() if isinstance(event, VehicleLost | VehicleBack)]
+    lost, back = events
+    assert isinstance(lost, VehicleLost)
+    assert isinstance(back, VehicleBack)
+    assert lost.time_s == pytest.approx(105.0, abs=0.11)
+    assert back.time_s == 130.0
 
 
 def test_nothing_is_asked_of_a_lost_vehicle() -> None:
@@ -628,20 +633,22 @@ def test_nothing_is_asked_of_a_lost_vehicle() -> None:
 
 
 @pytest.mark.parametrize(
-    ("said", "why"),
+    ("said", "why", "missing"),
     [
-        ([], "no vehicle"),
-        ([heartbeat()], "no GLOBAL_POSITION_INT"),
-        ([heartbeat(), position(1.0)], "no ATTITUDE"),
-        ([heartbeat(), position(1.0, 0.0, 0.0), attitude(1.0)], "no GPS fix"),
-        ([heartbeat(), position(1.0), attitude(1.0)], "stopped"),
+        ([], "no vehicle", []),
+        ([heartbeat()], "streams missing", ["GLOBAL_POSITION_INT", "ATTITUDE"]),
+        ([heartbeat(), position(1.0)], "streams missing", ["ATTITUDE"]),
+        ([heartbeat(), position(1.0, 0.0, 0.0), attitude(1.0)], "zero position", []),
+        ([heartbeat(), position(1.0, 0.0, 0.0)], "zero position", ["ATTITUDE"]),
+        ([heartbeat(), position(1.0), attitude(1.0)], "streams stopped", []),
     ],
 )
-def test_why_there_is_no_pose(said: list[Any], why: str) -> None:
+def test_why_there_is_no_pose(said: list[Any], why: str, missing: list[str]) -> None:
     session = Session()
     for message in said:
         tell(session, message, 1.0)
-    assert why in session.why_no_pose()
+    lacking = session.why_no_pose()
+    assert (lacking.reason, [stream.name for stream in lacking.streams]) == (why, missing)
 
 
 def test_positions_of_zeros_are_named_though_they_are_slow() -> None:
@@ -653,7 +660,7 @@ def test_positions_of_zeros_are_named_though_they_are_slow() -> None:
         if i % 30 == 10:
             tell(session, dialect.MAVLink_global_position_int_message(*[0] * 9), 100.0 + i / 10)
         session.rates(100.0 + i / 10)
-    assert session.why_no_pose() == "the position is all zeros: no GPS fix yet"
+    assert session.why_no_pose() == NoPose("zero position")
     assert session.counts()["positions_before_fix"] == 2
 
 
@@ -669,15 +676,19 @@ def test_a_position_that_is_promised_and_does_not_come_waits_for_a_fix(result: i
         session.poll(100.0 + n / 10)
         ack = dialect.MAVLink_command_ack_message(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, result)
         tell(session, ack, 100.05 + n / 10)
-    assert "no GLOBAL_POSITION_INT (SET_MESSAGE_INTERVAL to 50 Hz: " in session.why_no_pose()
-    assert ("PX4 sends none before it has a position, no GPS fix yet?" in session.why_no_pose()) == waits
+    (stream,) = session.why_no_pose().streams
+    asked = stream.name, stream.command, stream.asked_hz, stream.result
+    result_name = dialect.enums["MAV_RESULT"][result].name
+    assert asked == ("GLOBAL_POSITION_INT", "SET_MESSAGE_INTERVAL", 50.0, result_name)
+    assert stream.promised == waits
 
 
 def test_of_a_log_it_does_not_say_that_something_was_not_asked_for() -> None:
     session = Session(passive=True)
     for message in (heartbeat(), attitude(1.0)):
         tell(session, message, 100.0)
-    assert session.why_no_pose() == "no GLOBAL_POSITION_INT (none in the log lately)"
+    (stream,) = session.why_no_pose().streams
+    assert (stream.name, stream.command, stream.recorded) == ("GLOBAL_POSITION_INT", "", True)
 
 
 @pytest.mark.parametrize("known", [False, True])
@@ -702,8 +713,8 @@ def test_a_hostile_link_does_not_fill_the_memory(known: bool) -> None:
         assert tracemalloc.get_traced_memory()[0] < before + 20_000
     finally:
         tracemalloc.stop()
-    assert len(session.take_notices()) < 50
-    assert len(session.heard()) < 5000
+    assert len(session.take_events()) < 50
+    assert len(no_vehicle(session.heard())) < 5000
 
 
 # -- recorded flights --------------------------------------------------------------------------------------

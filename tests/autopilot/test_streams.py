@@ -11,6 +11,14 @@ import pytest
 from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.events import Event
+from arva_hil.events.vehicles import (
+    StreamAskedOtherwise,
+    StreamEvent,
+    StreamRateLowered,
+    VehicleFound,
+    VehicleRebooted,
+)
 
 HOME = (46.5, 11.35, 1800.0)
 SET_INTERVAL, REQUEST, GET_HOME = 511, 512, 410
@@ -87,7 +95,7 @@ class Bench:
         self.session = Session(**options)
         self.now = 0.0
         self.requests: list[tuple[float, Any]] = []
-        self.notices: list[str] = []
+        self.events: list[Event] = []
         self._parser = Parser()
 
     def run(self, seconds: float) -> Bench:
@@ -98,9 +106,13 @@ class Bench:
             for packet in self._parser.feed(said):
                 if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT:
                     self.requests.append((self.now, self._parser.decode(packet)))
-            self.notices += [n.text for n in self.session.take_notices() if n.level == "warning"]
+            self.events += self.session.take_events()
             self.now += 0.01
         return self
+
+    @property
+    def stream_events(self) -> list[StreamEvent]:
+        return [event for event in self.events if isinstance(event, StreamEvent)]
 
     def asked(self, since: float = 0.0) -> Counter[Any]:
         """How often each was asked for: (command, message id), or a group of REQUEST_DATA_STREAM."""
@@ -126,7 +138,7 @@ def test_position_attitude_and_home_are_asked_for_once_and_nothing_else() -> Non
     bench = Bench(SimulatedVehicle(HOME)).run(30)
     assert bench.asked() == ONCE
     assert all((m.target_system, m.target_component) == (1, 1) for _, m in bench.requests)
-    assert bench.notices == []
+    assert bench.stream_events == []
     assert bench.session.home == pytest.approx(HOME)
 
 
@@ -159,8 +171,10 @@ def test_a_rate_denied_is_halved_until_it_is_accepted(wanted: float, denials: in
     asked = [m.param2 for _, m in bench.requests if m.to_dict().get("param1") == POSITION]
     assert asked == pytest.approx([1e6 / wanted * 2**i for i in range(denials + 1)])
     assert bench.rates() == pytest.approx((wanted / 2**denials,) * 2, rel=0.05)
-    assert len(bench.notices) == 2 * denials
-    assert all("DENIED" in text and "asking for" in text for text in bench.notices)
+    told = [event for event in bench.stream_events if isinstance(event, StreamRateLowered)]
+    assert len(told) == len(bench.stream_events) == 2 * denials
+    assert {event.result for event in told} == {"MAV_RESULT_DENIED"}
+    assert {event.next_hz for event in told} == {wanted / 2 ** (n + 1) for n in range(denials)}
 
 
 @pytest.mark.parametrize("result", [UNSUPPORTED, FAILED])
@@ -170,8 +184,7 @@ def test_a_vehicle_that_does_not_know_the_command_is_asked_by_group(result: int)
     assert (asked[SET_INTERVAL, POSITION], asked[SET_INTERVAL, ATTITUDE]) == (1, 1)
     assert (asked["group", POSITION_GROUP], asked["group", ATTITUDE_GROUP]) == (1, 1)
     assert bench.rates() == pytest.approx((50, 50), rel=0.05)
-    assert len(bench.notices) == 2
-    assert all("trying REQUEST_DATA_STREAM" in text for text in bench.notices)
+    assert list(map(type, bench.stream_events)) == [StreamAskedOtherwise] * 2
 
 
 def test_a_vehicle_that_never_answers_is_asked_by_group_after_three_requests() -> None:
@@ -180,8 +193,8 @@ def test_a_vehicle_that_never_answers_is_asked_by_group_after_three_requests() -
     assert (asked[SET_INTERVAL, POSITION], asked[SET_INTERVAL, ATTITUDE]) == (3, 3)
     assert (asked["group", POSITION_GROUP], asked["group", ATTITUDE_GROUP]) == (1, 1)
     assert bench.rates() == pytest.approx((50, 50), rel=0.05)
-    assert len(bench.notices) == 2
-    assert all("no answer" in text for text in bench.notices)
+    assert list(map(type, bench.stream_events)) == [StreamAskedOtherwise] * 2
+    assert {(event.command, event.result) for event in bench.stream_events} == {("SET_MESSAGE_INTERVAL", "")}
 
 
 @pytest.mark.parametrize("results", [(), (UNSUPPORTED,), (DENIED,), (FAILED,), (REJECTED,), (ACCEPTED,)])
@@ -190,12 +203,12 @@ def test_when_nothing_helps_requests_grow_rare_and_it_is_said_once(results: tupl
     bench = Bench(Fake(always(*results), fastest=8), rate_hz=50).run(60)
     streams = [at for at, m in bench.requests if getattr(m, "command", 0) not in (REQUEST, GET_HOME)]
     assert len(streams) <= 24
-    said = len(bench.notices)
+    said = len(bench.stream_events)
     assert said <= 2 * (1 + 4)  # of each stream: the other kind of request, and each time that its rate is halved
     start = bench.now
     bench.run(60)
     assert len([at for at, _ in bench.requests if at >= start]) <= 12 + 30
-    assert len(bench.notices) == said
+    assert len(bench.stream_events) == said
 
 
 def test_rejected_for_now_is_asked_again_in_the_same_way() -> None:
@@ -204,13 +217,13 @@ def test_rejected_for_now_is_asked_again_in_the_same_way() -> None:
     assert bench.rates() == pytest.approx((50, 50), rel=0.05)
     asked = bench.asked()
     assert asked[SET_INTERVAL, POSITION] + asked[SET_INTERVAL, ATTITUDE] == 4
-    assert bench.notices == []
+    assert bench.stream_events == []
 
 
 def test_in_progress_is_no_answer_yet() -> None:
     bench = Bench(Fake(always(IN_PROGRESS, ACCEPTED))).run(5)
     assert bench.rates() == pytest.approx((50, 50), rel=0.05)
-    assert bench.notices == []
+    assert bench.stream_events == []
 
 
 @pytest.mark.parametrize("addressee", [(255, 190), (1, 190), (2, 191)])
@@ -218,7 +231,7 @@ def test_answers_to_others_are_not_ours(addressee: tuple[int, int]) -> None:
     bench = Bench(Fake(always(DENIED), addressee=addressee)).run(5)
     assert bench.asked()[SET_INTERVAL, POSITION] == 2
     assert {m.param2 for _, m in bench.requests if m.command == SET_INTERVAL} == {20_000}
-    assert bench.notices == []
+    assert bench.stream_events == []
 
 
 def test_answers_to_other_commands_are_not_for_the_streams() -> None:
@@ -226,13 +239,13 @@ def test_answers_to_other_commands_are_not_for_the_streams() -> None:
     bench.session.feed(Encoder(1, 1).pack(dialect.MAVLink_command_ack_message(400, DENIED)), bench.now)
     bench.run(1)
     assert bench.asked()[SET_INTERVAL, POSITION] == 2
-    assert bench.notices == []
+    assert bench.stream_events == []
 
 
 def test_an_answer_to_everybody_is_ours_too() -> None:
     """MAVLink 1 has no addressee in an acknowledgement."""
     bench = Bench(Fake(always(DENIED), addressee=(0, 0))).run(0.5)
-    assert any("DENIED" in text for text in bench.notices)
+    assert "MAV_RESULT_DENIED" in {event.result for event in bench.stream_events}
 
 
 def lower(bench: Bench) -> None:
@@ -248,7 +261,7 @@ def test_a_stream_lowered_by_somebody_else_is_asked_for_again_each_time() -> Non
         bench.run(5)
         assert bench.rates() == pytest.approx((50, 50), rel=0.05)
     assert bench.asked() == ONCE | {(SET_INTERVAL, POSITION): 9}
-    assert bench.notices == []
+    assert bench.stream_events == []
 
 
 def test_after_a_reboot_all_is_asked_for_again() -> None:
@@ -261,7 +274,7 @@ def test_after_a_reboot_all_is_asked_for_again() -> None:
     assert {ASKED_HOME, (SET_INTERVAL, POSITION), (SET_INTERVAL, ATTITUDE)} == set(again)
     assert bench.rates() == pytest.approx((50, 50), rel=0.05)
     assert bench.session.home == pytest.approx(HOME)
-    assert ["rebooted" in text for text in bench.notices] == [True]
+    assert list(map(type, bench.events)) == [VehicleFound, VehicleRebooted]
 
 
 def test_home_is_asked_for_until_it_is_known_by_two_commands_in_turn() -> None:
@@ -276,5 +289,5 @@ def test_home_is_asked_for_until_it_is_known_by_two_commands_in_turn() -> None:
 
 def test_the_vehicles_answer_is_kept_for_a_person() -> None:
     bench = Bench(Fake(always(REJECTED))).run(1)
-    assert "no GLOBAL_POSITION_INT" in bench.session.why_no_pose()
-    assert "MAV_RESULT_TEMPORARILY_REJECTED" in bench.session.why_no_pose()
+    streams = bench.session.why_no_pose().streams
+    assert ("GLOBAL_POSITION_INT", "MAV_RESULT_TEMPORARILY_REJECTED") in [(s.name, s.result) for s in streams]

@@ -88,7 +88,11 @@ def test_a_port_gets_the_frames_in_the_logs_rhythm_times_the_speed(start: Start,
 
 def test_json_is_one_object_a_frame(arva: Arva) -> None:
     ended = arva("replay", LOG, "--json")
-    objects = [json.loads(line) for line in ended.out.splitlines()]
+    every = [json.loads(line) for line in ended.out.splitlines()]
+    objects = [said for said in every if "event" not in said]
+    names = [said["event"] for said in every if "event" in said]
+    assert names[:2] == ["vehicle_found", "datum_set"]
+    assert "pose_found" in names
     assert [said["time_s"] for said in objects] == pytest.approx(range(frames_of(ended.err)))
     assert objects[-1]["channels"][0]["id"] == 1
 
@@ -97,7 +101,8 @@ def test_every_line_says_which_faults_its_frame_met(arva: Arva) -> None:
     faults = ("--fault", "drop=1@10-12", "--fault", "stuck@11-13")
     met = {10: ["drop"], 11: ["stuck", "drop"], 12: ["stuck"]}
     ended = arva("replay", LOG, "--json", "--out", os.devnull, *faults)
-    assert {(n, tuple(json.loads(line)["faults"])) for n, line in enumerate(ended.out.splitlines())} == {
+    objects = [said for line in ended.out.splitlines() if "event" not in (said := json.loads(line))]
+    assert {(n, tuple(said["faults"])) for n, said in enumerate(objects)} == {
         (n, tuple(met.get(n, ()))) for n in range(frames_of(ended.err))
     }
     for said in (arva("replay", LOG, *faults).out, arva("replay", LOG, "--out", os.devnull, "-v", *faults).err):

@@ -129,7 +129,9 @@ def test_json_is_one_object_a_frame_on_stdout(start: Start, autopilot: Autopilot
     program = start("--port", line.path, "--autopilot", autopilot.address, "--rate", 20, "--duration", 1.5, "--json")
     frames = read_frames(line, 20)
     assert program.ends() == 0
-    objects = [json.loads(text) for text in program.out.splitlines()]
+    every = [json.loads(text) for text in program.out.splitlines()]
+    assert {"vehicle_found", "pose_found"} <= {said["event"] for said in every if "event" in said}
+    objects = [said for said in every if "event" not in said]
     for frame, said in zip(frames, objects, strict=False):
         assert said["seq"] == frame.sequence
         assert [(c["id"], c["d_cm"], c["delta_deg"]) for c in said["channels"]] == [

@@ -198,11 +198,9 @@ def test_streams(name: str, count: int, hz: float, said: str, state: str, found:
 
 
 def test_a_position_that_is_promised_and_silent_waits_for_a_fix() -> None:
-    said = "SET_MESSAGE_INTERVAL: MAV_RESULT_ACCEPTED ×1"
-    assert (
-        "PX4 sends no position before it has one" in look.stream(Stream("GLOBAL_POSITION_INT", 0, 0.0, 50.0, said)).cure
-    )
-    assert "before it has one" not in look.stream(Stream("ATTITUDE", 0, 0.0, 50.0, said)).cure
+    position, attitude = (Stream(name, 0, 0.0, 50.0, promised=True) for name in ("GLOBAL_POSITION_INT", "ATTITUDE"))
+    assert "PX4 sends no position before it has one" in look.stream(position).cure
+    assert "before it has one" not in look.stream(attitude).cure
 
 
 def test_a_log_is_not_measured_by_what_nobody_asked_of_it() -> None:

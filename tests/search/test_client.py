@@ -16,6 +16,8 @@ from arva_hil.autopilot.multirotor_pilot import Mode
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.clock import Clock, StepClock
+from arva_hil.console.sentences import sentence
+from arva_hil.events import Event
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reopen import Reopening
 from arva_hil.loop import run
@@ -88,7 +90,7 @@ class World:
         self.clock = StepClock()
         self.vehicle = vehicle
         self.rows: list[Row] = []
-        self.said: list[str] = []
+        self.events: list[Event] = []
         self.told: list[tuple[float, Any]] = []
         self.between: Callable[[bytes], bytes] = bytes
         (self.autopilot, self.far), (self.receiver, port) = self._cables()
@@ -102,7 +104,7 @@ class World:
             self.receiver,
             DECODERS["binary"](),
             start=0.0,
-            say=lambda notice: self.said.append(notice.text),
+            emit=self.events.append,
             log=self.rows.append,
             **(client or {}),
         )
@@ -125,6 +127,10 @@ class World:
 
         self.far.read = tapped  # type: ignore[method-assign]
         self.far.write = lambda data: write(self.between(data))  # type: ignore[method-assign]
+
+    @property
+    def said(self) -> list[str]:
+        return [notice.text for event in self.events if (notice := sentence(event))]
 
     def until(self, condition: Callable[[], object], within_s: float = 240.0) -> None:
         end = self.clock.now() + within_s

@@ -13,6 +13,8 @@ from arva_hil.autopilot.vehicle_messages import BUILDERS
 from arva_hil.clock import StepClock
 from arva_hil.closed_loop import ClosedLoop
 from arva_hil.config import parse
+from arva_hil.events import Event
+from arva_hil.events.searches import FromSearch, HeightSource, SearchPaused
 from arva_hil.links import memory
 from arva_hil.loop import run
 from arva_hil.model.mount import Mount
@@ -40,7 +42,7 @@ class Flight:
         clock = StepClock()
         text = "\n".join(["spec: 1", f"seed: {seed}", f"transmitters: [{victim}]", *more, ""])
         self.heights: list[float] = []
-        self.said: list[str] = []
+        self.events: list[Event] = []  # of the search
         self.loop = ClosedLoop(
             parse(text, "flight"),
             Plan(STRATEGIES[strategy], **plan),
@@ -51,7 +53,7 @@ class Flight:
             stream_hz=10.0,
             wind=wind,
             gps_noise_m=gps_noise_m,
-            say=lambda notice: self.said.append(notice.text),
+            observers=[self],
             log=lambda row: self._note(row.phase, clock.now()),
         )
         self._searching = True
@@ -64,6 +66,14 @@ class Flight:
     def _note(self, phase: str, now: float) -> None:
         if phase == "flying" and not self.loop.over:
             self.heights.append(-self.loop.vehicle.truth(now).ned[2])
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, FromSearch):
+            self.events.append(event.event)
+
+    @property
+    def height_sources(self) -> list[str]:
+        return [event.source for event in self.events if isinstance(event, HeightSource)]
 
     @property
     def lowest(self) -> float:
@@ -84,7 +94,7 @@ def test_the_ground_is_not_touched_though_the_position_wanders(height: float, se
     flight = Flight("estimate", gps_noise_m=1.5, height=height, seed=seed)
     assert flight.outcome.kind == "found"
     assert flight.lowest > height / 2
-    assert "height above the ground: from the rangefinder" in flight.said
+    assert "rangefinder" in flight.height_sources
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -93,7 +103,7 @@ def test_without_a_rangefinder_the_barometer_keeps_it_up(seed: int, monkeypatch:
     flight = Flight("estimate", gps_noise_m=1.5, seed=seed)
     assert flight.outcome.kind == "found"
     assert flight.lowest > 1.5
-    assert any(text.startswith("no rangefinder is heard") for text in flight.said)
+    assert "estimate" in flight.height_sources
 
 
 # -- where it lands ----------------------------------------------------------------------------------------
@@ -150,7 +160,7 @@ def test_what_is_found_lies_there_or_is_not_called_found(strategy: str, fault: s
 def test_a_receiver_that_sticks_is_said_and_landed_on() -> None:
     flight = Flight("extremum", "faults: [{stuck: true, from_s: 20}]")
     assert (flight.outcome.kind, flight.outcome.how) == ("failed", "the receiver says the same: it is stuck")
-    assert "the receiver says the same over 3 m of flight: hovering" in flight.said
+    assert "same readings" in [event.reason for event in flight.events if isinstance(event, SearchPaused)]
 
 
 def test_readings_that_come_late_end_not_sure() -> None:

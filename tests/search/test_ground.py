@@ -11,6 +11,7 @@ import pytest
 from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.autopilot.pose import VehicleState
 from arva_hil.autopilot.session import Session
+from arva_hil.events.searches import HeightSource
 from arva_hil.model.rotation import from_euler
 from arva_hil.search.ground import Ground, Height
 
@@ -39,8 +40,8 @@ class Vehicle:
         place, velocity = np.array([0.0, 0.0, -above]), np.array([0.0, 0.0, sinks])
         return self.ground.height(now, VehicleState(now, place, velocity, from_euler(roll, 0.0, 0.0), 0.0))
 
-    def said(self) -> list[str]:
-        return [notice.text for notice in self.ground.take_notices()]
+    def height_sources(self) -> list[str]:
+        return [event.source for event in self.session.take_events() if isinstance(event, HeightSource)]
 
 
 @pytest.fixture
@@ -72,9 +73,9 @@ def altitude(clearance: float) -> Any:
 def test_a_rangefinder_measures_it_whatever_the_position_says(vehicle: Vehicle, message: Any) -> None:
     vehicle.says(1.0, message)
     assert vehicle.height(1.1, 7.0) == Height(pytest.approx(2.4), True)
-    assert vehicle.said() == ["height above the ground: from the rangefinder"]
+    assert vehicle.height_sources() == ["rangefinder"]
     assert vehicle.height(1.2, 7.0).measured
-    assert vehicle.said() == []
+    assert vehicle.height_sources() == []
 
 
 def test_a_leaning_vehicle_looks_aside(vehicle: Vehicle) -> None:
@@ -99,8 +100,7 @@ def test_a_leaning_vehicle_looks_aside(vehicle: Vehicle) -> None:
 def test_what_measures_nothing_is_no_height(vehicle: Vehicle, message: Any) -> None:
     vehicle.says(1.0, message)
     assert vehicle.height(1.1, 7.0) == Height(7.0, False)
-    (text,) = vehicle.said()
-    assert text.startswith("no rangefinder is heard: height is held above the take-off point")
+    assert vehicle.height_sources() == ["estimate"]
 
 
 def test_one_echo_of_something_else_is_no_ground(vehicle: Vehicle) -> None:
@@ -125,11 +125,9 @@ def test_a_rangefinder_that_goes_leaves_the_highest_ground_it_saw(vehicle: Vehic
     assert vehicle.height(1.0, 8.0).metres == pytest.approx(3.0)  # the ground has risen by 5 m
     vehicle.says(1.5, distance(299))
     assert vehicle.height(1.5, 4.0).metres == pytest.approx(2.995)
-    vehicle.said()
+    vehicle.height_sources()
     assert vehicle.height(3.0, 8.0) == Height(pytest.approx(3.0), False)
-    assert vehicle.said() == [
-        "the rangefinder says nothing of use: height is held above the highest ground it has seen"
-    ]
+    assert vehicle.height_sources() == ["highest ground"]
 
 
 def test_the_barometer_may_say_less_and_never_more(vehicle: Vehicle) -> None:

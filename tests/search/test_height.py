@@ -8,48 +8,53 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from arva_hil.events import Event
+from arva_hil.events.searches import TooLow
 from arva_hil.search.ground import Height
 from arva_hil.search.height import Descent, HeightKeeper
 
 PLACE = (5.0, -3.0)
 
 
+def ignored(event: Event) -> None: ...
+
+
 @given(st.floats(0.3, 100), st.floats(-100, 300), st.floats(0, 100))
 def test_below_half_the_height_wanted_nothing_points_down(wanted: float, height: float, time_s: float) -> None:
-    down = HeightKeeper(wanted).velocity(time_s, height)
+    down = HeightKeeper(wanted, ignored).velocity(time_s, height)
     assert -1.0 <= down <= 0.5
     if height < wanted / 2:
         assert down == -1.0
 
 
 def test_a_height_that_is_no_number_is_climbed_from() -> None:
-    assert HeightKeeper(3.0).velocity(0.0, math.nan) == -1.0
+    assert HeightKeeper(3.0, ignored).velocity(0.0, math.nan) == -1.0
 
 
 def test_too_low_is_said_once_and_holds_until_it_is_clear() -> None:
-    keeper = HeightKeeper(4.0)
+    events: list[Event] = []
+    keeper = HeightKeeper(4.0, events.append)
     keeper.velocity(0.0, 4.0)
     assert not keeper.too_low
     assert keeper.velocity(1.0, 1.9) == -1.0
     assert keeper.velocity(2.0, 2.5) == -1.0
     assert keeper.too_low
-    assert [notice.text for notice in keeper.take_notices()] == [
-        "only 1.9 m above the ground, 4 m are wanted: climbing"
-    ]
+    assert events == [TooLow(1.0, 1.9, 4.0)]
     keeper.velocity(3.0, 3.0)
     assert not keeper.too_low
     assert not keeper.failed
 
 
 def test_on_the_way_up_from_the_take_off_there_is_nothing_to_say() -> None:
-    keeper = HeightKeeper(4.0)
+    events: list[Event] = []
+    keeper = HeightKeeper(4.0, events.append)
     assert keeper.velocity(0.0, 1.0) == -1.0
     assert keeper.too_low
-    assert keeper.take_notices() == []
+    assert events == []
 
 
 def test_what_does_not_get_up_has_failed() -> None:
-    keeper = HeightKeeper(4.0)
+    keeper = HeightKeeper(4.0, ignored)
     for time_s in range(11):
         keeper.velocity(time_s, 1.0)
         assert not keeper.failed

@@ -11,6 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from arva_hil.events import Event
+from arva_hil.events.searches import (
+    SearchPaused,
+    SearchResumed,
+    TooLow,
+    TransmitterChosen,
+    TransmitterFaded,
+    TransmitterHeard,
+)
 from arva_hil.search.ground import Height
 from arva_hil.search.heard import NO_ID
 from arva_hil.search.mission import FOUND, NOT_SURE, Mission, Plan
@@ -50,8 +59,8 @@ def strategy() -> type[Scripted]:
     return type("Fresh", (Scripted,), {"made": []})
 
 
-def mission(strategy: Callable[[float], Any], **options: Any) -> Mission:
-    return Mission(Plan(strategy, **({"height": 1.0} | options)), 100.0, (0.0, 0.0, -2.0))
+def mission(strategy: Callable[[float], Any], **options: Any) -> Told:
+    return Told(Plan(strategy, **({"height": 1.0} | options)), 100.0, (0.0, 0.0, -2.0))
 
 
 def frame(*channels: Channel) -> Frame:
@@ -62,8 +71,17 @@ def beacon(id_: int | None, d_m: float, delta: int = 0, zone: int = MID) -> Chan
     return Channel(id_, zone, round(d_m * 100), delta)
 
 
-def said(mission: Mission) -> list[tuple[str, str]]:
-    return [(notice.level, notice.text) for notice in mission.take_notices()]
+class Told(Mission):
+    """One whose news are kept until they are taken."""
+
+    def __init__(self, *given: Any, **options: Any) -> None:
+        self.events: list[Event] = []
+        super().__init__(*given, **options, emit=self.events.append)
+
+    def news(self) -> list[Event]:
+        events = self.events.copy()
+        self.events.clear()
+        return events
 
 
 def heard(mission: Mission, *channels: Channel, at_s: float, position: Position = AT) -> Velocity:
@@ -130,12 +148,13 @@ def test_it_goes_for_the_nearest_and_not_for_another_at_each_whim(strategy: type
     heard(m, beacon(1, 13), beacon(2, 10), at_s=104.0)
     assert m.target == 1
     assert len(strategy.made) == 2
-    assert [text for _, text in said(m)] == [
-        "transmitter 2 is heard, 20.0 m away, at 3.0 m north, 4.0 m east of the take-off point",
-        "transmitter 1 is heard, 30.0 m away, at 3.0 m north, 4.0 m east of the take-off point",
-        "going for transmitter 2, 20.0 m away",
-        "going for transmitter 1, 13.0 m away",
-    ]
+    heard_2, heard_1, *chosen = m.news()
+    assert isinstance(heard_1, TransmitterHeard)
+    assert isinstance(heard_2, TransmitterHeard)
+    assert (heard_1.transmitter, heard_1.distance_m, heard_1.north_m, heard_1.east_m) == (1, 30.0, 3.0, 4.0)
+    assert (heard_2.transmitter, heard_2.distance_m) == (2, 20.0)
+    choices = [(event.transmitter, event.distance_m) for event in chosen if isinstance(event, TransmitterChosen)]
+    assert choices == [(2, 20.0), (1, 13.0)]
 
 
 def test_a_new_strategy_is_told_all_that_was_heard_of_its_transmitter(strategy: type[Scripted]) -> None:
@@ -161,7 +180,8 @@ def test_frames_without_numbers_are_of_one_transmitter_the_nearest(strategy: typ
     heard(m, beacon(None, 31, 20), beacon(None, 8, 11), at_s=102.0)
     assert m.target == NO_ID
     assert [(o.d_cm, o.delta_deg) for o in strategy.made[0].heard] == [(900, 10), (800, 11)]
-    assert "going for transmitter without a number, 9.0 m away" in dict(map(reversed, said(m)))  # type: ignore[arg-type]
+    chosen = [event for event in m.news() if isinstance(event, TransmitterChosen)]
+    assert [(event.transmitter, event.distance_m) for event in chosen][-1:] == [(None, 9.0)]
 
 
 def test_two_frames_at_once_are_two(strategy: type[Scripted]) -> None:
@@ -178,7 +198,7 @@ def test_a_transmitter_that_is_heard_no_more_is_looked_for_in_strips(strategy: t
         assert heard(m, at_s=float(now)) == NORTH
     assert heard(m, at_s=162.0) != NORTH
     assert not m.hunting
-    assert ("warning", "transmitter 1 is not heard any more: back to the strips") in said(m)
+    assert [event.transmitter for event in m.news() if isinstance(event, TransmitterFaded)] == [1]
     assert heard(m, beacon(2, 50), at_s=163.0) == NORTH
     assert m.target == 2
 
@@ -212,13 +232,13 @@ def test_frames_that_hear_nothing_are_no_signal(strategy: type[Scripted]) -> Non
 def test_without_frames_it_hovers_and_goes_on_when_they_are_back(strategy: type[Scripted]) -> None:
     m = mission(strategy)
     heard(m, beacon(1, 20), at_s=101.0)
-    said(m)
+    m.news()
     assert m.fly(103.0, AT)[:2] == NORTH
     for now in (103.1, 105.0, 110.9):
         assert m.fly(now, AT)[:2] == STILL
-    assert said(m) == [("warning", "no frame for 2 s: hovering")]
+    assert m.news() == [SearchPaused(103.1, "no frame", 2.0, 3.0)]
     assert heard(m, beacon(1, 20), at_s=110.95) == NORTH
-    assert said(m) == [("info", "frames are back: the search goes on")]
+    assert m.news() == [SearchResumed(110.95, "no frame")]
     assert not m.ended
 
 
@@ -368,9 +388,9 @@ def test_too_low_it_flies_nowhere_but_up_and_says_so(strategy: type[Scripted]) -
     m = mission(strategy, height=3.0)
     m.hear(frame(beacon(1, 20)), 101.0, AT, LEVEL)
     m.fly(101.0, AT, height=Height(3.0, True))
-    said(m)
+    m.news()
     assert m.fly(102.0, AT, height=Height(1.4, True)) == (0.0, 0.0, -1.0)
-    assert said(m) == [("warning", "only 1.4 m above the ground, 3 m are wanted: climbing")]
+    assert m.news() == [TooLow(102.0, 1.4, 3.0)]
     m.hear(frame(beacon(1, 19)), 103.0, AT, LEVEL)
     assert m.fly(103.0, AT, height=Height(2.5, True)) == (*NORTH, -0.5)
     assert not m.ended
@@ -431,11 +451,11 @@ def test_a_reading_that_never_changes_is_not_flown_by(strategy: type[Scripted]) 
     m = mission(strategy)
     for k in range(4):
         assert heard(m, beacon(1, 9, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0)) == NORTH
-    said(m)
+    m.news()
     assert heard(m, beacon(1, 9, 20), at_s=105.0, position=(4.0, 0.0, -1.0)) == STILL
-    assert said(m) == [("warning", "the receiver says the same over 3 m of flight: hovering")]
+    assert m.news() == [SearchPaused(105.0, "same readings", 2.0, 3.0)]
     assert heard(m, beacon(1, 8, 20), at_s=106.0, position=(4.0, 0.0, -1.0)) == NORTH
-    assert said(m) == [("info", "the readings change again: the search goes on")]
+    assert m.news() == [SearchResumed(106.0, "same readings")]
     for k in range(20):
         heard(m, beacon(1, 8, 20), at_s=107.0 + k, position=(4.0 + min(k, 4), 0.0, -1.0))
     assert (m.ended, m.broken) == ("the receiver says the same: it is stuck", True)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from arva_hil.events import Event
+from arva_hil.events.searches import ReceiverGone
 from arva_hil.links import memory
 from arva_hil.search.receiver import Receiver
 from firmware_proto import DECODERS, Channel, Frame, encode, encode_nmea
@@ -13,7 +15,7 @@ FRAME = Frame(3, 1, (Channel(1, 1, 1234, -15),))
 
 def test_frames_are_read_as_they_come() -> None:
     near, far = memory.pair()
-    receiver = Receiver(near, DECODERS["binary"]())
+    receiver = Receiver(near, DECODERS["binary"](), [].append)
     assert receiver.silent(100.0)
     far.write(encode(FRAME)[:7])
     assert receiver.read(100.0) == []
@@ -36,7 +38,7 @@ def test_frames_are_read_as_they_come() -> None:
 )
 def test_silence_is_explained(came: bytes, why: str) -> None:
     near, far = memory.pair()
-    receiver = Receiver(near, DECODERS["binary"]())
+    receiver = Receiver(near, DECODERS["binary"](), [].append)
     for byte in came:
         far.write(bytes([byte]))
         receiver.read(0.0)
@@ -46,15 +48,13 @@ def test_silence_is_explained(came: bytes, why: str) -> None:
 
 def test_one_that_is_unplugged_is_silent_and_says_so_once() -> None:
     near, far = memory.pair()
-    receiver = Receiver(near, DECODERS["binary"]())
+    events: list[Event] = []
+    receiver = Receiver(near, DECODERS["binary"](), events.append)
     far.write(encode(FRAME))
     far.close()
     assert receiver.read(0.0) == [FRAME]
     for now in (1.0, 2.0, 3.0):
         assert receiver.read(now) == []
-    assert [text for _, text in receiver.take_notices()] == [
-        "the receiver is gone: memory:a: lost: closed by the far end"
-    ]
-    assert receiver.take_notices() == []
+    assert events == [ReceiverGone(1.0, "memory:a: lost: closed by the far end")]
     assert not receiver.links
     assert receiver.silent(3.0)

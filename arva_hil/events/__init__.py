@@ -1,6 +1,7 @@
 """The news of an engine: frozen values, each with its time and the vehicle, receiver or link that it concerns.
 
-There is no other news. Nothing in here is a sentence: the console makes those. Times are seconds on the clock of
+There is no other news. Nothing in here is a sentence: the console makes those. What the engine and its links tell is
+here, in `vehicles` what the session with a vehicle and its commander tell of it. Times are seconds on the clock of
 whoever drives the engine.
 """
 
@@ -10,8 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from arva_hil.autopilot.mavlink import Packet
+from arva_hil.autopilot.reasons import NoPose, NoVehicle
 from arva_hil.model import Pose, Reading
-from arva_hil.notice import Level
 from firmware_proto import Frame
 
 
@@ -162,14 +163,14 @@ class PoseLost(ReceiverEvent):
     """Frames say no signal. `age_s`: of the newest pose, None when there is none; `lacking`: why there is none."""
 
     age_s: float | None
-    lacking: str
+    lacking: NoPose
 
 
 @dataclass(frozen=True, slots=True)
 class PoseMissing(ReceiverEvent):
     """There is a vehicle for some time, and still no pose."""
 
-    lacking: str
+    lacking: NoPose
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,13 +212,7 @@ class DatumSet(VehicleEvent):
 class HeartbeatMissing(VehicleEvent):
     """No autopilot was heard in time; `heard` is what was heard instead."""
 
-    heard: str
-
-
-@dataclass(frozen=True, slots=True)
-class Said(VehicleEvent):
-    level: Level
-    text: str
+    heard: NoVehicle
 
 
 @dataclass(frozen=True, slots=True)

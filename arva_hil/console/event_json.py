@@ -1,0 +1,46 @@
+"""Events as JSON objects, for programs: `{"event": "pose_lost", "time_s": 12.3, "vehicle": …}`."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+from typing import Any, Final
+
+from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
+from arva_hil.events.searches import FromSearch
+
+NOT_NEWS: Final = (FrameMade, BytesSent, PacketsReceived, StatusReport)  # frames have objects of their own
+
+
+def event_name(kind: type[Event]) -> str:
+    """The class's name in lower case, words joined by "_": PoseLost is "pose_lost"."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
+
+
+def event_json(event: Event) -> str | None:
+    """An event as a JSON object of numbers, strings, lists, true, false and null; None for what is no news."""
+    return None if isinstance(event, NOT_NEWS) else json.dumps(_object(event))
+
+
+def _object(event: Event) -> dict[str, Any]:
+    if isinstance(event, FromSearch):
+        return {**_object(event.event), "by": "search"}
+    return {"event": event_name(type(event)), **_fields(event)}
+
+
+def _fields(value: Any, prefix: str = "") -> dict[str, Any]:
+    """Fields by name; those of a value that has fields itself come as `name_field`."""
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(value):
+        name, part = prefix + field.name, getattr(value, field.name)
+        fields |= _fields(part, f"{name}_") if dataclasses.is_dataclass(part) else {name: _plain(part)}
+    return fields
+
+
+def _plain(value: Any) -> Any:
+    """A tuple is a list; a number that is none is null."""
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
