@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from statistics import fmean
 from typing import Final
 
 import numpy as np
@@ -25,6 +26,7 @@ _SILENCE_S: Final = 5.0  # without a signal: back to where it was heard best
 _ORBIT: Final = 2 * math.pi
 _STEP: Final = _ORBIT / 24  # between the readings that are kept
 _ENOUGH: Final = 0.75 * _ORBIT  # of readings, to judge by
+_PATIENCE: Final = 3 * _ORBIT  # a centre that swings about one place for so long is there as well
 
 
 class Extremum:
@@ -43,6 +45,7 @@ class Extremum:
         self._time_s = 0.0  # of centre and phase
         self._round: deque[tuple[float, float, float, float]] = deque()
         self._calm = 0.0  # radians flown since the centre is at the minimum
+        self._centres: deque[tuple[float, float, float]] = deque()  # phase, north, east, over the last rounds
         self._heard_s = 0.0
         self._best = (math.inf, (0.0, 0.0))  # d, m, and where
 
@@ -62,6 +65,7 @@ class Extremum:
         elif o.time_s - self._heard_s > _SILENCE_S:
             self._centre, self._drift, self._calm = self._best[1], STILL, 0.0
             self._round.clear()
+            self._centres.clear()
             return
         turned = self._phase - self._round[-1][0] if self._round else _STEP
         if turned >= _STEP:
@@ -110,6 +114,20 @@ class Extremum:
         self._calm = self._calm + turned if off < _SETTLED * self._radius else 0.0
         if self._calm > _ORBIT:
             self.found = Found(north, east)
+        elif (middle := self._swings()) is not None:
+            self.found = Found(*middle)
+
+    def _swings(self) -> tuple[float, float] | None:
+        """The place about which the centre has swung for several rounds; None when it goes somewhere."""
+        assert self._centre is not None
+        self._centres.append((self._phase, *self._centre))
+        while self._centres[0][0] < self._phase - _PATIENCE:
+            self._centres.popleft()
+        if self._phase - self._centres[0][0] < _PATIENCE - 2 * _STEP:
+            return None
+        north, east = (fmean(column) for column in list(zip(*self._centres, strict=True))[1:])
+        swing = max(math.hypot(n - north, e - east) for _, n, e in self._centres)
+        return (north, east) if swing < _SETTLED * self._radius else None
 
 
 def minimum(heard: deque[tuple[float, float, float, float]]) -> tuple[float, float, float]:

@@ -93,6 +93,20 @@ def test_no_false_minimum_holds_it() -> None:
     assert flight.error_m < 1
 
 
+@pytest.mark.parametrize(
+    ("transmitter", "start"),
+    [
+        ("{id: 1, enu: [0, 0, -1.75], attitude: {roll: 19, pitch: -8, yaw: -136}}", (6.0, -19.0)),
+        ("{id: 1, enu: [0, 0, -1.95], attitude: {roll: -108, pitch: 1, yaw: -90}}", (9.0, -18.0)),
+    ],
+)
+def test_a_centre_that_swings_about_the_place_is_there(transmitter: str, start: tuple[float, float]) -> None:
+    """From 5 m above it the minimum seen on a round goes to and fro by more than a third of the radius."""
+    flight = fly(Extremum(1.0), transmitter, start=start, height_m=3.0)
+    assert flight.error_m < 1
+    assert flight.time_s < 300
+
+
 def test_goes_to_what_it_has_found() -> None:
     seeker = Extremum(1.0)
     found = fly(seeker, PAPER[1]).found
