@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
 from collections.abc import Iterator, Sequence
 
 import pytest
@@ -11,10 +13,16 @@ from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.autopilot.packet_reader import PacketReader
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.clock import Clock, StepClock
 from arva_hil.config import Scenario, parse
+from arva_hil.drivers import Live
 from arva_hil.engine import Emulator, ReceiverSetup, VehicleSetup
 from arva_hil.fleet import scenario_of, sink_name, vehicle_setups
+from arva_hil.links import Link, LinkError, memory
+from arva_hil.links.reopen import Reopening
+from arva_hil.loop import run
 from arva_hil.observer import Audience
+from firmware_proto import Decoder
 
 HOME = (46.0123, 7.7456, 1650.0)
 ELSEWHERE = (46.1, 7.9, 2100.0)
@@ -129,3 +137,109 @@ def test_sessions_of_one_link_that_read_it_twice_are_refused() -> None:
     setups = vehicle_setups(fleet(), lambda _: "link", lambda vehicle: Session(target_system=vehicle.system))
     with pytest.raises(ValueError, match="the same reader"):
         Emulator(setups, start=0.0)
+
+
+# -- links: one goes, the others stay ----------------------------------------------------------------------------
+
+
+class Pair:
+    """Two vehicles on memory links of their own, each with one receiver; a task: the vehicles' part.
+
+    `away`: the numbers of vehicles whose cable is pulled; a plugged one is opened again as a serial port is.
+    """
+
+    def __init__(self, *, lasting: bool) -> None:
+        self.clock, self.diary = StepClock(), Diary()
+        self.away = set[int]()
+        self.links: Sequence[Link] = ()
+        self._vehicles = [SimulatedVehicle(HOME, system, streams=STREAMS) for system in (1, 2)]
+        self.far: list[Link] = []
+        near = [self._plug(number) for number in (0, 1)]
+        if lasting:
+            openers = [functools.partial(self._open, number) for number in (0, 1)]
+            near = [
+                Reopening(link, opener, self.clock, start=lambda job: job())
+                for link, opener in zip(near, openers, strict=True)
+            ]
+        ports = [memory.pair() for _ in (0, 1)]
+        self.consumers = [consumer for _, consumer in ports]
+        one = parse("transmitters: [{id: 7, ned: [20, 5, 0]}]\nreceiver: {rate_hz: 10}", "test")
+        setups = [
+            VehicleSetup(name, name, Session(), one, [ReceiverSetup("front", f"{name}/front", one)])
+            for name in ("alpha", "bravo")
+        ]
+        sinks = {setup.receivers[0].sink: port for setup, (port, _) in zip(setups, ports, strict=True)}
+        links = {setup.link: link for setup, link in zip(setups, near, strict=True)}
+        self.live = Live(Emulator(setups, start=0.0), links, sinks, Audience([self.diary]))
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        for number, vehicle in enumerate(self._vehicles):
+            if number not in self.away:
+                vehicle.feed(self.far[number].read() if self.far[number].ready() else b"", now)
+                with contextlib.suppress(LinkError):  # it is not opened again yet
+                    self.far[number].write(vehicle.poll(now))
+        return now + 0.01
+
+    def run(self, until: float) -> None:
+        run([self, self.live], self.clock, until=until)
+
+    def pull(self, number: int) -> None:
+        self.away.add(number)
+        self.far[number].close()
+
+    def posed(self, name: str) -> bool:
+        """Whether that vehicle's newest frame has a pose."""
+        return [made.pose is not None for made in self.diary.frames if made.vehicle == name][-1]
+
+    def count(self, name: str) -> int:
+        return sum(made.vehicle == name for made in self.diary.frames)
+
+    def _plug(self, number: int) -> Link:
+        near, far = memory.pair()
+        self.far[number : number + 1] = [far]
+        return near
+
+    def _open(self, number: int) -> Link:
+        if number in self.away:
+            raise LinkError("link", "is not there")
+        return self._plug(number)
+
+
+def test_one_link_is_lost_and_comes_back_while_the_other_vehicle_goes_on() -> None:
+    pair = Pair(lasting=True)
+    pair.run(5.0)
+    assert pair.posed("alpha")
+    assert pair.posed("bravo")
+    pair.pull(0)
+    pair.run(10.0)
+    assert not pair.posed("alpha")
+    assert all(made.pose is not None for made in pair.diary.frames if made.vehicle == "bravo" and made.instant_s > 5)
+    pair.away.clear()
+    pair.run(13.0)
+    assert pair.posed("alpha")
+    assert pair.count("alpha") == pair.count("bravo") == 131  # no frame was late or left out
+    assert max(made.late_s for made in pair.diary.frames) < 0.02
+
+
+def test_a_link_that_is_gone_for_good_ends_nothing_while_another_is_there() -> None:
+    pair = Pair(lasting=False)
+    pair.run(5.0)
+    pair.pull(0)
+    pair.run(10.0)
+    assert not pair.posed("alpha")
+    assert pair.posed("bravo")
+    assert pair.diary.said("lost: closed by the far end") == 1
+    pair.pull(1)
+    with pytest.raises(LinkError, match="closed by the far end"):
+        pair.run(12.0)
+
+
+def test_a_consumer_that_leaves_for_good_takes_no_other_with_it() -> None:
+    pair = Pair(lasting=True)
+    pair.run(5.0)
+    pair.consumers[0].close()
+    pair.consumers[1].read()
+    pair.run(10.0)
+    assert pair.count("alpha") == pair.count("bravo") == 101
+    assert len(Decoder().feed(pair.consumers[1].read(), 0.0)) == 50
