@@ -260,6 +260,10 @@ class Session:
         if self._streams:
             self._streams.renew(now)
 
+    def skip(self, now: float) -> None:
+        """Nothing was read for a while: silence until now is no vehicle's fault."""
+        self._last_heartbeat = max(self._last_heartbeat, now)
+
     # -- what is lacking -----------------------------------------------------------------------------------
 
     def heard(self) -> NoVehicle:

@@ -149,6 +149,7 @@ class SearchClient:
 
     def _begin_anew(self, now: float, gap_s: float) -> None:
         """Nothing was read for so long: what is known is old."""
+        self._session.skip(now)
         self._commander.doubt(now)
         self._preflight.restart()
         self._flight.skip(gap_s)

@@ -49,12 +49,12 @@ def modes_said(world: World) -> list[tuple[float, int]]:
 
 
 @BOTH
-@pytest.mark.parametrize("lost_from", [math.inf, 2.0])
+@pytest.mark.parametrize("lost_from", [math.inf, 2.0, 0.0])
 @pytest.mark.parametrize(("seconds", "switch"), [(14.0, 13.0), (14.0, 0.5), (3.0, 2.9), (1.2, 0.1)])
 def test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing(
     make: Callable[[], Any], seconds: float, switch: float, lost_from: float
 ) -> None:
-    """`lost_from`: what comes later than that in the pause is lost, as in a full buffer."""
+    """`lost_from`: what comes later than that in the pause is lost, as in a full buffer. It may hold no heartbeat."""
     world = World(make(), take_off=5.0, height=5.0)
     world.hunt()
     stops = world.clock.now()
