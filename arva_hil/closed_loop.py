@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from arva_hil.autopilot.multirotor import Vector
 from arva_hil.autopilot.session import Session
@@ -14,7 +15,7 @@ from arva_hil.engine import Emulator, one_vehicle
 from arva_hil.events.searches import FromSearch
 from arva_hil.links import Link
 from arva_hil.observer import Audience, Observer
-from arva_hil.scene import transmitters
+from arva_hil.scene import moving_transmitters
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.mission import Plan
 from arva_hil.search.outcome import Row
@@ -28,6 +29,8 @@ Ends = tuple[Link, Link]  # of one link: the program's, and the far one
 
 class ClosedLoop:
     """Remembers vehicle, emulator and search of one flight; `tasks` are for the loop.
+
+    The receiver hears where the vehicle truly is, the search flies by what the vehicle reports.
 
     `autopilot`, `commands`, `port`: the emulator's link to the vehicle, the search's link to it, and the receiver's
     port (the search's end, the emulator's end). `stream_hz`: of the pose, on both links. `start`: s.
@@ -52,6 +55,8 @@ class ClosedLoop:
         self._scenario = scenario
         self.vehicle = SimulatedVehicle(HOME, wind=wind, gps_noise_m=gps_noise_m, seed=scenario.seed, boot_time=start)
         audience = Audience(observers)
+        if gps_noise_m:  # else what the vehicle reports is the truth, at less cost
+            scenario = replace(scenario, pose="truth", navigation_error=None)
         self.emulator = Emulator([one_vehicle(scenario, Session(rate_hz=stream_hz))], start=start, timeout_s=10.0)
         live = Live(self.emulator, {"autopilot": autopilot[0]}, {"port": port[1]}, audience)
         self.search = SearchClient(
@@ -77,13 +82,23 @@ class ClosedLoop:
         return self.search.outcome is not None or (mission is not None and bool(mission.ended))
 
     def truth(self) -> dict[int, tuple[float, float]]:
-        """Where the transmitters are: north and east of the take-off point, by id. Needs a search in the air."""
-        origin, datum = self.search.origin, self.emulator.vehicles[0].datum.frame
+        """Where the transmitters truly are at the newest frame: north and east of the place where the search believes
+        to have taken off, by id. Needs a search in the air.
+        """
+        (vehicle,) = self.emulator.vehicles
+        origin, datum, last = self.search.origin, vehicle.datum.frame, vehicle.sources[0].last
         assert origin is not None
         assert datum is not None
-        places = transmitters(self._scenario, datum)
-        ned = [origin.ned(*datum.lla(position)) for position in places.positions]
-        return {id_: (float(n), float(e)) for id_, (n, e, _) in zip(places.ids, ned, strict=True)}
+        there = moving_transmitters(self._scenario, datum).at(last.instant_s if last else 0.0, lambda system: None)
+        ned = [origin.ned(*datum.lla(position)) for position in there.positions]
+        return {id_: (float(n), float(e)) for id_, (n, e, _) in zip(there.ids, ned, strict=True)}
+
+    def off(self, now: float) -> float | None:
+        """Horizontal distance [m] from where the vehicle truly is to the transmitter searched for."""
+        if self.search.origin is None:
+            return None
+        north, east, _ = self.search.origin.ned(*self.vehicle.truth(now).lla).tolist()
+        return self.distance((north, east))
 
     def error(self) -> float | None:
         """Horizontal distance [m] from the place reported to the transmitter searched for; None: none is reported."""

@@ -31,6 +31,7 @@ from arva_hil.datum import MOVE_DATUM, Datum
 from arva_hil.events import DatumSet, Event, HeartbeatMissing, PacketsReceived, StatusReport, VehicleStatus
 from arva_hil.frame_source import FrameSource, Output
 from arva_hil.output import MAVLINK_FORMATS, encoder
+from arva_hil.true_state import true_state
 
 _STATUS_S: Final = 0.25
 
@@ -69,6 +70,7 @@ class EmulatedVehicle:
         self.link = setup.link
         self.session = setup.session
         self.datum = Datum(setup.scenario, start)
+        self.true_state = true_state(setup.scenario, setup.session, start)
         self.sources = [
             FrameSource(
                 self.name,
@@ -94,27 +96,24 @@ class EmulatedVehicle:
         return self.session.clock.boot(t)
 
     def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
-        frame = self.datum.frame
-        state = self.session.state_at(t, frame) if frame else None
-        return state, state
+        if (frame := self.datum.frame) is None:
+            return None, None
+        reported = self.session.state_at(t, frame)
+        return self.true_state.at(t, frame, reported), reported
 
     def carrier_pose(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         return None
 
     def lacking(self) -> NoPose:
-        waiting = self.datum.frame is None and self.session.track.newest is not None
-        return NoPose("no home") if waiting else self.session.why_no_pose()
+        if self.datum.frame is None and self.session.track.newest is not None:
+            return NoPose("no home")
+        return self.true_state.lacking() or self.session.why_no_pose()
 
     def place(self, now: float) -> Event:
         """The datum is another one: so are the places of the transmitters."""
         change = self.datum.changes[-1]
         self._place()
         return DatumSet(now, self.name, *change.lat_lon_alt, change.why)
-
-    def pose_known_at(self, t: float) -> bool:
-        """What there is to know of the pose at `t` is known."""
-        boot, newest = self.session.clock.boot(t), self.session.track.newest
-        return boot is None or newest is None or newest >= boot
 
     def status(self, now: float) -> VehicleStatus:
         session = self.session
@@ -181,6 +180,7 @@ class Emulator:
         if self._tell_packets:
             self._events.append(PacketsReceived(now, link, packets))
         for vehicle in vehicles:
+            vehicle.true_state.hear(now)
             moves_datum = any(packet.msgid in MOVE_DATUM for packet in vehicle.session.own)
             if moves_datum and vehicle.datum.update(vehicle.session, now):
                 self._events.append(vehicle.place(now))
@@ -270,7 +270,7 @@ class Emulator:
     def _ready(self, vehicle: EmulatedVehicle, now: float) -> Callable[[float], bool]:
         if not self._look_ahead_s:
             return lambda t: True
-        return lambda t: now - t >= self._look_ahead_s or vehicle.pose_known_at(t)
+        return lambda t: now - t >= self._look_ahead_s or vehicle.true_state.known_at(t)
 
     def _collect(self, source: FrameSource) -> None:
         if source.outputs:

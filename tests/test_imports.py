@@ -19,6 +19,7 @@ ENGINE = {  # no links, no console, no clock
     "arva_hil.output",
     "arva_hil.config",
     "arva_hil.scene",
+    "arva_hil.true_state",
     "arva_hil.virtual_receiver",
     "firmware_proto",
 }
@@ -65,6 +66,7 @@ ROOMS = {  # a room → what of ours it may import
     "arva_hil/observer.py": {"arva_hil.events"},
     "arva_hil/engine.py": ENGINE,
     "arva_hil/frame_source.py": ENGINE,
+    "arva_hil/true_state.py": ENGINE,
     "arva_hil/virtual_receiver.py": ENGINE,
     "arva_hil/record": {
         "arva_hil.record",

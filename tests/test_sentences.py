@@ -270,6 +270,7 @@ def test_json_names_follow_from_the_class_and_fields_of_fields_are_joined() -> N
         "receiver": "receiver",
         "age_s": None,
         "lacking_reason": "streams missing",
+        "lacking_message": "",
         "lacking_streams": [["ATTITUDE", "", 0.0, "", False, False]],
     }
     landing = searches.FromSearch(2.0, searches.SearchEnded(2.0, "found", True))
@@ -297,6 +298,15 @@ def test_a_number_that_is_none_is_null() -> None:
         ),
         (NoPose("impossible position"), "the position is out of range: no GPS fix yet"),
         (NoPose("streams stopped"), "the streams have stopped"),
+        (
+            NoPose("no truth", message="SIM_STATE"),
+            "no SIM_STATE: only a simulator tells its vehicle's true pose, `pose: estimate` is for all others",
+        ),
+        (
+            NoPose("no truth"),
+            "only the simulators of ArduPilot and PX4 tell their vehicle's true pose, "
+            "`pose: estimate` is for all others",
+        ),
         (
             NoPose("streams missing", (SilentStream("ATTITUDE", "", 0.0, "", True, False),)),
             "no ATTITUDE (none in the log lately)",

@@ -23,12 +23,22 @@ class SilentStream(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class NoPose:
-    """Why there is no pose. `streams`: those that are missing; with "zero position" there may be some, too."""
+    """Why there is no pose. `streams`: those that are missing; with "zero position" there may be some, too.
+
+    With "no truth", what a simulator would say: `message` by MAVLink's name, "" where the autopilot's has none.
+    """
 
     reason: Literal[
-        "no vehicle", "no home", "zero position", "impossible position", "streams missing", "streams stopped"
+        "no vehicle",
+        "no home",
+        "zero position",
+        "impossible position",
+        "streams missing",
+        "streams stopped",
+        "no truth",
     ]
     streams: tuple[SilentStream, ...] = ()
+    message: str = ""
 
 
 class HeardSource(NamedTuple):

@@ -84,7 +84,7 @@ class Session:
         self.ignored = 0  # packets of other systems and components, and of who only claims to be the vehicle
         self.next_due = -math.inf
         self._finder = Finder(target_system, target_component)
-        self._rate_hz = rate_hz
+        self.rate_hz = rate_hz
         self._passive = passive
         self._signing = self.reader.signing
         self._disbelieved: set[Verdict] = set()
@@ -369,7 +369,7 @@ class Session:
         self._lost = False
         self.encoder.system = vehicle.system
         self.encoder.version = vehicle.version
-        self._streams = Streams(self._rate_hz, now, self._extras, self.news)
+        self._streams = Streams(self.rate_hz, now, self._extras, self.news)
         self._last_heartbeat = now
         self.news.emit(VehicleFound(now, self.news.name, str(vehicle), vehicle.version, signed))
         if signed and not self._signing and not self._passive:
@@ -405,7 +405,7 @@ class Session:
             return
         judgement = self.navigation.hear(message, now)
         if judgement == "anew":
-            self._streams = Streams(self._rate_hz, now, self._extras, self.news)
+            self._streams = Streams(self.rate_hz, now, self._extras, self.news)
             self.news.emit(VehicleRebooted(now, self.news.name, str(self.vehicle)))
         if judgement != "stray" and message.id != dialect.MAVLINK_MSG_ID_HOME_POSITION:
             self._streams.note(message.id, now)

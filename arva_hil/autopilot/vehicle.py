@@ -15,7 +15,15 @@ from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
 from arva_hil.autopilot.multirotor import STEP_US, Vector
 from arva_hil.autopilot.multirotor_pilot import Mode, Pilot
 from arva_hil.autopilot.signing import Signing
-from arva_hil.autopilot.vehicle_messages import BUILDERS, GROUPS, PARAMETERS, Home, Report, Wander, read_set_point
+from arva_hil.autopilot.vehicle_messages import (
+    BUILDERS,
+    GROUPS,
+    PARAMETERS,
+    Home,
+    PositionError,
+    Report,
+    read_set_point,
+)
 
 __all__ = ["SimulatedVehicle", "Truth"]
 
@@ -34,7 +42,7 @@ _FAILED: Final[int] = dialect.MAV_RESULT_FAILED
 
 
 class Truth(NamedTuple):
-    """What the vehicle really does at one instant, free of GPS error."""
+    """What the vehicle really does at one instant, free of the estimator's error."""
 
     ned: Vector  # from home, m
     velocity: Vector  # NED, m/s
@@ -46,10 +54,10 @@ class Truth(NamedTuple):
 class SimulatedVehicle:
     """Remembers a flight and what is asked of it. Times are seconds on the caller's clock and never go back.
 
-    `home`: latitude and longitude in degrees, altitude above mean sea level in metres: where it stands,
-    heading north, on flat ground. `wind`: NED, m/s. `gps_noise_m`: sigma on each axis of reported positions.
-    `boot_time`: when it is switched on. `fix_after`: seconds from boot until it knows where it is. `streams`:
-    message id → Hz, sent unasked. `version`: of MAVLink, 1 or 2. `signing`: sign, and obey only what is signed.
+    `home`: latitude and longitude in degrees, altitude above mean sea level in metres: where it stands, heading north,
+    on flat ground. `wind`: NED, m/s. `gps_noise_m`: sigma on each axis of the slow error of reported positions.
+    `boot_time`: when it is switched on. `fix_after`: seconds from boot until it knows where it is. `streams`: message
+    id → Hz, sent unasked. `version`: of MAVLink, 1 or 2. `signing`: sign, and obey only what is signed.
     Raises ValueError for a stream it does not have.
     """
 
@@ -72,7 +80,7 @@ class SimulatedVehicle:
         self._signing = signing
         self._home = Home(*home)
         self._pilot = Pilot(wind)
-        self._wander = Wander(gps_noise_m, seed)
+        self._error = PositionError(gps_noise_m, seed)
         self._origin = boot_time
         self._fix_us = round(fix_after * 1e6)
         self._defaults = {msgid: round(1e6 / hz) for msgid, hz in (streams or {}).items()}
@@ -180,7 +188,7 @@ class SimulatedVehicle:
         boot_ms = (at - self._boot_at) // 1000
         at = self._boot_at + boot_ms * 1000
         motion = self._pilot.motion.at(at)
-        north, east, down = self._wander.at(at)
+        north, east, down = self._error.at(at)
         n, e, d = motion.position
         return Report(boot_ms, motion, (n + north, e + east, d + down), self._pilot, self._home)
 

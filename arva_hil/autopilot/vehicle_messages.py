@@ -15,11 +15,15 @@ from arva_hil.autopilot.multirotor import Motion, Multirotor, Vector
 from arva_hil.autopilot.multirotor_pilot import Mode, Pilot, SetPoint
 from arva_hil.model.geodesy import LocalFrame
 
-__all__ = ["BUILDERS", "GROUPS", "PARAMETERS", "Home", "Report", "Wander", "read_set_point"]
+__all__ = ["BUILDERS", "GROUPS", "PARAMETERS", "Home", "PositionError", "Report", "read_set_point"]
 
 Message = Any  # pymavlink's generated classes carry no types
 
 _NODE_US: Final = 1_000_000
+_REMEMBERED: Final = math.exp(-_NODE_US / 30e6)  # of the raw error after a second
+_SLOW: Final = math.exp(-_NODE_US / 5e6)  # of the smoothed one
+_SMOOTHED: Final = math.sqrt((1 - _SLOW) / (1 + _SLOW) * (1 + _SLOW * _REMEMBERED) / (1 - _SLOW * _REMEMBERED))
+# by which smoothing lessens the standard deviation
 _RANGE_CM: Final = 4000
 
 
@@ -50,20 +54,20 @@ class Home:
         return lat, lon, alt
 
 
-class Wander:
-    """The slow error of a GPS: on each axis a Gauss-Markov process of 30 s and `sigma` metres.
+class PositionError:
+    """The error of an estimated position: on each axis a Gauss-Markov process, smoothed as an estimator does it.
 
-    Drawn once a second, straight lines between. Remembers the second it has come to; the same seed gives the
-    same error at the same time.
+    `sigma`: its standard deviation, metres. The process forgets in 30 s, and is low-pass filtered with 5 s, so that
+    the error drifts and does not jitter. It begins with 0, because home is where the estimator begins. Drawn once a
+    second, straight lines between. Remembers the second it has come to; the same seed gives the same error at the same
+    time.
     """
 
     def __init__(self, sigma: float, seed: int) -> None:
-        self._sigma = sigma
         self._random = random.Random(seed)
         self._node = 0
-        self._keep = math.exp(-_NODE_US / 30e6)
-        self._from, self._to = self._draw(), self._draw()
-        self._advance()
+        self._raw_sigma = sigma / _SMOOTHED
+        self._raw = self._from = self._to = (0.0, 0.0, 0.0)
 
     def at(self, time_us: int) -> Vector:
         """Metres NED, to be added to the true position. Time never goes back."""
@@ -75,15 +79,17 @@ class Wander:
         return a + (d - a) * share, b + (e - b) * share, c + (f - c) * share
 
     def _advance(self) -> None:
-        new, keep = self._draw(), self._keep
-        fresh = math.sqrt(1 - keep * keep)
-        a, b, c = self._to
-        self._from = self._to
-        self._to = a * keep + new[0] * fresh, b * keep + new[1] * fresh, c * keep + new[2] * fresh
+        fresh = math.sqrt(1 - _REMEMBERED**2)
+        self._raw = _mixed(self._raw, _REMEMBERED, self._draw(), fresh)
+        self._from, self._to = self._to, _mixed(self._to, _SLOW, self._raw, 1 - _SLOW)
 
     def _draw(self) -> Vector:
         gauss = self._random.gauss
-        return gauss(0, self._sigma), gauss(0, self._sigma), gauss(0, self._sigma)
+        return gauss(0, self._raw_sigma), gauss(0, self._raw_sigma), gauss(0, self._raw_sigma)
+
+
+def _mixed(a: Vector, of_a: float, b: Vector, of_b: float) -> Vector:
+    return a[0] * of_a + b[0] * of_b, a[1] * of_a + b[1] * of_b, a[2] * of_a + b[2] * of_b
 
 
 class Report(NamedTuple):
@@ -91,7 +97,7 @@ class Report(NamedTuple):
 
     boot_ms: int
     motion: Motion  # true
-    position: Vector  # NED from home, as the GPS has it
+    position: Vector  # NED from home, as the estimator has it
     pilot: Pilot
     home: Home
 

@@ -31,7 +31,7 @@ class Trial:
     height_m: float = 3.0  # height held in the search, above the ground
     speed_m_s: float = 1.0
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)  # NED, m/s
-    gps_noise_m: float = 0.0  # sigma on each axis
+    gps_noise_m: float = 0.0  # sigma on each axis of the reported position's slow error
     limit_s: float = 900.0  # of the search, then it lands
 
 
@@ -39,7 +39,8 @@ class Trial:
 class Result:
     """What came of a trial. Numbers are None where nothing was found.
 
-    Errors are horizontal distances from the true transmitter to the place reported, and to the hovering vehicle.
+    Errors are horizontal distances from the true transmitter to the place reported, and to where the hovering vehicle
+    truly is.
     """
 
     outcome: str  # "found", or why not
@@ -83,7 +84,7 @@ def fly(trial: Trial, log: Callable[[Row], None] = lambda _: None) -> Result:
     return Result(
         mission.ended or (outcome.how if outcome else "no end"),
         loop.error(),
-        loop.distance(mission.position[:2]) if mission.found else None,
+        loop.off(clock.now()) if mission.found else None,
         mission.searched_s,
         mission.path_m,
         mission.frames,

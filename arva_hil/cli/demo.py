@@ -39,6 +39,8 @@ def main(options: argparse.Namespace) -> int:
     chosen = shared.scenario(options)
     if chosen.output_format in MAVLINK_FORMATS:
         raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
+    if chosen.navigation_error:
+        raise UsageError("navigation_error: the demo's vehicle tells where it truly is: leave it out")
     options.record = options.record or tempfile.mkdtemp(prefix="arva-demo-")
     search_report.refuse_log(Path(options.record))  # before the emulator's record is begun beside it
     fast = options.speed == math.inf
@@ -73,16 +75,18 @@ def main(options: argparse.Namespace) -> int:
         outcome = Outcome("failed", "broken off")
     elif outcome.kind != "found":
         code = code or FAILED
-    for line in (
-        search_report.result(outcome) + _error(loop) + search_report.close_log(log, outcome, code, _truth(loop))
-    ):
+    lines = search_report.result(outcome) + _errors(loop, clock.now())
+    for line in lines + search_report.close_log(log, outcome, code, _truth(loop)):
         tell(line)
     return code
 
 
-def _error(loop: ClosedLoop) -> list[str]:
-    error = loop.error()
-    return [] if error is None else [f"the transmitter lies {error:.2f} m from there"]
+def _errors(loop: ClosedLoop, now: float) -> list[str]:
+    """Against the simulator's truth."""
+    error, off = loop.error(), loop.off(now)
+    if error is None or off is None:
+        return []
+    return [f"the transmitter lies {error:.2f} m from there", f"the vehicle has come down {off:.2f} m from it"]
 
 
 def _truth(loop: ClosedLoop) -> dict[int, tuple[float, float]]:

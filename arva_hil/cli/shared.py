@@ -25,7 +25,7 @@ from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, Usag
 from arva_hil.cli.summary import Tally, as_dict, sums
 from arva_hil.cli.terminal import tell
 from arva_hil.clock import Clock, RealClock, utc
-from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, parts_of_spec_2, to_dict
+from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, to_dict
 from arva_hil.console import Lines, Printer, as_json, plain
 from arva_hil.console.reasons import no_vehicle
 from arva_hil.engine import Emulator
@@ -47,10 +47,8 @@ def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
         base = load(options.scenario) if options.scenario else DEFAULT
     except ScenarioError as error:
         raise UsageError(*error.problems) from None
-    if unserved := [
-        part for part, there in parts_of_spec_2(base).items() if there and not (fleet and part == "vehicles")
-    ]:
-        raise UsageError(f"{base.source}: {', '.join(unserved)}: this command does not serve that part of spec 2 yet")
+    if base.vehicles and not fleet:
+        raise UsageError(f"{base.source}: vehicles: this command does not serve that part of spec 2 yet")
     if base.vehicles:
         for option in ("rate", "format", "seed"):
             if getattr(options, option) is not None:

@@ -41,9 +41,9 @@ class Scenario:
     """One scenario. `source` is the file's name; two scenarios that differ in nothing else are equal.
 
     `pose`: whether the receiver hears where the autopilot believes to be or where a simulator says that it is.
-    `navigation_error` (None: there is none) is added to it. Without `vehicles` there is one, the command line's, with
-    one receiver. A file has `output_format` in a mapping `output`. Raises ValueError when an id or a name is
-    there twice.
+    `navigation_error` (None: there is none) is added to the estimate. Without `vehicles` there is one, the command
+    line's, with one receiver. A file has `output_format` in a mapping `output`. Raises ValueError when an id or a name
+    is there twice, and for a navigation_error of the truth.
     """
 
     spec: InitVar[Annotated[int, Spec(SPEC), Help("the version of this file format")]] = field(default=1, kw_only=True)
@@ -74,6 +74,8 @@ class Scenario:
         if output is not None:
             object.__setattr__(self, "output_format", output.format)
         ids = same_ids([{"id": transmitter.id} for transmitter in self.transmitters])
+        if self.pose == "truth" and self.navigation_error is not None:
+            raise ValueError("a scenario with `pose: truth` has no navigation_error")
         if mistakes := [*_below("transmitters", ids), *_below("vehicles", clashes(list(map(_named, self.vehicles))))]:
             raise ValueError("; ".join(map(str, mistakes)))
 
@@ -82,6 +84,9 @@ class Scenario:
         transmitters, vehicles, faults = (_list(mapping, key) for key in ("transmitters", "vehicles", "faults"))
         yield from _below("transmitters", same_ids(transmitters))
         yield from _below("vehicles", clashes(vehicles))
+        if right(cls, mapping, "pose") == "truth" and "navigation_error" in mapping:
+            expected = "none with `pose: truth`, which has no error"
+            yield Wrong(expected, "navigation_error", where=("navigation_error",), at_key=True)
         ids: list[Any] = [
             right(Transmitter, t, "id") if isinstance(t, Mapping) and "id" in t else None for t in transmitters
         ]

@@ -10,6 +10,7 @@ _NO_POSE = {
     "impossible position": "the position is out of range: no GPS fix yet",
     "streams stopped": "the streams have stopped",
 }
+_SIMULATORS = "only the simulators of ArduPilot and PX4 tell their"
 
 
 def no_vehicle(why: NoVehicle) -> str:
@@ -34,6 +35,9 @@ def no_pose(why: NoPose) -> str:
     """Why there is no pose though there is a vehicle."""
     if why.reason in _NO_POSE:
         return _NO_POSE[why.reason]
+    if why.reason == "no truth":
+        who = f"no {why.message}: only a simulator tells its" if why.message else _SIMULATORS
+        return f"{who} vehicle's true pose, `pose: estimate` is for all others"
     zeros = ["the position is all zeros: no GPS fix yet"] if why.reason == "zero position" else []
     return ", ".join(zeros + [_silent(stream) for stream in why.streams])
 

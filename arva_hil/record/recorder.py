@@ -23,7 +23,7 @@ from arva_hil.record.layout import FILES, FRAMES, READINGS, RUN, Layout
 
 COLUMNS: Final = (
     "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
-    "slot id zone d_cm delta_deg true_range_m faults"
+    "slot id zone d_cm delta_deg true_range_m faults reported_north_m reported_east_m reported_down_m"
 ).split()
 NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # what run.json says until it ends
 _BATCH_BYTES: Final = 1 << 16
@@ -175,12 +175,13 @@ def rows(made: FrameMade) -> str:
     boot_ms = "" if made.boot_s is None else repr(made.boot_s * 1e3)
     age_ms = "" if made.age_s is None else repr(made.age_s * 1e3)
     head = ",".join([str(made.frame.sequence), repr(made.instant_s), boot_ms, *pose, age_ms])
-    faults = "+".join(made.faults)
+    reported = "," * 2 if made.reported_pose is None else ",".join(map(repr, made.reported_pose.position.tolist()))
+    tail = f"{'+'.join(made.faults)},{reported}"
     lines = []
     for slot, c in enumerate(made.reading.channels, 1):
         id_ = "" if c.id is None else str(c.id)
         true_range = "" if c.true_range_m is None else repr(c.true_range_m)
-        lines.append(f"{head},{slot},{id_},{int(c.zone)},{c.d_cm},{c.delta_deg},{true_range},{faults}\n")
+        lines.append(f"{head},{slot},{id_},{int(c.zone)},{c.d_cm},{c.delta_deg},{true_range},{tail}\n")
     return "".join(lines)
 
 

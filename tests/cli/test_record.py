@@ -25,7 +25,7 @@ from .far_ends import ORDINARY, Autopilot, Program, contents, frames_in, hears, 
 DATA = Path(__file__).parent.parent / "data"
 COLUMNS = (
     "seq,time_s,boot_ms,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg,pose_age_ms,"
-    "slot,id,zone,d_cm,delta_deg,true_range_m,faults"
+    "slot,id,zone,d_cm,delta_deg,true_range_m,faults,reported_north_m,reported_east_m,reported_down_m"
 ).split(",")
 
 Start = Callable[..., Program]
@@ -79,6 +79,9 @@ def test_readings_csv_has_the_pinned_columns_and_says_what_the_frames_say(record
     assert {first["north_m"], first["yaw_deg"], first["pose_age_ms"], first["true_range_m"]} == {""}  # no pose yet
     assert [float(last[name]) for name in ("north_m", "east_m", "down_m", "yaw_deg")] == pytest.approx([0] * 4, abs=0.1)
     assert float(last["true_range_m"]) == pytest.approx(20.616, abs=0.1)
+    assert [last[f"reported_{axis}_m"] for axis in ("north", "east", "down")] == [
+        last[name] for name in ("north_m", "east_m", "down_m")
+    ]
     assert float(last["boot_ms"]) > 0
 
 
