@@ -80,7 +80,7 @@ class FlightState:
         self._limit_s = phase.limit_s(metres) if limit_s is None else limit_s
         self._next_order, self._ordered_s = -math.inf, math.inf
         self._complaints.begin(keep_texts=phase is Phase.ARMING)
-        self._authority.want(wanted, ours=phase is not Phase.ARMING)
+        self._authority.want(wanted, ours=phase not in (Phase.ARMING, Phase.DISARMING))
 
     def _leave_alone(self, why: str) -> bool:
         """Before it follows us, whatever speaks against it ends the take-over: nothing has to be undone by an order."""

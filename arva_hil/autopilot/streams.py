@@ -14,6 +14,7 @@ from arva_hil.events.vehicles import StreamAskedOtherwise, StreamRateLowered
 _MEASURE_S: Final = 2.0  # the window of a rate
 _JUDGE_S: Final = 1.0  # a rate seen for less than this is not judged yet,
 _SILENT_S: Final = 0.3  # unless nothing came at all for this long
+_LOOK_S: Final = 0.2  # after it was fast enough
 _MOST_SEEN: Final = 1024
 _ENOUGH: Final = 0.7  # of what was asked for: below it the stream is asked for again
 _ACK_S: Final = 1.0
@@ -150,7 +151,7 @@ class Streams:
             if stream.anew or self._too_slow(stream, now):
                 messages.append(self._ask(stream, now, system, component))
             else:
-                stream.tries = 0
+                stream.tries, stream.next_ask = 0, now + _LOOK_S
         return messages
 
     def acknowledged(self, command: int, result: int, now: float) -> None:

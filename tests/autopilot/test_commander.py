@@ -165,7 +165,7 @@ def test_px4_is_told_to_follow_set_points_once_they_flow_and_they_never_pause(st
     flight.pass_s(5)
     flight.deaf = True  # the order to land is lost for a while
     flight.commander.land(flight.now)
-    flight.pass_s(0.9)
+    flight.pass_s(0.7)
     flight.deaf = False
     flight.reach(Phase.ENDED)
     times = [at for at, _ in flight.set_points]
@@ -698,6 +698,16 @@ def test_on_the_ground_it_is_disarmed(order: Callable[[Commander, float], None])
     told.beat(told.hold)
     assert told.commander.phase is Phase.ENDED
     assert told.hear(10.0) == []
+
+
+def test_it_is_disarmed_in_whatever_mode_it_still_is() -> None:
+    told = Told(PX4)
+    told.commander.launch(told.now)
+    told.beat(POSITION)
+    told.commander.hold(told.now)
+    assert told.commands(0.3) == [(ARM, 0)]
+    told.hear(1.0)
+    assert told.commander.phase is Phase.ENDED
 
 
 # -- whatever comes ----------------------------------------------------------------------------------------
