@@ -244,10 +244,11 @@ def fleets(draw: st.DrawFn) -> tuple[VehicleConfig, ...]:
     st.builds(
         Scenario,
         transmitters=st.lists(moving, min_size=1, max_size=4, unique_by=lambda t: t.id).map(tuple),
-        pose=st.sampled_from(["estimate", "truth"]),
+        pose=st.just("estimate"),
         navigation_error=st.none() | errors,
         vehicles=fleets(),
     )
+    | st.builds(Scenario, transmitters=st.just(DEFAULT.transmitters), pose=st.just("truth"))
 )
 @settings(deadline=None)
 def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
@@ -256,15 +257,14 @@ def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
     assert parse(json.dumps(plain), "f.yaml") == scenario
 
 
-@pytest.mark.parametrize("command", ["run --port pty", "replay {log}", "demo"])
+@pytest.mark.parametrize("command", ["replay {log}", "demo"])
 def test_a_command_that_does_not_serve_a_part_of_it_says_so(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = Path(__file__).parent.parent / "data" / "px4.tlog"
     arguments = command.format(log=log).split()
     assert main([*arguments, "--scenario", str(CONFIGS / "two_vehicles.yaml")]) == 2
-    parts = "navigation_error, path, follows, vehicles"
-    assert f"two_vehicles.yaml: {parts}: this command does not serve" in capsys.readouterr().err
+    assert "two_vehicles.yaml: vehicles: this command does not serve" in capsys.readouterr().err
 
 
 def test_a_campaign_refuses_a_scenario_that_it_cannot_fly(tmp_path: Path) -> None:
