@@ -1,0 +1,202 @@
+"""Flies searches on ArduPilot's and PX4's simulators, in real time, and judges them by the simulators' own truth.
+
+    python tools/fly_simulators.py …/build/sitl/bin/arducopter anywhere --runs 10
+    python tools/fly_simulators.py …/build/px4_sitl_default/bin/px4 climb search end pause stop landing -- --height 3
+
+Each flight has a simulator of its own, `run`, `search`, and a relay between search and simulator that notes the time
+of each message:
+
+    anywhere  a transmitter within ±30 m. ArduPilot: wind of 5 m/s with gusts, and a GPS whose error walks (1.5 m).
+              PX4's own simulator has no wind; its GPS has noise of its own
+    climb     the pilot chooses LOITER (PX4: HOLD) in the climb,
+    search    2 to 8 s after the search has begun,
+    end       50 to 150 ms before it ends, and would land,
+    pause     while the process is stopped by SIGSTOP for 14 s
+    sticks    roll 1800, pitch 1200 in GUIDED, the throttle to its middle (ArduPilot)
+    throttle  the same, but the throttle comes to its middle 12 s later
+    stop      Ctrl-C in the search
+    descent   Ctrl-C on the way down by set-points,
+    landing   and while it lands
+
+`late`: orders and set-points from the search later than the promised bound after the vehicle has said the pilot's mode.
+Everything goes to a folder for each flight; results.jsonl has all figures. Ends with 1 when a flight was not as it
+should be. One at a time: ports are fixed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import os
+import random
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from sitl_judge import BEGINS, SILENCE, Flight, Program, judge
+from sitl_relay import Hands
+from sitl_simulator import HOME, Simulator, wait
+
+from arva_hil.autopilot.mavlink import command, dialect
+
+WITHIN_M: Final = 30.0
+HEIGHT_M: Final = 3.0  # the default
+LIMIT_S: Final = 8.0  # of a search that is to end by itself
+PATIENCE_S: Final = 420.0
+AFTERWARDS_S: Final = 5.0
+KINDS: Final = ("anywhere", *SILENCE, "stop", "descent", "landing")
+
+
+def fly(binary: Path, folder: Path, kind: str, seed: int, options: list[str]) -> Flight:
+    flight = Flight(binary.name, kind, seed, height_m(options), str(folder))
+    draw = random.Random(f"{kind} {seed}")
+    place = random.Random(f"transmitter {seed}")
+    ned = [round(place.uniform(low, high), 2) for low, high in ((-WITHIN_M, WITHIN_M), (-WITHIN_M, WITHIN_M), (0, 2))]
+    roll, pitch, yaw = place.uniform(-180, 180), place.uniform(-90, 90), place.uniform(-180, 180)
+    if kind in ("descent", "landing"):
+        ned = [4.0, 3.0, 0.0]
+    elif kind != "anywhere":
+        ned = [20.0, 15.0, 0.0]
+    attitude = f"{{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}"
+    scenario, port = folder / "scenario.yaml", folder / "receiver"
+    datum = "{{lat: {}, lon: {}, alt: {}}}".format(*HOME)
+    scenario.write_text(
+        f"spec: 1\nseed: {seed}\ndatum: {datum}\ntransmitters: [{{id: 1, ned: {ned}, attitude: {attitude}}}]\n"
+    )
+    if kind == "end":
+        options = [*options, "--limit", f"{LIMIT_S:g}", "--area=0,-1,40,1"]
+    stack = contextlib.ExitStack()
+    with stack:
+        simulator = Simulator(binary, folder, kind, seed)
+        stack.callback(simulator.close)
+        emulator = Program(
+            *(folder, "run", "--scenario", scenario, "--record", folder / "record", "--timeout", 60),
+            *("--autopilot", simulator.telemetry, "--port", f"pty:{port}"),
+        )
+        stack.callback(emulator.close)
+        emulator.says("frames to")
+        search = Program(
+            *(folder, "search", "--json", "--timeout", 90, "--arm-timeout", 120, "--record", folder / "record"),
+            *("--autopilot", simulator.relay.url, "--receiver", port, *options),
+        )
+        stack.callback(search.close)
+        try:
+            acted = act(kind, simulator, search, draw)
+            wait(lambda: search.process.poll() is not None, PATIENCE_S)
+            time.sleep(AFTERWARDS_S if kind != "anywhere" else 0)
+        except TimeoutError as error:
+            flight.problem = f"timed out {error}"
+            acted = None
+        if kind == "landing":
+            with contextlib.suppress(TimeoutError):
+                wait(lambda: not simulator.relay.armed, 60)
+        time.sleep(1.5)
+        flight.load = os.getloadavg()[0]
+        judge(flight, simulator, search, acted, ned)
+    return flight
+
+
+def act(kind: str, simulator: Simulator, search: Program, draw: random.Random) -> float | None:
+    """What the pilot does, and whoever else; when."""
+    relay = simulator.relay
+
+    def sleep(seconds: float) -> None:
+        time.sleep(max(0.0, seconds))
+
+    def switch() -> float:
+        now, mode = time.monotonic(), simulator.pilots
+        main, sub = (mode, 0) if simulator.copter else (mode >> 16 & 255, mode >> 24)
+        relay.say(command(simulator.system, 1, dialect.MAV_CMD_DO_SET_MODE, 1, main, sub))
+        return now
+
+    if kind in ("sticks", "throttle"):
+        hands = Hands(relay, [1500, 1500, 1000, 1500])  # with any other throttle it does not arm
+        search.says(BEGINS)
+        sleep(draw.uniform(2, 6))
+        hands.pulses[:] = [1800, 1200, 1500 if kind == "sticks" else 1000, 1500]
+        at = time.monotonic()
+        with contextlib.suppress(TimeoutError):
+            wait(lambda: search.process.poll() is not None, 12)
+        if search.process.poll() is None:
+            hands.pulses[2] = 1500  # at last
+        return at
+    if kind == "climb":
+        top = draw.uniform(0.3, 2.2)
+        wait(lambda: (relay.armed and relay.height > top) or search.process.poll() is not None, 200)
+        return switch()
+    if kind == "anywhere":
+        search.says("climbing", 200)
+        if simulator.weather:
+            simulator.weather.begun = True
+        return None
+    begun = search.says(BEGINS, 200)
+    if kind == "search":
+        sleep(draw.uniform(2, 8))
+        return switch()
+    if kind == "end":
+        sleep(begun + LIMIT_S - draw.uniform(0.05, 0.15) - time.monotonic())
+        return switch()
+    if kind == "pause":
+        sleep(draw.uniform(1, 4))
+        at = time.monotonic()
+        search.process.send_signal(signal.SIGSTOP)
+        before = draw.uniform(1, 13)
+        sleep(before)
+        switch()
+        sleep(14 - before)
+        search.process.send_signal(signal.SIGCONT)
+        return at
+    if kind == "stop":
+        sleep(draw.uniform(2, 8))
+    else:
+        search.says("coming down onto" if kind == "descent" else "; landing")
+        sleep(draw.uniform(0.5, 2.5))
+    search.process.send_signal(signal.SIGINT)
+    return time.monotonic()
+
+
+def height_m(options: list[str]) -> float:
+    """Asked for."""
+    return float(options[options.index("--height") + 1]) if "--height" in options else HEIGHT_M
+
+
+def flights(options: argparse.Namespace) -> Iterator[Flight]:
+    folder = Path(options.folder or tempfile.mkdtemp(prefix="flights-"))
+    for kind in options.kinds:
+        for seed in range(options.seed, options.seed + options.runs):
+            of_one = folder / f"{options.binary.name}-{kind}-{seed}-{int(time.time())}"
+            of_one.mkdir(parents=True)
+            flight = fly(options.binary, of_one, kind, seed, options.options)
+            with (folder / "results.jsonl").open("a") as results:
+                print(json.dumps(vars(flight)), file=results)
+            yield flight
+
+
+def main(arguments: list[str]) -> int:
+    ours, theirs = arguments, []
+    if "--" in arguments:
+        at = arguments.index("--")
+        ours, theirs = arguments[:at], arguments[at + 1 :]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("binary", type=lambda name: Path(name).resolve())
+    parser.add_argument("kinds", nargs="+", choices=KINDS)
+    parser.add_argument("--runs", type=int, default=3, metavar="N", help="of each kind; default 3")
+    parser.add_argument("--seed", type=int, default=1, help="of the first run of each kind")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    parser.add_argument("--folder", help="for all files; default: a new one")
+    options = parser.parse_args(ours)
+    options.options = theirs
+    good = True
+    for flight in flights(options):
+        print(flight, flush=True)
+        good = good and flight.good
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

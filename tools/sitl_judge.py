@@ -1,0 +1,203 @@
+"""The programs of a flight on a simulator, and what is to be said of it by the simulator's own truth."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from sitl_relay import tells_mode
+from sitl_simulator import HOME, Simulator, wait
+
+from arva_hil.autopilot.authority import BOUND_MS
+from arva_hil.autopilot.mavlink import dialect
+from arva_hil.model import LocalFrame
+
+TOUCHED_M: Final = 0.05
+LEAST_M: Final = 0.3  # what hovers is higher
+BEGINS: Final = "the search begins"
+ENDS: Final = "coming down onto|; landing|; hovering|taken over|pilot has"
+SILENCE: Final = ("climb", "search", "end", "pause", "sticks", "throttle")  # is due in these
+
+
+class Program:
+    """One of our commands; `lines`: what it says, and when."""
+
+    def __init__(self, folder: Path, *arguments: object) -> None:
+        self.lines: list[tuple[float, str]] = []
+        self.began = time.monotonic()
+        self._out = (folder / f"{arguments[0]}.out").open("w+")
+        self._err = (folder / f"{arguments[0]}.err").open("w")
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "arva_hil", *map(str, arguments)],
+            stdin=subprocess.DEVNULL,
+            stdout=self._out,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=Path(__file__).parents[1],
+        )
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            now = time.monotonic()
+            self.lines.append((now, line.strip()))
+            print(f"{now - self.began:8.2f} {line}", end="", file=self._err, flush=True)
+
+    @property
+    def out(self) -> str:
+        self._out.seek(0)
+        return self._out.read()
+
+    def said(self, pattern: str) -> float | None:
+        """When it was said first."""
+        return next((at for at, line in list(self.lines) if re.search(pattern, line)), None)
+
+    def says(self, pattern: str, within_s: float = 180.0) -> float:
+        wait(lambda: self.said(pattern) or self.process.poll() is not None, within_s)
+        at = self.said(pattern)
+        if at is None:
+            raise TimeoutError(f"{pattern!r} was not said")
+        return at
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGCONT)
+            self.process.kill()
+        self.process.wait()
+        self._thread.join(5)
+        self._out.close()
+        self._err.close()
+
+
+@dataclass
+class Flight:
+    """What came of one. Heights and errors are horizontal or true, m, as far as they are known."""
+
+    simulator: str
+    kind: str
+    seed: int
+    height_m: float  # asked for
+    folder: str
+    good: bool = False
+    code: int | None = None
+    outcome: str = ""
+    how: str = ""
+    time_s: float = 0.0
+    reported_m: float | None = None  # error of the place reported, by the estimate of the vehicle's place
+    stands_m: float | None = None  # where it came down, by that estimate,
+    touchdown_m: float | None = None  # and in truth
+    lowest_m: float | None = None  # true height while searching
+    standing_m: float | None = None
+    disarmed: bool = False
+    kept: bool | None = None  # the mode of the pilot is the vehicle's at the end
+    orders: int = 0  # after the vehicle's word,
+    last_ms: float = 0.0
+    late: int = 0  # orders after the bound,
+    words: dict[str, int] = field(default_factory=dict)  # and what else was sent then
+    modes: list[int] = field(default_factory=list)  # ordered by the search after the pilot has moved
+    load: float = 0.0
+    problem: str = ""
+
+    def __str__(self) -> str:
+        def m(value: float | None) -> str:
+            return "    -" if value is None else f"{value:5.2f}"
+
+        silence = f"orders {self.orders}, last {self.last_ms:.0f} ms, late {self.late} {self.modes} {self.words or ''}"
+        return (
+            f"{self.simulator:10} {self.kind:9} {self.seed:3} {'ok ' if self.good else 'BAD'} {self.code!s:>4} "
+            f"{self.outcome:9} {self.time_s:5.0f} s  {m(self.reported_m)} {m(self.stands_m)} {m(self.touchdown_m)}  "
+            f"low {m(self.lowest_m)}  {'disarmed' if self.disarmed else 'armed   '} "
+            f"kept {self.kept!s:5} {silence}  "
+            f"load {self.load:.1f}  {self.how} {self.problem}"
+        )
+
+
+def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | None, ned: list[float]) -> None:
+    relay, places = simulator.relay, simulator.places
+    flight.code = search.process.poll()
+    with contextlib.suppress(ValueError):
+        outcome = json.loads(search.out)
+        flight.outcome, flight.how = outcome["outcome"], outcome["how"]
+        if found := outcome["found"]:
+            flight.reported_m = off(found["lat_lon"][0], found["lat_lon"][1], ned)
+    begun, ended = search.said(BEGINS), min(search.said(ENDS) or math.inf, acted or math.inf)
+    flight.time_s = (search.lines[-1][0] if search.lines else 0.0) - search.began
+    flight.disarmed = not relay.armed
+    ground = simulator.ground_m
+    with (Path(flight.folder) / "truth.csv").open("w") as file:
+        for place in places:
+            print(f"{place.time_s - search.began:.3f},{place.lat},{place.lon},{place.alt - ground:.3f}", file=file)
+    if begun is not None:
+        heights = [place.alt - ground for place in places if begun <= place.time_s <= ended]
+        flight.lowest_m = min(heights, default=None)
+    if places:
+        down = (place for place in places if place.time_s > ended and place.alt - ground < TOUCHED_M)
+        touched = next(down, places[-1])  # later the wind may push it over the ground
+        flight.touchdown_m = off(touched.lat, touched.lon, ned)
+        flight.standing_m = places[-1].alt - ground
+        kind = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+        estimates = [n.message for n in relay.notes if type(n.message).id == kind and n.time_s <= touched.time_s]
+        flight.stands_m = off(estimates[-1].lat / 1e7, estimates[-1].lon / 1e7, ned) if estimates else None
+    low = flight.lowest_m is not None and flight.lowest_m < flight.height_m / 2
+    if flight.kind == "anywhere":
+        flight.good = flight.code == 0 and flight.disarmed and not low
+        return
+    if acted is None:
+        return
+    words = (
+        n.time_s for n in relay.notes if n.time_s > acted and not n.up and tells_mode(n.message) == simulator.pilots
+    )
+    word = next(words, None)
+    after = [n for n in relay.notes if n.up and n.time_s > acted]
+    flight.modes = [int(m.param2) for _, _, m in after if getattr(m, "command", 0) == dialect.MAV_CMD_DO_SET_MODE]
+    flight.modes += [-21 for _, _, m in after if getattr(m, "command", 0) == dialect.MAV_CMD_NAV_LAND]
+    if flight.kind in SILENCE:
+        flight.kept = relay.mode == simulator.pilots
+        if word is None:
+            flight.problem = "the vehicle never said the pilot's mode"
+            return
+        behind = [n for n in after if n.time_s > word]
+        ordered = [n for n in behind if orders(n.message)]
+        flight.orders = len(ordered)
+        flight.last_ms = max((1e3 * (n.time_s - word) for n in ordered), default=0.0)
+        late = [n for n in behind if n.time_s > word + BOUND_MS / 1e3]
+        flight.late = sum(orders(n.message) for n in late)
+        flight.words = dict(Counter(n.message.get_type() for n in late if not orders(n.message)))
+        flight.good = flight.kept and not flight.late and flight.code == 1
+    elif flight.kind in ("stop", "descent"):
+        flight.kept = relay.mode == simulator.still and relay.armed
+        flight.good = (
+            flight.kept and flight.code == 130 and flight.standing_m is not None and flight.standing_m > LEAST_M
+        )
+    else:
+        flight.good = flight.code == 130 and flight.disarmed
+
+
+def orders(message: Any) -> bool:
+    """It moves the vehicle, or would."""
+    moving = {
+        dialect.MAV_CMD_DO_SET_MODE,
+        dialect.MAV_CMD_NAV_LAND,
+        dialect.MAV_CMD_NAV_TAKEOFF,
+        dialect.MAV_CMD_COMPONENT_ARM_DISARM,
+    }
+    target = type(message).id == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+    return target or getattr(message, "command", None) in moving
+
+
+def off(lat: float, lon: float, ned: list[float]) -> float:
+    north, east, _ = LocalFrame(*HOME).ned(lat, lon, HOME[2])
+    return math.dist((north, east), ned[:2])

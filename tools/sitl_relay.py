@@ -1,0 +1,176 @@
+"""A relay between a search and a simulator, which notes each message and when it went through; and a pilot on it."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import time
+from typing import Any, NamedTuple
+
+from arva_hil.autopilot.dialect import MAVLINK_MSG_ID_CURRENT_MODE
+from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
+
+
+class Note(NamedTuple):
+    time_s: float
+    up: bool  # from the search
+    message: Any
+
+
+class Relay:
+    """Between the search and the simulator. `notes`: what went through, in order. `url`: for the search."""
+
+    url: str
+
+    def __init__(self) -> None:
+        self.notes: list[Note] = []
+        self.mode = -1
+        self.armed = False
+        self.height = 0.0
+        self.ready = False  # ArduPilot knows its place
+        self._up, self._down = Parser(), Parser()
+        self._pilot = Encoder(255, 190)
+        self._ended = threading.Event()
+
+    def say(self, message: Any) -> None:
+        """As the pilot's ground station."""
+        self._to_vehicle(self._pilot.pack(message))
+
+    def close(self) -> None:
+        self._ended.set()
+
+    def _to_vehicle(self, data: bytes) -> None:
+        raise NotImplementedError
+
+    def _note(self, data: bytes, up: bool) -> None:
+        now, parser = time.monotonic(), self._up if up else self._down
+        for packet in parser.feed(data):
+            message = parser.decode(packet)
+            if message is None:
+                continue
+            if not up and packet.component == 1:
+                self._learn(message)
+            if up or packet.component == 1:
+                self.notes.append(Note(now, up, message))
+
+    def _learn(self, message: Any) -> None:
+        kind = type(message).id
+        if kind == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            self.mode = message.custom_mode
+            self.armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        elif kind == MAVLINK_MSG_ID_CURRENT_MODE:
+            self.mode = message.custom_mode
+        elif kind == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
+            self.height = message.relative_alt / 1e3
+        elif kind == dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT:
+            self.ready = bool(message.flags & dialect.EKF_POS_HORIZ_ABS)
+
+
+class TcpRelay(Relay):
+    """Connects to the simulator at once, which waits for that; the search may come later."""
+
+    def __init__(self, port: int) -> None:
+        super().__init__()
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.url = f"tcp:127.0.0.1:{self._server.getsockname()[1]}"
+        self._port = port
+        self._vehicle: socket.socket | None = None
+        self._search: socket.socket | None = None
+        for run in (self._serve, self._pump):
+            threading.Thread(target=run, daemon=True).start()
+
+    def _serve(self) -> None:
+        while self._vehicle is None and not self._ended.is_set():
+            try:
+                self._vehicle = socket.create_connection(("127.0.0.1", self._port))
+            except OSError:
+                time.sleep(0.2)
+        with contextlib.suppress(OSError):
+            while self._vehicle and (data := self._vehicle.recv(65536)):
+                if self._search:
+                    with contextlib.suppress(OSError):  # it has ended
+                        self._search.sendall(data)
+                self._note(data, up=False)
+
+    def _pump(self) -> None:
+        with contextlib.suppress(OSError):
+            self._search, _ = self._server.accept()
+            while data := self._search.recv(65536):
+                self._note(data, up=True)
+                self._to_vehicle(data)
+
+    def _to_vehicle(self, data: bytes) -> None:
+        if self._vehicle:
+            with contextlib.suppress(OSError):
+                self._vehicle.sendall(data)
+
+    def close(self) -> None:
+        super().close()
+        for each in (self._server, self._search, self._vehicle):
+            if each:
+                each.close()
+
+
+class UdpRelay(Relay):
+    def __init__(self, port: int) -> None:
+        super().__init__()
+        self._outer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._outer.bind(("127.0.0.1", port))
+        self._outer.settimeout(0.2)  # so that its thread sees the end, and lets the port go
+        self._inner = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._inner.bind(("127.0.0.1", 0))
+        self._inner.settimeout(0.2)
+        with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as free:
+            free.bind(("127.0.0.1", 0))
+            self._search = free.getsockname()
+        self.url = f"udpin:127.0.0.1:{self._search[1]}"
+        self._vehicle: Any = None
+        self._threads = [threading.Thread(target=run, daemon=True) for run in (self._serve, self._pump)]
+        for thread in self._threads:
+            thread.start()
+
+    def _serve(self) -> None:
+        while not self._ended.is_set():
+            with contextlib.suppress(OSError):
+                data, self._vehicle = self._outer.recvfrom(65536)
+                with contextlib.suppress(OSError):
+                    self._inner.sendto(data, self._search)
+                self._note(data, up=False)
+
+    def _pump(self) -> None:
+        while not self._ended.is_set():
+            with contextlib.suppress(OSError):
+                data = self._inner.recv(65536)
+                self._note(data, up=True)
+                self._to_vehicle(data)
+
+    def _to_vehicle(self, data: bytes) -> None:
+        if self._vehicle:
+            with contextlib.suppress(OSError):
+                self._outer.sendto(data, self._vehicle)
+
+    def close(self) -> None:
+        super().close()
+        for thread in self._threads:
+            thread.join()
+        self._outer.close()
+        self._inner.close()
+
+
+class Hands:
+    """On the sticks, which are sent five times a second."""
+
+    def __init__(self, relay: Relay, pulses: list[int]) -> None:
+        self.pulses = pulses
+        self._relay = relay
+        threading.Thread(target=self._hold, daemon=True).start()
+
+    def _hold(self) -> None:
+        while not self._relay._ended.wait(0.2):
+            self._relay.say(dialect.MAVLink_rc_channels_override_message(1, 1, *self.pulses, 0, 0, 0, 0))
+
+
+def tells_mode(message: Any) -> int | None:
+    heartbeat = type(message).id == dialect.MAVLINK_MSG_ID_HEARTBEAT
+    return message.custom_mode if heartbeat or type(message).id == MAVLINK_MSG_ID_CURRENT_MODE else None

@@ -1,0 +1,149 @@
+"""ArduPilot's and PX4's simulators, each with a relay for the search, weather, and its own truth."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Final
+
+from sitl_relay import Relay, TcpRelay, UdpRelay
+
+from arva_hil.autopilot.mavlink import command, dialect
+
+sys.path.append(str(Path(__file__).parents[1] / "tests"))
+from sitl.truth import Place, Witness, ground_m
+
+HOME: Final = (47.397742, 8.545594, 488.0)
+COPTER: Final = 7  # the instance, away from that of tests/sitl
+PX4: Final = 3
+SPEEDUP: Final = 8  # until ArduPilot knows its place
+WIND_M_S, GPS_M, GPS_S = 5.0, 1.5, 30.0
+
+
+class Weather:
+    """For ArduPilot's simulator. Once `begun`, the error of its GPS walks: a Gauss-Markov process on each axis."""
+
+    def __init__(self, seed: int) -> None:
+        self.begun = False
+        self._draw = random.Random(f"weather {seed}")
+        self._direction = self._draw.uniform(0, 360)
+        self._error = [0.0, 0.0, 0.0]
+
+    def __call__(self, now: float) -> Mapping[str, float]:
+        keep = math.exp(-1 / GPS_S)
+        if self.begun:
+            self._error = [e * keep + self._draw.gauss(0, GPS_M) * math.sqrt(1 - keep**2) for e in self._error]
+        north, east, up = self._error
+        return {
+            "SIM_WIND_SPD": WIND_M_S,
+            "SIM_WIND_DIR": self._direction,
+            "SIM_WIND_TURB": 1.0,
+            "SIM_GPS1_GLTCH_X": north / 111_200,
+            "SIM_GPS1_GLTCH_Y": east / 75_300,
+            "SIM_GPS1_GLTCH_Z": up,
+        }
+
+
+class Simulator:
+    """A simulator as a process. `telemetry`: the emulator's link."""
+
+    def __init__(self, binary: Path, folder: Path, kind: str, seed: int) -> None:
+        self.copter = binary.name == "arducopter"
+        self.system = 1 if self.copter else PX4 + 1
+        self.weather = Weather(seed) if self.copter and kind == "anywhere" else None
+        self.pilots, self.still = (5, 4) if self.copter else (3 << 24 | 4 << 16, 3 << 24 | 4 << 16)
+        self._log = (folder / "autopilot.log").open("wb")
+        self._folder, self._binary = folder, binary
+        self.relay: Relay
+        if self.copter:
+            port = 5760 + 10 * COPTER
+            parameters = binary.parents[3] / "Tools/autotest/default_params/copter.parm"
+            home = "{},{},{},0".format(*HOME)
+            self._start(
+                *(binary, f"-I{COPTER}", "--model", "quad", "--serial0", "tcp:0", "--speedup", SPEEDUP),
+                *("--home", home, "--defaults", parameters),
+            )
+            self.telemetry = f"tcp:127.0.0.1:{port + 2}"
+            self.relay = TcpRelay(port)
+            self._waits("SERIAL1 on TCP port")
+            self._settle()
+            self.witness = Witness(f"tcp:127.0.0.1:{port + 3}", dialect.MAVLINK_MSG_ID_SIM_STATE, self.weather)
+        else:
+            self.relay = UdpRelay(14540 + PX4)
+            others = {name: value for name, value in os.environ.items() if name.startswith("PX4_PARAM_")}
+            etc = binary.parents[1] / "etc"
+            self._start(
+                *(binary, "-i", PX4, "-d", "-w", folder, etc),
+                PX4_SIM_MODEL="sihsim_quadx",
+                PATH="/usr/bin:/bin",
+                **others,
+            )
+            self._waits("Startup script returned successfully")
+            self._tell_px4("mavlink", "start", "-x", "-u", "14593", "-o", "14594", "-r", "4000000", "-m", "onboard")
+            self.telemetry = "udpin:127.0.0.1:14594"
+            hil_state = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
+            self.witness = Witness(f"udpin:127.0.0.1:{19410 + PX4}", hil_state)
+
+    def _settle(self) -> None:
+        """Until ArduPilot knows its place, some 40 s of its time, run faster than real time."""
+        interval, status = dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT
+        end = time.monotonic() + 90
+        while not self.relay.ready:
+            if time.monotonic() > end:
+                raise TimeoutError("ArduPilot does not find its place")
+            self.relay.say(command(1, 1, interval, status, 100_000))
+            time.sleep(0.3)
+        self.relay.say(command(1, 1, interval, status, -1))
+        real = dialect.MAV_PARAM_TYPE_REAL32
+        self.relay.say(dialect.MAVLink_param_set_message(1, 1, b"SIM_SPEEDUP", 1.0, real))
+        time.sleep(1)
+
+    @property
+    def places(self) -> list[Place]:
+        """True ones, by the clock of this program."""
+        clock = self.witness._clock
+        zero = time.monotonic() - clock.now()
+        return [place._replace(time_s=place.time_s + zero) for place in list(self.witness.places)]
+
+    @property
+    def ground_m(self) -> float:
+        """Its altitude."""
+        return ground_m(self.witness.places) if self.witness.places else math.nan
+
+    def _start(self, *arguments: object, **environment: str) -> None:
+        self.process = subprocess.Popen(
+            list(map(str, arguments)),
+            cwd=self._folder,
+            stdin=subprocess.DEVNULL,
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+            env=environment or None,
+        )
+
+    def _waits(self, text: str) -> None:
+        wait(lambda: text.encode() in (self._folder / "autopilot.log").read_bytes(), 60)
+
+    def _tell_px4(self, module: str, *arguments: str) -> None:
+        client = [str(self._binary.with_name(f"px4-{module}")), "--instance", str(PX4), *arguments]
+        subprocess.run(client, check=True, stdout=self._log, stderr=self._log, cwd=self._folder, timeout=20)
+
+    def close(self) -> None:
+        self.witness.close()
+        self.process.kill()
+        self.process.wait()
+        self.relay.close()
+        self._log.close()
+
+
+def wait(condition: Callable[[], object], within_s: float) -> None:
+    end = time.monotonic() + within_s
+    while not condition():
+        if time.monotonic() > end:
+            raise TimeoutError
+        time.sleep(0.005)
