@@ -28,7 +28,7 @@ from typing import Any
 from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.autopilot.session import Session
 from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.cli.shared import counters
+from arva_hil.cli.summary import counters
 from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.config import load
 from arva_hil.drivers import Live
