@@ -42,6 +42,9 @@ def test_it_finds_the_transmitter_and_lands(arva: Arva, form: str, tmp_path: Pat
     code, out, err = arva(*MAX, "--format", form, "--record", tmp_path)
     assert (code, out) == (0, "")
     assert error_m(err) < 1.0
+    down = re.search(r"^the vehicle has come down ([\d.]+) m from it$", err, re.MULTILINE)
+    assert down
+    assert float(down[1]) < 1.0
     name = "a transmitter" if form == "text" else "transmitter 1"
     assert re.search(rf"^found {name}: (19|20)\.\d m north, [45]\.\d m east of the take-off point", err, re.MULTILINE)
     assert "search: found; landing" in err
@@ -146,3 +149,11 @@ def test_the_demo_has_a_port_and_no_use_for_frames_inside_mavlink(arva: Arva) ->
     assert code == 2
     assert "--format tunnel" in err
     assert "choose binary, nmea or text" in err
+
+
+def test_an_error_of_the_estimate_is_refused_where_the_vehicle_tells_the_truth(arva: Arva, tmp_path: Path) -> None:
+    path = tmp_path / "scenario.yaml"
+    path.write_text("spec: 2\nnavigation_error: {bias_ned: [1, 0, 0]}\ntransmitters: [{id: 1, ned: [5, 5, 0]}]\n")
+    code, _, err = arva(*MAX, "--scenario", path)
+    assert code == 2
+    assert "navigation_error" in err
