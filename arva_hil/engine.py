@@ -29,6 +29,7 @@ from arva_hil.autopilot.session import Session
 from arva_hil.config import Scenario
 from arva_hil.datum import MOVE_DATUM, Datum
 from arva_hil.events import DatumSet, Event, HeartbeatMissing, PacketsReceived, StatusReport, VehicleStatus
+from arva_hil.followed_systems import FollowedSystems
 from arva_hil.frame_source import FrameSource, Output
 from arva_hil.output import MAVLINK_FORMATS, encoder
 from arva_hil.true_state import true_state
@@ -65,7 +66,7 @@ def one_vehicle(scenario: Scenario, session: Session, *, link: str = "autopilot"
 class EmulatedVehicle:
     """Remembers one vehicle's datum and receivers; the session has the rest."""
 
-    def __init__(self, setup: VehicleSetup, *, start: float, max_age_s: float) -> None:
+    def __init__(self, setup: VehicleSetup, followed: FollowedSystems, *, start: float, max_age_s: float) -> None:
         self.name = setup.session.news.name = setup.name
         self.link = setup.link
         self.session = setup.session
@@ -84,6 +85,7 @@ class EmulatedVehicle:
             for receiver in setup.receivers
         ]
         self.told_missing = False
+        self._followed = followed
         self._scenarios = [receiver.scenario for receiver in setup.receivers]
         if self.datum.frame:
             self._place()
@@ -101,8 +103,8 @@ class EmulatedVehicle:
         reported = self.session.state_at(t, frame)
         return self.true_state.at(t, frame, reported), reported
 
-    def carrier_pose(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        return None
+    def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        return self._followed.pose(system, t, self.datum.frame) if self.datum.frame else None
 
     def lacking(self) -> NoPose:
         if self.datum.frame is None and self.session.track.newest is not None:
@@ -144,7 +146,9 @@ class Emulator:
         look_ahead_s: float = 0.0,
         tell_packets: bool = False,
     ) -> None:
-        self.vehicles = [EmulatedVehicle(setup, start=start, max_age_s=max_age_s) for setup in vehicles]
+        scenarios = (receiver.scenario for setup in vehicles for receiver in setup.receivers)
+        self._followed = FollowedSystems(scenarios, start)
+        self.vehicles = [EmulatedVehicle(setup, self._followed, start=start, max_age_s=max_age_s) for setup in vehicles]
         self._on_link: dict[str, list[EmulatedVehicle]] = {}
         for vehicle in self.vehicles:
             self._on_link.setdefault(vehicle.link, []).append(vehicle)
@@ -171,12 +175,12 @@ class Emulator:
         `sender`: which of several on the link they came from. `whole`: no packet goes on in the next bytes.
         """
         vehicles = self._on_link[link]
-        if len(vehicles) == 1:
+        if len(vehicles) == 1 and not self._followed:
             packets: Sequence[Packet] = vehicles[0].session.feed(data, now, sender, whole=whole)
         else:
-            packets = self._share(
-                vehicles, vehicles[0].session.reader.read(data, now, sender, whole=whole), now, sender
-            )
+            read = vehicles[0].session.reader.read(data, now, sender, whole=whole)
+            self._followed.hear(read.believed, now)
+            packets = self._share(vehicles, read, now, sender)
         if self._tell_packets:
             self._events.append(PacketsReceived(now, link, packets))
         for vehicle in vehicles:
@@ -204,6 +208,7 @@ class Emulator:
             self._answer(vehicle, now)
         if now >= self._next_status:
             self._next_status = now + _STATUS_S
+            self._events += self._followed.look(now)
             self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
 
     def finish(self, now: float) -> None:
@@ -270,7 +275,8 @@ class Emulator:
     def _ready(self, vehicle: EmulatedVehicle, now: float) -> Callable[[float], bool]:
         if not self._look_ahead_s:
             return lambda t: True
-        return lambda t: now - t >= self._look_ahead_s or vehicle.true_state.known_at(t)
+        every = (vehicle.true_state, self._followed)
+        return lambda t: now - t >= self._look_ahead_s or all(one.known_at(t) for one in every)
 
     def _collect(self, source: FrameSource) -> None:
         if source.outputs:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from arva_hil import config
 from arva_hil.model import (
     Antennas,
-    Carried,
+    Following,
     LocalFrame,
     Mount,
     MovingTransmitters,
@@ -65,7 +65,7 @@ def _quaternion(degrees: tuple[float, float, float]) -> NDArray[np.float64]:
 
 
 def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float]:
-    """NED, metres; of one that is carried by a vehicle the origin, which nobody asks for."""
+    """NED, metres; of one that follows a vehicle the origin, which nobody asks for."""
     if transmitter.ned is not None:
         return transmitter.ned
     if transmitter.path is not None:
@@ -74,11 +74,11 @@ def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float
     return tuple(frame.ned(lla.lat, lla.lon, lla.alt)) if lla else (0.0, 0.0, 0.0)
 
 
-def _motion(transmitter: config.Transmitter) -> Waypoints | Carried | None:
+def _motion(transmitter: config.Transmitter) -> Waypoints | Following | None:
     """How it moves, None for one at rest."""
     if (path := transmitter.path) is not None:
         points = np.array(path.points_ned)
         return Waypoints(points[:, 0], points[:, 1:], path.end)
     if (follows := transmitter.follows) is not None:
-        return Carried(follows.system, np.array(follows.offset))
+        return Following(follows.system, np.array(follows.offset))
     return None

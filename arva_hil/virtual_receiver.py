@@ -35,7 +35,7 @@ class PoseSource(Protocol):
         The same object where the report counts as the truth.
         """
 
-    def carrier_pose(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Position (3,) NED from the datum and body → NED (3, 3) of another vehicle; None: it is not heard."""
 
     @property
@@ -104,7 +104,7 @@ class VirtualReceiver:
         if reported is not state:
             reported_pose = self._pose(reported) if self._is_fresh(reported) else None
         self.seen = Seen(t, pose, reported_pose, state.age_s if state else None)
-        there = self._transmitters.at(self._look_s, lambda system: vehicle.carrier_pose(system, t))
+        there = self._transmitters.at(self._look_s, lambda system: vehicle.pose_of(system, t))
         self._model.look(Look(self._look_s, pose, there))
         return events
 

@@ -68,7 +68,7 @@ class Vehicle:
         state = VehicleState(t - START, at, np.array([2.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]), 0.01)
         return state, state
 
-    def carrier_pose(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         return None
 
     def lacking(self) -> str:

@@ -21,6 +21,7 @@ VEHICLE = (1.0, "vehicle")
 LABEL = "px4 quadrotor 1/1"
 NO_ATTITUDE = NoPose("streams missing", (SilentStream("ATTITUDE", "", 0.0, "", False, False),))
 DENIED = ("ATTITUDE", "SET_MESSAGE_INTERVAL", 50.0, "MAV_RESULT_DENIED")
+SILENT = "transmitters that follow it are silent until its GLOBAL_POSITION_INT and ATTITUDE come on one of the links"
 CURE = "correct `datum` and `transmitters` in the scenario, or use `datum: home`"
 
 SENTENCES: list[tuple[Event, str, str]] = [
@@ -45,6 +46,13 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "warning",
         "a.tlog: its clock was set while it was written: time goes on by the vehicles' own clocks",
     ),
+    (
+        events.FollowedSystemSilent(1.0, 7, True),
+        "warning",
+        f"system 7 is not heard any more: {SILENT}",
+    ),
+    (events.FollowedSystemSilent(1.0, 7, False), "warning", f"system 7 was never heard: {SILENT}"),
+    (events.FollowedSystemHeard(1.0, 7), "info", "system 7 is heard: transmitters follow it"),
     (events.FramesRefused(*RECEIVER), "warning", "nobody takes the frames: they are dropped until somebody does"),
     (events.FramesTaken(*RECEIVER, 7), "info", "frames are taken; 7 were dropped so far"),
     (events.PoseFound(*RECEIVER), "info", "there is a pose: readings are real from here on"),

@@ -100,6 +100,10 @@ def describe(chosen: Scenario) -> list[str]:
             lines.append(f"  transmitter {t.id}: {north:g} m north, {east:g} m east, {down:g} m down of {of}")
         elif t.lla is not None:
             lines.append(f"  transmitter {t.id}: {t.lla.lat:.7f}, {t.lla.lon:.7f}, {t.lla.alt:g} m AMSL")
+        elif t.path is not None:
+            lines.append(f"  transmitter {t.id}: on a path of {len(t.path.points_ned)} points, then {t.path.end}")
+        elif t.follows is not None:
+            lines.append(f"  transmitter {t.id}: follows system {t.follows.system}")
     return lines + [f"  fault {fault}" for fault in chosen.faults]
 
 

@@ -173,6 +173,12 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
         "warning",
         f"{e.log}: its clock was set while it was written: time goes on by the vehicles' own clocks",
     ),
+    events.FollowedSystemSilent: lambda e: (
+        "warning",
+        f"system {e.system} {'is not heard any more' if e.was_heard else 'was never heard'}: transmitters that follow "
+        "it are silent until its GLOBAL_POSITION_INT and ATTITUDE come on one of the links",
+    ),
+    events.FollowedSystemHeard: lambda e: ("info", f"system {e.system} is heard: transmitters follow it"),
     events.FramesRefused: lambda e: ("warning", "nobody takes the frames: they are dropped until somebody does"),
     events.FramesTaken: lambda e: ("info", f"frames are taken; {e.dropped} were dropped so far"),
     events.PoseFound: lambda e: ("info", "there is a pose: readings are real from here on"),

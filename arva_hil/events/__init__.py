@@ -102,6 +102,27 @@ class LogClockSet(Event):
     log: str
 
 
+# -- systems that transmitters follow ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class FollowedSystemSilent(Event):
+    """No pose of MAVLink system `system` is heard on any link: the transmitters that follow it are silent.
+
+    `was_heard`: before.
+    """
+
+    system: int
+    was_heard: bool
+
+
+@dataclass(frozen=True, slots=True)
+class FollowedSystemHeard(Event):
+    """Its pose is heard, after it was not: the transmitters that follow it are where it is."""
+
+    system: int
+
+
 # -- receivers ---------------------------------------------------------------------------------------------
 
 

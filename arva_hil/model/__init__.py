@@ -2,7 +2,7 @@
 
 from .field import Transmitters, dipole_field
 from .geodesy import LocalFrame
-from .motion import Carried, MovingTransmitters, Waypoints
+from .motion import Following, MovingTransmitters, Waypoints
 from .mount import Mount
 from .reading import ChannelReading, Reading, Zone, with_true_ranges
 from .receiver import Antennas, NoiseKind, PaperReceiver, outputs
@@ -11,8 +11,8 @@ from .receiver_model import Answer, Look, Pose, ReceiverModel
 __all__ = [
     "Answer",
     "Antennas",
-    "Carried",
     "ChannelReading",
+    "Following",
     "LocalFrame",
     "Look",
     "Mount",

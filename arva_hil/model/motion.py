@@ -1,4 +1,4 @@
-"""Where transmitters are at a time: at rest, on timed waypoints, or carried by a vehicle that is heard."""
+"""Where transmitters are at a time: at rest, on timed waypoints, or with a vehicle that is heard."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from .field import Transmitters
 
-__all__ = ["Carried", "MovingTransmitters", "Waypoints"]
+__all__ = ["Following", "MovingTransmitters", "Waypoints"]
 
 Array = NDArray[np.float64]
-CarrierPose = Callable[[int], tuple[Array, Array] | None]
+PoseOf = Callable[[int], tuple[Array, Array] | None]
 """System id → position (3,) NED, metres, and body → NED (3, 3) of that vehicle now; None: it is not heard."""
 
 _SILENT: Final = 0.0
@@ -46,8 +46,8 @@ class Waypoints:
 
 
 @dataclass(frozen=True, eq=False)
-class Carried:
-    """By the vehicle of a system id: `offset` (3,) in its body frame FRD, metres. It turns as that vehicle turns."""
+class Following:
+    """With the vehicle of a system id: `offset` (3,) in its body frame FRD, metres. It turns as that vehicle turns."""
 
     system: int
     offset: Array
@@ -56,12 +56,12 @@ class Carried:
 class MovingTransmitters:
     """Remembers transmitters, and how some of them move: `motions` by index. Those at rest are never copied."""
 
-    def __init__(self, rest: Transmitters, motions: Mapping[int, Waypoints | Carried]) -> None:
+    def __init__(self, rest: Transmitters, motions: Mapping[int, Waypoints | Following]) -> None:
         self._rest = rest
         self._motions = motions
 
-    def at(self, time_s: float, carrier_pose: CarrierPose) -> Transmitters:
-        """All of them at `time_s`, seconds from the start of the run. One whose carrier is not heard is silent."""
+    def at(self, time_s: float, pose_of: PoseOf) -> Transmitters:
+        """All of them at `time_s`, seconds from the start of the run. One whose vehicle is not heard is silent."""
         rest = self._rest
         if not self._motions:
             return rest
@@ -70,7 +70,7 @@ class MovingTransmitters:
         for index, motion in self._motions.items():
             if isinstance(motion, Waypoints):
                 positions[index] = motion.at(time_s)
-            elif (pose := carrier_pose(motion.system)) is None:
+            elif (pose := pose_of(motion.system)) is None:
                 strengths[index] = _SILENT
                 unplaced.add(rest.ids[index])
             else:
