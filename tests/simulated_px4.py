@@ -13,10 +13,10 @@ import math
 import struct
 from typing import Any
 
-from arva_hil.autopilot.dialect import MAVLINK_MSG_ID_CURRENT_MODE, CurrentMode
-from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
-from arva_hil.autopilot.multirotor_pilot import Mode
-from arva_hil.autopilot.vehicle import SimulatedVehicle, Truth
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE, CurrentMode
+from arva_hil.simulated.autopilot import Mode
+from arva_hil.simulated.vehicle import SimulatedVehicle, Truth
 
 POSITION, TAKE_OFF, HOLD, RETURN, LAND, OFFBOARD = 3 << 16, *(4 << 16 | n << 24 for n in (2, 3, 5, 6)), 6 << 16
 PARAMETERS = {"COM_OBL_RC_ACT": 4, "COM_OF_LOSS_T": 1.0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 0}

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from paper_receiver import Receiver
 from PIL import Image
 
-from arva_hil.model import Antennas, Zone
+from arva_hil.receiver import Antennas, Zone
 
 TOOLS = Path(__file__).parent.parent / "tools"
 sys.path.append(str(TOOLS))

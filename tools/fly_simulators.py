@@ -42,7 +42,7 @@ from sitl_judge import BEGINS, SILENCE, Flight, Program, judge
 from sitl_relay import Hands
 from sitl_simulator import HOME, Simulator, wait
 
-from arva_hil.autopilot.mavlink import command, dialect
+from arva_hil.mavlink.codec import command, dialect
 
 WITHIN_M: Final = 30.0
 HEIGHT_M: Final = 3.0  # the default

@@ -19,14 +19,14 @@ import numpy as np
 import yaml
 from fastcrc import crc16
 
-from arva_hil.autopilot.mavlink import Encoder, Packet, Parser, dialect
-from arva_hil.autopilot.session import Session
 from arva_hil.config import ScenarioError, load, parse, parse_fault, to_dict
-from arva_hil.console.reasons import no_pose, no_vehicle
-from arva_hil.console.sentences import sentence
+from arva_hil.emulator.ports import MAVLINK_FORMATS, TUNNEL_TYPE, MavlinkDecoder
+from arva_hil.field import LocalFrame
 from arva_hil.links.tlog import read_tlog
-from arva_hil.model import LocalFrame
-from arva_hil.output import MAVLINK_FORMATS, TUNNEL_TYPE, MavlinkDecoder
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.observers.console.reasons import no_pose, no_vehicle
+from arva_hil.observers.console.sentences import sentence
+from arva_hil.vehicle.session import Session
 from firmware_proto import DECODERS, ENCODERS, MAX_CHANNELS, MAX_FRAME_BYTES, Channel, Frame, FrameDecoder, encode
 
 ROOT: Final = Path(__file__).parent.parent

@@ -27,10 +27,10 @@ from typing import Any
 
 from fastcrc import crc16
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
-from arva_hil.autopilot.session import Session
-from arva_hil.autopilot.signing import Signing
-from arva_hil.model import LocalFrame
+from arva_hil.field import LocalFrame
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.mavlink.signing import Signing
+from arva_hil.vehicle.session import Session
 
 HOME = (46.0123, 7.7456, 1650.0)
 FRAME = LocalFrame(*HOME)

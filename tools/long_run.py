@@ -25,21 +25,21 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
-from arva_hil.autopilot.session import Session
-from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.cli.summary import counters
-from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.config import load
-from arva_hil.drivers import Live
-from arva_hil.engine import Emulator, one_vehicle
+from arva_hil.emulator.engine import Emulator, one_vehicle
 from arva_hil.events import Event, FrameMade
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
-from arva_hil.loop import run
-from arva_hil.observer import Audience
-from arva_hil.record import Recorder
-from arva_hil.simulator import Simulator
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.observers.audience import Audience
+from arva_hil.observers.record import Recorder
+from arva_hil.runtime.clock import Clock, RealClock, StepClock
+from arva_hil.runtime.drivers import Live
+from arva_hil.runtime.loop import run
+from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.vehicle.session import Session
 from firmware_proto import DECODERS
 
 HOME = (46.0123, 7.7456, 1650.0)

@@ -26,19 +26,19 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
-from arva_hil.autopilot.session import Session
-from arva_hil.clock import RealClock
 from arva_hil.config import parse
-from arva_hil.drivers import Live
-from arva_hil.engine import Emulator, one_vehicle
+from arva_hil.emulator.engine import Emulator, one_vehicle
 from arva_hil.events import Event, FrameMade
+from arva_hil.field import LocalFrame
 from arva_hil.links import Link, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
-from arva_hil.loop import run
-from arva_hil.model import LocalFrame
-from arva_hil.observer import Audience
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.observers.audience import Audience
+from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.drivers import Live
+from arva_hil.runtime.loop import run
+from arva_hil.vehicle.session import Session
 from firmware_proto import Decoder
 
 COMMAND = [sys.executable, "-m", "arva_hil"]

@@ -20,11 +20,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
-from arva_hil.loop import run
-from arva_hil.simulator import Simulator
+from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.loop import run
+from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle
 
 SHORT_S = 3.0
 HOME = (46.0123, 7.7456, 1650.0)

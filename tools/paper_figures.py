@@ -28,9 +28,10 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from arva_hil.model import Antennas, Transmitters, Zone, dipole_field, outputs
-from arva_hil.model.receiver import draw_noise, noise_bound, receive
-from arva_hil.model.rotation import from_euler, to_matrix
+from arva_hil.field import Transmitters, dipole_field
+from arva_hil.field.rotation import from_euler, to_matrix
+from arva_hil.receiver import Antennas, Zone, outputs
+from arva_hil.receiver.paper import draw_noise, noise_bound, receive
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

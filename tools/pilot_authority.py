@@ -29,16 +29,16 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from arva_hil.autopilot.authority import BOUND_MS
-from arva_hil.autopilot.dialect import MAVLINK_MSG_ID_CURRENT_MODE
-from arva_hil.autopilot.mavlink import Encoder, Parser, command, dialect
-from arva_hil.autopilot.multirotor_pilot import Mode
-from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.clock import RealClock
+from arva_hil.flight.authority import BOUND_MS
 from arva_hil.links import Link
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
+from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
+from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
+from arva_hil.runtime.clock import RealClock
+from arva_hil.simulated.autopilot import Mode
+from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Channel, Frame, encode
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))

@@ -19,9 +19,9 @@ from typing import Any, Final
 from sitl_relay import tells_mode
 from sitl_simulator import HOME, Simulator, wait
 
-from arva_hil.autopilot.authority import BOUND_MS
-from arva_hil.autopilot.mavlink import dialect
-from arva_hil.model import LocalFrame
+from arva_hil.field import LocalFrame
+from arva_hil.flight.authority import BOUND_MS
+from arva_hil.mavlink.codec import dialect
 
 TOUCHED_M: Final = 0.05
 LEAST_M: Final = 0.3  # what hovers is higher

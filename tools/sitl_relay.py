@@ -8,8 +8,8 @@ import threading
 import time
 from typing import Any, NamedTuple
 
-from arva_hil.autopilot.dialect import MAVLINK_MSG_ID_CURRENT_MODE
-from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 
 
 class Note(NamedTuple):

@@ -14,7 +14,7 @@ from typing import Final
 
 from sitl_relay import Relay, TcpRelay, UdpRelay
 
-from arva_hil.autopilot.mavlink import command, dialect
+from arva_hil.mavlink.codec import command, dialect
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from sitl.truth import Place, Witness, ground_m

@@ -26,9 +26,9 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
-from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.clock import RealClock
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.runtime.clock import RealClock
+from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Decoder
 
 HOME = (46.0123, 7.7456, 1650.0)

@@ -19,7 +19,7 @@ from typing import Any, Final
 from arva_hil.campaign.trial import Trial
 from arva_hil.config import NoiseKind, Scenario, Transmitter, to_dict
 from arva_hil.config.campaign import CampaignPlan, Random
-from arva_hil.model import rotation
+from arva_hil.field import rotation
 
 FORMAT: Final = 1  # of the results: another one makes every key another
 

@@ -21,7 +21,7 @@ from typing import Any, Final
 from arva_hil import files
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.trial import FOUND, Result
-from arva_hil.clock import RealClock
+from arva_hil.runtime.clock import RealClock
 from arva_hil.safe_text import cell
 
 __all__ = ["FAILED", "NAME", "Results", "ResultsError", "Row", "row"]

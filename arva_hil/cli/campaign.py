@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from arva_hil.cli import options as opt
-from arva_hil.cli.guard import Guard
+from arva_hil.cli.endings import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.clock import RealClock
 from arva_hil.files import there
+from arva_hil.runtime.clock import RealClock
 
 if TYPE_CHECKING:
     from arva_hil.campaign.plan import Planned

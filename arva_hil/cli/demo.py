@@ -12,17 +12,17 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Final
 
+from arva_hil.cli import common, search, search_report
 from arva_hil.cli import options as opt
-from arva_hil.cli import search, search_report, shared
 from arva_hil.cli.outcome import FAILED, NO_LINK, Failure, UsageError
 from arva_hil.cli.terminal import tell
-from arva_hil.clock import Clock, RealClock, StepClock
-from arva_hil.closed_loop import ClosedLoop, Ends
+from arva_hil.emulator.ports import MAVLINK_FORMATS
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
-from arva_hil.loop import run
-from arva_hil.output import MAVLINK_FORMATS
+from arva_hil.runtime.clock import Clock, RealClock, StepClock
+from arva_hil.runtime.loop import run
 from arva_hil.search.outcome import Outcome
+from arva_hil.simulated.closed_loop import ClosedLoop, Ends
 
 _AROUND_S: Final = 120.0  # for take-off and landing
 
@@ -36,7 +36,7 @@ def add_options(parser: opt.Parser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    chosen = shared.scenario(options)
+    chosen = common.scenario(options)
     if chosen.output_format in MAVLINK_FORMATS:
         raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
     if chosen.navigation_error:
@@ -47,7 +47,7 @@ def main(options: argparse.Namespace) -> int:
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
         autopilot, port = (memory.pair(), memory.pair()) if fast else _ptys(stack, clock)
-        surroundings = shared.Run(options, chosen, clock.epoch_us, live=not options.headless)
+        surroundings = common.Run(options, chosen, clock.epoch_us, live=not options.headless)
         log = search_report.open_log(Path(options.record))
         loop = ClosedLoop(
             chosen,
@@ -99,5 +99,5 @@ def _ptys(stack: ExitStack, clock: Clock) -> tuple[Ends, Ends]:
         vehicle, receiver = (stack.enter_context(closing(PtyLink())) for _ in range(2))
     except LinkError as error:
         raise Failure(NO_LINK, f"{error}, or demo --speed max, which needs none") from None
-    autopilot, port = (stack.enter_context(closing(shared.open_or_fail(p.path, clock))) for p in (vehicle, receiver))
+    autopilot, port = (stack.enter_context(closing(common.open_or_fail(p.path, clock))) for p in (vehicle, receiver))
     return (autopilot, vehicle), (port, receiver)

@@ -9,28 +9,28 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
 from typing import Final
 
-from arva_hil.autopilot.session import Session
-from arva_hil.autopilot.signing import Signing
 from arva_hil.cli import options as opt
-from arva_hil.cli.guard import Guard
+from arva_hil.cli.endings import Guard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.next_command import next_command
 from arva_hil.cli.outcome import INTERRUPTED, UsageError
-from arva_hil.cli.sides import DEFAULT_AUTOPILOT, add_autopilot, check_sides, choose_autopilot
+from arva_hil.cli.run_links import DEFAULT_AUTOPILOT, add_autopilot, check_sides, choose_autopilot
 from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.clock import Clock, RealClock
 from arva_hil.config.kinds import FORMATS
-from arva_hil.console.text import wants_colour
 from arva_hil.doctor import diagnosis as look
 from arva_hil.doctor import port_diagnosis as port_look
 from arva_hil.doctor.examination import Ear, Mouth
 from arva_hil.doctor.tcp_server import accepted
 from arva_hil.doctor.values import Finding, Position
+from arva_hil.emulator.ports import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
 from arva_hil.links import Address, Link, LinkError, open_link, parse
-from arva_hil.links.ports import Port as SerialPort
-from arva_hil.links.ports import list_ports
-from arva_hil.loop import run
-from arva_hil.output import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
+from arva_hil.links.serial_ports import Port as SerialPort
+from arva_hil.links.serial_ports import list_ports
+from arva_hil.mavlink.signing import Signing
+from arva_hil.observers.console.text import wants_colour
+from arva_hil.runtime.clock import Clock, RealClock
+from arva_hil.runtime.loop import run
+from arva_hil.vehicle.session import Session
 
 BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
 _TRY_S: Final = 1.3  # for each baud rate: a heartbeat comes within

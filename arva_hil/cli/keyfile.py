@@ -7,11 +7,11 @@ import stat
 from contextlib import ExitStack, closing
 from typing import Final
 
-from arva_hil.autopilot.signing import Signing, key_of
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config.yaml_tree import open_at_once
-from arva_hil.signing_state import LastingSigning, state_file
+from arva_hil.mavlink.signing import Signing, key_of
+from arva_hil.runtime.signing_state import LastingSigning, state_file
 
 _LARGEST: Final = 4096  # bytes
 

@@ -11,19 +11,19 @@ from contextlib import closing
 from pathlib import Path
 from typing import Final
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
-from arva_hil.autopilot.session import heartbeat
+from arva_hil.cli import common
 from arva_hil.cli import options as opt
-from arva_hil.cli import shared
-from arva_hil.cli.guard import Guard
+from arva_hil.cli.endings import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.clock import Clock, RealClock
 from arva_hil.config.kinds import FORMATS
-from arva_hil.console import text
+from arva_hil.emulator.ports import MAVLINK_FORMATS, MavlinkDecoder
 from arva_hil.links import AddressError, Link, LinkError, parse
-from arva_hil.loop import run
-from arva_hil.output import MAVLINK_FORMATS, MavlinkDecoder
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.observers.console import text
+from arva_hil.runtime.clock import Clock, RealClock
+from arva_hil.runtime.loop import run
+from arva_hil.vehicle.session import heartbeat
 from firmware_proto import DECODERS, Frame, FrameDecoder
 from firmware_proto.frame import PAUSE_S
 
@@ -62,7 +62,7 @@ def main(options: argparse.Namespace) -> int:
             listener.take(chunk, clock.now())
         listener.finish()
         return OK
-    with closing(shared.open_or_fail(options.url, clock)) as link, guard:
+    with closing(common.open_or_fail(options.url, clock)) as link, guard:
         tell(f"listening at {link.name}")
         listener.links = [link]
         try:

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from arva_hil import __version__
+from arva_hil.cli.endings import interrupting, story, unforeseen
 from arva_hil.cli.environment import strangers
-from arva_hil.cli.guard import interrupting, story, unforeseen
 from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
-from arva_hil.cli.standard import abandon, refuse_closed, reserve
+from arva_hil.cli.standard_streams import abandon, refuse_closed, reserve
 from arva_hil.cli.terminal import show, tell
 
 COMMANDS: Final = {

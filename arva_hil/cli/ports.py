@@ -14,7 +14,7 @@ def add_options(parser: Parser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    from arva_hil.links.ports import list_ports
+    from arva_hil.links.serial_ports import list_ports
 
     ports = list_ports()
     for port in ports:

@@ -10,20 +10,20 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 
-from arva_hil.autopilot.session import Session
+from arva_hil.cli import common
 from arva_hil.cli import options as opt
-from arva_hil.cli import shared
 from arva_hil.cli.outcome import UsageError
-from arva_hil.clock import RealClock
-from arva_hil.drivers import LOOK_AHEAD_S, replay
-from arva_hil.engine import Emulator, one_vehicle
+from arva_hil.emulator.engine import Emulator, one_vehicle
 from arva_hil.events import LogClockSet, LogLayout
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink
-from arva_hil.links.timeline import Record, Timeline
 from arva_hil.links.tlog import TlogReader, read_tlog
 from arva_hil.links.tlog_layout import BIG
-from arva_hil.observer import Audience
+from arva_hil.links.tlog_timeline import Record, Timeline
+from arva_hil.observers.audience import Audience
+from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay
+from arva_hil.vehicle.session import Session
 
 _BAR_STEP_BYTES = 1 << 16
 
@@ -51,7 +51,7 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError("--port and --out: choose one")
     if options.json and "-" in (options.out, options.port):
         raise UsageError("--json and the frames both want stdout: choose one")
-    chosen = shared.scenario(options)
+    chosen = common.scenario(options)
     session = Session(target_system=options.target_system, target_component=options.target_component, passive=True)
     with ExitStack() as stack:
         try:
@@ -64,7 +64,7 @@ def main(options: argparse.Namespace) -> int:
         first = next(timeline, None)
         if first is None:
             raise UsageError(f"{options.log}: no MAVLink packet in its {log.size} bytes: is it a telemetry log?")
-        surroundings = shared.Run(
+        surroundings = common.Run(
             options,
             chosen,
             first.time_us,
@@ -138,7 +138,7 @@ class _Tally:
 def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
     """Where frames go: a port, a file, stdout, or nowhere but into the record or the lines on stdout."""
     if options.port or options.out == "-":
-        return shared.open_or_fail(options.port or "-", RealClock())
+        return common.open_or_fail(options.port or "-", RealClock())
     path = options.out or os.devnull
     if os.path.exists(path) and os.path.samefile(path, options.log):
         raise UsageError(f"--out {path}: is the log itself: name another file")

@@ -9,27 +9,27 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from typing import NamedTuple
 
-from arva_hil.autopilot.packet_reader import PacketReader
-from arva_hil.autopilot.session import Session
+from arva_hil.cli import common
 from arva_hil.cli import options as opt
-from arva_hil.cli import shared
-from arva_hil.cli.fleet_sides import fleet_sides
+from arva_hil.cli.fleet_links import fleet_sides
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import UsageError
-from arva_hil.cli.sides import add_autopilot, check_sides, choose_autopilot
+from arva_hil.cli.run_links import add_autopilot, check_sides, choose_autopilot
 from arva_hil.cli.summary import LinkTally
 from arva_hil.cli.terminal import tell
-from arva_hil.clock import Clock, RealClock
 from arva_hil.config import Scenario, VehicleConfig
-from arva_hil.drivers import Live
-from arva_hil.engine import Emulator, VehicleSetup, one_vehicle
-from arva_hil.fleet import vehicle_setups
+from arva_hil.emulator.engine import Emulator, VehicleSetup, one_vehicle
+from arva_hil.emulator.fleet import vehicle_setups
+from arva_hil.emulator.ports import MAVLINK_FORMATS
 from arva_hil.links import Link, parse
-from arva_hil.links.reopen import open_lasting
+from arva_hil.links.reconnecting import open_lasting
 from arva_hil.links.stdout import StdoutLink
-from arva_hil.loop import run
-from arva_hil.output import MAVLINK_FORMATS
-from arva_hil.watchdog import Watchdog
+from arva_hil.mavlink.packet_reader import PacketReader
+from arva_hil.observers.systemd import Watchdog
+from arva_hil.runtime.clock import Clock, RealClock
+from arva_hil.runtime.drivers import Live
+from arva_hil.runtime.loop import run
+from arva_hil.vehicle.session import Session
 
 
 def add_options(parser: opt.Parser) -> None:
@@ -56,11 +56,11 @@ def add_options(parser: opt.Parser) -> None:
 
 
 def main(options: argparse.Namespace) -> int:
-    chosen = shared.scenario(options, fleet=True)
+    chosen = common.scenario(options, fleet=True)
     clock = RealClock()
     with ExitStack() as stack:
         sides = (_fleet if chosen.vehicles else _one)(options, chosen, clock, stack)
-        surroundings = shared.Run(options, chosen, clock.epoch_us, record_links=list(sides.autopilots))
+        surroundings = common.Run(options, chosen, clock.epoch_us, record_links=list(sides.autopilots))
         watchdog = Watchdog(os.environ)
         surroundings.observers.append(watchdog)
         start = clock.now()
@@ -143,7 +143,7 @@ def _open_port(address: str, clock: Clock, stack: ExitStack, of: str = "") -> Li
 def _open(address: str, clock: Clock, *, answered: bool = False) -> Link:
     """A link that comes back when it is lost. A TCP server may be started later; a port that is not there is named."""
     patient = parse(address).kind == "tcp"
-    return shared.open_or_fail(address, clock, open_lasting, answered=answered, patient=patient)
+    return common.open_or_fail(address, clock, open_lasting, answered=answered, patient=patient)
 
 
 def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None:

@@ -22,29 +22,29 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
-from arva_hil.autopilot.session import Session
+from arva_hil.cli import common
 from arva_hil.cli import options as opt
-from arva_hil.cli import shared
-from arva_hil.cli.guard import Guard
+from arva_hil.cli.endings import Guard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, UsageError
 from arva_hil.cli.search_report import as_dict, close_log, open_log, result
 from arva_hil.cli.terminal import show_json
-from arva_hil.clock import RealClock
-from arva_hil.console import Printer
-from arva_hil.console.question import TerminalQuestion, somebody_is_there
-from arva_hil.links.reopen import open_lasting
-from arva_hil.loop import run
-from arva_hil.model.mount import Mount
-from arva_hil.model.rotation import from_euler
-from arva_hil.notice import Notice
-from arva_hil.record.search_log import SearchLog
+from arva_hil.field.mount import Mount
+from arva_hil.field.rotation import from_euler
+from arva_hil.links.reconnecting import open_lasting
+from arva_hil.observers.console import Printer
+from arva_hil.observers.console.notice import Notice
+from arva_hil.observers.console.question import TerminalQuestion, somebody_is_there
+from arva_hil.observers.record.search_log import SearchLog
+from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.loop import run
 from arva_hil.search import STRATEGIES
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.mission import Plan
 from arva_hil.search.outcome import Row
 from arva_hil.search.permission import Permission
 from arva_hil.search.strips import Strips
+from arva_hil.vehicle.session import Session
 from firmware_proto import DECODERS
 
 _EXIT: Final = {
@@ -190,7 +190,7 @@ def main(options: argparse.Namespace) -> int:
         key = signing(options.signing_key, clock.epoch_us, stack)
         on_the_ground = partial(open_lasting, wanted=lambda: not (client and client.launched))
         autopilot, receiver = (
-            stack.enter_context(closing(shared.open_or_fail(url, clock, opener, patient=True)))
+            stack.enter_context(closing(common.open_or_fail(url, clock, opener, patient=True)))
             for url, opener in ((options.autopilot, on_the_ground), (options.receiver, open_lasting))
         )
         log = open_log(Path(options.record)) if options.record else None

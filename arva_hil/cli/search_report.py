@@ -9,9 +9,9 @@ from typing import Any, Final
 
 from arva_hil import __version__
 from arva_hil.cli.outcome import UsageError
-from arva_hil.plots import Track, draw_search
-from arva_hil.record import RecordError
-from arva_hil.record.search_log import TRACK, SearchLog, refuse_search
+from arva_hil.observers.plots import Track, draw_search
+from arva_hil.observers.record import RecordError
+from arva_hil.observers.record.search_log import TRACK, SearchLog, refuse_search
 from arva_hil.search.heard import NO_ID
 from arva_hil.search.mission import FOUND
 from arva_hil.search.outcome import Outcome

@@ -6,11 +6,11 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, Final, Protocol
 
-from arva_hil.autopilot.session import Session
-from arva_hil.drivers import Live
-from arva_hil.engine import EmulatedVehicle, Emulator
-from arva_hil.frame_source import FrameSource
-from arva_hil.record.layout import Layout
+from arva_hil.emulator.engine import EmulatedVehicle, Emulator
+from arva_hil.emulator.frame_source import FrameSource
+from arva_hil.observers.record.layout import Layout
+from arva_hil.runtime.drivers import Live
+from arva_hil.vehicle.session import Session
 
 _OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
 

@@ -9,7 +9,7 @@ import json
 import sys
 from typing import Any
 
-from arva_hil.cli.standard import abandon
+from arva_hil.cli.standard_streams import abandon
 from arva_hil.safe_text import one_line
 
 

@@ -9,20 +9,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from arva_hil.autopilot.finder import is_autopilot, short_name
-from arva_hil.autopilot.mavlink import RESULTS, Packet, dialect
-from arva_hil.autopilot.session import Session
-from arva_hil.clock import Clock
 from arva_hil.config import DEFAULT
-from arva_hil.console.sentences import stream as stream_words
 from arva_hil.doctor.diagnosis import rate
 from arva_hil.doctor.values import Source, Stream, Traffic, Way
+from arva_hil.emulator.build import receiver
+from arva_hil.emulator.ports import MavlinkPort, Port, frame_of
 from arva_hil.events.vehicles import StreamEvent
 from arva_hil.links import Address, Link, LinkEnded, LinkError, Sender
-from arva_hil.links.ports import far_program, holders, unread
 from arva_hil.links.pty import PtyLink
-from arva_hil.output import MavlinkPort, Port, frame_of
-from arva_hil.scene import receiver
+from arva_hil.links.serial_ports import far_program, holders, unread
+from arva_hil.mavlink.codec import RESULTS, Packet, dialect
+from arva_hil.observers.console.sentences import stream as stream_words
+from arva_hil.runtime.clock import Clock
+from arva_hil.vehicle.discovery import is_autopilot, short_name
+from arva_hil.vehicle.session import Session
 
 _FRAME_S: Final = 0.5
 _SAMPLE: Final = 4096  # bytes kept of what begins

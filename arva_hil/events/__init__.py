@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from arva_hil.autopilot.mavlink import Packet
-from arva_hil.autopilot.reasons import NoPose, NoVehicle
-from arva_hil.model import Pose, Reading
+from arva_hil.mavlink.codec import Packet
+from arva_hil.receiver import Pose, Reading
+from arva_hil.vehicle.reasons import NoPose, NoVehicle
 from firmware_proto import Frame
 
 

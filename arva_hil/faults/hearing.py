@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from arva_hil.config import Scenario
 from arva_hil.faults.switch import Switch
-from arva_hil.model import Answer, Antennas, Look, Reading, ReceiverModel, Transmitters, with_true_ranges
-from arva_hil.model.receiver import NoiseSource, noise_bound
+from arva_hil.field import Transmitters
+from arva_hil.receiver import Answer, Antennas, Look, Reading, ReceiverModel, with_true_ranges
+from arva_hil.receiver.paper import NoiseSource, noise_bound
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from arva_hil.faults.hearing import FaultyReceiver
 from arva_hil.faults.sending import SENDERS, Outbox, QueuedFrame, Sending
 from arva_hil.faults.switch import Switch
 from arva_hil.faults.wire import GARBLERS
-from arva_hil.model import ReceiverModel
+from arva_hil.receiver import ReceiverModel
 from firmware_proto import Frame
 
 

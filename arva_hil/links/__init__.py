@@ -11,7 +11,7 @@ from arva_hil.links.base import Absent, Link, LinkEnded, LinkError, Sender
 from arva_hil.links.url import Address, AddressError, parse
 
 if TYPE_CHECKING:
-    from arva_hil.clock import Clock
+    from arva_hil.runtime.clock import Clock
 
 __all__ = ["Absent", "Address", "AddressError", "Link", "LinkEnded", "LinkError", "Sender", "open_link", "parse"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Hashable
 
-from arva_hil.clock import await_descriptors
+from arva_hil.runtime.clock import await_descriptors
 
 Sender = Hashable  # one of several on a link; None where a link has but one
 

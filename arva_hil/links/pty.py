@@ -7,10 +7,10 @@ import os
 import selectors
 from typing import Any, Final
 
-from arva_hil.links import leads
+from arva_hil.links import symlinks
 from arva_hil.links.base import LinkError
-from arva_hil.links.closings import Closings
-from arva_hil.links.ports import far_program
+from arva_hil.links.inotify import Closings
+from arva_hil.links.serial_ports import far_program
 from arva_hil.links.stream import FdLink
 
 _TIOCGEXCL: Final = 0x80045440  # Linux: whether TIOCEXCL was set
@@ -108,11 +108,11 @@ class PtyLink(FdLink):
         os.close(self._slave)
         self._slave = slave
         if self.symlink:
-            leads.vouch(slave, self._inode)
+            symlinks.vouch(slave, self._inode)
 
     def _shut(self) -> None:
         with contextlib.suppress(OSError):
-            if leads.target(self.symlink) == self.path and os.lstat(self.symlink).st_ino == self._inode:
+            if symlinks.target(self.symlink) == self.path and os.lstat(self.symlink).st_ino == self._inode:
                 os.unlink(self.symlink)
         self._selector.close()
         self._closings.close()
@@ -128,13 +128,13 @@ def make_symlink(link: str, path: str, slave: int) -> int:
     """
     name = f"pty:{link}"
     try:
-        if not leads.target(link):
+        if not symlinks.target(link):
             os.symlink(path, link)
         else:
-            if os.path.realpath(link) != path and not leads.stale(link):
-                held = f"is a symlink to {leads.target(link)}, which is not ours to replace"
+            if os.path.realpath(link) != path and not symlinks.stale(link):
+                held = f"is a symlink to {symlinks.target(link)}, which is not ours to replace"
                 if who := far_program(link):
-                    held = f"is a symlink to {leads.target(link)}, which is in use: held by {who}"
+                    held = f"is a symlink to {symlinks.target(link)}, which is in use: held by {who}"
                 raise LinkError(name, held, "take another name")
             os.symlink(path, new := f"{link}.{os.getpid()}")
             os.replace(new, link)
@@ -143,5 +143,5 @@ def make_symlink(link: str, path: str, slave: int) -> int:
         raise LinkError(name, "exists and is no symlink", "take another name") from None
     except OSError as error:
         raise LinkError(name, f"the symlink cannot be made: {error.strerror}") from error
-    leads.vouch(slave, inode)
+    symlinks.vouch(slave, inode)
     return inode

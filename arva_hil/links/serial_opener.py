@@ -7,10 +7,10 @@ import math
 import os
 from typing import Final
 
-from arva_hil.clock import Clock
 from arva_hil.links import Address, open_link
 from arva_hil.links.base import Link, LinkError
-from arva_hil.links.ports import far_program, stable_name
+from arva_hil.links.serial_ports import far_program, stable_name
+from arva_hil.runtime.clock import Clock
 
 _STUBBORN_S: Final = 1.0  # while a port is plugged in, its permissions come late, and others have a look at it
 _BARRED: Final = frozenset((errno.EBUSY, errno.EAGAIN, errno.EACCES, errno.EPERM))

@@ -11,8 +11,8 @@ import sys
 from collections.abc import Callable
 from typing import BinaryIO, Final
 
-from arva_hil.clock import await_descriptors
 from arva_hil.links.base import Link, LinkError
+from arva_hil.runtime.clock import await_descriptors
 
 _AT_ONCE: Final = getattr(select, "PIPE_BUF", 512)  # bytes that a pipe takes without waiting when it takes any
 _ASK_S: Final = 0.1  # how often it is asked whether to give up

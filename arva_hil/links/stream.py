@@ -7,8 +7,8 @@ import os
 from abc import abstractmethod
 from typing import Final
 
-from arva_hil.clock import await_descriptors
 from arva_hil.links.base import Link, LinkError
+from arva_hil.runtime.clock import await_descriptors
 
 CHUNK: Final = 65536  # bytes asked of the system at a time
 AT_ONCE: Final = 1 << 16  # bytes one `read` returns, give or take a chunk: a flood cannot hold the loop

@@ -7,7 +7,7 @@ import socket
 from typing import Any, Final, Literal
 
 from arva_hil.links.base import Absent, LinkError
-from arva_hil.links.ports import listeners
+from arva_hil.links.serial_ports import listeners
 from arva_hil.links.stream import CHUNK, StreamLink
 
 CONNECT_S: Final = 5.0  # for an answer to the first try to connect,

@@ -7,10 +7,10 @@ import socket
 from collections.abc import Collection
 from typing import Any, Final
 
-from arva_hil.clock import Clock, RealClock
 from arva_hil.links.base import Link, LinkError, Sender
 from arva_hil.links.stream import EndOfStream
 from arva_hil.links.tcp import SocketLink, listen_error, resolve, set_up, show
+from arva_hil.runtime.clock import Clock, RealClock
 
 MOST_CLIENTS: Final = 8  # one more waits until there is room
 FULL_S: Final = 10.0  # a client that has taken nothing for this long while something waits for it is dropped

@@ -10,10 +10,10 @@ import stat
 from collections.abc import Generator, Iterator
 from typing import BinaryIO, Final
 
-from arva_hil.clock import Clock
 from arva_hil.links.base import Link, LinkEnded, LinkError
-from arva_hil.links.timeline import Record, Timeline
 from arva_hil.links.tlog_layout import BARE, DAY_US, LONGEST, find, follows, is_step, layout_of, look
+from arva_hil.links.tlog_timeline import Record, Timeline
+from arva_hil.runtime.clock import Clock
 
 __all__ = ["Record", "TlogLink", "TlogReader", "read_tlog", "tlog_record"]
 

@@ -9,23 +9,23 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from arva_hil.autopilot.commander import Commander, Phase
-from arva_hil.autopilot.mavlink import dialect
-from arva_hil.autopilot.session import Session
-from arva_hil.clock import Clock
-from arva_hil.console.failsafes import left_alone
 from arva_hil.events import Event
 from arva_hil.events.searches import Launched, SearchHeldUp, SearchInterrupted
+from arva_hil.field.geodesy import LocalFrame
+from arva_hil.flight.commander import Commander, Phase
 from arva_hil.links import Link, LinkError, Sender
-from arva_hil.model.geodesy import LocalFrame
-from arva_hil.search.flight import Flight
+from arva_hil.mavlink.codec import dialect
+from arva_hil.observers.console.failsafes import left_alone
+from arva_hil.runtime.clock import Clock
+from arva_hil.search.airborne import Flight
+from arva_hil.search.autopilot_link import Line
 from arva_hil.search.ground import Ground
-from arva_hil.search.line import Line
 from arva_hil.search.mission import FOUND, NOT_SURE, Mission, Plan
 from arva_hil.search.outcome import Kind, Outcome, Row
 from arva_hil.search.permission import Permission
 from arva_hil.search.preflight import INTERRUPTED, Preflight
-from arva_hil.search.receiver import Receiver
+from arva_hil.search.receiver_link import Receiver
+from arva_hil.vehicle.session import Session
 from firmware_proto import FrameDecoder
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is the first, a listener the second

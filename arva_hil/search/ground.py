@@ -13,11 +13,11 @@ from collections.abc import Mapping
 from statistics import median
 from typing import Any, Final, Literal, NamedTuple
 
-from arva_hil.autopilot.mavlink import dialect
-from arva_hil.autopilot.pose import VehicleState
-from arva_hil.autopilot.session import Session
 from arva_hil.events.searches import HeightSource
-from arva_hil.model.rotation import to_matrix
+from arva_hil.field.rotation import to_matrix
+from arva_hil.mavlink.codec import dialect
+from arva_hil.vehicle.pose_track import VehicleState
+from arva_hil.vehicle.session import Session
 
 EXTRAS: Final[Mapping[int, float]] = {  # Hz, to be asked for
     dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,

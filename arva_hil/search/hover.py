@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from arva_hil.autopilot.mavlink import Packet, dialect
-from arva_hil.autopilot.modes import modes_of
-from arva_hil.autopilot.session import Session
+from arva_hil.mavlink.codec import Packet, dialect
+from arva_hil.vehicle.modes import modes_of
+from arva_hil.vehicle.session import Session
 
 _STILL_M_S: Final = 0.5
 _STILL_S: Final = 1.0

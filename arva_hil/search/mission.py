@@ -23,7 +23,7 @@ from arva_hil.events.searches import (
     TransmitterFaded,
     TransmitterHeard,
 )
-from arva_hil.model.mount import Mount
+from arva_hil.field.mount import Mount
 from arva_hil.search.ground import Height
 from arva_hil.search.heard import NO_ID, Heard, nearest
 from arva_hil.search.height import Descent, HeightKeeper

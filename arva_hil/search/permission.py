@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, Protocol
 
-from arva_hil.autopilot.mavlink import Packet
-from arva_hil.autopilot.session import Session
-from arva_hil.autopilot.simulator_check import SimulatorCheck
 from arva_hil.events import Event
 from arva_hil.events.searches import ArmingAllowed, SimulatorRecognized
+from arva_hil.flight.simulator_check import SimulatorCheck
+from arva_hil.mavlink.codec import Packet
 from arva_hil.search.outcome import Refusal
+from arva_hil.vehicle.session import Session
 
 _ANSWER_S: Final = 3.0  # for a simulator to say that it is one, once all else is ready
 _THINK_S: Final = 60.0  # for a person

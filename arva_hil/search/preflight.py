@@ -6,19 +6,19 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
-from arva_hil.autopilot.failsafes import Failsafes
-from arva_hil.autopilot.mavlink import Packet, dialect
-from arva_hil.autopilot.session import Session
-from arva_hil.console.reasons import no_pose, no_vehicle
 from arva_hil.events.searches import CountDown, FailsafesKnown, WaitingFor
-from arva_hil.link_monitor import LinkMonitor
+from arva_hil.flight.failsafes import Failsafes
 from arva_hil.links import Link
-from arva_hil.links.readers import other_readers
-from arva_hil.search.flight import OLD_S
+from arva_hil.links.terminal_readers import other_readers
+from arva_hil.mavlink.codec import Packet, dialect
+from arva_hil.observers.console.reasons import no_pose, no_vehicle
+from arva_hil.runtime.link_monitor import LinkMonitor
+from arva_hil.search.airborne import OLD_S
 from arva_hil.search.hover import Hover
 from arva_hil.search.outcome import Kind, Refusal
 from arva_hil.search.permission import Permission
-from arva_hil.search.receiver import Receiver
+from arva_hil.search.receiver_link import Receiver
+from arva_hil.vehicle.session import Session
 
 INTERRUPTED: Final = "interrupted"
 

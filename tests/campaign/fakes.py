@@ -9,8 +9,8 @@ from pathlib import Path
 
 from arva_hil.campaign.plan import Planned, trials
 from arva_hil.campaign.trial import FOUND, Result, Trial
-from arva_hil.clock import RealClock
 from arva_hil.config.campaign import parse_plan
+from arva_hil.runtime.clock import RealClock
 
 FOLDER = "FAKE_FLIGHTS"  # in the environment: where `gated` writes down what it flies, and looks for the gate
 FREE = 3  # seeds up to this one fly through a closed gate

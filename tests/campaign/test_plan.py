@@ -14,7 +14,7 @@ from scipy.stats import kstest
 from arva_hil.campaign.plan import draw, size, trials, wind
 from arva_hil.config import Scenario, ScenarioError, load
 from arva_hil.config.campaign import CampaignPlan, Random, load_plan, parse_plan
-from arva_hil.model import rotation
+from arva_hil.field import rotation
 from arva_hil.search import STRATEGIES
 
 from .fakes import STRATEGIES as NAMES

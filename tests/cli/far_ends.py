@@ -16,14 +16,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
-from arva_hil.autopilot.signing import Signing
-from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.clock import Clock, RealClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.pty import PtyLink
-from arva_hil.loop import run
-from arva_hil.simulator import Simulator
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.mavlink.signing import Signing
+from arva_hil.runtime.clock import Clock, RealClock
+from arva_hil.runtime.loop import run
+from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Decoder, Frame
 
 DEADLINE_S = 20.0

@@ -16,8 +16,8 @@ from typing import Any
 import pytest
 
 from arva_hil.cli.main import COMMANDS
-from arva_hil.links.ports import list_ports
 from arva_hil.links.pty import PtyLink
+from arva_hil.links.serial_ports import list_ports
 from firmware_proto import Channel, Frame, encode
 
 from .far_ends import PROGRAM, Program, frames_in, until

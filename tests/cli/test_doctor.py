@@ -14,23 +14,23 @@ from typing import Any
 
 import pytest
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
-from arva_hil.autopilot.signing import Signing
-from arva_hil.autopilot.vehicle import SimulatedVehicle
 from arva_hil.cli import doctor
-from arva_hil.clock import Clock, RealClock
 from arva_hil.doctor import port_diagnosis as port_look
 from arva_hil.doctor.examination import Mouth
+from arva_hil.emulator.ports import WirePort
 from arva_hil.links import Address, Link, LinkError, open_link, parse
-from arva_hil.links.ports import Port
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial
+from arva_hil.links.serial_ports import Port
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
-from arva_hil.loop import Task, run
-from arva_hil.output import WirePort
-from arva_hil.simulator import Simulator
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.mavlink.signing import Signing
+from arva_hil.runtime.clock import Clock, RealClock
+from arva_hil.runtime.loop import Task, run
+from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle
 
 from .far_ends import HOME, Autopilot, Denier, Program, free_port, heartbeat, until
 
@@ -192,7 +192,7 @@ def test_what_is_chosen_without_an_autopilot_is_said_and_why(
     def opener(address: Address, **_: Any) -> Link:
         raise LinkError(str(address), "is not there")
 
-    monkeypatch.setattr("arva_hil.cli.sides.list_ports", lambda: ports)
+    monkeypatch.setattr("arva_hil.cli.run_links.list_ports", lambda: ports)
     monkeypatch.setattr(doctor, "list_ports", lambda: ports)
     monkeypatch.setattr(doctor, "open_link", opener)
     said = examine()

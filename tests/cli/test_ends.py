@@ -14,12 +14,12 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.guard import Guard, interrupting, unforeseen
-from arva_hil.clock import StepClock
-from arva_hil.engine import Emulator
+from arva_hil.cli.endings import Guard, interrupting, unforeseen
+from arva_hil.emulator.engine import Emulator
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
-from arva_hil.record import recorder
+from arva_hil.observers.record import recorder
+from arva_hil.runtime.clock import StepClock
 
 from .far_ends import Autopilot, Program, frames_in, read_frames, until
 

@@ -13,16 +13,16 @@ from typing import Any
 
 import pytest
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.results import row
 from arva_hil.campaign.trial import Result, Trial
 from arva_hil.config import Scenario
-from arva_hil.console.printer import status_line
 from arva_hil.events import StatusReport, VehicleStatus
-from arva_hil.links import ports
-from arva_hil.links.ports import Port
+from arva_hil.links import serial_ports
 from arva_hil.links.pty import PtyLink
+from arva_hil.links.serial_ports import Port
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.observers.console.printer import status_line
 from firmware_proto import Channel, Frame, encode
 
 from .far_ends import DEADLINE_S, Autopilot, Program
@@ -115,7 +115,7 @@ def test_an_error_that_nobody_foresaw(arva: Arva, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("as_json", [False, True])
 def test_the_name_of_a_usb_device(arva: Arva, monkeypatch: pytest.MonkeyPatch, as_json: bool) -> None:
     plugged = [Port("/dev/ttyUSB0", f"/dev/serial/by-id/{HOSTILE}", HOSTILE + "\x7f")]
-    monkeypatch.setattr(ports, "list_ports", lambda: plugged)
+    monkeypatch.setattr(serial_ports, "list_ports", lambda: plugged)
     code, out, err = arva("ports", *["--json"] * as_json)
     assert code == 0
     assert_harmless(out + err)

@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 import serial
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
-from arva_hil.clock import RealClock
-from arva_hil.links.ports import list_ports
 from arva_hil.links.pty import PtyLink
-from arva_hil.loop import run
+from arva_hil.links.serial_ports import list_ports
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.loop import run
 
 from .far_ends import ORDINARY, Autopilot, Denier, Program, free_port, hears, heartbeat, read_frames
 

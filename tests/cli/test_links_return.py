@@ -13,11 +13,11 @@ from typing import Any
 import pytest
 import serial
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpOutLink
+from arva_hil.mavlink.codec import Encoder, dialect
 from firmware_proto import Decoder, Frame
 
 from .far_ends import Autopilot, Program, free_port, hears, heartbeat, read_frames, until

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import pytest
 from pymavlink import mavutil
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
+from arva_hil.mavlink.codec import Encoder, dialect
 from firmware_proto import Frame
 
 from .far_ends import ORDINARY, Autopilot, Program, contents, frames_in, hears, heartbeat, read_frames

@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
-from arva_hil.record import COLUMNS
+from arva_hil.observers.record import COLUMNS
+from arva_hil.runtime.clock import RealClock
 
 from .far_ends import Autopilot, Program, frames_in, read_frames
 

@@ -14,13 +14,13 @@ from typing import Any
 
 import pytest
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
+from arva_hil.emulator.ports import MavlinkDecoder
 from arva_hil.links import LinkError
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
-from arva_hil.output import MavlinkDecoder
+from arva_hil.mavlink.codec import Encoder, dialect
 from firmware_proto import DECODERS, SYNTHETIC
 
 from .far_ends import Autopilot, Program, frames_in, free_port, hears, heartbeat, read_frames, until

@@ -15,11 +15,11 @@ from typing import Any
 
 import pytest
 
-from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
-from arva_hil.autopilot.multirotor_pilot import Mode
-from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.runtime.clock import RealClock
+from arva_hil.simulated.autopilot import Mode
 from firmware_proto import MID, Channel, Frame, encode, encode_nmea
 
 from .far_ends import Autopilot, Program, free_port

@@ -10,9 +10,10 @@ import pytest
 from lua_stubs import FOLDER, GUIDED, LOITER, Autopilot
 
 from arva_hil import config
-from arva_hil.model import LocalFrame, Look, Mount, Pose, rotation
-from arva_hil.output import frame_of
-from arva_hil.scene import receiver, transmitters
+from arva_hil.emulator.build import receiver, transmitters
+from arva_hil.emulator.ports import frame_of
+from arva_hil.field import LocalFrame, Mount, rotation
+from arva_hil.receiver import Look, Pose
 from arva_hil.search.flux import Flux
 from arva_hil.search.strategy import Observation
 from firmware_proto import INNER, Channel, Frame, encode

@@ -13,7 +13,6 @@ from typing import NamedTuple
 import pytest
 from links_waiting import DEADLINE_S, receive, until
 
-from arva_hil.clock import RealClock, StepClock
 from arva_hil.links import Address, Link, LinkError, open_link
 from arva_hil.links.memory import pair
 from arva_hil.links.pty import PtyLink
@@ -23,6 +22,7 @@ from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.tlog import TlogLink, tlog_record
 from arva_hil.links.udp import UdpInLink, UdpOutLink
+from arva_hil.runtime.clock import RealClock, StepClock
 
 
 class Ends(NamedTuple):

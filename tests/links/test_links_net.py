@@ -16,12 +16,12 @@ from typing import Any
 import pytest
 from links_waiting import DEADLINE_S, receive, until
 
-from arva_hil.clock import StepClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink, open_stdout
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
+from arva_hil.runtime.clock import StepClock
 
 Keep = Callable[[Link], Link]
 

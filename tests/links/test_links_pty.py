@@ -17,11 +17,11 @@ from typing import Any
 import pytest
 from links_waiting import DEADLINE_S, receive, until
 
-from arva_hil.clock import RealClock
-from arva_hil.links import Absent, Link, LinkError, leads
+from arva_hil.links import Absent, Link, LinkError, symlinks
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.reopen import open_lasting
+from arva_hil.links.reconnecting import open_lasting
 from arva_hil.links.serial import open_serial
+from arva_hil.runtime.clock import RealClock
 
 Keep = Callable[[Link], Link]
 
@@ -188,7 +188,7 @@ class Killed:
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
             assert child.stdout
             self.number = child.stdout.readline().decode().strip()
-            assert leads.vouched(str(self.link))
+            assert symlinks.vouched(str(self.link))
             child.send_signal(signal.SIGKILL)
         assert os.readlink(self.link) == self.number
 
@@ -269,7 +269,7 @@ def test_our_own_living_link_is_followed_whoever_changed_the_terminals_permissio
     assert isinstance(near, PtyLink)
     os.utime(link, ns=(0, 0), follow_symlinks=False)
     os.chmod(near.path, 0o666)
-    assert leads.vouched(str(link))
+    assert symlinks.vouched(str(link))
     keep(open_serial(str(link))).close()
     (chain := tmp_path / "chain").symlink_to("arva0")
     keep(open_serial(str(chain)))
@@ -283,14 +283,14 @@ def test_a_link_is_vouched_for_until_its_program_closes_it(tmp_path: Path, keep:
     near = keep(PtyLink(str(link)))
     assert isinstance(near, PtyLink)
     other.symlink_to(near.path)
-    assert leads.vouched(str(link))
-    assert not leads.vouched(str(other))
+    assert symlinks.vouched(str(link))
+    assert not symlinks.vouched(str(other))
     near.close()
-    assert not leads.vouched(str(link))
+    assert not symlinks.vouched(str(link))
 
 
 def test_what_is_no_symlink_is_not_stale(tmp_path: Path, line: PtyLink) -> None:
     (file := tmp_path / "file").touch()
     (loop := tmp_path / "loop").symlink_to(loop)
     for path in (file, loop, line.path, "/dev/stdin", tmp_path / "none", "COM5", f"/proc/self/fd/{line._slave}"):
-        assert not leads.stale(str(path))
+        assert not symlinks.stale(str(path))

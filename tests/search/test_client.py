@@ -11,24 +11,24 @@ import numpy as np
 import pytest
 from simulated_px4 import HOLD, LAND, OFFBOARD, STREAMS, Px4
 
-from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
-from arva_hil.autopilot.multirotor_pilot import Mode
-from arva_hil.autopilot.session import Session
-from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.clock import Clock, StepClock
-from arva_hil.console.sentences import sentence
 from arva_hil.events import Event
+from arva_hil.field import dipole_field, rotation
 from arva_hil.links import Link, LinkError, memory
-from arva_hil.links.reopen import Reopening
-from arva_hil.loop import run
-from arva_hil.model import dipole_field, rotation
-from arva_hil.model.receiver import outputs
+from arva_hil.links.reconnecting import Reopening
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.observers.console.sentences import sentence
+from arva_hil.receiver.paper import outputs
+from arva_hil.runtime.clock import Clock, StepClock
+from arva_hil.runtime.loop import run
 from arva_hil.search.client import SearchClient
 from arva_hil.search.mission import Plan
 from arva_hil.search.outcome import Row
 from arva_hil.search.preflight import INTERRUPTED
 from arva_hil.search.strategy import Found, Observation, Position, Velocity, towards
-from arva_hil.simulator import Simulator
+from arva_hil.simulated.autopilot import Mode
+from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.vehicle.session import Session
 from firmware_proto import DECODERS, INNER, MID, Channel, Frame, encode
 
 HOME = (46.0123, 7.7456, 1650.0)

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from paper_receiver import Receiver
 from scipy.spatial.transform import Rotation
 
-from arva_hil.model import Antennas, Transmitters, Zone
+from arva_hil.field import Transmitters
+from arva_hil.receiver import Antennas, Zone
 from arva_hil.search.dipole import Readings, evaluate, likely_pose_error, refine, seeds
 
 KAPPA_EQ = 1.542

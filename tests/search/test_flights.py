@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from arva_hil.autopilot.mavlink import dialect
-from arva_hil.autopilot.vehicle_messages import BUILDERS
-from arva_hil.clock import StepClock
-from arva_hil.closed_loop import ClosedLoop
 from arva_hil.config import parse
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, HeightSource, SearchPaused
+from arva_hil.field.mount import Mount
+from arva_hil.field.rotation import from_euler
 from arva_hil.links import memory
-from arva_hil.loop import run
-from arva_hil.model.mount import Mount
-from arva_hil.model.rotation import from_euler
+from arva_hil.mavlink.codec import dialect
+from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.loop import run
 from arva_hil.search import STRATEGIES
 from arva_hil.search.mission import NOT_SURE, Plan
+from arva_hil.simulated.closed_loop import ClosedLoop
+from arva_hil.simulated.messages import BUILDERS
 
 VICTIM = "{id: 1, ned: [14, 9, 1], attitude: {pitch: 20, yaw: 70}}"
 MOUNTED = "receiver: {mount: {position: [0.5, -0.2, 0.1], attitude: {roll: 5, yaw: 90}}}"

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from arva_hil.autopilot.mavlink import Encoder, dialect
-from arva_hil.autopilot.pose import VehicleState
-from arva_hil.autopilot.session import Session
 from arva_hil.events.searches import HeightSource
-from arva_hil.model.rotation import from_euler
+from arva_hil.field.rotation import from_euler
+from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.search.ground import Ground, Height
+from arva_hil.vehicle.pose_track import VehicleState
+from arva_hil.vehicle.session import Session
 
 DOWN = dialect.MAV_SENSOR_ROTATION_PITCH_270
 QUAD, ARDUPILOT = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA

@@ -10,9 +10,9 @@ import pytest
 from simulated_px4 import Px4
 from test_client import BOTH, HOME, World
 
-from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
-from arva_hil.autopilot.vehicle import SimulatedVehicle
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.search.permission import Permission
+from arva_hil.simulated.vehicle import SimulatedVehicle
 
 TRUTHS = (
     dialect.MAVLINK_MSG_ID_SIMSTATE,

@@ -10,12 +10,12 @@ import pytest
 from simulated_px4 import HOLD, POSITION, Px4
 from test_client import BOTH, GUIDED_ALONE, HOME, LEFT, VICTIM, World, ardupilot, px4, without
 
-from arva_hil.autopilot.authority import BOUND_MS
-from arva_hil.autopilot.mavlink import Encoder, Parser, dialect
-from arva_hil.autopilot.multirotor_pilot import Mode
-from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.clock import Clock
+from arva_hil.flight.authority import BOUND_MS
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.runtime.clock import Clock
 from arva_hil.search.strategy import Found
+from arva_hil.simulated.autopilot import Mode
+from arva_hil.simulated.vehicle import SimulatedVehicle
 
 NAV_LAND, SET_MODE = dialect.MAV_CMD_NAV_LAND, dialect.MAV_CMD_DO_SET_MODE
 TAKEN = "the mode is {}: the pilot or a failsafe has taken over"

@@ -6,7 +6,7 @@ import pytest
 
 from arva_hil.links import memory
 from arva_hil.search.reading_checks import Fresh, Standstill
-from arva_hil.search.receiver import Receiver
+from arva_hil.search.receiver_link import Receiver
 from firmware_proto import DECODERS, MID, Channel, Frame, encode
 
 

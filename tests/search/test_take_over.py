@@ -10,8 +10,8 @@ import pytest
 from simulated_px4 import HOLD, POSITION, Px4
 from test_client import BOTH, World, ardupilot, px4
 
-from arva_hil.autopilot.mavlink import Encoder, Parser, command, dialect
-from arva_hil.autopilot.multirotor_pilot import Mode
+from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
+from arva_hil.simulated.autopilot import Mode
 
 MISSION = 4 << 16 | 4 << 24
 BEFORE_S = 60.0

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil import scene
 from arva_hil.config import parse
-from arva_hil.model import LocalFrame, Look, Pose, Zone, rotation
+from arva_hil.emulator import build
+from arva_hil.field import LocalFrame, rotation
+from arva_hil.receiver import Look, Pose, Zone
 from arva_hil.search.strategy import Found, Observation, Position, Strategy
 
 LAG_S = 0.3  # of the point's velocity
@@ -51,7 +52,7 @@ def fly(
     `gps_m`: sigma on each axis of the position that the strategy is told. `lag_s`: of the point's velocity.
     """
     world = parse(f"spec: 1\nseed: {seed}\ntransmitters: [{', '.join(transmitters)}]\n", "world")
-    receiver, there = scene.receiver(world), scene.transmitters(world, LocalFrame(0.0, 0.0, 0.0))
+    receiver, there = build.receiver(world), build.transmitters(world, LocalFrame(0.0, 0.0, 0.0))
     rng = random.Random(seed)
     R = rotation.to_matrix(rotation.from_euler(0.0, 0.0, yaw))
     place, velocity = np.array([*start, -height_m]), np.zeros(2)

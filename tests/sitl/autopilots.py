@@ -10,12 +10,12 @@ from typing import Final, Protocol
 
 from cli.far_ends import until
 
-from arva_hil.autopilot.mavlink import dialect
-from arva_hil.autopilot.vehicle import SimulatedVehicle
-from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
-from arva_hil.loop import run
-from arva_hil.simulator import Simulator
+from arva_hil.mavlink.codec import dialect
+from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.loop import run
+from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle
 
 from .truth import Place, Witness, rough
 

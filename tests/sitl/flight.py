@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from cli.far_ends import Program
 
-from arva_hil.model import LocalFrame
+from arva_hil.field import LocalFrame
 
 from .autopilots import HOME, Maker, Running
 from .truth import ground_m

@@ -1,0 +1,258 @@
+"""What commands do alike: load the scenario, open links, record, watch for signals, sum up."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+import gc
+import itertools
+import platform
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import fastcrc
+import numpy
+import pymavlink
+import serial
+import yaml
+
+from arva_hil import __version__
+from arva_hil.cli.endings import Guard, story, unforeseen
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
+from arva_hil.cli.summary import Tally, as_dict, sums
+from arva_hil.cli.terminal import tell
+from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, to_dict
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.fleet import receivers_of
+from arva_hil.events import Event, HeartbeatMissing
+from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
+from arva_hil.links.stdout import open_stdout
+from arva_hil.observers.audience import Audience, Observer
+from arva_hil.observers.console import Lines, Printer, as_json, plain
+from arva_hil.observers.console.notice import Notice
+from arva_hil.observers.console.reasons import no_vehicle
+from arva_hil.observers.record import Layout, Recorder, RecordError
+from arva_hil.runtime.clock import Clock, RealClock, utc
+
+
+def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
+    """The scenario file or the default, with what environment and command line say instead.
+
+    `fleet`: the command serves a scenario's own vehicles, whose receivers have rate, format and seed of their own.
+    """
+    try:
+        base = load(options.scenario) if options.scenario else DEFAULT
+    except ScenarioError as error:
+        raise UsageError(*error.problems) from None
+    if base.vehicles and not fleet:
+        raise UsageError(f"{base.source}: vehicles: this command does not serve that part of spec 2 yet")
+    if base.vehicles:
+        for option in ("rate", "format", "seed"):
+            if getattr(options, option) is not None:
+                raise UsageError(
+                    f"--{option}: the vehicles of {base.source} have receivers with their own: change it there"
+                )
+    receiver = base.receiver
+    if options.rate is not None:
+        if receiver.jitter_s >= 0.5 / options.rate:
+            raise UsageError(
+                f"--rate {options.rate:g}: the scenario's jitter_s of {receiver.jitter_s:g} is not less than "
+                "half the period"
+            )
+        receiver = dataclasses.replace(receiver, rate_hz=options.rate)
+    chosen = dataclasses.replace(
+        base,
+        receiver=receiver,
+        output_format=options.format or base.output_format,
+        seed=base.seed if options.seed is None else options.seed,
+    )
+    return dataclasses.replace(chosen, faults=_faults(options, chosen))
+
+
+def _faults(options: argparse.Namespace, chosen: Scenario) -> tuple[Fault, ...]:
+    """The scenario's faults, and those that environment and command line add."""
+    faults = chosen.faults
+    for fault in options.fault or ():
+        faults = (*faults, fault) if fault else ()
+    formats = {receiver.output_format for vehicle in chosen.vehicles for receiver in vehicle.receivers}
+    for fault, of in itertools.product(faults, sorted(formats) or [chosen.output_format]):
+        if wrong := misfit(fault, [t.id for t in chosen.transmitters], of):
+            raise UsageError(f"fault {fault}: {wrong[0]}, expected {wrong[1]}")
+    return faults
+
+
+def describe(chosen: Scenario) -> list[str]:
+    """The scenario in a few lines, for a person."""
+    lines = [f"scenario {chosen.source}: {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}, seed {chosen.seed}"]
+    if chosen.vehicles:
+        lines = [f"scenario {chosen.source}: {len(chosen.vehicles)} vehicles, {len(receivers_of(chosen))} receivers"]
+    for vehicle in chosen.vehicles:
+        for r in vehicle.receivers:
+            what = f"{r.receiver.rate_hz:g} Hz, {r.output_format}, seed {r.seed}"
+            lines.append(f"  receiver {vehicle.name}/{r.name}: {what}")
+    for t in chosen.transmitters:
+        if t.ned is not None:
+            north, east, down = t.ned
+            of = "home" if chosen.datum == "home" else "the datum"
+            lines.append(f"  transmitter {t.id}: {north:g} m north, {east:g} m east, {down:g} m down of {of}")
+        elif t.lla is not None:
+            lines.append(f"  transmitter {t.id}: {t.lla.lat:.7f}, {t.lla.lon:.7f}, {t.lla.alt:g} m AMSL")
+        elif t.path is not None:
+            lines.append(f"  transmitter {t.id}: on a path of {len(t.path.points_ned)} points, then {t.path.end}")
+        elif t.follows is not None:
+            lines.append(f"  transmitter {t.id}: follows system {t.follows.system}")
+    return lines + [f"  fault {fault}" for fault in chosen.faults]
+
+
+def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_link, **options: bool) -> Link:
+    """A link, or the end of the command. Of a `patient` one that is not there yet, a line says so."""
+    try:
+        link = opener(address, clock=clock, **options)
+    except AddressError as error:
+        raise UsageError(error) from None
+    except LinkError as error:
+        raise Failure(NO_LINK, error) from None
+    if link.away:
+        tell(f"waiting for {link.why}")
+    return link
+
+
+class Run:
+    """One run's surroundings: guard, printer, lines on stdout and recorder, around the loop and gone after it.
+
+    `patient`: a replay, which may wait for a slow disk or terminal, and shows a progress bar for a status.
+    `lines`: print a line a frame on stdout, unless JSON is wanted there. `live`: a live status line, on a terminal.
+    `record_links`: the engine's names of the autopilots' links, where there are several.
+    `stopped()` is what a loop asks.
+    """
+
+    def __init__(
+        self,
+        options: argparse.Namespace,
+        chosen: Scenario,
+        epoch_us: int,
+        *,
+        patient: bool = False,
+        lines: bool = False,
+        live: bool = True,
+        record_links: Sequence[str] = (),
+    ) -> None:
+        self._guard = Guard()
+        names = receivers_of(chosen)
+        self._vehicles = len(chosen.vehicles) or 1
+        several = len(names) > 1
+        self._layout = Layout(tuple(names), tuple(record_links))
+        self._known = _known(chosen)
+        self._traceback = options.verbose > 0
+        self._recorder: Recorder | None = None
+        self._record_failed = False
+        if options.record:
+            try:
+                self._recorder = Recorder(
+                    Path(options.record), epoch_us, self._known, patient=patient, layout=self._layout
+                )
+            except RecordError as error:
+                raise UsageError(error) from None
+        self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
+        render = functools.partial(as_json, named=several) if options.json else plain if lines else None
+        self._lines = Lines(open_stdout(), render, patient=patient) if render else None
+        every = (self.printer, self._lines, self._recorder)
+        self.observers: list[Observer] = [self, *(observer for observer in every if observer is not None)]
+        self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and what was heard instead
+        for line in describe(chosen):
+            self.printer.say(line)
+        self._guard.__enter__()  # until the end of `drive`
+
+    @functools.cached_property
+    def audience(self) -> Audience:
+        """Those who observe; nobody can be added any more."""
+        return Audience(self.observers)
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, HeartbeatMissing):
+            self._missing[event.vehicle] = no_vehicle(event.heard)
+
+    def stopped(self) -> bool:
+        """True once there is no more use in going on: a signal, a thread that failed, nobody reads stdout any more."""
+        if self._recorder and self._recorder.error and not self._record_failed:
+            self._record_failed = True
+            self.printer.notice(Notice("error", f"{self._recorder.error}; frames go on"))
+        return bool(
+            self._guard.caught or self._guard.error or (self._lines and self._lines.error) or self._none_appeared
+        )
+
+    @property
+    def _none_appeared(self) -> bool:
+        return len(self._missing) == self._vehicles
+
+    def drive(self, emulator: Emulator, loop: Callable[[], None], links: Tally | None = None) -> int:
+        """Run `loop` until it ends, fails or a signal comes; write the record, print the sum; the exit code."""
+        failure = None
+        gc.freeze()  # or the collector walks all that start-up made, 20 ms long, in the middle of a deadline
+        try:
+            loop()
+            if self._guard.error:
+                raise self._guard.error
+            if self._none_appeared:
+                failure = Failure(NO_LINK, "; ".join(dict.fromkeys(self._missing.values())))
+        except LinkEnded as error:
+            self.printer.say(str(error))
+        except LinkError as error:
+            failure = Failure(FAILED, error)
+        except KeyboardInterrupt:  # a loop that was stuck
+            pass
+        except Exception as error:
+            failure = Failure(FAILED, unforeseen(error))
+            if self._traceback:
+                for line in story(error):
+                    self.printer.say(line)
+        self._guard.ending = True
+        try:
+            return self._finish(emulator, failure, links)
+        finally:
+            self._guard.__exit__()
+
+    def _finish(self, emulator: Emulator, failure: Failure | None, links: Tally | None) -> int:
+        caught = self._guard.caught
+        if self._lines and (why := self._lines.close()) and not failure and not caught:
+            failure = Failure(FAILED, why)
+        code = failure.code if failure else INTERRUPTED if caught else OK
+        how = str(failure) if failure else caught.name if caught else "finished"
+        said = [Notice("error", how)] if failure else []
+        if self._recorder:
+            if code == OK and self._recorder.error:
+                code, how = FAILED, self._recorder.error
+            try:
+                self._recorder.close(self._as_dict(emulator, links, how, code))
+            except RecordError as error:
+                code = code or FAILED
+                said.append(Notice("error", str(error)))
+        for line in sums(emulator, links):
+            self.printer.say(line)
+        for notice in said:
+            self.printer.notice(notice)
+        self.printer.close()
+        return code
+
+    def _as_dict(self, emulator: Emulator, links: Tally | None, how: str, code: int) -> dict[str, Any]:
+        return {"ended": how, "exit_code": code, **self._known, **as_dict(emulator, links, self._layout)}
+
+
+def _known(chosen: Scenario) -> dict[str, Any]:
+    """What run.json says from the start."""
+    return {
+        "started": utc(RealClock().epoch_us),
+        "command": sys.argv,
+        "scenario": to_dict(chosen),
+        "scenario_source": chosen.source,
+        "seed": chosen.seed,
+        "versions": {
+            "arva-hil": __version__,
+            "python": platform.python_version(),
+            **{library.__name__: library.__version__ for library in (fastcrc, numpy, pymavlink, serial, yaml)},
+            "platform": platform.platform(),
+        },
+    }

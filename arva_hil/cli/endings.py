@@ -1,0 +1,96 @@
+"""What ends a command from outside or beside it: signals, and errors that nobody foresaw."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import threading
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final
+
+from arva_hil.runtime.clock import RealClock
+
+_SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_STUCK_S: Final = 1.0  # a loop that has not ended so long after a signal is stuck
+_PACKAGE: Final = Path(__file__).parent.parent
+
+
+@contextlib.contextmanager
+def interrupting() -> Iterator[None]:
+    """Every signal is a KeyboardInterrupt, as Ctrl-C is: before and after the loop, where nothing has to be kept."""
+    before = _set(signal.default_int_handler)
+    try:
+        yield
+    finally:
+        _restore(before)
+
+
+class Guard:
+    """Remembers the first signal in `caught`, the first error of a thread in `error`: a loop has to look at them.
+
+    A further signal changes nothing, unless the loop is stuck: then it raises KeyboardInterrupt there. Once the
+    command is `ending` it never does.
+    """
+
+    def __init__(self) -> None:
+        self.caught: signal.Signals | None = None
+        self.error: BaseException | None = None
+        self.ending = False
+        self._clock = RealClock()
+        self._caught_at = 0.0
+        self._before: dict[int, Any] = {}
+        self._hook = threading.excepthook
+
+    def __enter__(self) -> Guard:
+        self._before = _set(self._note)
+        threading.excepthook = self._fail
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        threading.excepthook = self._hook
+        _restore(self._before)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if self.caught is None:
+            self.caught = signal.Signals(number)
+            self._caught_at = self._clock.now()
+        elif not self.ending and self._clock.now() - self._caught_at > _STUCK_S:
+            raise KeyboardInterrupt
+
+    def _fail(self, args: threading.ExceptHookArgs) -> None:
+        if self.error is None:
+            self.error = args.exc_value or args.exc_type()
+
+
+def unforeseen(error: BaseException) -> str:
+    """An error that nobody foresaw, in one line: what it is, and where in this program."""
+    ours = [f for f in traceback.extract_tb(error.__traceback__) if _PACKAGE in Path(f.filename).parents]
+    where = f" ({Path(ours[-1].filename).relative_to(_PACKAGE)}:{ours[-1].lineno})" if ours else ""
+    return f"unforeseen {type(error).__name__}: {error}{where}"
+
+
+def story(error: BaseException) -> list[str]:
+    """The traceback of an error in lines; what the error says, which may have come from outside, is one of them."""
+    lines: list[str] = []
+    for part in traceback.format_exception(error):
+        lines += part.splitlines() if part.startswith("  File ") else [part.strip("\n")]
+    return lines
+
+
+def _set(handler: Any) -> dict[int, Any]:
+    """Handle the signals; what did so before. Under `nohup`, SIGHUP stays ignored."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    return {n: signal.signal(n, handler) for n in _SIGNALS if not (n != signal.SIGINT and _ignored(n))}
+
+
+def _ignored(number: int) -> bool:
+    return signal.getsignal(number) is signal.SIG_IGN
+
+
+def _restore(handlers: dict[int, Any]) -> None:
+    for number, handler in handlers.items():
+        signal.signal(number, handler)

@@ -1,0 +1,70 @@
+"""The two sides of a run, as `run` and `doctor` take them: the autopilot's link, and the port where frames go."""
+
+from __future__ import annotations
+
+import os
+from typing import Final
+
+from arva_hil.cli.options import Parser, address, number
+from arva_hil.cli.outcome import UsageError
+from arva_hil.emulator.ports import MAVLINK_FORMATS
+from arva_hil.links import Address, parse
+from arva_hil.links.serial_ports import find_autopilot, list_ports
+
+DEFAULT_AUTOPILOT: Final = "udpin:127.0.0.1:14550"
+
+
+def add_autopilot(parser: Parser) -> None:
+    """Options of the autopilot's side."""
+    parser.option(
+        "--autopilot",
+        "--master",
+        type=address,
+        metavar="URL",
+        help=f"where the autopilot is; default: the one on USB, else {DEFAULT_AUTOPILOT}",
+    )
+    parser.option(
+        "--stream-rate",
+        type=number(1, 200, " of Hz"),
+        default=50.0,
+        metavar="HZ",
+        help="of the position and attitude asked for; default 50",
+    )
+
+
+def choose_autopilot(*ports: str | None) -> str:
+    """The one autopilot on USB, else the port where ground stations listen. Raises UsageError for several."""
+    found = find_autopilot(list_ports(), exclude=[port.partition(",")[0] for port in ports if port])
+    if len(found) > 1:
+        names = ", ".join(p.device for p in found)
+        raise UsageError(f"several autopilots are plugged in ({names}): choose one with --autopilot")
+    return found[0].device if found else DEFAULT_AUTOPILOT
+
+
+def check_sides(autopilot: str | None, port: str | None, form: str) -> None:
+    """Whether frames of this format can go there. Raises UsageError."""
+    over_mavlink = form in MAVLINK_FORMATS
+    if autopilot == "-":
+        raise UsageError("--autopilot -: is stdout, and an autopilot has to be heard")
+    if over_mavlink and autopilot and parse(autopilot).kind == "tlog":
+        raise UsageError(f"--autopilot {autopilot}: is a log, and takes no --format {form}")
+    if port is None:
+        return
+    if over_mavlink:
+        raise UsageError(
+            f"--format {form} goes over the autopilot's own link: leave out --port, or choose "
+            "--format binary, nmea or text"
+        )
+    if parse(port).kind == "tlog":
+        raise UsageError(f"--port {port}: is a log, and frames cannot go there; --record writes a folder of files")
+    if autopilot and parse(port) != Address("pty") and place(autopilot) == place(port):
+        raise UsageError(
+            f"the autopilot and --port are both {port}: each side needs its own, or send the frames inside MAVLink "
+            "with --format tunnel"
+        )
+
+
+def place(url: str) -> Address:
+    """What two addresses of the same thing have in common. Raises AddressError."""
+    where = parse(url)
+    return where._replace(path=os.path.realpath(where.path) if where.path else "", baud=None)

@@ -1,0 +1,161 @@
+"""Where the scenario's origin lies."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.config import Scenario
+from arva_hil.field import LocalFrame
+from arva_hil.mavlink.codec import dialect
+from arva_hil.receiver import Reading
+from arva_hil.vehicle.session import Session
+
+HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position serves
+_FAR_M: Final = 1000.0  # with every transmitter so far away, something is wrong
+
+MOVE_DATUM: Final = frozenset(  # messages after which to look again
+    {
+        dialect.MAVLINK_MSG_ID_HEARTBEAT,
+        dialect.MAVLINK_MSG_ID_HOME_POSITION,
+        dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+    }
+)
+_SAME_PLACE_M: Final = 100.0  # nobody hears from here what is there
+_ARMING_S: Final = 2.0
+
+Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
+
+
+class Change(NamedTuple):
+    """The datum lies at `lat_lon_alt` from `time_s` of the run on; `why` it moved there, "" for the first one."""
+
+    time_s: float
+    lat_lon_alt: Place
+    why: str
+
+
+class Datum:
+    """Remembers where the scenario's origin lies, and where it lay before.
+
+    A fixed one stays. `home` is the vehicle's home, and follows it until the vehicle arms: autopilots move it by a
+    metre while they settle. While it is armed the datum stays: transmitters do not jump in flight. After a landing a
+    new home is a new datum: at once when it is more than 100 m away or the vehicle has rebooted, else when it arms
+    again, because PX4 has its home wherever it has landed, beside the transmitter that it has found.
+
+    Without a HOME_POSITION the first valid position serves after 5 s. It gives way to a home, and is taken anew when
+    the vehicle has rebooted or its position has jumped, because it then came from elsewhere or from before the
+    estimator knew. That, too, only while the vehicle is disarmed.
+
+    `start`: when the run began, on the clock of `update` [s].
+    """
+
+    def __init__(self, scenario: Scenario, start: float = 0.0) -> None:
+        fixed = scenario.datum
+        self.lla: Place | None = None
+        self.frame: LocalFrame | None = None
+        self.changes: list[Change] = []
+        self._start = start
+        self.fixed = fixed != "home"
+        self._flown: Place | None = None
+        self._armed_at: float | None = None
+        self._has_landed = False  # and has not rebooted since
+        self._reboots = 0
+        self._provisional = False  # a position, and no home
+        self._first_position_at: float | None = None
+        self._taken_in = (0, 0)  # so many reboots and jumps after the first, when a position was taken
+        self._near: Place | None = None  # a home that has waited for the vehicle to arm
+        self._far_said = False
+        if fixed != "home":
+            self._take((fixed.lat, fixed.lon, fixed.alt), start, "")
+
+    @property
+    def of_the_flight(self) -> Place | None:
+        """Where it lay when the vehicle was armed the last time, or lies now if it never was."""
+        return self._flown or self.lla
+
+    def update(self, session: Session, now: float) -> bool:
+        """Look again; True when the datum has changed."""
+        if self.fixed:
+            return False
+        if session.navigation.reboots != self._reboots:
+            self._reboots = session.navigation.reboots
+            self._has_landed = False
+            self._first_position_at = None
+        armed = session.vehicle is not None and session.vehicle.armed
+        self._note_flight(armed, now)
+        if armed and self.lla and not (self._has_landed and self._is_arming(now)):
+            return False
+        changed = self._take_home(session.home, now) if session.home else self._take_position(session, now)
+        if armed:
+            self._flown = self.lla
+        return changed
+
+    def far(self, position: NDArray[np.float64], reading: Reading) -> tuple[float, float] | None:
+        """Once for each place of the datum: that no transmitter can be heard from here; mostly None.
+
+        `position` (3,): of the receiver, NED from the datum, metres; `reading`: what is read there. Gives back how far
+        the datum is, horizontally, and the nearest transmitter, metres.
+        """
+        nearest = reading.channels[0]
+        away_m = nearest.true_range_m or 0.0
+        if self._far_said or nearest.id is not None or away_m <= _FAR_M:
+            return None
+        self._far_said = True
+        return math.hypot(*position[:2].tolist()), away_m
+
+    def _note_flight(self, armed: bool, now: float) -> None:
+        if armed and self._armed_at is None:
+            self._armed_at = now
+            self._flown = self.lla
+        elif not armed and self._armed_at is not None:
+            self._armed_at = None
+            self._has_landed = True
+
+    def _is_arming(self, now: float) -> bool:
+        """Autopilots set their home when they arm, and may say so a little later."""
+        return self._armed_at is not None and now - self._armed_at <= _ARMING_S
+
+    def _take_home(self, home: Place, now: float) -> bool:
+        if home == self.lla:
+            self._provisional = False
+            return False
+        if self._has_landed and self._armed_at is None and self._is_near(home):
+            return False
+        why = "home has come" if self._provisional else "home has moved"
+        self._provisional = False
+        return self._take(home, now, "a new home after landing" if self._has_landed else why)
+
+    def _is_near(self, home: Place) -> bool:
+        """Whether it is at the same place as the datum; looked at once for each home, because this is asked often."""
+        if home != self._near and self.frame and np.linalg.norm(self.frame.ned(*home)) <= _SAME_PLACE_M:
+            self._near = home
+        return home == self._near
+
+    def _take_position(self, session: Session, now: float) -> bool:
+        """Without a home: the first position there is, once a home had the time to come."""
+        first, life = session.track.first_position, (self._reboots, session.navigation.jumps)
+        if first is None:
+            self._first_position_at = None
+        if first is None or (self.lla and not (self._provisional and life != self._taken_in)):
+            return False
+        if self._first_position_at is None:
+            self._first_position_at = now
+        if now - self._first_position_at < HOME_WAIT_S:
+            return False
+        why = "its position has jumped" if life[0] == self._taken_in[0] else "the vehicle has rebooted"
+        self._provisional, self._taken_in = True, life
+        return self._take((first.lat, first.lon, first.alt), now, why)
+
+    def _take(self, place: Place, now: float, why: str) -> bool:
+        """Have it there; whether it was elsewhere, and then `why`."""
+        if place == self.lla:
+            return False
+        self.changes.append(Change(now - self._start, place, why if self.lla else ""))
+        self._far_said, self._near = False, None
+        self.lla = place
+        self.frame = LocalFrame(*place)
+        return True

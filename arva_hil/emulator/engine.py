@@ -1,0 +1,299 @@
+"""The emulator: bytes and time in; bytes, deadlines and events out. It opens nothing, waits for nothing, says nothing.
+
+Any number of vehicles on any number of links, each with any number of receivers. A driver calls
+
+    receive(link, data, now)    bytes of a link; link_lost and link_back say what became of it
+    advance(now)                everything that is due until now
+    output()                    what to write; the driver says by `written` what was taken
+    events()                    what happened
+    next_deadline()             when it wants to be called again
+
+in the shape of h11 and aioquic. `arva_hil.runtime.drivers` has three of them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.config import Scenario
+from arva_hil.emulator.datum import MOVE_DATUM, Datum
+from arva_hil.emulator.followed_systems import FollowedSystems
+from arva_hil.emulator.frame_source import FrameSource, Output
+from arva_hil.emulator.ports import MAVLINK_FORMATS, encoder
+from arva_hil.emulator.true_state import true_state
+from arva_hil.events import DatumSet, Event, HeartbeatMissing, PacketsReceived, StatusReport, VehicleStatus
+from arva_hil.mavlink.codec import Packet
+from arva_hil.mavlink.packet_reader import Packets
+from arva_hil.vehicle.pose_track import VehicleState
+from arva_hil.vehicle.reasons import NoPose
+from arva_hil.vehicle.session import Session
+
+_STATUS_S: Final = 0.25
+
+
+@dataclass(frozen=True)
+class ReceiverSetup:
+    """One receiver: its name, the link that takes its frames (the autopilot's own, if the format needs that)."""
+
+    name: str
+    sink: str
+    scenario: Scenario
+
+
+@dataclass(frozen=True)
+class VehicleSetup:
+    """One vehicle: its name, the link on which it is heard, the session that follows it there, and its receivers."""
+
+    name: str
+    link: str
+    session: Session
+    scenario: Scenario
+    receivers: Sequence[ReceiverSetup]
+
+
+def one_vehicle(scenario: Scenario, session: Session, *, link: str = "autopilot", sink: str = "port") -> VehicleSetup:
+    """One vehicle with one receiver, as in a scenario that names none. Formats over MAVLink have no sink but `link`."""
+    sink = link if scenario.output_format in MAVLINK_FORMATS else sink
+    return VehicleSetup("vehicle", link, session, scenario, [ReceiverSetup("receiver", sink, scenario)])
+
+
+class EmulatedVehicle:
+    """Remembers one vehicle's datum and receivers; the session has the rest."""
+
+    def __init__(self, setup: VehicleSetup, followed: FollowedSystems, *, start: float, max_age_s: float) -> None:
+        self.name = setup.session.news.name = setup.name
+        self.link = setup.link
+        self.session = setup.session
+        self.datum = Datum(setup.scenario, start)
+        self.true_state = true_state(setup.scenario, setup.session, start)
+        self.sources = [
+            FrameSource(
+                self.name,
+                receiver.name,
+                receiver.sink,
+                receiver.scenario,
+                encoder(receiver.scenario.output_format, setup.session),
+                start=start,
+                max_age_s=max_age_s,
+            )
+            for receiver in setup.receivers
+        ]
+        self.told_missing = False
+        self._followed = followed
+        self._scenarios = [receiver.scenario for receiver in setup.receivers]
+        if self.datum.frame:
+            self._place()
+
+    @property
+    def known(self) -> bool:
+        return self.session.vehicle is not None
+
+    def boot(self, t: float) -> float | None:
+        return self.session.clock.boot(t)
+
+    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
+        if (frame := self.datum.frame) is None:
+            return None, None
+        reported = self.session.state_at(t, frame)
+        return self.true_state.at(t, frame, reported), reported
+
+    def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        return self._followed.pose(system, t, self.datum.frame) if self.datum.frame else None
+
+    def lacking(self) -> NoPose:
+        if self.datum.frame is None and self.session.track.newest is not None:
+            return NoPose("no home")
+        return self.true_state.lacking() or self.session.why_no_pose()
+
+    def place(self, now: float) -> Event:
+        """The datum is another one: so are the places of the transmitters."""
+        change = self.datum.changes[-1]
+        self._place()
+        return DatumSet(now, self.name, *change.lat_lon_alt, change.why)
+
+    def status(self, now: float) -> VehicleStatus:
+        session = self.session
+        label = session.vehicle.short if session.vehicle else ""
+        return VehicleStatus(self.name, label, session.rates(now), [source.status() for source in self.sources])
+
+    def _place(self) -> None:
+        assert self.datum.frame is not None
+        for source, scenario in zip(self.sources, self._scenarios, strict=True):
+            source.place(self.datum.frame, scenario)
+
+
+class Emulator:
+    """Remembers its vehicles and what there is to write and to tell. Times are seconds of the driver's clock.
+
+    `start`: the instant of the first frames. `timeout_s`: without a heartbeat, before that is an event.
+    `look_ahead_s`: how long a frame waits for the pose behind its instant, so that it can be interpolated; 0 is live:
+    a frame is made at its instant, from what is known then. `tell_packets`: every chunk is an event, for a record.
+    """
+
+    def __init__(
+        self,
+        vehicles: Sequence[VehicleSetup],
+        *,
+        start: float,
+        timeout_s: float = math.inf,
+        max_age_s: float = 2.0,
+        look_ahead_s: float = 0.0,
+        tell_packets: bool = False,
+    ) -> None:
+        scenarios = (receiver.scenario for setup in vehicles for receiver in setup.receivers)
+        self._followed = FollowedSystems(scenarios, start)
+        self.vehicles = [EmulatedVehicle(setup, self._followed, start=start, max_age_s=max_age_s) for setup in vehicles]
+        self._on_link: dict[str, list[EmulatedVehicle]] = {}
+        for vehicle in self.vehicles:
+            self._on_link.setdefault(vehicle.link, []).append(vehicle)
+        if any(
+            vehicle.session.reader is not every[0].session.reader
+            for every in self._on_link.values()
+            for vehicle in every
+        ):
+            raise ValueError("the sessions of vehicles on one link need the same reader")
+        self._start = start
+        self._timeout_s = timeout_s
+        self._look_ahead_s = look_ahead_s
+        self._tell_packets = tell_packets
+        self._next_status = start
+        self._lost: set[str] = set()
+        self._outputs: list[Output] = []
+        self._events: list[Event] = []
+
+    # -- in ------------------------------------------------------------------------------------------------
+
+    def receive(self, link: str, data: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> None:
+        """Bytes of an autopilot's link, received at `now`.
+
+        `sender`: which of several on the link they came from. `whole`: no packet goes on in the next bytes.
+        """
+        vehicles = self._on_link[link]
+        if len(vehicles) == 1 and not self._followed:
+            packets: Sequence[Packet] = vehicles[0].session.feed(data, now, sender, whole=whole)
+        else:
+            read = vehicles[0].session.reader.read(data, now, sender, whole=whole)
+            self._followed.hear(read.believed, now)
+            packets = self._share(vehicles, read, now, sender)
+        if self._tell_packets:
+            self._events.append(PacketsReceived(now, link, packets))
+        for vehicle in vehicles:
+            vehicle.true_state.hear(now)
+            moves_datum = any(packet.msgid in MOVE_DATUM for packet in vehicle.session.own)
+            if moves_datum and vehicle.datum.update(vehicle.session, now):
+                self._events.append(vehicle.place(now))
+
+    def link_lost(self, link: str, why: str, now: float) -> None:
+        """A link is lost: nothing can be sent there, and silence is nobody's fault, until `link_back`."""
+        self._lost.add(link)
+        for vehicle in self._on_link.get(link, ()):
+            vehicle.session.interrupt(why)
+
+    def link_back(self, link: str, now: float) -> None:
+        """The link is a new one, to vehicles that may have rebooted."""
+        self._lost.discard(link)
+        for vehicle in self._on_link.get(link, ()):
+            vehicle.session.resume(now)
+
+    def advance(self, now: float) -> None:
+        """Do what is due until `now`."""
+        for vehicle in self.vehicles:
+            self._make_frames(vehicle, now, self._ready(vehicle, now))
+            self._answer(vehicle, now)
+        if now >= self._next_status:
+            self._next_status = now + _STATUS_S
+            self._events += self._followed.look(now)
+            self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
+
+    def finish(self, now: float) -> None:
+        """Nothing more will come: make the frames that still wait for it, release what faults hold up."""
+        self.advance(now)
+        for vehicle in self.vehicles:
+            self._make_frames(vehicle, now, lambda t: True)
+            self._tell_missing(vehicle, now)
+
+    # -- out -----------------------------------------------------------------------------------------------
+
+    def next_deadline(self) -> float:
+        """When to call `advance` again at the latest."""
+        due = self._next_status
+        for vehicle in self.vehicles:
+            due = min(due, vehicle.session.next_due, *(source.next_due for source in vehicle.sources))
+        return due
+
+    def output(self) -> list[Output]:
+        """What is to be written, in this order. Each has to be handed back to `written`."""
+        outputs, self._outputs = self._outputs, []
+        return outputs
+
+    def addressees(self, link: str) -> tuple[Hashable, Sequence[Hashable]]:
+        """To whom outputs on a link go: the one sender there is, or else several."""
+        every = [vehicle.session.senders for vehicle in self._on_link[link]]
+        if len(every) == 1:
+            return every[0].vehicle, every[0].candidates
+        known = {sender: None for senders in every for sender in (senders.vehicle, *senders.candidates)}
+        known.pop(None, None)
+        return None, list(known)
+
+    def written(self, output: Output, taken: bool, now: float) -> None:
+        """Whether the link took all of an output."""
+        source = output.source
+        if source is not None:
+            vehicle = next(vehicle for vehicle in self.vehicles if source in vehicle.sources)
+            source.written(output, taken, now, lost=output.sink in self._lost, vehicle_known=vehicle.known)
+            self._collect(source)
+
+    def events(self) -> list[Event]:
+        """What has happened since the last call, in this order."""
+        events, self._events = self._events, []
+        return events
+
+    # -- inside --------------------------------------------------------------------------------------------
+
+    def _share(
+        self, vehicles: Sequence[EmulatedVehicle], packets: Packets, now: float, sender: Hashable
+    ) -> Sequence[Packet]:
+        """Give each of the vehicles of one link its packets; all of them, if they may be of one of these vehicles."""
+        heard = False
+        shares = packets.shares([vehicle.session.target_system for vehicle in vehicles])
+        for vehicle, share in zip(vehicles, shares, strict=True):
+            heard |= vehicle.session.hear(share, now, sender) and bool(share.every)
+        return packets.every if heard else []
+
+    def _make_frames(self, vehicle: EmulatedVehicle, now: float, ready: Callable[[float], bool]) -> None:
+        for source in vehicle.sources:
+            if source.next_due <= now:
+                source.advance(now, vehicle, live=not self._look_ahead_s, ready=ready)
+                self._collect(source)
+
+    def _ready(self, vehicle: EmulatedVehicle, now: float) -> Callable[[float], bool]:
+        if not self._look_ahead_s:
+            return lambda t: True
+        every = (vehicle.true_state, self._followed)
+        return lambda t: now - t >= self._look_ahead_s or all(one.known_at(t) for one in every)
+
+    def _collect(self, source: FrameSource) -> None:
+        if source.outputs:
+            self._outputs += source.take_outputs()
+        if source.events:
+            self._events += source.take_events()
+
+    def _answer(self, vehicle: EmulatedVehicle, now: float) -> None:
+        """What the vehicle is asked for, and what there is to tell of it."""
+        session = vehicle.session
+        if out := session.poll(now):
+            self._outputs.append(Output(vehicle.link, out, now))
+        self._events += session.take_events()
+        if now - self._start > self._timeout_s:
+            self._tell_missing(vehicle, now)
+
+    def _tell_missing(self, vehicle: EmulatedVehicle, now: float) -> None:
+        if not vehicle.known and not vehicle.told_missing:
+            vehicle.told_missing = True
+            self._events.append(HeartbeatMissing(now, vehicle.name, vehicle.session.heard()))

@@ -1,0 +1,238 @@
+"""One receiver of one vehicle: its looks and frames in the order of time, and what becomes of each frame."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+from arva_hil.config import Scenario
+from arva_hil.emulator.build import receiver
+from arva_hil.emulator.ports import frame_of
+from arva_hil.emulator.virtual_receiver import PoseSource, VirtualReceiver
+from arva_hil.events import BytesSent, Event, FrameMade, FramesRefused, FramesTaken, ReceiverStatus
+from arva_hil.faults.plan import Faults
+from arva_hil.faults.sending import QueuedFrame
+from arva_hil.field import LocalFrame
+from firmware_proto import Frame
+
+_WORST_BACKLOG_S: Final = 1.0  # frames that are late by more than this are skipped, not sent in a burst
+
+
+class Schedule:
+    """Absolute deadlines: n / rate after `start`, each up to `jitter_s` late. Lateness never adds up."""
+
+    def __init__(self, start: float, rate_hz: float, jitter_s: float, seed: int) -> None:
+        self.number = 0
+        self._start = start
+        self._rate = rate_hz
+        self._jitter = jitter_s
+        self._random = random.Random(seed)
+        self.deadline = self._at(0)
+
+    def advance(self) -> None:
+        self.number += 1
+        self.deadline = self._at(self.number)
+
+    def _at(self, number: int) -> float:
+        late = self._jitter * self._random.random() if self._jitter else 0.0
+        return self._start + number / self._rate + late
+
+
+@dataclass
+class Counters:
+    """What became of every frame: frames + duplicated = delivered + damaged + withheld + dropped + waiting."""
+
+    frames: int = 0
+    duplicated: int = 0  # copies that a fault added
+    delivered: int = 0  # gone, whole
+    damaged: int = 0  # gone, but not as it was made
+    withheld: int = 0  # kept from going by a fault
+    dropped: int = 0  # nobody took it
+    waiting: int = 0  # held up by a fault, not gone yet
+    no_pose: int = 0  # said no signal because the pose was unknown or too old
+    skipped: int = 0  # not made because the loop was held up for more than a second
+    latest_s: float = 0.0  # the worst lateness
+
+
+class Output(NamedTuple):
+    """Bytes to be written to the link `sink`, no earlier than `due`. The driver hands it back to `Emulator.written`.
+
+    `source`: whose frame it is, None for messages to an autopilot. `whole`: its frame is in it, undamaged. `made`: the
+    frame that is sent once this is taken.
+    """
+
+    sink: str
+    data: bytes
+    due: float
+    source: FrameSource | None = None
+    whole: bool = True
+    made: FrameMade | None = None
+
+
+class FrameSource:
+    """Remembers one receiver and its schedule, what waits to be sent and what became of all that was.
+
+    `name`: of the receiver, `sink`: of the link that takes its frames. `encode`: (frame, its instant in ms on the
+    vehicle's clock) → bytes, b"" while there is nobody to send them to. `max_age_s`: a pose older than this is none.
+    """
+
+    def __init__(
+        self,
+        vehicle: str,
+        name: str,
+        sink: str,
+        scenario: Scenario,
+        encode: Callable[[Frame, int], bytes],
+        *,
+        start: float,
+        max_age_s: float,
+    ) -> None:
+        self.name = name
+        self.sink = sink
+        self.counters = Counters()
+        self.schedule = Schedule(start, scenario.receiver.rate_hz, scenario.receiver.jitter_s, scenario.seed)
+        self.last: FrameMade | None = None
+        self.events: list[Event] = []
+        self.outputs: list[Output] = []
+        model = receiver(scenario)
+        self.faults = Faults(scenario, model) if scenario.faults else None
+        self.receiver = VirtualReceiver(
+            vehicle,
+            name,
+            scenario,
+            self.faults.receiver if self.faults else model,
+            start=start,
+            max_age_s=max_age_s,
+        )
+        self.receiver.plan(self.schedule.deadline)
+        self._vehicle = vehicle
+        self._encode = encode
+        self._start = start
+        self._refused = False
+
+    @property
+    def next_due(self) -> float:
+        """When there is something to do."""
+        held_until = self.faults.outbox.next_due if self.faults else math.inf
+        return min(self.schedule.deadline, self.receiver.next_due, held_until)
+
+    def place(self, frame: LocalFrame, scenario: Scenario) -> None:
+        """The datum is there now."""
+        self.receiver.place(frame, scenario)
+
+    def advance(self, now: float, vehicle: PoseSource, *, live: bool, ready: Callable[[float], bool]) -> None:
+        """Look and make frames at the instants that have come and are `ready`, and release what a fault has held up
+        until now.
+
+        `live`: a frame that is made after its instant is late by that much, and too late a frame is skipped.
+        """
+        schedule, receiver = self.schedule, self.receiver
+        while (t := min(receiver.next_due, schedule.deadline)) <= now and ready(t):
+            at = now if live else t
+            if receiver.next_due <= t:
+                self.events += receiver.look(at, vehicle)
+            if t < schedule.deadline:
+                receiver.plan(schedule.deadline)
+                continue
+            self._make(t, at, vehicle)
+            schedule.advance()
+            while live and now - schedule.deadline > _WORST_BACKLOG_S:
+                self.counters.skipped += 1
+                schedule.advance()
+            receiver.plan(schedule.deadline, now - _WORST_BACKLOG_S if live else -math.inf)
+        self._release(min(now, schedule.deadline))
+
+    def written(self, output: Output, taken: bool, now: float, *, lost: bool, vehicle_known: bool) -> None:
+        """Whether the link took an output. `lost`: it is lost, which is news of its own."""
+        counters = self.counters
+        counters.dropped += not taken
+        counters.delivered += taken and output.whole
+        counters.damaged += taken and not output.whole
+        about = now, self._vehicle, self.name
+        if self._refused == taken and (vehicle_known or taken) and not lost:
+            self._refused = not taken
+            self.events.append(FramesTaken(*about, counters.dropped) if taken else FramesRefused(*about))
+        if taken:
+            self.events.append(BytesSent(*about, output.data))
+        if output.made is not None:
+            self._tell(output.made if taken else replace(output.made, sent=False))
+
+    def fault_counts(self) -> dict[str, dict[str, int]]:
+        """How many frames met each fault, by its name, and how many bytes it hit."""
+        return self.faults.counts() if self.faults else {}
+
+    def status(self) -> ReceiverStatus:
+        c = self.counters
+        return ReceiverStatus(self.name, self.last, c.delivered + c.damaged + c.dropped, c.dropped)
+
+    def take_events(self) -> list[Event]:
+        events, self.events = self.events, []
+        return events
+
+    def take_outputs(self) -> list[Output]:
+        outputs, self.outputs = self.outputs, []
+        return outputs
+
+    def _make(self, t: float, now: float, vehicle: PoseSource) -> None:
+        number, instant_s = self.schedule.number, t - self._start
+        if self.faults:
+            self.faults.begin(number, instant_s)
+        boot = vehicle.boot(t)
+        reading, told = self.receiver.show(t, now, vehicle)
+        self.events += told
+        _, pose, reported_pose, _ = self.receiver.seen
+        age = self.receiver.age_s(t)
+        frame = frame_of(reading, number % 256)
+        boot_ms = 0 if boot is None else max(0, round(boot * 1e3)) % 2**32
+        counters = self.counters
+        counters.frames += 1
+        counters.no_pose += pose is None
+        counters.latest_s = max(counters.latest_s, now - t)
+        if self.faults:
+            frame, sent, outputs = self._send_by(self.faults, frame, t, boot_ms)
+        else:
+            sent = outputs = self._put(QueuedFrame(frame, boot_ms), t)
+        met = self.faults.met if self.faults else ()
+        about = now, self._vehicle, self.name
+        made = FrameMade(
+            *about, number, instant_s, boot, pose, age, reading, frame, sent > 0, now - t, met, reported_pose
+        )
+        if outputs:
+            self.outputs[-1] = self.outputs[-1]._replace(made=made)
+        else:
+            self._tell(made)
+
+    def _tell(self, made: FrameMade) -> None:
+        self.last = made
+        self.events.append(made)
+
+    def _send_by(self, faults: Faults, frame: Frame, t: float, boot_ms: int) -> tuple[Frame, int, int]:
+        """As the faults have it: what the frame says, how many copies go or will go, how many outputs it made now."""
+        self._release(t)
+        said, copies = faults.send(frame, t, boot_ms, self._encode)
+        self.counters.withheld += not copies
+        self.counters.duplicated += max(0, copies - 1)
+        self.counters.waiting = len(faults.outbox)
+        return said, copies, self._release(t) if copies else 0
+
+    def _release(self, until: float) -> int:
+        """Send what faults have held up until then; how many outputs that made."""
+        made = 0
+        if self.faults:
+            outbox = self.faults.outbox
+            while (due := outbox.next_due) <= until and (queued := outbox.take(until)):
+                self.counters.waiting = len(outbox)
+                made += self._put(queued, due)
+        return made
+
+    def _put(self, queued: QueuedFrame, due: float) -> int:
+        """One output, or none while there is nobody to send it to."""
+        data = self._encode(queued.frame, queued.boot_ms) if queued.data is None else queued.data
+        if not data:
+            self.counters.dropped += 1
+            return 0
+        self.outputs.append(Output(self.sink, data, due, self, queued.whole))
+        return 1

@@ -1,0 +1,143 @@
+"""A receiver on its vehicle: when it looks, where it is then, and among which transmitters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.config import Scenario
+from arva_hil.emulator.build import mount, moving_transmitters
+from arva_hil.emulator.datum import Datum
+from arva_hil.events import Event, PoseFound, PoseLost, PoseMissing, TooFar
+from arva_hil.field import LocalFrame
+from arva_hil.receiver import Look, Pose, Reading, ReceiverModel
+from arva_hil.vehicle.pose_track import VehicleState
+from arva_hil.vehicle.reasons import NoPose
+
+_BLIND_S: Final = 8.0  # with a vehicle but without a pose, before that is worth an event
+_START_S: Final = math.nextafter(0.0, -1.0)  # no look is earlier than the run
+
+
+class PoseSource(Protocol):
+    """The vehicle as its receivers know it. `t`: seconds on the driver's clock."""
+
+    datum: Datum
+
+    def boot(self, t: float) -> float | None:
+        """The instant `t` on the vehicle's clock [s]."""
+
+    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
+        """Where the vehicle truly is at `t`, and where it reports to be, NED from the datum; None: not known.
+
+        The same object where the report counts as the truth.
+        """
+
+    def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Position (3,) NED from the datum and body → NED (3, 3) of another vehicle; None: it is not heard."""
+
+    @property
+    def known(self) -> bool:
+        """There is a vehicle."""
+
+    def lacking(self) -> NoPose:
+        """Why there is no pose."""
+
+
+class Seen(NamedTuple):
+    """What was known at the newest look: the receiver's own pose, the same by what its vehicle reports, their age."""
+
+    t: float
+    pose: Pose | None
+    reported_pose: Pose | None
+    age_s: float | None
+
+
+class VirtualReceiver:
+    """Remembers one receiver's model, its place among the transmitters, its newest look and when the next one is.
+
+    `vehicle`, `name`: for its events. `start`: of the run, on the driver's clock. `max_age_s`: an older pose is none.
+    """
+
+    def __init__(
+        self, vehicle: str, name: str, scenario: Scenario, model: ReceiverModel, *, start: float, max_age_s: float
+    ) -> None:
+        self.next_due = math.inf  # of the looks, on the driver's clock, once `plan` was called
+        self.seen = Seen(start, None, None, None)
+        self._about = vehicle, name
+        self._model = model
+        self._mount = mount(scenario)
+        self._transmitters = moving_transmitters(scenario, LocalFrame(0.0, 0.0, 0.0))  # until the datum is known
+        self._start = start
+        self._max_age_s = max_age_s
+        self._look_s = self._next_look_s = _START_S
+        self._had_pose = False
+        self._blind_since: float | None = None
+
+    def place(self, frame: LocalFrame, scenario: Scenario) -> None:
+        """The datum is there now."""
+        self._transmitters = moving_transmitters(scenario, frame)
+
+    def plan(self, frame: float, not_before: float = -math.inf) -> None:
+        """Set when it looks next, its next frame being due at `frame`; looks earlier than `not_before` are left out.
+
+        Raises ValueError when the model would look back.
+        """
+        frame_s = frame - self._start
+        left_out_s = min(not_before - self._start, math.nextafter(frame_s, -math.inf))  # never those of the frame
+        after_s = max(self._look_s, left_out_s)
+        self._next_look_s = self._model.next_look(after_s, frame_s)
+        if not self._next_look_s > after_s:
+            raise ValueError(f"the receiver's model looks at {self._next_look_s:g} s, not later than {after_s:g} s")
+        self.next_due = frame if self._next_look_s == frame_s else self._start + self._next_look_s
+
+    def look(self, now: float, vehicle: PoseSource) -> list[Event]:
+        """Look as planned, at the instant `next_due`; what there is to tell at `now`."""
+        t, self._look_s = self.next_due, self._next_look_s
+        state, reported = vehicle.states(t)
+        fresh = self._is_fresh(state)
+        events = self._pose_events(fresh, state, now, vehicle)
+        pose = self._pose(state) if fresh else None
+        reported_pose = pose
+        if reported is not state:
+            reported_pose = self._pose(reported) if self._is_fresh(reported) else None
+        self.seen = Seen(t, pose, reported_pose, state.age_s if state else None)
+        there = self._transmitters.at(self._look_s, lambda system: vehicle.pose_of(system, t))
+        self._model.look(Look(self._look_s, pose, there))
+        return events
+
+    def show(self, t: float, now: float, vehicle: PoseSource) -> tuple[Reading, Sequence[Event]]:
+        """What it says at `t`, and what there is to tell of it at `now`."""
+        reading = self._model.show(t - self._start)
+        pose, datum = self.seen.pose, vehicle.datum
+        if pose is not None and (far := datum.far(pose.position, reading)):
+            return reading, [TooFar(now, *self._about, *far, datum.fixed)]
+        return reading, ()
+
+    def age_s(self, t: float) -> float | None:
+        """How old at `t` the pose is that the newest reading rests on."""
+        return None if self.seen.age_s is None else self.seen.age_s + (t - self.seen.t)
+
+    def _pose(self, state: VehicleState | None) -> Pose | None:
+        return Pose(*self._mount.pose(state.position, state.attitude)) if state else None
+
+    def _is_fresh(self, state: VehicleState | None) -> bool:
+        return state is not None and state.age_s <= self._max_age_s
+
+    def _pose_events(self, fresh: bool, state: VehicleState | None, now: float, vehicle: PoseSource) -> list[Event]:
+        """One event when the pose is lost or does not come, one when it is there."""
+        about = now, *self._about
+        if fresh != self._had_pose:
+            self._had_pose = fresh
+            self._blind_since = math.inf
+            return [PoseFound(*about) if fresh else PoseLost(*about, state.age_s if state else None, vehicle.lacking())]
+        if not fresh and vehicle.known:
+            if self._blind_since is None:
+                self._blind_since = now
+            elif now - self._blind_since > _BLIND_S:
+                self._blind_since = math.inf
+                return [PoseMissing(*about, vehicle.lacking())]
+        return []

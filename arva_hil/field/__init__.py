@@ -1,0 +1,8 @@
+"""The transmitters' field: dipoles, where they are at a time, places on Earth, rotations. NED, metres; only numpy."""
+
+from .dipole import Transmitters, dipole_field
+from .geodesy import LocalFrame
+from .motion import Following, MovingTransmitters, Waypoints
+from .mount import Mount
+
+__all__ = ["Following", "LocalFrame", "Mount", "MovingTransmitters", "Transmitters", "Waypoints", "dipole_field"]

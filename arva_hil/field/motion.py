@@ -1,0 +1,82 @@
+"""Where transmitters are at a time: at rest, on timed waypoints, or with a vehicle that is heard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.field.dipole import Transmitters
+
+__all__ = ["Following", "MovingTransmitters", "Waypoints"]
+
+Array = NDArray[np.float64]
+PoseOf = Callable[[int], tuple[Array, Array] | None]
+"""System id → position (3,) NED, metres, and body → NED (3, 3) of that vehicle now; None: it is not heard."""
+
+_SILENT: Final = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """Straight lines between points. Raises ValueError without a point, or unless the times rise.
+
+    `times` (n,): seconds from the start of the run; `points` (n, 3): NED, metres. Before the first time it is at the
+    first point; behind the last it stays at the last, or begins anew (`loop`).
+    """
+
+    times: Array
+    points: Array
+    end: Literal["stay", "loop"] = "stay"
+
+    def __post_init__(self) -> None:
+        n = len(self.times)
+        if n < 1 or self.points.shape != (n, 3) or not (np.diff(self.times) > 0).all():
+            raise ValueError("waypoints need one point or more, each later than the one before")
+
+    def at(self, time_s: float) -> Array:
+        """The position (3,) at a time, NED, metres."""
+        first, last = self.times[0], self.times[-1]
+        if self.end == "loop" and time_s > last > first:
+            time_s = first + (time_s - first) % (last - first)
+        return np.array([np.interp(time_s, self.times, axis) for axis in self.points.T])
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """With the vehicle of a system id: `offset` (3,) in its body frame FRD, metres. It turns as that vehicle turns."""
+
+    system: int
+    offset: Array
+
+
+class MovingTransmitters:
+    """Remembers transmitters, and how some of them move: `motions` by index. Those at rest are never copied."""
+
+    def __init__(self, rest: Transmitters, motions: Mapping[int, Waypoints | Following]) -> None:
+        self._rest = rest
+        self._motions = motions
+
+    def at(self, time_s: float, pose_of: PoseOf) -> Transmitters:
+        """All of them at `time_s`, seconds from the start of the run. One whose vehicle is not heard is silent."""
+        rest = self._rest
+        if not self._motions:
+            return rest
+        positions, rotations, strengths = rest.positions.copy(), rest.rotations.copy(), rest.strengths.copy()
+        unplaced = set()
+        for index, motion in self._motions.items():
+            if isinstance(motion, Waypoints):
+                positions[index] = motion.at(time_s)
+            elif (pose := pose_of(motion.system)) is None:
+                strengths[index] = _SILENT
+                unplaced.add(rest.ids[index])
+            else:
+                position, rotation = pose
+                positions[index] = position + rotation @ motion.offset
+                rotations[index] = rotation @ rest.rotations[index]
+        return replace(
+            rest, positions=positions, rotations=rotations, strengths=strengths, unplaced=frozenset(unplaced)
+        )

@@ -1,0 +1,1 @@
+"""Commanding an autopilot: who has the vehicle, modes, acknowledgements, set-points."""

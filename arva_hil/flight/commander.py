@@ -1,0 +1,289 @@
+"""Flying a vehicle by orders: arm, take off, follow velocities, land. Messages in, messages out.
+
+Autopilots lose commands, acknowledge what they then do not do, and refuse without a word. So an order is repeated
+until heartbeat or height shows that it is carried out, and nothing else counts. The pilot has the last word: when an
+order may leave is in `authority.py`, what else takes the vehicle from us in `sticks.py`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from arva_hil.events.vehicles import ArmingTried, AutopilotText, ThrottleAwaited
+from arva_hil.flight import authority
+from arva_hil.flight.phase import Phase
+from arva_hil.flight.state import RISEN_M, FlightState
+from arva_hil.mavlink.codec import command, dialect
+from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
+from arva_hil.vehicle.modes import modes_of
+from arva_hil.vehicle.session import Session
+
+__all__ = ["Commander", "Phase"]
+
+_REPEAT_S: Final = 1.0
+_ARM_AGAIN_S: Final = 3.0  # each refused try costs a message on every ground station
+_TAKE_OFF_AGAIN_S: Final = 5.0  # acknowledged, and still on the ground
+_SET_POINT_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops after 3 s
+_FLOWING_S: Final = 1.0  # of set-points, before PX4 is told to follow them
+_STOPPED_S: Final = 0.5  # of set-points that say stop, before it is left alone
+_LEAD_S: Final = 0.5  # from an order to what comes of it
+_STILL: Final = (0.0, 0.0, 0.0)
+_ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
+_STEERED: Final = (Phase.FLYING, Phase.HOLDING, Phase.YIELDING)
+
+
+class Commander(FlightState):
+    """Remembers the last order to one vehicle. `take_off_m`: height of the take-off. `ready`: it may be armed now."""
+
+    def __init__(self, session: Session, *, take_off_m: float, arm_timeout_s: float = 60.0) -> None:
+        super().__init__(session, take_off_m)
+        self.ready = True
+        self._arm_timeout_s = arm_timeout_s
+        self._velocity = _STILL
+        self._tries = 0  # of arming
+        self._heard_since = 0.0  # what is heard now came after that
+        self._next_set_point = -math.inf
+
+    # -- orders --------------------------------------------------------------------------------------------
+
+    def launch(self, now: float) -> None:
+        """Arm, take off, then follow velocities with the heading kept.
+
+        There must be a vehicle with a pose. Raises ValueError for one that cannot be flown like this.
+        """
+        assert self._session.vehicle is not None
+        self._modes = modes_of(self._session.vehicle)
+        self.sticks.mark()
+        self._enter(Phase.ARMING, now, self._modes.hold, self._arm_timeout_s)
+
+    def take_over(self, now: float) -> None:
+        """Follow velocities from where it hovers, armed, in a mode of somebody else; the heading is kept.
+
+        The origin is below that place, at the height of home. If it does not follow it is left to who had it. Raises
+        ValueError for a vehicle that cannot be flown like this.
+        """
+        assert self._session.vehicle is not None
+        self._modes = modes_of(self._session.vehicle)
+        place, home = self._session.track.last_position, self._session.home
+        if place is None or home is None or self._authority.mode == -1 or not self._turn(now, place):
+            raise ValueError("its pose, its home or its mode is not known")
+        self.origin = place._replace(alt=home[2])
+        self.sticks.mark()
+        self._borrowing = True
+        self._authority.borrow()
+        self._enter(Phase.FLYING, now, self._modes.steer)
+        self._next_order = now + _FLOWING_S
+
+    def steer(self, velocity: tuple[float, float, float]) -> None:
+        """Fly with this velocity, NED, m/s, until told otherwise."""
+        self._velocity = velocity
+
+    def land(self, now: float, why: str = "") -> None:
+        """Land where it is; before the take-off: disarm. `why`: when that is not how it should end."""
+        if self._leave_alone(why):
+            return
+        if self.phase is Phase.ARMING:
+            self.why = why
+            self._enter(Phase.DISARMING, now, self._modes.hold)
+        elif self.phase in (Phase.CLIMBING, Phase.FLYING):
+            self.why = why
+            self._enter(Phase.LANDING, now, self._modes.land)
+
+    def hold(self, now: float, why: str = "") -> None:
+        """Stay in the air where it is, for the pilot to take; before the take-off: disarm. A landing goes on."""
+        if self._leave_alone(why):
+            return
+        if self.phase is Phase.ARMING:
+            self.land(now, why)
+        elif self.phase in (Phase.CLIMBING, Phase.FLYING):
+            self.why = why
+            self._enter(Phase.HOLDING, now, self._modes.hold)
+
+    # -- what it is told -----------------------------------------------------------------------------------
+
+    def poll(self, now: float) -> bytes:
+        """What is due to be sent. The link must have been read until it was empty."""
+        if self.phase.active:
+            self._advance(now)
+        if not self.phase.active:
+            return b""
+        question = self._authority.question(now)
+        messages = [question] if question else []
+        if self._authority.settled and not self._authority.usurped and not self._session.doubtful:
+            messages += self._due(now)
+        return b"".join(map(self._session.encoder.pack, messages))
+
+    def _advance(self, now: float) -> None:
+        """Go on to the next phase when this one has come to its end, or to the limit of its time."""
+        late, in_mode = now - self._since, self._authority.in_mode
+        self._borrowing = self._borrowing and not in_mode
+        if self._authority.silent(now):
+            self._lose(f"the vehicle has not said its mode for {authority.SILENT_S:g} s")
+        elif self.phase is Phase.CLIMBING and self._climbed:
+            self._enter(Phase.FLYING, now, self._modes.steer)
+            self._next_order = now + max(0.0, _FLOWING_S - late)
+        elif self.phase is Phase.HOLDING and in_mode and late > _STOPPED_S:
+            self.phase = Phase.ENDED
+        elif self.phase is Phase.YIELDING and not self.sticks.known and late > _STOPPED_S:
+            self._lose("no radio is heard by which the pilot could have it")
+        elif late > self._limit_s and not (self.phase is Phase.FLYING and in_mode):
+            why = f"the vehicle does not {self.phase.to_do}: {self._reasons() or 'it says nothing of why'}"
+            if self.phase in (Phase.CLIMBING, Phase.FLYING):
+                self.land(now, why)
+            else:
+                self._lose(why)
+
+    @property
+    def _climbed(self) -> bool:
+        """It is high enough, or will be when it has heard so: PX4 climbs on until then."""
+        enough = 0.9 * self._take_off_m - 0.1
+        if not self._modes.px4:
+            return self.height > enough
+        last = self._session.track.last_position
+        return self.height > RISEN_M and self.height - (last.velocity[2] if last else 0.0) * _LEAD_S > enough
+
+    def _due(self, now: float) -> list[Any]:
+        """Set-points, which take effect in one mode only; and orders, which may change it."""
+        messages = []
+        if now >= self._next_set_point and self._steered:
+            self._next_set_point = max(self._next_set_point + _SET_POINT_S, now)
+            messages.append(self._set_point())
+        if now >= self._next_order:
+            order, again = self._order()
+            if order is None or self._authority.fresh(now):
+                self._next_order = now + again
+                if order is not None:
+                    self._ordered_s = min(self._ordered_s, now)
+                    self._tell_try(order, now)
+                    messages.append(order)
+        return messages
+
+    @property
+    def _steered(self) -> bool:
+        """Set-points flow without a pause until another mode needs none. In a take-off ArduPilot would obey them."""
+        landing = self.phase is Phase.LANDING and not self.lands_by_itself
+        return landing or self.phase in _STEERED or (self.phase is Phase.CLIMBING and self._modes.px4)
+
+    def _set_point(self) -> Any:
+        assert self._session.vehicle is not None
+        velocity = self._velocity if self.phase is Phase.FLYING else _STILL
+        return self._modes.to_steer(self._session.vehicle, velocity, self._yaw)
+
+    def _order(self) -> tuple[Any | None, float]:
+        """The order that is not carried out yet, None when all are; and when to look again, in seconds."""
+        vehicle, modes = self._session.vehicle, self._modes
+        assert vehicle is not None
+        to = vehicle.system, vehicle.component
+        if self.phase is Phase.CLIMBING:
+            assert self.origin is not None
+            risen = self.height > RISEN_M
+            return None if risen else modes.to_take_off(vehicle, self._take_off_m, self.origin.alt), _REPEAT_S
+        if self.phase is Phase.DISARMING:
+            return command(*to, _ARM, 0), _REPEAT_S
+        if self.phase is Phase.ARMING and self._authority.in_mode:
+            return (command(*to, _ARM, 1), _ARM_AGAIN_S) if self.ready else (None, 0.0)
+        if self._authority.in_mode or (self.phase is Phase.YIELDING and not self.sticks.throttle_in_middle):
+            return None, 0.0
+        if self.phase is Phase.LANDING:
+            return command(*to, dialect.MAV_CMD_NAV_LAND), _REPEAT_S
+        return modes.to_set(vehicle, self._authority.wanted), _REPEAT_S
+
+    def _tell_try(self, order: Any, now: float) -> None:
+        if self.phase is Phase.ARMING and order.command == _ARM:
+            self._tries += 1
+            refused = self._complaints.refused_order, self._complaints.refused_result
+            self._news.emit(ArmingTried(now, self._news.name, self._tries, _ARM_AGAIN_S, *refused))
+
+    # -- what the vehicle says -----------------------------------------------------------------------------
+
+    def hear(self, now: float, since: float | None = None) -> None:
+        """Take what the session was fed last. It came after `since`, when the link was read until it was empty before
+        that; default: right now."""
+        self._heard_since = now if since is None else since
+        for packet in self._session.own:
+            if packet.msgid in _HEARD and (message := self._session.parser.decode(packet)) is not None:
+                _HEARD[packet.msgid](self, message, now)
+
+    def _on_heartbeat(self, message: Any, now: float) -> None:
+        assert self._session.vehicle is not None
+        if message.autopilot != self._session.vehicle.autopilot:
+            return
+        self._authority.hear(message.custom_mode, self._heard_since, now)
+        armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        mode = self._modes.name(message.custom_mode)
+        if not self.phase.active:
+            return
+        disarmed = self.phase is Phase.DISARMING and now - self._ordered_s > _STOPPED_S  # an order to arm was under way
+        if (self.phase is Phase.LANDING or disarmed) and not armed:
+            self.phase = Phase.ENDED
+        elif self.phase is Phase.DISARMING:
+            self._watch_mode()
+        elif self.phase is Phase.ARMING and armed and not self._authority.in_mode:
+            self._lose(f"somebody else has armed it, in {mode}", handed_over=True)
+        elif self.phase is not Phase.ARMING and not armed:
+            self._lose("; ".join(filter(None, [f"it was disarmed; the mode is {mode}", self._reasons()])))
+        else:
+            self._watch_mode()
+            if self.phase is Phase.ARMING:
+                self._stand(armed, now)
+
+    def _on_current_mode(self, message: Any, now: float) -> None:
+        """The mode that it is in; the one that is intended is not looked at.
+
+        PX4 changes it when it has landed and disarms; the heartbeat tells that from the pilot's hand.
+        """
+        self._authority.hear(message.custom_mode, self._heard_since, now)
+        if self.phase.active and self.phase is not Phase.LANDING:
+            self._watch_mode()
+
+    def _on_timesync(self, message: Any, now: float) -> None:
+        self._authority.hear_answer(message)
+
+    def _on_ack(self, message: Any, now: float) -> None:
+        taken = self._session.answers_us(message) and self._complaints.hear_ack(message)
+        if taken and self.phase is Phase.CLIMBING and message.command == dialect.MAV_CMD_NAV_TAKEOFF:
+            self._next_order = now + _TAKE_OFF_AGAIN_S
+
+    def _on_text(self, message: Any, now: float) -> None:
+        self._complaints.hear_text(message)
+        for text in self._complaints.take_texts():
+            self._news.emit(AutopilotText(now, self._news.name, text))
+
+    def _on_status(self, message: Any, now: float) -> None:
+        self._complaints.hear_status(message)
+        self._on_pilot(message, now)
+
+    def _on_pilot(self, message: Any, now: float) -> None:
+        """The sticks, or the battery: the pilot is to have it. ArduPilot has to be told so, PX4 gives it by itself."""
+        self.sticks.hear(message)
+        flown = self.phase in (Phase.CLIMBING, Phase.FLYING)
+        if not (why := self.sticks.moved or (self.sticks.low_battery and "low battery") or ""):
+            return
+        if self._leave_alone(why):
+            return
+        if self.phase is Phase.ARMING or (self._modes.px4 and flown and not self.sticks.moved):
+            self.hold(now, why)
+        elif self._modes.px4 and self.sticks.moved and self._steered:
+            self._lose(why, handed_over=True)
+        elif (
+            not self._modes.px4
+            and (flown or (self.sticks.moved and self._steered))
+            and self.phase is not Phase.YIELDING
+        ):
+            self.why = why
+            self._enter(Phase.YIELDING, now, self._modes.yields)
+            if not self.sticks.throttle_in_middle:
+                self._news.emit(ThrottleAwaited(now, self._news.name, self.sticks.channel, self.sticks.by_us))
+
+
+_HEARD: Final = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: Commander._on_heartbeat,
+    MAVLINK_MSG_ID_CURRENT_MODE: Commander._on_current_mode,
+    dialect.MAVLINK_MSG_ID_TIMESYNC: Commander._on_timesync,
+    dialect.MAVLINK_MSG_ID_COMMAND_ACK: Commander._on_ack,
+    dialect.MAVLINK_MSG_ID_STATUSTEXT: Commander._on_text,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: Commander._on_status,
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: Commander._on_pilot,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: Commander._on_pilot,
+}

@@ -1,0 +1,246 @@
+"""Links that come back: what is lost is opened again until it is there."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import threading
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+from arva_hil.links import Address, open_link, parse
+from arva_hil.links.base import Absent, Link, LinkEnded, LinkError
+from arva_hil.links.serial_opener import Barred, SerialOpener
+from arva_hil.runtime.clock import Clock
+
+Job = Callable[[], None]
+
+_FIRST_PAUSE_S: Final = 0.05  # before the first try, and twice as long before each further one
+_LONGEST_PAUSE_S: Final = 0.4
+_LASTING_S: Final = 0.3  # a connection that holds for so long, or brings bytes, is no false start
+
+
+def on_a_thread(job: Job) -> None:
+    threading.Thread(target=job, name="reopen", daemon=True).start()
+
+
+class Reopening(Link):
+    """A link around one that may be lost: while it is away nothing is read, and writes are dropped and counted.
+
+    `link` may be the error of one that is not there yet: it is away from the start, which is no loss.
+    `opener` opens it again; `start` runs that on a thread, for it may take its time. A LinkError or OSError of it
+    only means: not yet, and of a Barred one `why` tells from then on. Whatever else it raises, `read` and `write`
+    raise. `sought` is what a person is told. `wanted` is asked at a loss: where it says no, the loss is raised and
+    for good.
+    """
+
+    def __init__(
+        self,
+        link: Link | LinkError,
+        opener: Callable[[], Link],
+        clock: Clock,
+        sought: str = "it",
+        start: Callable[[Job], None] = on_a_thread,
+        wanted: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self._link: Link | None = None
+        self._awaited = isinstance(link, LinkError)  # it was never there
+        if isinstance(link, LinkError):
+            self.name, self.why = link.link, str(link)
+        else:
+            self.name, self._link = link.name, link
+        self._opener = opener
+        self._clock = clock
+        self._sought = sought
+        self._start = start
+        self._wanted = wanted
+        self._attempt: Attempt | None = None
+        self._pause = _FIRST_PAUSE_S
+        self._next_try = clock.now() + self._pause if self._awaited else math.inf
+        self._since = -math.inf
+        self._open = True
+        self._waker, self._wake = socket.socketpair()  # select waits on it while there is nothing else
+        self._wake.setblocking(False)
+
+    @property
+    def away(self) -> bool:
+        return self._awaited or super().away
+
+    def pin(self) -> None:
+        self._wanted = lambda: False
+        if self._link:
+            self._link.pin()
+
+    def read(self) -> bytes:
+        link = self._current()
+        try:
+            data = link.read() if link else b""
+        except LinkEnded:
+            raise
+        except LinkError as error:
+            self._lose(error)
+            return b""
+        if data and self.away:
+            self._last()
+        return data
+
+    def write(self, data: bytes) -> bool:
+        link = self._current()
+        try:
+            sent = link is not None and link.write(data)
+        except LinkError as error:
+            self._lose(error)
+            sent = False
+        self.dropped += not sent
+        return sent
+
+    def close(self) -> None:
+        if not self._open:
+            return
+        self._open = False
+        if self._link:
+            self._link.close()
+        if self._attempt:
+            self._attempt.abandon()
+        self._waker.close()
+        self._wake.close()
+
+    def fileno(self) -> int | None:
+        if not self._open:
+            return None
+        return self._link.fileno() if self._link else self._waker.fileno()
+
+    def ready(self) -> bool:
+        if self._link:
+            return self._open and self._link.ready()
+        return self._open and self._attempt is not None and self._attempt.finished
+
+    def _current(self) -> Link | None:
+        """The link as it is now, after what can be done to have one."""
+        if not self._open:
+            raise LinkError(self.name, "is closed")
+        now = self._clock.now()
+        if self._link is None:
+            self._try(now)
+        elif self.away and now - self._since >= _LASTING_S:
+            self._last()
+        return self._link
+
+    def _lose(self, error: LinkError) -> None:
+        assert self._link is not None
+        with contextlib.suppress(OSError):
+            self._link.close()
+        self._link = None
+        if not self._wanted():
+            self.close()
+            raise error
+        if not self.away:
+            self._pause = _FIRST_PAUSE_S
+        self._gone(LinkError(self.name, f"{error.what}, looking for {self._sought}", error.hint))
+        self._put_off()
+
+    def _put_off(self) -> None:
+        self._next_try = self._clock.now() + self._pause
+        self._pause = min(2 * self._pause, _LONGEST_PAUSE_S)
+
+    def _try(self, now: float) -> None:
+        if self._attempt is None:
+            if now < self._next_try:
+                return
+            self._attempt = Attempt(self._opener, self._wake)
+            self._start(self._attempt.run)
+        if not self._attempt.finished:
+            return
+        attempt, self._attempt = self._attempt, None
+        self._waker.recv(1)
+        try:
+            self._link = attempt.result()
+        except (LinkError, OSError) as error:
+            if isinstance(error, Barred):
+                self.why = str(error)
+            self._put_off()
+        else:
+            self.name = self._link.name
+            self._since = now
+            self._awaited = False
+            self._renewed(lasting=False)
+
+    def _last(self) -> None:
+        """This is no false start."""
+        self.returns += 1
+
+
+class Attempt:
+    """One try to open a link: remembers how it went, and closes what nobody wants any more."""
+
+    def __init__(self, opener: Callable[[], Link], wake: socket.socket) -> None:
+        self.finished = False
+        self._opener = opener
+        self._wake = wake
+        self._lock = threading.Lock()
+        self._abandoned = False
+        self._link: Link | None = None
+        self._error: Exception | None = None
+
+    def run(self) -> None:
+        try:
+            link = self._opener()
+        except Exception as error:
+            self._error = error
+        else:
+            with self._lock:
+                self._link = link
+                if self._abandoned:
+                    link.close()
+        with contextlib.suppress(OSError):  # it is closed when nobody waits
+            self._wake.send(b"!")
+        self.finished = True
+
+    def result(self) -> Link:
+        """The link; raises what the opener raised."""
+        if self._error:
+            raise self._error
+        assert self._link is not None
+        return self._link
+
+    def abandon(self) -> None:
+        with self._lock:
+            self._abandoned = True
+            if self._link:
+                self._link.close()
+
+
+def open_lasting(
+    address: str | Address,
+    *,
+    clock: Clock,
+    answered: bool = False,
+    patient: bool = False,
+    wanted: Callable[[], bool] = lambda: True,
+) -> Link:
+    """Open a link that is opened again whenever it is lost and `wanted`; see `open_link` for what it raises.
+
+    `patient`: one that is not there yet is no error but away, and looked for. A serial port is looked for by its stable
+    name. Other kinds than serial and TCP are as they were: what listens outlives its far ends by itself, and a log or a
+    pipe has nothing to come back.
+    """
+    if isinstance(address, str):
+        address = parse(address)
+    link: Link | LinkError
+    try:
+        link = open_link(address, clock=clock, answered=answered)
+    except Absent as error:
+        if not patient:
+            raise
+        link = error
+    if address.kind == "serial":
+        again = SerialOpener(address, clock)
+        sought = again.path if again.path != address.path else "it"
+        return Reopening(link, again, clock, sought, wanted=wanted)
+    if address.kind in ("tcp", "pyserial"):
+        opener = partial(open_link, address, clock=clock, brief=True, answered=answered)
+        return Reopening(link, opener, clock, wanted=wanted)
+    assert isinstance(link, Link)
+    return link

@@ -1,0 +1,1 @@
+"""MAVLink as a codec: bytes in, packets out; messages in, bytes out."""

@@ -1,0 +1,289 @@
+"""MAVLink 1 and 2 as a codec: bytes in, packets out; messages in, bytes out.
+
+Splitting the stream is done here, because it must find the next whole packet behind any garbage; field
+layouts, checksum seeds and encoding are pymavlink's. Protocol: https://mavlink.io/en/guide/serialization.html
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import re
+import struct
+from collections.abc import Hashable
+from typing import Any, Final, NamedTuple
+
+from fastcrc import crc16
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from arva_hil.mavlink import dialect as _later  # noqa: F401, before the tables below
+from arva_hil.mavlink.signing import Signing
+
+__all__ = ["RESULTS", "Encoder", "Packet", "Parser", "command", "dialect"]
+
+Message = Any  # pymavlink's generated classes carry no types
+
+_MAGIC_V1: Final = 0xFE
+_MAGIC_V2: Final = 0xFD
+_MAGIC: Final = re.compile(b"[\xfd\xfe]")
+_SIGNED: Final = 0x01  # the one incompatibility flag there is; a packet with another must be dropped
+_SIGNATURE_BYTES: Final = 13
+_BYTES: Final = {"char": 1, "float": 4, "double": 8} | {
+    f"{u}int{n}_t": n // 8 for u in ("", "u") for n in (8, 16, 32, 64)
+}
+_CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
+
+
+_MOST_RESTS: Final = 8  # senders of whom a part of a packet is kept
+
+RESULTS: Final[dict[int, str]] = {value: entry.name for value, entry in dialect.enums["MAV_RESULT"].items()}
+
+
+class Packet(NamedTuple):
+    """One whole packet as it came, its checksum verified when the dialect knows the message id."""
+
+    raw: bytes
+    version: int  # 1 or 2
+    signed: bool
+    system: int
+    component: int
+    msgid: int
+    known: bool  # the dialect can decode it
+
+
+class Parser:
+    """Incremental MAVLink splitter; remembers, of each of several senders, the bytes of a packet that is not whole yet.
+
+    Counters: `packets`, `bad_crc` (candidates whose checksum failed), `skipped` (bytes in no packet that
+    is given out), `incompatible` (packets of a later MAVLink, which have to be dropped) and `malformed` (MAVLink 1
+    packets too short for their message).
+    """
+
+    def __init__(self) -> None:
+        self.packets = 0
+        self.bad_crc = 0
+        self.skipped = 0
+        self.incompatible = 0
+        self.malformed = 0
+        self._rests: dict[Hashable, bytes] = {}  # by sender, who was heard last at the end
+        self._good_at = -1  # in what is fed now: where a packet lies that was verified ahead of its turn
+        self._codec = dialect.MAVLink(None)
+
+    def feed(self, chunk: bytes, sender: Hashable = None, *, whole: bool = False) -> list[Packet]:
+        """The packets completed by `chunk`, which may be cut anywhere. Never raises.
+
+        `sender`: who sent it, where several do; bytes of two are never joined. `whole`: no packet of the chunk goes on
+        in the next one, as in a record of a log; the head of a packet longer than the chunk is then a false one.
+        """
+        rest = self._rests.pop(sender, b"")
+        data = rest + chunk if rest else chunk
+        packets: list[Packet] = []
+        at, end = 0, len(data)
+        self._good_at = -1
+        while at < end:
+            size = _size(data, at)
+            if at + size <= end:
+                packet = self._packet(data, at, size) if size else None
+            elif whole or self._is_false_head(data, at):
+                packet = None
+            else:
+                break
+            if packet is not None:
+                if packet.version == 2 and packet.raw[2] > _SIGNED:
+                    self.incompatible += 1
+                    self.skipped += size
+                else:
+                    packets.append(packet)
+                at += size
+                continue
+            found = _MAGIC.search(data, at + 1)
+            following = found.start() if found else end
+            self.skipped += following - at
+            at = following
+        if at < end:
+            self._keep(data[at:], sender)
+        self.packets += len(packets)
+        return packets
+
+    def cut(self) -> None:
+        """The stream breaks off: the packet that is not whole yet never will be."""
+        self.skipped += sum(map(len, self._rests.values()))
+        self._rests.clear()
+
+    def _keep(self, rest: bytes, sender: Hashable) -> None:
+        """Remember what may become a packet; of many senders, the one heard longest ago is forgotten."""
+        if len(self._rests) >= _MOST_RESTS:
+            self.skipped += len(self._rests.pop(next(iter(self._rests))))
+        self._rests[sender] = rest
+
+    def _packet(self, data: bytes, at: int, size: int) -> Packet | None:
+        """The candidate at `at` as a packet, or None when it is a false one.
+
+        The checksum of an unknown id cannot be verified: such a candidate counts only when the next byte, if there is
+        one, starts a packet, when no packet that can be verified starts inside of it, and never when its flags are
+        unknown too.
+        """
+        raw = data[at : at + size]
+        if raw[0] == _MAGIC_V2:
+            version, signed, crc_at = 2, raw[2] == _SIGNED, 10 + raw[1]
+            system, component = raw[5], raw[6]
+            msgid = raw[7] | raw[8] << 8 | raw[9] << 16
+        else:
+            version, signed, crc_at = 1, False, 6 + raw[1]
+            system, component, msgid = raw[3], raw[4], raw[5]
+        known = msgid in _CRC_EXTRA
+        if not known:
+            behind = data[at + size : at + size + 1]
+            if behind not in (b"", b"\xfd", b"\xfe") or self._is_false_head(data, at):
+                return None
+        elif _crc(raw[1:crc_at], msgid) != raw[crc_at] | raw[crc_at + 1] << 8:
+            self.bad_crc += 1
+            return None
+        return Packet(raw, version, signed, system, component, msgid, known)
+
+    def _is_false_head(self, data: bytes, at: int) -> bool:
+        """Whether the head at `at` is surely none, whole or not: of an unknown id, and a good packet starts behind it
+        before its own would end, or its flags are unknown too.
+        """
+        if (msgid := _msgid(data, at)) is None or msgid in _CRC_EXTRA:
+            return False
+        if data[at] == _MAGIC_V2 and data[at + 2] > _SIGNED:
+            return True
+        stop = at + _size(data, at)
+        if self._good_at <= at:  # nothing was found yet that lies behind
+            self._good_at = _first_good(data, at + 1, stop)
+        return at < self._good_at < stop
+
+    def decode(self, packet: Packet) -> Message | None:
+        """The message in a packet; None when the dialect cannot read it."""
+        if not packet.known:
+            return None
+        if packet.version == 1 and packet.raw[1] < _length_v1(packet.msgid):
+            self.malformed += 1
+            return None
+        if numbers := _layout(packet.msgid):  # without pymavlink's second look at the checksum, most of its time
+            kind, packing, places = numbers
+            header = 10 if packet.version == 2 else 6
+            payload = packet.raw[header : header + packet.raw[1]]
+            values = packing.unpack(payload[: packing.size].ljust(packing.size, b"\0"))
+            return kind(*[list(values[at]) if type(at) is slice else values[at] for at in places])
+        try:
+            return self._codec.decode(bytearray(packet.raw))
+        except dialect.MAVError:
+            return None
+
+
+class Encoder:
+    """Packs messages as one MAVLink component; remembers its sequence number.
+
+    `version` may be set to 1 for a vehicle that speaks MAVLink 1; messages that exist in MAVLink 2 only
+    (id above 255) are sent as MAVLink 2 all the same. With `signing`, what goes out as MAVLink 2 is signed.
+    """
+
+    def __init__(self, system: int, component: int, version: int = 2, signing: Signing | None = None) -> None:
+        self.version = version
+        self._codec = dialect.MAVLink(None, system, component)
+        self._signing = signing
+        if signing:
+            self._codec.signing.secret_key, self._codec.signing.link_id = signing.key, signing.link
+
+    @property
+    def system(self) -> int:
+        return int(self._codec.srcSystem)
+
+    @system.setter
+    def system(self, system: int) -> None:
+        self._codec.srcSystem = system
+
+    def pack(self, message: Message) -> bytes:
+        """The bytes of one packet. Raises ValueError when a value does not fit; text too long is cut."""
+        msgid = type(message).id  # some messages have a field of that name
+        first = self.version == 1 and msgid <= 255
+        if self._signing and not first:
+            self._codec.signing.timestamp = self._signing.stamp()
+        self._codec.signing.sign_outgoing = self._signing is not None and not first
+        try:
+            raw = bytes(message.pack(self._codec, force_mavlink1=first))
+        except (struct.error, OverflowError, IndexError, dialect.MAVError) as error:
+            raise ValueError(f"{message.get_type()}: {error}") from error
+        self._codec.seq = (self._codec.seq + 1) % 256
+        return _without_extensions(raw, msgid) if first else raw
+
+
+def command(system: int, component: int, number: int, *params: float) -> Message:
+    """COMMAND_LONG `number` to a component; parameters left out are 0."""
+    return dialect.MAVLink_command_long_message(system, component, number, 0, *params, *[0.0] * (7 - len(params)))
+
+
+def _size(data: bytes, at: int) -> int:
+    """Bytes of the packet that starts at `at`, 0 when none does; a header's worth while that is not whole."""
+    magic = data[at]
+    if magic == _MAGIC_V2:
+        if at + 3 > len(data):
+            return 12
+        return data[at + 1] + (12 + _SIGNATURE_BYTES if data[at + 2] & _SIGNED else 12)
+    if magic == _MAGIC_V1:
+        return data[at + 1] + 8 if at + 2 <= len(data) else 8
+    return 0
+
+
+def _msgid(data: bytes, at: int) -> int | None:
+    """The message id in the head of the packet that starts at `at`, None while that is not whole."""
+    if data[at] == _MAGIC_V1:
+        return data[at + 5] if at + 6 <= len(data) else None
+    return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 if at + 10 <= len(data) else None
+
+
+def _first_good(data: bytes, start: int, stop: int) -> int:
+    """Where the first whole packet with a right checksum starts in [start, stop), -1 when there is none."""
+    for found in _MAGIC.finditer(data, start, stop):
+        at = found.start()
+        msgid = _msgid(data, at)
+        if msgid is None or msgid not in _CRC_EXTRA or at + _size(data, at) > len(data):
+            continue
+        crc_at = at + data[at + 1] + (10 if data[at] == _MAGIC_V2 else 6)
+        if _crc(data[at + 1 : crc_at], msgid) == data[crc_at] | data[crc_at + 1] << 8:
+            return at
+    return -1
+
+
+def _crc(data: bytes, msgid: int) -> int:
+    """The checksum of all between the first byte and the checksum of a packet whose message the dialect knows."""
+    return int(crc16.mcrf4xx(data + _CRC_EXTRA[msgid]))
+
+
+def _without_extensions(raw: bytes, msgid: int) -> bytes:
+    """A MAVLink 1 packet as it has to be: pymavlink leaves MAVLink 2's extension fields in."""
+    length = _length_v1(msgid)
+    if raw[1] == length:
+        return raw
+    body = bytes([length]) + raw[2 : 6 + length]
+    return raw[:1] + body + _crc(body, msgid).to_bytes(2, "little")
+
+
+@functools.cache
+def _length_v1(msgid: int) -> int:
+    """Bytes of a message's payload without extension fields: they are the ones that its checksum seed leaves out.
+
+    https://mavlink.io/en/guide/serialization.html#crc_extra
+    """
+    kind = dialect.mavlink_map[msgid]
+    types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
+    crc, size, whole = crc16.mcrf4xx(f"{kind.msgname} ".encode()), 0, 0
+    for name, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True):
+        crc = crc16.mcrf4xx(f"{types[name]} {name} ".encode() + bytes([length] if length else []), crc)
+        size += _BYTES[types[name]] * (length or 1)
+        if (crc & 0xFF) ^ (crc >> 8) == kind.crc_extra:
+            whole = size
+    return whole
+
+
+@functools.cache
+def _layout(msgid: int) -> tuple[Any, Any, list[int | slice]] | None:
+    """The class of a message of numbers alone, how it is packed, and where each field lies among the numbers."""
+    kind = dialect.mavlink_map[msgid]
+    if "char" in kind.fieldtypes:
+        return None
+    ends = list(itertools.accumulate(kind.lengths))
+    places = [slice(end - n, end) if n > 1 else end - 1 for end, n in zip(ends, kind.lengths, strict=True)]
+    return kind, kind.unpacker, [places[at] for at in kind.orders]

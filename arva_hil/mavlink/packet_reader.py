@@ -1,0 +1,60 @@
+"""What comes on one link, split into packets and judged once, for all who follow a vehicle there."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from typing import NamedTuple
+
+from arva_hil.mavlink.codec import Packet, Parser
+from arva_hil.mavlink.signing import Signing, Verdict
+
+
+class Packets(NamedTuple):
+    """The packets of one chunk: `every` one as it came; those that are `believed`; and the others, each with why."""
+
+    every: Sequence[Packet]
+    believed: Sequence[Packet]
+    doubted: Sequence[tuple[Packet, Verdict]] = ()
+
+    def shares(self, systems: Sequence[int | None]) -> list[Packets]:
+        """For each of these systems its own packets, and those of systems that are not among these.
+
+        A system None has none of its own.
+        """
+        every, believed = _by_system(self.every, systems), _by_system(self.believed, systems)
+        doubted = [
+            [(packet, why) for packet, why in self.doubted if packet.system == system or packet.system not in systems]
+            for system in systems
+        ]
+        return [Packets(*parts) for parts in zip(every, believed, doubted, strict=True)]
+
+
+def _by_system(packets: Sequence[Packet], systems: Sequence[int | None]) -> list[list[Packet]]:
+    parts: dict[int | None, list[Packet]] = {system: [] for system in systems}
+    for packet in packets:
+        if packet.system in parts:
+            parts[packet.system].append(packet)
+        else:
+            for part in parts.values():
+                part.append(packet)
+    return [parts[system] for system in systems]
+
+
+class PacketReader:
+    """Remembers the parser of one link, how many bytes it was given, and with `signing` whom to believe."""
+
+    def __init__(self, signing: Signing | None = None) -> None:
+        self.parser = Parser()
+        self.signing = signing
+        self.bytes = 0
+
+    def read(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> Packets:
+        """The packets that a chunk completes; see `Parser.feed`."""
+        self.bytes += len(chunk)
+        packets = self.parser.feed(chunk, sender, whole=whole)
+        if self.signing is None:
+            return Packets(packets, packets)
+        self.signing.advance(now)
+        verdicts = [(packet, self.signing.judge(packet)) for packet in packets]
+        believed = [packet for packet, why in verdicts if not why]
+        return Packets(packets, believed, [(packet, why) for packet, why in verdicts if why])

@@ -1,0 +1,1 @@
+"""Those who watch an engine: console, record, service manager, pictures."""

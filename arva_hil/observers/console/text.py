@@ -1,0 +1,49 @@
+"""Readings, notices and sums in words: what a person sees of a run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from typing import Any, Final, TextIO
+
+from arva_hil.observers.console.notice import Notice
+from arva_hil.safe_text import one_line
+from firmware_proto import Channel, Frame
+
+ZONES: Final = ("outer", "mid", "inner")
+_COLOURS: Final = {"warning": "\x1b[33m", "error": "\x1b[31m"}
+
+
+def reading(channels: Iterable[Channel]) -> str:
+    """The channels of a frame that hear, e.g. '#1 mid 1046 cm +12°', or 'no signal'."""
+    heard = [f"#{'?' if c.id is None else c.id} {_zone(c.zone)} {c.d} cm {c.delta:+d}°" for c in channels if c.valid]
+    return ", ".join(heard) or "no signal"
+
+
+def frame_json(frame: Frame) -> dict[str, Any]:
+    """A frame as one JSON object."""
+    return {
+        "seq": frame.sequence,
+        "status": frame.status,
+        "channels": [
+            {"id": c.id, "zone": _zone(c.zone), "d_cm": c.d, "delta_deg": c.delta, "marked": c.marked}
+            for c in frame.channels
+        ],
+    }
+
+
+def notice(said: Notice, colour: bool) -> str:
+    """One line, its level named unless it is mere information."""
+    if said.level == "info":
+        return one_line(said.text)
+    line = one_line(f"{said.level}: {said.text}")
+    return f"{_COLOURS[said.level]}{line}\x1b[0m" if colour else line
+
+
+def wants_colour(stream: TextIO) -> bool:
+    """A terminal, and no NO_COLOR (https://no-color.org)."""
+    return stream.isatty() and not os.environ.get("NO_COLOR")
+
+
+def _zone(zone: int) -> str:
+    return ZONES[zone] if zone < len(ZONES) else f"zone {zone}"

@@ -1,0 +1,223 @@
+"""The record of a run: what came in, what went out, what was read and from where, how it ended."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from io import FileIO
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from arva_hil import files
+from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
+from arva_hil.field import rotation
+from arva_hil.links.tlog import tlog_record
+from arva_hil.mavlink.codec import dialect
+from arva_hil.observers.record.layout import FILES, FRAMES, READINGS, RUN, Layout
+from arva_hil.runtime.clock import Clock, RealClock
+from arva_hil.runtime.worker_thread import Background
+
+COLUMNS: Final = (
+    "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
+    "slot id zone d_cm delta_deg true_range_m faults reported_north_m reported_east_m reported_down_m"
+).split()
+NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # what run.json says until it ends
+_BATCH_BYTES: Final = 1 << 16
+_FLUSH_S: Final = 0.2  # with the status four times a second, what a killed program loses is less than half a second
+_SYNC_S: Final = 1.0  # what is lost besides when the power fails
+_FEW_JOBS: Final = 8  # a batch each: who can wait for the disk does so rather than keep it all in memory
+_MANY_JOBS: Final = 10_000  # a batch each, of 0.2 s
+
+
+class RecordError(Exception):
+    """The record could not be made or went wrong; `str()` says where and why."""
+
+
+class Recorder:
+    """Writes `autopilot.tlog`, `frames.bin`, `readings.csv` and `run.json` into a folder of its own, and with several
+    receivers or links into the files of `layout`.
+
+    `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: what is known of the run already; run.json says
+    that, and that it has not ended, until `close`. `patient`: the loop may be held up while the disk catches up, as a
+    replay may and a live run may not. `clock`: real time, whatever the loop's is. Files are new: nothing is written
+    through a symlink. Raises RecordError when the folder cannot be written or holds a record already.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        epoch_us: int,
+        run: Mapping[str, Any] | None = None,
+        *,
+        patient: bool = False,
+        clock: Clock | None = None,
+        layout: Layout | None = None,
+    ) -> None:
+        self._folder = folder
+        self._layout = layout or Layout()
+        self._folders: list[Path] = []
+        self._epoch_us = epoch_us
+        self._patient = patient
+        self._clock = clock or RealClock()
+        self._next_flush = self._next_sync = self._clock.now()
+        self._files: dict[str, FileIO] = {}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            refuse_old(folder, list(dict.fromkeys([*FILES, *self._layout.files, *self._layout.folders])), "a record")
+            for name in self._layout.folders:
+                (folder / name).mkdir()
+                self._folders.append(folder / name)
+            for name in self._layout.files:
+                self._files[name] = files.create(folder / name)
+            files.replace(folder / RUN, _json({**NOT_ENDED, **(run or {})}))
+        except OSError as error:
+            self._take_back()
+            raise RecordError(why(folder, error)) from None
+        self._pending: dict[str, bytearray] = {name: bytearray() for name in self._files}
+        for name, pending in self._pending.items():
+            if name.endswith(READINGS):
+                pending += (",".join(COLUMNS) + "\n").encode()
+        self._background = Background("record", most_jobs=_FEW_JOBS if patient else _MANY_JOBS)
+
+    @property
+    def error(self) -> str:
+        """Why recording has stopped, "" while it goes on."""
+        if self._background.error is not None:
+            return why(self._folder, self._background.error)
+        if self._background.refused:
+            return f"{self._folder}: the disk is too slow, the record has {self._background.refused} gaps"
+        return ""
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, PacketsReceived):
+            self._on_packets(event)
+        elif isinstance(event, FrameMade):
+            pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, READINGS)]
+            pending += rows(event).encode()
+            self._flush_now_and_then(full=len(pending) > _BATCH_BYTES)
+        elif isinstance(event, BytesSent):
+            pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, FRAMES)]
+            pending += event.data
+        elif isinstance(event, StatusReport):
+            self._flush_now_and_then()
+
+    def _on_packets(self, event: PacketsReceived) -> None:
+        time_us = self._epoch_us + round(event.time_s * 1e6)
+        pending = self._pending[self._layout.tlog(event.link)]
+        for packet in event.packets:
+            if packet.msgid != dialect.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds a key
+                pending += tlog_record(time_us, packet.raw)
+        if len(pending) > _BATCH_BYTES:
+            self._flush()
+
+    def close(self, run: Mapping[str, Any]) -> None:
+        """Close all files and replace run.json by `run`, whatever went wrong before; RecordError when anything did."""
+        self._flush()
+        finished = self._background.close(*(_closing(file) for file in self._files.values()))
+        ending = Background("end of record")  # the other one may hang
+        said = ending.close(lambda: files.replace(self._folder / RUN, _json(run)))
+        if ending.error is not None:
+            raise RecordError(why(self._folder / RUN, ending.error))
+        if self.error:
+            raise RecordError(self.error)
+        if not (finished and said):
+            raise RecordError(f"{self._folder}: the disk does not take the record in time")
+
+    def _flush_now_and_then(self, *, full: bool = False) -> None:
+        """Hand over what is pending when some time has passed or there is much of it."""
+        now = self._clock.now()
+        if now < self._next_flush and not full:
+            return
+        self._next_flush = now + _FLUSH_S
+        self._flush()
+        if now >= self._next_sync and not self._patient:
+            self._next_sync = now + _SYNC_S
+            self._background.put(self._sync)
+
+    def _flush(self) -> None:
+        for name, pending in self._pending.items():
+            if pending:
+                self._pending[name] = bytearray()
+                self._background.put(_writing(self._files[name], pending), wait=self._patient)
+
+    def _sync(self) -> None:
+        for file in self._files.values():
+            os.fsync(file.fileno())
+
+    def _take_back(self) -> None:
+        """Remove the empty files that were made: the same folder can be tried again."""
+        for name, file in self._files.items():
+            file.close()
+            with contextlib.suppress(OSError):
+                (self._folder / name).unlink()
+        for made in reversed(self._folders):
+            with contextlib.suppress(OSError):
+                made.rmdir()
+
+
+def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:
+    """Raise RecordError when `folder` holds one of these files: `what` would be written over."""
+    there = [name for name in names if files.there(folder / name)]
+    if there:
+        raise RecordError(f"{folder}: holds {what} already ({', '.join(there)}); name another folder")
+
+
+def rows(made: FrameMade) -> str:
+    """The lines of readings.csv for one frame, one a slot; what is unknown is empty."""
+    pose = [""] * 6
+    if made.pose is not None:
+        angles = np.degrees(rotation.to_euler(made.pose.rotation)).tolist()
+        pose = [repr(value) for value in (*made.pose.position.tolist(), *angles)]
+    boot_ms = "" if made.boot_s is None else repr(made.boot_s * 1e3)
+    age_ms = "" if made.age_s is None else repr(made.age_s * 1e3)
+    head = ",".join([str(made.frame.sequence), repr(made.instant_s), boot_ms, *pose, age_ms])
+    reported = "," * 2 if made.reported_pose is None else ",".join(map(repr, made.reported_pose.position.tolist()))
+    tail = f"{'+'.join(made.faults)},{reported}"
+    lines = []
+    for slot, c in enumerate(made.reading.channels, 1):
+        id_ = "" if c.id is None else str(c.id)
+        true_range = "" if c.true_range_m is None else repr(c.true_range_m)
+        lines.append(f"{head},{slot},{id_},{int(c.zone)},{c.d_cm},{c.delta_deg},{true_range},{tail}\n")
+    return "".join(lines)
+
+
+def _json(run: Mapping[str, Any]) -> bytes:
+    return json.dumps(run, indent=2).encode() + b"\n"
+
+
+def _writing(file: FileIO, data: bytes | bytearray) -> Callable[[], None]:
+    """A job that writes all of `data` or, where the disk is full, nothing: a file ends with a whole frame."""
+
+    def write() -> None:
+        start, left = file.tell(), memoryview(data)
+        try:
+            while left:
+                left = left[file.write(left) :]
+        except OSError:
+            with contextlib.suppress(OSError):
+                file.truncate(start)
+            raise
+
+    return write
+
+
+def _closing(file: FileIO) -> Callable[[], None]:
+    """A job that closes a file once the disk has it."""
+
+    def close() -> None:
+        with file:
+            os.fsync(file.fileno())
+
+    return close
+
+
+def why(folder: Path, error: Exception) -> str:
+    """What went wrong with a record, for a person."""
+    if isinstance(error, OSError):
+        where = error.filename or folder
+        return f"{where}: cannot record: {error.strerror or error}"
+    return f"{folder}: cannot record: {error!r}"

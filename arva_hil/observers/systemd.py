@@ -1,0 +1,88 @@
+"""What a service manager is told, by systemd's protocol: a datagram each, to the socket that NOTIFY_SOCKET names."""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from arva_hil.events import Event, StatusReport
+from arva_hil.observers.console.printer import status_line
+from arva_hil.runtime.clock import Clock, Waitable
+
+_RETRY_S: Final = 0.5  # after a datagram that nobody took
+_STATUS_S: Final = 5.0
+
+
+class Watchdog:
+    """Says READY=1 after the loop's first turn, WATCHDOG=1 twice in every WATCHDOG_USEC from then on, STATUS= now and
+    then, and STOPPING=1 when it is closed. Where NOTIFY_SOCKET is not set, nothing.
+
+    It is a task, to be served last: a loop that is stuck, whoever holds it up, sends no WATCHDOG=1, and the service
+    manager kills the program and starts it again. A socket that fails or is full never holds up the loop.
+    """
+
+    links: Sequence[Waitable] = ()
+
+    def __init__(self, environment: Mapping[str, str]) -> None:
+        self._address = _address(environment.get("NOTIFY_SOCKET", ""))
+        self._period_s = _interval_s(environment) / 2
+        self._socket = _socket() if self._address else None
+        self._ready = False
+        self._next = -math.inf if self._socket else math.inf
+        self._next_status = 0.0
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        if now >= self._next:
+            sent = self._send("WATCHDOG=1" if self._ready else "READY=1")
+            self._ready = self._ready or sent
+            self._next = now + (self._period_s if sent else min(_RETRY_S, self._period_s))
+        return self._next
+
+    def observe(self, event: Event) -> None:
+        if self._socket and isinstance(event, StatusReport) and event.time_s >= self._next_status:
+            self._next_status = event.time_s + _STATUS_S
+            self._send(f"STATUS={status_line(event, named=len(event.vehicles) > 1)}")
+
+    def close(self) -> None:
+        if self._socket:
+            self._send("STOPPING=1")
+            self._socket.close()
+            self._socket, self._next = None, math.inf
+
+    def _send(self, message: str) -> bool:
+        """Whether it was taken."""
+        assert self._socket
+        try:
+            self._socket.sendto(message.encode(), self._address)
+        except OSError:  # nobody there, or behind with reading
+            return False
+        return True
+
+
+def _address(name: str) -> str:
+    """The socket's address, "" where there is none: a path, or an abstract name behind `@`."""
+    if name.startswith("@"):
+        return "\0" + name[1:]
+    return name if name.startswith("/") else ""
+
+
+def _socket() -> socket.socket | None:
+    """One that never waits, None where there is no such thing."""
+    try:
+        made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    except (AttributeError, OSError):
+        return None
+    made.setblocking(False)
+    return made
+
+
+def _interval_s(environment: Mapping[str, str]) -> float:
+    """How long this process may be silent [s]; infinite where no watchdog waits for it."""
+    microseconds, pid = environment.get("WATCHDOG_USEC", ""), environment.get("WATCHDOG_PID", "")
+    if not microseconds.isdecimal() or int(microseconds) == 0 or pid not in ("", str(os.getpid())):
+        return math.inf
+    return int(microseconds) / 1e6

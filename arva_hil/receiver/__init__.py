@@ -1,0 +1,20 @@
+"""Receivers: the protocol of any receiver model, what a reading is, and the paper's receiver."""
+
+from .paper import Antennas, NoiseKind, PaperReceiver, outputs
+from .reading import ChannelReading, Reading, Zone, with_true_ranges
+from .receiver_model import Answer, Look, Pose, ReceiverModel
+
+__all__ = [
+    "Answer",
+    "Antennas",
+    "ChannelReading",
+    "Look",
+    "NoiseKind",
+    "PaperReceiver",
+    "Pose",
+    "Reading",
+    "ReceiverModel",
+    "Zone",
+    "outputs",
+    "with_true_ranges",
+]

@@ -1,0 +1,177 @@
+"""The receiver: antennas and noise (eq. 3, 4, 5), the integers it puts out (eq. 6, 7, 8), its slots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from arva_hil.field.dipole import dipole_field
+from arva_hil.receiver.reading import ChannelReading, Reading, Zone, with_true_ranges
+from arva_hil.receiver.receiver_model import Answer, Look
+
+__all__ = ["Antennas", "NoiseKind", "NoiseSource", "PaperReceiver", "draw_noise", "noise_bound", "outputs", "receive"]
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+NoiseKind = Literal["uniform", "gaussian", "off"]
+
+_INNER_M: Final = 3.0
+_MID_M: Final = 50.0
+_FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
+_NORMAL: Final = NormalDist()
+
+
+@dataclass(frozen=True)
+class Antennas:
+    """What sets one receiver apart from another. Raises ValueError when a value is out of range."""
+
+    sensitivity: tuple[float, float, float] = (1.0, 0.8, 0.6)  # diagonal of Q; the paper gives none
+    kappa_eq: float = 1.542  # mean of √(1 + 3cos²θ) over a circle
+    floor_range_m: float = _FLOOR_RANGE_M  # the noise is at most the reference transmitter's field from there
+    noise: NoiseKind = "uniform"
+
+    def __post_init__(self) -> None:
+        if len(self.sensitivity) != 3 or not all(0 < q <= 1 for q in self.sensitivity):
+            raise ValueError(f"sensitivity {self.sensitivity}: expected three values in (0, 1]")
+        if not 0 < self.kappa_eq < math.inf:
+            raise ValueError(f"kappa_eq {self.kappa_eq}: expected above 0")
+        if not 0 < self.floor_range_m < math.inf:
+            raise ValueError(f"floor_range_m {self.floor_range_m}: expected above 0")
+        if self.noise not in get_args(NoiseKind):
+            raise ValueError(f"noise {self.noise!r}: expected one of {', '.join(get_args(NoiseKind))}")
+
+
+def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
+    """The largest ‖w‖ (eq. 5), for the reference transmitter: κ‖m‖ = 1."""
+    return 1 / (2 * math.pi * max(sensitivity) * floor_range_m**3)
+
+
+def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) -> Array:
+    """Noise w (m, 3) in NED: direction uniform on the sphere, ‖w‖ ≤ bound.
+
+    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, cut at the bound. Takes 3 doubles for
+    each of the m (z, azimuth, magnitude) whatever comes out; `off` is 0 and takes none.
+    """
+    if kind == "off":
+        return np.zeros((m, 3))
+    u = rng.random((m, 3))
+    z, azimuth, magnitude = 2 * u[:, 0] - 1, 2 * np.pi * u[:, 1], u[:, 2]
+    if kind == "gaussian":
+        magnitude = np.array([min(1.0, -_NORMAL.inv_cdf(tail / 2) / 3) for tail in (1 - magnitude).tolist()])
+    across = np.sqrt(1 - z * z)
+    w = np.empty((m, 3))
+    w[:, 0], w[:, 1], w[:, 2] = across * np.cos(azimuth), across * np.sin(azimuth), z
+    w *= (bound * magnitude)[:, None]
+    return w
+
+
+def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
+    """What the antennas read (eq. 3): h_r = R_rᵀ h + Q R_rᵀ w, (..., M, 3) in the receiver's frame.
+
+    h and w (..., M, 3) in NED, R_r (..., 3, 3) receiver → NED, Q (3,) the diagonal.
+    """
+    return h @ R_r + Q * (w @ R_r)
+
+
+def outputs(h_r: ArrayLike, kappa_eq: float) -> tuple[Ints, Ints, Ints]:
+    """(d in cm, δ in degrees, `Zone`), each (...), of what the antennas read (..., 3) (eq. 6, 7, 8).
+
+    OUTER is (−1, −1). h_x = 0 is δ = ±89, by the sign of h_y. In the inner zone it does not matter whether
+    L_xy h_r is 0.
+    """
+    h_r = np.asarray(h_r, float)
+    x, y, z = h_r[..., 0], h_r[..., 1], h_r[..., 2]
+    flat = np.hypot(x, y)
+    d_full, d_xy = _distance(np.hypot(flat, z), kappa_eq), _distance(flat, kappa_eq)
+    inner = d_full <= _INNER_M
+    d = np.where(inner, d_full, d_xy)
+    heard = d <= _MID_M
+    d_cm = np.where(heard, _rounded(100 * d), -1)
+    delta = _rounded(np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x))))
+    delta_deg = np.where(heard & ~inner, np.minimum(np.maximum(delta, -89), 89), inner - 1)
+    return d_cm.astype(np.int64), delta_deg.astype(np.int64), inner.astype(np.int64) + heard
+
+
+def _distance(h: Array, kappa_eq: float) -> Array:
+    """Eq. 6, 8; where h is 0 a length beyond every zone, yet finite."""
+    return math.cbrt(kappa_eq / (4 * math.pi)) / np.cbrt(np.maximum(h, 1e-200))
+
+
+def _rounded(x: Array) -> Array:
+    """To whole numbers, half away from zero, exactly."""
+    whole = np.trunc(x)
+    return whole + np.trunc(2 * (x - whole))
+
+
+class NoiseSource:
+    """Remembers a random generator: noise of one kind, up to a bound, from a seed."""
+
+    def __init__(self, kind: NoiseKind, bound: float, seed: int) -> None:
+        self._kind = kind
+        self._bound = bound
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+
+    def draw(self, m: int) -> Array:
+        """The next (m, 3), NED: see `draw_noise`."""
+        return draw_noise(self._rng, m, self._kind, self._bound)
+
+
+class PaperReceiver:
+    """The receiver of the paper: what a frame says is heard at its instant; a `ReceiverModel`.
+
+    Remembers its random generator and what it has heard last. `channels`: slots. `no_signal`: (d, δ) of an empty one.
+    Noise is drawn for every transmitter in its order and for every look, so that it depends on the seed and the look's
+    number alone. It takes no commands.
+    """
+
+    def __init__(
+        self, antennas: Antennas, channels: int = 4, no_signal: tuple[int, int] = (-1, -1), seed: int = 0
+    ) -> None:
+        if channels < 1:
+            raise ValueError(f"{channels} channels: expected 1 or more")
+        self._kappa_eq = antennas.kappa_eq
+        self._q = np.array(antennas.sensitivity)
+        bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
+        self._limit = noise_bound(antennas.sensitivity, _FLOOR_RANGE_M)
+        self._may_interfere = bound > self._limit
+        self._empty = (ChannelReading(None, Zone.OUTER, *no_signal, None),) * channels
+        self._noise = NoiseSource(antennas.noise, bound, seed)
+        self._reading = Reading(self._empty, False, False)
+
+    def next_look(self, after_s: float, frame_s: float) -> float:
+        """See `ReceiverModel`: when a frame is due."""
+        return frame_s
+
+    def look(self, look: Look) -> None:
+        """See `ReceiverModel`. Without a pose every slot is empty, and the noise is drawn all the same."""
+        t, own = look.transmitters, self._noise.draw(len(look.transmitters.ids))
+        w = own if look.noise is None else look.noise
+        may_interfere = self._may_interfere or look.noise is not None
+        interference = may_interfere and bool((np.linalg.norm(w, axis=1) > self._limit).any())
+        if look.pose is None:
+            self._reading = Reading(self._empty, interference, False)
+            return
+        p_r, R_r = look.pose.position, look.pose.rotation
+        h_r = receive(dipole_field(p_r, t.positions, t.rotations, t.strengths), R_r, self._q, w)
+        columns = (column.tolist() for column in outputs(h_r, self._kappa_eq))
+        heard = [
+            (d_cm, id_, delta_deg, zone) for id_, d_cm, delta_deg, zone in zip(t.ids, *columns, strict=True) if zone
+        ]
+        heard.sort()
+        slots = [ChannelReading(id_, zone, d_cm, delta_deg, None) for d_cm, id_, delta_deg, zone in heard]
+        shown = (*slots[: len(self._empty)], *self._empty[len(slots) :])
+        self._reading = Reading(with_true_ranges(shown, t.ranges(p_r)), interference, len(slots) > len(shown))
+
+    def show(self, time_s: float) -> Reading:
+        """See `ReceiverModel`."""
+        return self._reading
+
+    def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
+        """See `ReceiverModel`."""
+        return Answer.UNKNOWN

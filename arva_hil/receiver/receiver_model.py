@@ -1,0 +1,71 @@
+"""What any virtual receiver has to do: look when it wants to, show what it has heard, take its host's commands.
+
+Times are seconds from the start of the run; poses and places NED, metres, from the datum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.field.dipole import Transmitters
+from arva_hil.receiver.reading import Reading
+
+__all__ = ["Answer", "Look", "Pose", "ReceiverModel"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """The receiver's own pose, mount included: position (3,) NED [m] from the datum, rotation (3, 3) receiver → NED."""
+
+    position: Array
+    rotation: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What there is for a receiver to hear at one instant.
+
+    `pose`: its own, None when that is unknown. `transmitters`: as they are then, always as many in the same order.
+    `noise` (M, 3), NED: what interference adds to the field of each, instead of the noise of the receiver itself, which
+    draws its own all the same.
+    """
+
+    time_s: float
+    pose: Pose | None
+    transmitters: Transmitters
+    noise: Array | None = None
+
+
+class Answer(Enum):
+    """What a receiver says to a command."""
+
+    DONE = "done"
+    REFUSED = "refused"  # it knows the command, and cannot do it now or not with these values
+    UNKNOWN = "unknown"
+
+
+class ReceiverModel(Protocol):
+    """One receiver. It knows no vehicle, no frames and no faults; whoever has it asks in the order of time."""
+
+    def next_look(self, after_s: float, frame_s: float) -> float:
+        """The first instant later than `after_s` at which it looks, when its next frame is due at `frame_s`.
+
+        A look at the instant of a frame comes before that frame. Asked again after each look and each frame.
+        """
+
+    def look(self, look: Look) -> None:
+        """Hear what there is."""
+
+    def show(self, time_s: float) -> Reading:
+        """What it says at an instant not before its newest look; with every slot empty before the first."""
+
+    def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
+        """Take a command of its host."""

@@ -1,0 +1,180 @@
+"""What drives an engine: `Live`, a task for the loop, by a clock and whatever arrives; `replay`, by a log.
+
+A stepped clock makes `Live` the third: tests and campaigns drive the very same calls as fast as they can.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final
+
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.frame_source import Output
+from arva_hil.events import LinkLost
+from arva_hil.links import Link, LinkError
+from arva_hil.links.tlog_timeline import Record
+from arva_hil.observers.audience import Audience
+from arva_hil.runtime.clock import Clock
+from arva_hil.runtime.link_monitor import LinkMonitor
+
+_LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within it
+_STALL_S: Final = 0.05  # a frame that is late by more than this waits until all that has come is read
+_MOST_READS: Final = 64
+LOOK_AHEAD_S: Final = 1.0  # how far a log is read past a frame's instant, to interpolate
+
+
+class Live:
+    """Drives an engine by links and the loop's clock, and tells the audience. A task for the loop.
+
+    `autopilots`: the links on which vehicles are heard; `ports`: those that take frames; by the engine's names for
+    them. What comes in at a port is read and forgotten, so that its loss shows at once. A link that is gone for good is
+    left out while others of its kind are there, and the end of the last one is raised.
+    """
+
+    def __init__(
+        self, emulator: Emulator, autopilots: Mapping[str, Link], ports: Mapping[str, Link], audience: Audience
+    ) -> None:
+        self.emulator = emulator
+        self.links: Sequence[Link] = list(autopilots.values())
+        self._autopilots = autopilots
+        self._ports = ports
+        self._sinks = {**ports, **autopilots}
+        self._monitors = [LinkMonitor(name, link) for name, link in self._sinks.items()]
+        self._audience = audience
+        self._next_look = -math.inf
+        self._gone: set[str] = set()
+        for name, link in autopilots.items():
+            if link.away:  # it is not there yet
+                emulator.link_lost(name, link.why, -math.inf)
+
+    def service(self, clock: Clock) -> float:
+        """Take what came, do what is due; the next time to call.
+
+        The time of what came is read after it: a stamp too late makes a pose older, one too early makes it one
+        from the future.
+        """
+        emulator = self.emulator
+        stalled = clock.now() - emulator.next_deadline() > _STALL_S
+        for name, link in self._autopilots.items():
+            if name not in self._gone:
+                self._read(name, link, clock, _MOST_READS if stalled else 1)
+        now = clock.now()
+        if now >= self._next_look:
+            self._next_look = now + _LONGEST_WAIT_S
+            self._look_at_links(now)
+        emulator.advance(now)
+        lost = [error for output in emulator.output() if (error := self._write(output, now))]
+        self._audience.tell(emulator.events())
+        if lost:
+            raise lost[0]
+        return min(emulator.next_deadline(), self._next_look)
+
+    def counts(self) -> dict[str, int]:
+        """Of each link: how often it was lost and came back, and what strangers sent to it."""
+        return {
+            f"{name}_link_{what}": getattr(link, what)
+            for name, link in self._sinks.items()
+            for what in ("losses", "returns", "strangers")
+        }
+
+    def losses(self) -> dict[str, tuple[int, int]]:
+        """Of each link that was lost: how often, and how often it came back."""
+        return {name: (link.losses, link.returns) for name, link in self._sinks.items() if link.losses}
+
+    def _read(self, name: str, link: Link, clock: Clock, times: int) -> None:
+        for _ in range(times):
+            try:
+                came = link.receive()
+            except LinkError as error:
+                if self._is_last(name, error, clock.now()):
+                    raise
+                return
+            now = clock.now()
+            for sender, data in came:
+                self.emulator.receive(name, data, now, sender)
+            link.follow(*self.emulator.addressees(name))
+            if not came:
+                return
+
+    def _write(self, output: Output, now: float) -> LinkError | None:
+        """Write one output; the error of the last link of its kind that is gone for good."""
+        taken, last, link = False, None, self._sinks[output.sink]
+        try:
+            taken = output.sink not in self._gone and link.write(output.data)
+        except LinkError as error:
+            last = error if self._is_last(output.sink, error, now) else None
+        if link.away:
+            self._look_at_links(now)
+        self.emulator.written(output, taken, now)
+        return last
+
+    def _is_last(self, name: str, error: LinkError, now: float) -> bool:
+        """A link is gone for good: whether it was the last of its kind. If not, the others go on without it."""
+        kind = self._autopilots if name in self._autopilots else self._ports
+        self._gone.add(name)
+        if self._gone >= kind.keys():
+            return True
+        self.links = [link for other, link in self._autopilots.items() if other not in self._gone]
+        self.emulator.link_lost(name, str(error), now)
+        self._audience.tell([LinkLost(now, name, self._sinks[name].name, str(error))])
+        return False
+
+    def _look_at_links(self, now: float) -> None:
+        for name, port in self._ports.items():
+            if name not in self._gone:
+                try:
+                    port.read()
+                except LinkError as error:
+                    if self._is_last(name, error, now):
+                        raise
+        for monitor in self._monitors:
+            if monitor.lost_again:
+                self.emulator.link_lost(monitor.name, monitor.link.why, now)
+            if monitor.renewed_again:
+                self.emulator.link_back(monitor.name, now)
+            self._audience.tell(monitor.look(now))
+
+
+def replay(
+    emulator: Emulator,
+    records: Iterable[Record],
+    link: str,
+    write: Callable[[Output], bool],
+    audience: Audience,
+    *,
+    clock: Clock | None = None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> None:
+    """Feed a log to an engine as what came on `link`, by the log's own clock, from 0 at its start.
+
+    With a `clock`, outputs are written no earlier than it reads their instant; without, as soon as they are made.
+    """
+    start_us: int | None = None
+    heard = tend_at = 0.0
+    due = emulator.next_deadline()
+
+    def settle() -> float:
+        for output in emulator.output():
+            while clock is not None and clock.now() < output.due and not stopped():
+                clock.wait(min(output.due, clock.now() + _LONGEST_WAIT_S))
+            emulator.written(output, write(output), output.due)
+        audience.tell(emulator.events())
+        return emulator.next_deadline()
+
+    for record in records:
+        if start_us is None:
+            start_us = record.time_us
+        heard = max(heard, (record.time_us - start_us) / 1e6)
+        if due <= heard:
+            emulator.advance(heard)
+            due = settle()
+            if stopped():
+                return
+        emulator.receive(link, record.raw, heard, whole=True)
+        if heard >= tend_at:
+            emulator.advance(heard)
+            due = settle()
+            tend_at = heard + _LONGEST_WAIT_S
+    emulator.finish(heard)
+    settle()

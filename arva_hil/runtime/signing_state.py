@@ -1,0 +1,149 @@
+"""The time stamps of signatures outlive the process, as MAVLink asks: or what was recorded before is believed again.
+
+One small file for each key, its owner's alone. Several programs with the same key keep theirs together.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping
+from io import FileIO
+from pathlib import Path
+from typing import Any, Final
+
+from arva_hil import files
+from arva_hil.mavlink.signing import LARGEST, Kept, Signing
+from arva_hil.runtime.worker_thread import Background
+
+try:
+    import fcntl
+except ImportError:  # Windows: the last program that writes has the file
+    fcntl = None  # type: ignore[assignment]
+
+_KEEP_S: Final = 5.0  # what a killed program forgets
+_MOST_STREAMS: Final = 1024
+_LARGEST_FILE: Final = 1 << 20  # bytes
+_OWNERS: Final = 0o600
+
+
+def state_file(key: bytes, environment: Mapping[str, str]) -> Path | None:
+    """The file of a key: in $XDG_STATE_HOME/arva-hil, else ~/.local/state/arva-hil. None: there is no home."""
+    home = environment.get("XDG_STATE_HOME", "")
+    if not os.path.isabs(home):  # such a one has to be ignored
+        home = os.path.join(os.path.expanduser("~"), ".local", "state")
+    if not os.path.isabs(home):
+        return None
+    name = hashlib.sha256(b"arva-hil signing state " + key).hexdigest()[:32]
+    return Path(home, "arva-hil", f"{name}.json")
+
+
+class LastingSigning(Signing):
+    """`Signing` that goes on where the last program with this key was, and keeps its time stamps in `file`.
+
+    It writes them at the start, every 5 s on a thread of its own, and in `close`. What cannot be read or written is
+    said once, and changes nothing else.
+    """
+
+    def __init__(self, key: bytes, epoch_us: int, link: int, file: Path | None, say: Callable[[str], None]) -> None:
+        self._file = file
+        self._say: Callable[[str], None] | None = say
+        self._error: Exception | None = None  # of the last attempt to write
+        super().__init__(key, epoch_us, link, self._load())
+        self._background = Background("signing")
+        self._next_keep: float | None = None
+        self._keep(self.kept(), wait=False)
+        self._complain(self._error)
+
+    def advance(self, now: float) -> None:
+        super().advance(now)
+        if self._next_keep is None or now >= self._next_keep:
+            self._next_keep = now + _KEEP_S
+            kept = self.kept()
+            self._background.put(lambda: self._keep(kept, wait=False))
+
+    def close(self) -> None:
+        """Keep the time stamps. Takes no longer than 10 s, whatever the disk does."""
+        kept = self.kept()
+        finished = self._background.close(lambda: self._keep(kept, wait=True))
+        self._complain(self._error if finished else TimeoutError("another program or the disk holds it up"))
+
+    def _load(self) -> Kept:
+        try:
+            return _read(self._file) if self._file else Kept()
+        except (OSError, ValueError) as error:
+            self._complain(error)
+            return Kept()
+
+    def _keep(self, kept: Kept, *, wait: bool) -> None:
+        """Try to write what is kept, together with what others have; without `wait` not while another program does."""
+        try:
+            self._write(kept, wait=wait)
+            self._error = None
+        except OSError as error:
+            self._error = error
+
+    def _write(self, kept: Kept, *, wait: bool) -> None:
+        if self._file is None:
+            raise FileNotFoundError("there is no home folder")
+        self._file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with files.grow(self._file.with_suffix(".lock"), _OWNERS) as lock:
+            if not _locks(lock, wait=wait):
+                return
+            with contextlib.suppress(ValueError):  # no state: it is replaced
+                kept = kept.with_others(_read(self._file)).recent()
+            files.replace(self._file, _written(kept), _OWNERS)
+
+    def _complain(self, error: Exception | None) -> None:
+        """Once in a process."""
+        if self._say is None or error is None:
+            return
+        say, self._say = self._say, None
+        why = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        where = f"{self._file}: " if self._file else ""
+        say(f"{where}time stamps of signatures are not kept ({why}): packets recorded now may be believed later")
+
+
+def _locks(file: FileIO, *, wait: bool) -> bool:
+    """Whether this program has the lock, which goes with the open file."""
+    if fcntl:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except BlockingIOError:
+            return False
+    return True
+
+
+def _read(file: Path) -> Kept:
+    """What a file keeps, nothing when there is none. Raises OSError; ValueError when it is something else."""
+    try:
+        with _opened(file) as opened:
+            data = opened.read(_LARGEST_FILE + 1) or b""
+    except FileNotFoundError:
+        return Kept()
+    try:
+        if len(data) > _LARGEST_FILE:
+            raise ValueError
+        state = json.loads(data)
+        newest, streams = state["newest"], {(a, b, c): ticks for a, b, c, ticks in state["streams"]}
+        numbers: list[Any] = [newest, *streams.values(), *(n for stream in streams for n in stream)]
+        if not all(type(n) is int and 0 <= n <= LARGEST for n in numbers):
+            raise ValueError
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise ValueError("it held something else") from None
+    return Kept(newest, streams)
+
+
+@contextlib.contextmanager
+def _opened(file: Path) -> Iterator[FileIO]:
+    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    with open(file, "rb", buffering=0, opener=lambda name, mode: os.open(name, mode | flags)) as opened:
+        yield opened
+
+
+def _written(kept: Kept) -> bytes:
+    newest_first = sorted(kept.streams.items(), key=lambda item: -item[1])[:_MOST_STREAMS]
+    streams = [[*stream, ticks] for stream, ticks in newest_first]
+    return json.dumps({"newest": kept.newest, "streams": streams}).encode() + b"\n"

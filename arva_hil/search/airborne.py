@@ -1,0 +1,148 @@
+"""A search in the air: frames and poses to the mission, its velocities to the commander, a row for each step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.events import Event
+from arva_hil.events.searches import SearchBegun, SearchEnded
+from arva_hil.field.geodesy import LocalFrame
+from arva_hil.field.rotation import to_euler, to_matrix
+from arva_hil.flight.commander import Commander, Phase
+from arva_hil.observers.console.reasons import no_pose
+from arva_hil.search.ground import Ground
+from arva_hil.search.mission import Mission, Plan
+from arva_hil.search.outcome import Row
+from arva_hil.search.strategy import Position
+from arva_hil.vehicle.pose_track import VehicleState
+from arva_hil.vehicle.session import Session
+from firmware_proto import Frame
+
+OLD_S: Final = 1.0  # a pose older than this is none to fly by
+STAY: Final = (0.0, 0.0, 0.0)
+
+
+class Flight:
+    """Remembers one flight from its take-off point on; `mission` begins where the take-off ends.
+
+    `land`: at the end it lands, else it hovers. `log` gets a row for each step.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        session: Session,
+        commander: Commander,
+        ground: Ground,
+        *,
+        start: float,
+        land: bool,
+        log: Callable[[Row], None],
+    ) -> None:
+        self.mission: Mission | None = None
+        self.origin: LocalFrame | None = None  # the take-off point
+        self._plan = plan
+        self._session = session
+        self._commander = commander
+        self._ground = ground
+        self._start = start
+        self._land = land
+        self._log = log
+        self._new_frame: Frame | None = None  # since the last row of the log
+        self._last_pose_s = start
+        self._skipped_s = 0.0  # in gaps, which are no part of the mission
+
+    def hear(self, frame: Frame, now: float) -> None:
+        self._new_frame = frame
+        if self.mission is not None and (state := self._state(now)) is not None:
+            place, rotation = self._plan.mount.pose(state.position, state.attitude)
+            self.mission.hear(frame, now - self._skipped_s, _tuple(place), rotation)
+
+    def skip(self, seconds: float) -> None:
+        """There was a gap: the mission's clock stood still."""
+        self._skipped_s += seconds
+        self._last_pose_s += seconds
+        self._commander.steer(STAY)
+
+    def wait(self, now: float) -> None:
+        """It still stands."""
+        self._last_pose_s = now
+
+    def fly(self, now: float) -> None:
+        """One step in the air."""
+        if self.origin is None and (origin := self._commander.origin):
+            self.origin = origin.frame
+        phase, state, velocity = self._commander.phase, self._state(now), STAY
+        if not self._commander.settled:
+            return
+        if state is None:
+            self._fly_blind(now)
+            return
+        self._last_pose_s = now
+        position = _position(state)
+        if phase is Phase.FLYING:
+            if self.mission is None:
+                self.mission = Mission(
+                    self._plan, now - self._skipped_s, position, land=self._land, emit=self._tell_in_time
+                )
+                self._session.news.emit(SearchBegun(now, -position[2]))
+            receiver, _ = self._plan.mount.pose(state.position, state.attitude)
+            height = self._ground.height(now, state)
+            velocity = self.mission.fly(now - self._skipped_s, position, receiver=_tuple(receiver), height=height)
+            self._commander.steer(velocity)
+            if self.mission.over:
+                self._over(self.mission, now)
+        self._note(now, phase, state, velocity)
+
+    def _fly_blind(self, now: float) -> None:
+        """Without a pose that is new it hovers, then lands."""
+        self._commander.steer(STAY)
+        if now - self._last_pose_s > self._plan.patience_s:
+            why = no_pose(self._session.why_no_pose())
+            self._commander.land(now, f"no pose for {self._plan.patience_s:g} s: {why}")
+
+    def _over(self, mission: Mission, now: float) -> None:
+        """The search has ended; the flight has not."""
+        self._session.news.emit(SearchEnded(now, mission.ended, self._land))
+        if self._land:
+            self._commander.land(now)
+        else:
+            self._commander.hold(now)
+
+    def _state(self, now: float) -> VehicleState | None:
+        """The pose to fly by, None when there is none that is new enough."""
+        state = self._session.state_at(now, self.origin) if self.origin else None
+        return state if state is not None and state.age_s < OLD_S else None
+
+    def _note(self, now: float, phase: Phase, state: VehicleState, velocity: Position) -> None:
+        reading: tuple[int | None, ...] = (None, None, None)
+        if self._new_frame is not None:
+            reading = _reading(self._new_frame, self.mission.target if self.mission else None)
+            self._new_frame = None
+        heading = math.degrees(to_euler(to_matrix(state.attitude))[2])
+        self._log(Row(now - self._start, phase.name.lower(), *_position(state), heading, *velocity, *reading))
+
+    def _tell_in_time(self, event: Event) -> None:
+        """What the mission tells, whose clock stands still in gaps."""
+        self._session.news.emit(replace(event, time_s=event.time_s + self._skipped_s))
+
+
+def _reading(frame: Frame, target: int | None) -> tuple[int | None, int, int]:
+    """Id, d and δ of the transmitter searched for, else of the first channel."""
+    channel = next((c for c in frame.channels if c.valid and c.id == target), frame.channels[0])
+    return channel.id, channel.d, channel.delta
+
+
+def _position(state: VehicleState) -> Position:
+    return _tuple(state.position)
+
+
+def _tuple(place: NDArray[np.float64]) -> Position:
+    north, east, down = place.tolist()
+    return north, east, down

@@ -1,0 +1,84 @@
+"""The receiver as a search has it: frames from a link, and what there is to say when none come."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from arva_hil.events import Event
+from arva_hil.events.searches import ReceiverGone
+from arva_hil.links import Link, LinkError
+from arva_hil.runtime.link_monitor import LinkMonitor
+from arva_hil.search.reading_checks import Fresh
+from firmware_proto import Frame, FrameDecoder
+
+_SILENT_S: Final = 2.0  # without a frame: it does not work
+_MOST_READS: Final = 64
+_SHOWN: Final = 16  # bytes of what is no frame
+
+
+class Receiver:
+    """Remembers what came from the receiver's link and when. One that is unplugged is silent, and raises nothing.
+
+    `emit` is told when a link that comes back is lost and is back; any other is gone for good.
+    """
+
+    def __init__(self, link: Link, decoder: FrameDecoder, emit: Callable[[Event], None]) -> None:
+        self.links: Sequence[Link] = [link]  # to wait for; none when it is gone
+        self.last: Frame | None = None
+        self._link = link
+        self._emit = emit
+        self._monitor = LinkMonitor("receiver", link)
+        self._decoder = decoder
+        self._last_s = -math.inf
+        self._first_bytes = b""
+        self._fresh = Fresh()
+
+    @property
+    def name(self) -> str:
+        return self._link.name
+
+    def read(self, now: float) -> list[Frame]:
+        """The new frames that have come by `now`, s; one that comes again is none."""
+        chunk = self._read(now) if self.links else b""
+        self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
+        frames = [frame for frame in self._decoder.feed(chunk, now) if self._fresh.new(frame)]
+        if frames:
+            self.last, self._last_s = frames[-1], now
+        return frames
+
+    def skip(self, now: float) -> None:
+        """Forget what waits: it came in a gap, and nobody knows where the vehicle was."""
+        for _ in range(_MOST_READS):
+            if not self.links or not self._link.ready():
+                break
+            self._decoder.feed(self._read(now), now)
+
+    def silent(self, now: float, limit_s: float = _SILENT_S) -> bool:
+        return now - self._last_s > limit_s
+
+    def why_silent(self, now: float) -> str:
+        """What came instead of frames, for a person."""
+        if self._link.away:
+            return f"no frame from the receiver: {self._link.why}"
+        if self.last is not None:
+            why = f"the last one came {now - self._last_s:.0f} s ago"
+            if self._fresh.repeats:
+                why += f", and its sequence number {self.last.sequence} again and again since"
+        elif self._first_bytes:
+            why = f"bytes came that are none, first {self._first_bytes!r}: is the format right, and the baud rate?"
+        else:
+            why = "nothing came at all"
+        return f"no frame from the receiver at {self._link.name}: {why}"
+
+    def _read(self, now: float) -> bytes:
+        try:
+            chunk = self._link.read()
+        except LinkError as error:
+            self.links = []
+            self._emit(ReceiverGone(now, str(error)))
+            return b""
+        for event in self._monitor.look(now):
+            self._emit(event)
+        return chunk

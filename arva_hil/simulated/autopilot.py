@@ -1,0 +1,161 @@
+"""Who flies the simulated multirotor: modes, arming, take-off, set-points, landing. No MAVLink in here.
+
+Names, speeds and delays are ArduCopter's defaults (https://ardupilot.org/copter/docs/flight-modes.html).
+"""
+
+from __future__ import annotations
+
+import math
+from enum import IntEnum
+from typing import Final, NamedTuple
+
+from arva_hil.simulated.multirotor import STEP_US, Multirotor, Vector
+
+__all__ = ["Mode", "Pilot", "SetPoint"]
+
+_TIMEOUT: Final = 3_000_000 // STEP_US  # GUID_TIMEOUT, in steps
+_RESTED: Final = 1_000_000 // STEP_US  # on the ground for so long is landed
+_IDLE: Final = 10_000_000 // STEP_US  # DISARM_DELAY
+_APPROACH_SPEED: Final = 5.0  # m/s, towards a position
+_APPROACH_GAIN: Final = 0.8  # 1/s
+_BRAKE: Final = 1.5  # m/s², what an approach counts on
+_LAND_SPEED: Final = 0.5  # m/s, below
+_LAND_SLOW_HEIGHT: Final = 10.0  # m
+_RTL_HEIGHT: Final = 15.0
+_STILL: Final = (0.0, 0.0, 0.0)
+
+
+class Mode(IntEnum):
+    """HEARTBEAT.custom_mode. With no one at the sticks STABILIZE and LOITER both hold still."""
+
+    STABILIZE = 0
+    GUIDED = 4
+    LOITER = 5
+    RTL = 6
+    LAND = 9
+
+
+class SetPoint(NamedTuple):
+    """Where to go in GUIDED: NED from home, metres, m/s, radians, rad/s. Yaw wins over yaw rate."""
+
+    position: Vector | None = None
+    velocity: Vector = _STILL  # fed forward when there is a position
+    yaw: float | None = None  # None: the heading is kept
+    yaw_rate: float = 0.0
+
+
+class Pilot:
+    """Remembers the mode, whether it is armed and landed, and the set-point; False is a refusal."""
+
+    def __init__(self, wind: Vector) -> None:
+        self.motion = Multirotor(wind)
+        self.mode = Mode.STABILIZE
+        self.ready = False  # position known: may arm
+        self.armed = False
+        self.landed = True
+        self.taking_off = False
+        self.sticks = (1500, 1500, 1500, 1500)  # roll, pitch, throttle, yaw, µs; said, and in GUIDED not obeyed
+        self._set_point = SetPoint()
+        self._set_at = 0  # step
+        self._rested = 0  # steps on the ground
+
+    def arm(self) -> bool:
+        if self.armed:
+            return True
+        if not self.ready or self.mode in (Mode.LAND, Mode.RTL):
+            return False
+        self.armed = True
+        self._rested = 0
+        return True
+
+    def disarm(self, force: bool = False) -> bool:
+        """Motors off: in the air only by force, and then it falls."""
+        if self.armed and not self.landed and not force:
+            return False
+        self.armed = self.taking_off = False
+        return True
+
+    def set_mode(self, mode: int) -> bool:
+        if mode not in Mode._value2member_map_:
+            return False
+        if mode != self.mode:
+            self.mode = Mode(mode)
+            self.steer(SetPoint())
+        return True
+
+    def take_off(self, height: float) -> bool:
+        """Climb to a height above home, metres."""
+        if self.mode != Mode.GUIDED or not self.armed or not self.landed or not 0 < height < math.inf:
+            return False
+        self.steer(SetPoint((self.motion.north, self.motion.east, -height)))
+        self.taking_off = True
+        return True
+
+    def steer(self, set_point: SetPoint) -> None:
+        """Follow a set-point: 3 s long, a position for ever. As in ArduCopter it breaks off a take-off."""
+        self._set_point = set_point
+        self._set_at = self.motion.steps
+        self.taking_off = False
+
+    def step(self) -> None:
+        """10 ms of flight."""
+        motion = self.motion
+        climbing = False
+        if self.armed and (self.taking_off or not self.landed):
+            velocity, yaw_rate = self._wanted()
+            climbing = velocity[2] < 0
+            motion.step(velocity, yaw_rate, True)
+        else:
+            motion.step(_STILL, 0.0, False)
+        if climbing or not motion.contact:
+            self._rested = 0
+            if motion.down < -0.1:
+                self.landed = False
+        else:
+            self._rest()
+        if self.taking_off and self._set_point.position and motion.down < self._set_point.position[2] + 0.1:
+            self.taking_off = False
+
+    def _rest(self) -> None:
+        self._rested += 1
+        if self._rested < _RESTED:
+            return
+        self.landed = True
+        if self.armed and (self._rested >= _IDLE or self.mode in (Mode.LAND, Mode.RTL)):
+            self.disarm()
+
+    def _wanted(self) -> tuple[Vector, float]:
+        """Velocity (NED) and yaw rate."""
+        if self.mode == Mode.LAND:
+            return self._sink(), 0.0
+        if self.mode == Mode.RTL:
+            return self._home(), 0.0
+        if self.mode != Mode.GUIDED:
+            return _STILL, 0.0
+        position, velocity, yaw, yaw_rate = self._set_point
+        if self.motion.steps - self._set_at > _TIMEOUT:
+            velocity, yaw_rate = _STILL, 0.0
+        if position is not None:
+            velocity = self._towards(position, velocity)
+        if yaw is not None:
+            yaw_rate = 2.0 * math.remainder(yaw - self.motion.yaw, math.tau)
+        return velocity, yaw_rate
+
+    def _sink(self) -> Vector:
+        return (0.0, 0.0, _LAND_SPEED if -self.motion.down < _LAND_SLOW_HEIGHT else math.inf)
+
+    def _home(self) -> Vector:
+        """Climb, fly home, land."""
+        if math.hypot(self.motion.north, self.motion.east) < 1:
+            return self._sink()
+        down = min(self.motion.down, -_RTL_HEIGHT)
+        north, east, climb = self._towards((0.0, 0.0, down), _STILL)
+        return (0.0, 0.0, climb) if self.motion.down > down + 0.5 else (north, east, climb)
+
+    def _towards(self, position: Vector, along: Vector) -> Vector:
+        north, east = position[0] - self.motion.north, position[1] - self.motion.east
+        distance = math.hypot(north, east)
+        speed = min(_APPROACH_GAIN * distance, math.sqrt(2 * _BRAKE * distance), _APPROACH_SPEED)
+        share = speed / distance if distance > 0 else 0.0
+        down = _APPROACH_GAIN * (position[2] - self.motion.down)
+        return north * share + along[0], east * share + along[1], down + along[2]

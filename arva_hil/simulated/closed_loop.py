@@ -1,0 +1,115 @@
+"""The whole loop on one machine: built-in vehicle, emulator and search, each on its own end of a link."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from arva_hil.config import Scenario
+from arva_hil.emulator.build import moving_transmitters
+from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.events.searches import FromSearch
+from arva_hil.links import Link
+from arva_hil.observers.audience import Audience, Observer
+from arva_hil.runtime.drivers import Live
+from arva_hil.search.client import COMPONENT, SearchClient
+from arva_hil.search.mission import Plan
+from arva_hil.search.outcome import Row
+from arva_hil.simulated.multirotor import Vector
+from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.vehicle.session import Session
+from firmware_proto import DECODERS
+
+HOME = (46.0123, 7.7456, 1650.0)  # degrees, degrees, metres AMSL
+
+Ends = tuple[Link, Link]  # of one link: the program's, and the far one
+
+
+class ClosedLoop:
+    """Remembers vehicle, emulator and search of one flight; `tasks` are for the loop.
+
+    The receiver hears where the vehicle truly is, the search flies by what the vehicle reports.
+
+    `autopilot`, `commands`, `port`: the emulator's link to the vehicle, the search's link to it, and the receiver's
+    port (the search's end, the emulator's end). `stream_hz`: of the pose, on both links. `start`: s.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        plan: Plan,
+        *,
+        autopilot: Ends,
+        commands: Ends,
+        port: Ends,
+        start: float,
+        wind: Vector = (0.0, 0.0, 0.0),
+        gps_noise_m: float = 0.0,
+        stream_hz: float = 50.0,
+        observers: Sequence[Observer] = (),
+        log: Callable[[Row], None] = lambda _: None,
+    ) -> None:
+        format = scenario.output_format
+        self._scenario = scenario
+        self.vehicle = SimulatedVehicle(HOME, wind=wind, gps_noise_m=gps_noise_m, seed=scenario.seed, boot_time=start)
+        audience = Audience(observers)
+        if gps_noise_m:  # else what the vehicle reports is the truth, at less cost
+            scenario = replace(scenario, pose="truth", navigation_error=None)
+        self.emulator = Emulator([one_vehicle(scenario, Session(rate_hz=stream_hz))], start=start, timeout_s=10.0)
+        live = Live(self.emulator, {"autopilot": autopilot[0]}, {"port": port[1]}, audience)
+        self.search = SearchClient(
+            plan,
+            Session(rate_hz=stream_hz, component=COMPONENT),
+            commands[0],
+            port[0],
+            DECODERS[format](),
+            start=start,
+            emit=lambda event: audience.tell([FromSearch(event.time_s, event)]),
+            log=log,
+        )
+        self.tasks: list[Simulator | Live | SearchClient] = [
+            Simulator(self.vehicle, [autopilot[1], commands[1]]),
+            live,
+            self.search,
+        ]
+
+    @property
+    def over(self) -> bool:
+        """The search has ended, though the vehicle may still be in the air."""
+        mission = self.search.mission
+        return self.search.outcome is not None or (mission is not None and bool(mission.ended))
+
+    def truth(self) -> dict[int, tuple[float, float]]:
+        """Where the transmitters truly are at the newest frame: north and east of the place where the search believes
+        to have taken off, by id. Needs a search in the air.
+        """
+        (vehicle,) = self.emulator.vehicles
+        origin, datum, last = self.search.origin, vehicle.datum.frame, vehicle.sources[0].last
+        assert origin is not None
+        assert datum is not None
+        there = moving_transmitters(self._scenario, datum).at(last.instant_s if last else 0.0, lambda system: None)
+        ned = [origin.ned(*datum.lla(position)) for position in there.positions]
+        return {id_: (float(n), float(e)) for id_, (n, e, _) in zip(there.ids, ned, strict=True)}
+
+    def off(self, now: float) -> float | None:
+        """Horizontal distance [m] from where the vehicle truly is to the transmitter searched for."""
+        if self.search.origin is None:
+            return None
+        north, east, _ = self.search.origin.ned(*self.vehicle.truth(now).lla).tolist()
+        return self.distance((north, east))
+
+    def error(self) -> float | None:
+        """Horizontal distance [m] from the place reported to the transmitter searched for; None: none is reported."""
+        found = self.search.mission.found if self.search.mission else None
+        return None if found is None else self.distance((found.north, found.east))
+
+    def distance(self, place: tuple[float, float]) -> float | None:
+        """From a place to the transmitter searched for, m, horizontally; the nearest one when frames carry no ids."""
+        mission = self.search.mission
+        if mission is None or mission.target is None:
+            return None
+        places = self.truth()
+        of = [places[mission.target]] if mission.target in places else places.values()
+        return min(math.dist(place, true) for true in of)

@@ -1,0 +1,315 @@
+"""What the simulated vehicle says and is told, between its own terms and MAVLink messages.
+
+Fields: https://mavlink.io/en/messages/common.html
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+from arva_hil.field.geodesy import LocalFrame
+from arva_hil.mavlink.codec import dialect
+from arva_hil.simulated.autopilot import Mode, Pilot, SetPoint
+from arva_hil.simulated.multirotor import Motion, Multirotor, Vector
+
+__all__ = ["BUILDERS", "GROUPS", "PARAMETERS", "Home", "PositionError", "Report", "read_set_point"]
+
+Message = Any  # pymavlink's generated classes carry no types
+
+_NODE_US: Final = 1_000_000
+_REMEMBERED: Final = math.exp(-_NODE_US / 30e6)  # of the raw error after a second
+_SLOW: Final = math.exp(-_NODE_US / 5e6)  # of the smoothed one
+_SMOOTHED: Final = math.sqrt((1 - _SLOW) / (1 + _SLOW) * (1 + _SLOW * _REMEMBERED) / (1 - _SLOW * _REMEMBERED))
+# by which smoothing lessens the standard deviation
+_RANGE_CM: Final = 4000
+
+
+class Home:
+    """Where the vehicle was switched on: degrees and metres above mean sea level, and the frame around it."""
+
+    def __init__(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
+        self.alt_m = alt_m
+        self._frame = LocalFrame(lat_deg, lon_deg, alt_m)
+        self._cell: tuple[int, ...] = ()
+        self._linear: list[list[float]] = []
+
+    def lla(self, ned: Vector) -> Vector:
+        """Latitude and longitude in degrees, altitude in metres above mean sea level."""
+        lat, lon, alt = self._frame.lla(ned)
+        return float(lat), float(lon), float(alt)
+
+    def lla_fast(self, ned: Vector) -> Vector:
+        """The same within 0.1 mm and ten times as fast: a plane in each cube of 16 m."""
+        n, e, d = ned
+        cell = round(n / 16), round(e / 16), round(d / 16)
+        x, y, z = cell[0] * 16.0, cell[1] * 16.0, cell[2] * 16.0
+        if cell != self._cell:
+            corners = self._frame.lla([(x, y, z), (x + 1, y, z), (x, y + 1, z), (x, y, z + 1)])
+            self._linear = [[float(v[0]), *(v[1:] - v[0]).tolist()] for v in corners]
+            self._cell = cell
+        lat, lon, alt = (a + b * (n - x) + c * (e - y) + f * (d - z) for a, b, c, f in self._linear)
+        return lat, lon, alt
+
+
+class PositionError:
+    """The error of an estimated position: on each axis a Gauss-Markov process, smoothed as an estimator does it.
+
+    `sigma`: its standard deviation, metres. The process forgets in 30 s, and is low-pass filtered with 5 s, so that
+    the error drifts and does not jitter. It begins with 0, because home is where the estimator begins. Drawn once a
+    second, straight lines between. Remembers the second it has come to; the same seed gives the same error at the same
+    time.
+    """
+
+    def __init__(self, sigma: float, seed: int) -> None:
+        self._random = random.Random(seed)
+        self._node = 0
+        self._raw_sigma = sigma / _SMOOTHED
+        self._raw = self._from = self._to = (0.0, 0.0, 0.0)
+
+    def at(self, time_us: int) -> Vector:
+        """Metres NED, to be added to the true position. Time never goes back."""
+        while self._node < time_us // _NODE_US:
+            self._node += 1
+            self._advance()
+        share = time_us / _NODE_US - self._node
+        (a, b, c), (d, e, f) = self._from, self._to
+        return a + (d - a) * share, b + (e - b) * share, c + (f - c) * share
+
+    def _advance(self) -> None:
+        fresh = math.sqrt(1 - _REMEMBERED**2)
+        self._raw = _mixed(self._raw, _REMEMBERED, self._draw(), fresh)
+        self._from, self._to = self._to, _mixed(self._to, _SLOW, self._raw, 1 - _SLOW)
+
+    def _draw(self) -> Vector:
+        gauss = self._random.gauss
+        return gauss(0, self._raw_sigma), gauss(0, self._raw_sigma), gauss(0, self._raw_sigma)
+
+
+def _mixed(a: Vector, of_a: float, b: Vector, of_b: float) -> Vector:
+    return a[0] * of_a + b[0] * of_b, a[1] * of_a + b[1] * of_b, a[2] * of_a + b[2] * of_b
+
+
+class Report(NamedTuple):
+    """All that a message is made of, at one instant."""
+
+    boot_ms: int
+    motion: Motion  # true
+    position: Vector  # NED from home, as the estimator has it
+    pilot: Pilot
+    home: Home
+
+
+def read_set_point(m: Message, motion: Multirotor) -> SetPoint | None:
+    """SET_POSITION_TARGET_LOCAL_NED, for a vehicle that moves so; None when it makes no sense.
+
+    Any ignore bit of a triple drops the triple; with neither position nor velocity left it says stop. Body
+    frames are turned by the yaw of now; positions in all but LOCAL_NED are offsets from here.
+    """
+    frame, mask = m.coordinate_frame, m.type_mask
+    position = None if mask & 0x007 else (m.x, m.y, m.z)
+    velocity = (0.0, 0.0, 0.0) if mask & 0x038 else (m.vx, m.vy, m.vz)
+    yaw = None if mask & dialect.POSITION_TARGET_TYPEMASK_YAW_IGNORE else m.yaw
+    yaw_rate = 0.0 if mask & dialect.POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE else m.yaw_rate
+    body = frame in (dialect.MAV_FRAME_BODY_NED, dialect.MAV_FRAME_BODY_OFFSET_NED)
+    local = frame in (dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_LOCAL_OFFSET_NED)
+    used = *(position or ()), *velocity, yaw or 0.0, yaw_rate
+    if not (body or local) or not all(map(math.isfinite, used)):
+        return None
+    if body:
+        velocity = _turned(velocity, motion.yaw)
+        position = position and _turned(position, motion.yaw)
+        yaw = None if yaw is None else yaw + motion.yaw
+    if position and frame != dialect.MAV_FRAME_LOCAL_NED:
+        position = position[0] + motion.north, position[1] + motion.east, position[2] + motion.down
+    return SetPoint(position, velocity, yaw, yaw_rate)
+
+
+def _turned(vector: Vector, yaw: float) -> Vector:
+    x, y, z = vector
+    return x * math.cos(yaw) - y * math.sin(yaw), x * math.sin(yaw) + y * math.cos(yaw), z
+
+
+def _heartbeat(r: Report) -> Message:
+    mode = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
+    mode |= dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
+    if r.pilot.mode in (Mode.GUIDED, Mode.LOITER, Mode.RTL):
+        mode |= dialect.MAV_MODE_FLAG_GUIDED_ENABLED
+    if r.pilot.armed:
+        mode |= dialect.MAV_MODE_FLAG_SAFETY_ARMED
+    state = dialect.MAV_STATE_STANDBY if r.pilot.landed else dialect.MAV_STATE_ACTIVE
+    return dialect.MAVLink_heartbeat_message(
+        dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA, mode, r.pilot.mode, state, 3
+    )
+
+
+def _sys_status(r: Report) -> Message:
+    present = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_PREARM_CHECK
+    health = present if r.pilot.ready else 0
+    return dialect.MAVLink_sys_status_message(present, present, health, 100, 16000, -1, -1, 0, 0, 0, 0, 0, 0)
+
+
+def _gps_raw_int(r: Report) -> Message:
+    if not r.pilot.ready:
+        unknown = [0xFFFF] * 4
+        fix = dialect.GPS_FIX_TYPE_NO_FIX
+        return dialect.MAVLink_gps_raw_int_message(r.boot_ms * 1000, fix, 0, 0, 0, *unknown, 0)
+    lat, lon, alt = r.home.lla_fast(r.position)
+    north, east, _ = r.motion.velocity
+    return dialect.MAVLink_gps_raw_int_message(
+        r.boot_ms * 1000,
+        dialect.GPS_FIX_TYPE_3D_FIX,
+        *(round(lat * 1e7), round(lon * 1e7), round(alt * 1e3)),
+        *(100, 150),
+        round(math.hypot(north, east) * 100),
+        round(math.degrees(math.atan2(east, north)) * 100) % 36000,
+        10,
+    )
+
+
+def _attitude(r: Report) -> Message:
+    return dialect.MAVLink_attitude_message(r.boot_ms, *_roll_pitch(r.motion), _yaw(r.motion), *r.motion.rates)
+
+
+def _attitude_quaternion(r: Report) -> Message:
+    return dialect.MAVLink_attitude_quaternion_message(r.boot_ms, *r.motion.quaternion, *r.motion.rates)
+
+
+def _local_position_ned(r: Report) -> Message | None:
+    if not r.pilot.ready:
+        return None
+    return dialect.MAVLink_local_position_ned_message(r.boot_ms, *r.position, *r.motion.velocity)
+
+
+def _global_position_int(r: Report) -> Message:
+    if not r.pilot.ready:
+        return dialect.MAVLink_global_position_int_message(r.boot_ms, 0, 0, 0, 0, 0, 0, 0, 0)
+    lat, lon, alt = r.home.lla_fast(r.position)
+    return dialect.MAVLink_global_position_int_message(
+        r.boot_ms,
+        *(round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), round((alt - r.home.alt_m) * 1e3)),
+        *(round(v * 100) for v in r.motion.velocity),
+        round(math.degrees(_yaw(r.motion)) * 100) % 36000,
+    )
+
+
+def _scaled_pressure(r: Report) -> Message:
+    """Of the standard atmosphere at the true altitude."""
+    altitude = r.home.alt_m - r.motion.position[2]
+    hpa = 1013.25 * max(1 - 2.25577e-5 * altitude, 1e-3) ** 5.25588
+    return dialect.MAVLink_scaled_pressure_message(r.boot_ms, hpa, 0.0, 2000)
+
+
+def _distance_sensor(r: Report) -> Message:
+    """Height above the ground, not along the leaning body."""
+    height = min(round(-r.motion.position[2] * 100), _RANGE_CM)
+    down = dialect.MAV_SENSOR_ROTATION_PITCH_270
+    return dialect.MAVLink_distance_sensor_message(r.boot_ms, 0, _RANGE_CM, height, 0, 0, down, 0)
+
+
+def _home_position(r: Report) -> Message | None:
+    if not r.pilot.ready:
+        return None
+    lat, lon, alt = r.home.lla((0.0, 0.0, 0.0))
+    return dialect.MAVLink_home_position_message(
+        *(round(lat * 1e7), round(lon * 1e7), round(alt * 1e3)),
+        *(0.0, 0.0, 0.0),
+        [1.0, 0.0, 0.0, 0.0],
+        *(0.0, 0.0, 0.0),
+        r.boot_ms * 1000,
+    )
+
+
+def _extended_sys_state(r: Report) -> Message:
+    if r.pilot.taking_off:
+        state = dialect.MAV_LANDED_STATE_TAKEOFF
+    elif r.pilot.landed:
+        state = dialect.MAV_LANDED_STATE_ON_GROUND
+    elif r.pilot.mode == Mode.LAND:
+        state = dialect.MAV_LANDED_STATE_LANDING
+    else:
+        state = dialect.MAV_LANDED_STATE_IN_AIR
+    return dialect.MAVLink_extended_sys_state_message(0, state)
+
+
+def _rc_channels(r: Report) -> Message:
+    unused = [0xFFFF] * 14
+    return dialect.MAVLink_rc_channels_message(r.boot_ms, 4, *r.pilot.sticks, *unused, 255)
+
+
+def _autopilot_version(r: Report) -> Message:
+    can = dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    can |= dialect.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    version, none = 4 << 24 | 7 << 16, [0] * 8
+    return dialect.MAVLink_autopilot_version_message(can, version, 0, 0, 0, none, none, none, 0, 0, 0)
+
+
+def _simstate(r: Report) -> Message:
+    """The true pose; accelerations are left 0."""
+    lat, lon, _ = r.home.lla_fast(r.motion.position)
+    angles = _roll_pitch(r.motion)
+    return dialect.MAVLink_simstate_message(
+        *angles, _yaw(r.motion), *(0.0, 0.0, 0.0), *r.motion.rates, round(lat * 1e7), round(lon * 1e7)
+    )
+
+
+def _sim_state(r: Report) -> Message:
+    """The true pose and velocity; accelerations are left 0."""
+    lat, lon, alt = r.home.lla_fast(r.motion.position)
+    return dialect.MAVLink_sim_state_message(
+        *r.motion.quaternion,
+        *_roll_pitch(r.motion),
+        _yaw(r.motion),
+        *(0.0, 0.0, 0.0),
+        *r.motion.rates,
+        *(lat, lon, alt),
+        *(0.0, 0.0),
+        *r.motion.velocity,
+        round(lat * 1e7),
+        round(lon * 1e7),
+    )
+
+
+def _roll_pitch(motion: Motion) -> tuple[float, float]:
+    w, x, y, z = motion.quaternion
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    return roll, math.asin(max(-1.0, min(2 * (w * y - z * x), 1.0)))
+
+
+def _yaw(motion: Motion) -> float:
+    w, x, y, z = motion.quaternion
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+# Message id → the message, or None while there is nothing to say.
+BUILDERS: Final[dict[int, Callable[[Report], Message | None]]] = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw_int,
+    dialect.MAVLINK_MSG_ID_ATTITUDE: _attitude,
+    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _attitude_quaternion,
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: _local_position_ned,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _global_position_int,
+    dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: _scaled_pressure,
+    dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance_sensor,
+    dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION: _autopilot_version,
+    dialect.MAVLINK_MSG_ID_HOME_POSITION: _home_position,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
+    dialect.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
+    dialect.MAVLINK_MSG_ID_SIMSTATE: _simstate,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
+}
+
+# ArduCopter's, and their defaults.
+PARAMETERS: Final = {"FS_THR_ENABLE": 1, "FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "GUID_TIMEOUT": 3, "RCMAP_THROTTLE": 3}
+
+# What each stream of REQUEST_DATA_STREAM holds.
+GROUPS: Final[dict[int, tuple[int, ...]]] = {
+    dialect.MAV_DATA_STREAM_EXTENDED_STATUS: (1, 24),
+    dialect.MAV_DATA_STREAM_POSITION: (33, 32),
+    dialect.MAV_DATA_STREAM_EXTRA1: (30,),
+    dialect.MAV_DATA_STREAM_EXTRA3: (132,),
+    dialect.MAV_DATA_STREAM_ALL: (1, 24, 33, 32, 30, 132),
+}

@@ -1,0 +1,324 @@
+"""The built-in vehicle: a simulated multirotor that answers as ArduCopter does, over any link.
+
+It says HEARTBEAT once a second and nothing else until it is asked, and has a handful of parameters. Commands: the
+table at the end; every other one is UNSUPPORTED. A rate above 333 Hz or an id it does not know is DENIED, and the old
+rate stays.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.signing import Signing
+from arva_hil.simulated.autopilot import Mode, Pilot
+from arva_hil.simulated.messages import (
+    BUILDERS,
+    GROUPS,
+    PARAMETERS,
+    Home,
+    PositionError,
+    Report,
+    read_set_point,
+)
+from arva_hil.simulated.multirotor import STEP_US, Vector
+
+__all__ = ["SimulatedVehicle", "Truth"]
+
+Message = Any  # pymavlink's generated classes carry no types
+
+_COMPONENT: Final = dialect.MAV_COMP_ID_AUTOPILOT1
+_HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_HOME_POSITION: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
+_SHORTEST_US: Final = 3000
+_BY_FORCE: Final = 21196  # MAV_CMD_COMPONENT_ARM_DISARM, param 2
+
+_ACCEPTED: Final[int] = dialect.MAV_RESULT_ACCEPTED
+_DENIED: Final[int] = dialect.MAV_RESULT_DENIED
+_UNSUPPORTED: Final[int] = dialect.MAV_RESULT_UNSUPPORTED
+_FAILED: Final[int] = dialect.MAV_RESULT_FAILED
+
+
+class Truth(NamedTuple):
+    """What the vehicle really does at one instant, free of the estimator's error."""
+
+    ned: Vector  # from home, m
+    velocity: Vector  # NED, m/s
+    quaternion: tuple[float, float, float, float]  # (w, x, y, z), body FRD to NED
+    rates: Vector  # about the body axes, rad/s
+    lla: Vector  # degrees, degrees, metres above mean sea level
+
+
+class SimulatedVehicle:
+    """Remembers a flight and what is asked of it. Times are seconds on the caller's clock and never go back.
+
+    `home`: latitude and longitude in degrees, altitude above mean sea level in metres: where it stands, heading north,
+    on flat ground. `wind`: NED, m/s. `gps_noise_m`: sigma on each axis of the slow error of reported positions.
+    `boot_time`: when it is switched on. `fix_after`: seconds from boot until it knows where it is. `streams`: message
+    id → Hz, sent unasked. `version`: of MAVLink, 1 or 2. `signing`: sign, and obey only what is signed.
+    Raises ValueError for a stream it does not have.
+    """
+
+    def __init__(
+        self,
+        home: tuple[float, float, float],
+        system: int = 1,
+        *,
+        wind: Vector = (0.0, 0.0, 0.0),
+        gps_noise_m: float = 0.0,
+        seed: int = 0,
+        boot_time: float = 0.0,
+        fix_after: float = 0.0,
+        streams: Mapping[int, float] | None = None,
+        version: int = 2,
+        signing: Signing | None = None,
+    ) -> None:
+        self.system = system
+        self.version = version
+        self._signing = signing
+        self._home = Home(*home)
+        self._pilot = Pilot(wind)
+        self._error = PositionError(gps_noise_m, seed)
+        self._origin = boot_time
+        self._fix_us = round(fix_after * 1e6)
+        self._defaults = {msgid: round(1e6 / hz) for msgid, hz in (streams or {}).items()}
+        if not all(msgid in BUILDERS and us >= _SHORTEST_US for msgid, us in self._defaults.items()):
+            raise ValueError(f"streams {streams}: an id the vehicle does not send, or a rate above 333 Hz")
+        self._now = 0  # µs since the origin, as are all times inside
+        self._outbox = bytearray()
+        self._boot(0)
+
+    def _boot(self, at: int) -> None:
+        self._boot_at = at
+        self._encoder = Encoder(self.system, _COMPONENT, self.version, self._signing)
+        self._parser = Parser()
+        self._heard = False  # events are only for a link on which somebody has spoken
+        self._was_armed = False
+        self._pilot.disarm(force=True)
+        self._pilot.set_mode(Mode.STABILIZE)
+        self._pilot.ready = False
+        self._intervals = {_HEARTBEAT: 1_000_000} | self._defaults
+        self._due = {msgid: at + interval for msgid, interval in self._intervals.items()}
+        self._due[_HEARTBEAT] = at
+
+    def feed(self, chunk: bytes, now: float) -> None:
+        """Take bytes, cut anywhere, that have arrived by `now`."""
+        self._advance(self._us(now))
+        if self._signing:
+            self._signing.advance(now)
+        for packet in self._parser.feed(chunk):
+            if self._signing and self._signing.judge(packet):
+                continue
+            self._heard = True
+            message = self._parser.decode(packet)
+            handler = _HANDLERS.get(packet.msgid)
+            if (
+                message is not None
+                and handler is not None
+                and getattr(message, "target_system", 0) in (0, self.system)
+                and getattr(message, "target_component", 0) in (0, _COMPONENT)
+            ):
+                handler(self, message, packet)
+                self._tell_events()
+
+    def poll(self, now: float) -> bytes:
+        """All that it has to say up to `now`, each message as it was when it was due."""
+        self._advance(self._us(now))
+        said = bytes(self._outbox)
+        self._outbox.clear()
+        return said
+
+    @property
+    def next_due(self) -> float:
+        """When `poll` has something to say."""
+        due = self._now if self._outbox else min(self._due.values())
+        return self._origin + due * 1e-6
+
+    def truth(self, now: float) -> Truth:
+        """The exact motion at `now`, or up to 9 s back. Raises ValueError for a time before that."""
+        us = self._us(now)
+        self._advance(us)
+        motion = self._pilot.motion.at(us)
+        return Truth(*motion, self._home.lla(motion.position))
+
+    def reboot(self, now: float) -> None:
+        """Start again: disarmed (in the air it falls), STABILIZE, no fix, no streams, `time_boot_ms` 0."""
+        self._advance(self._us(now))
+        self._boot(self._now)
+
+    def _us(self, now: float) -> int:
+        return round((now - self._origin) * 1e6)
+
+    def _advance(self, until: int) -> None:
+        """Fly, and say what falls due on the way."""
+        while (due := min(self._due.values())) <= until:
+            self._fly(due)
+            report = self._report(due)
+            for msgid, at in self._due.items():
+                if at == due:
+                    self._send(BUILDERS[msgid](report))
+                    self._due[msgid] = due + self._intervals[msgid]
+        self._fly(until)
+
+    def _fly(self, until: int) -> None:
+        pilot = self._pilot
+        while pilot.motion.steps <= until // STEP_US:
+            pilot.step()
+        self._now = max(self._now, until)
+        self._tell_events()
+
+    def _tell_events(self) -> None:
+        pilot = self._pilot
+        armed, self._was_armed = self._was_armed != pilot.armed, pilot.armed
+        fixed = not pilot.ready and self._now >= self._boot_at + self._fix_us
+        pilot.ready |= fixed
+        if not self._heard:
+            return
+        if armed:
+            text = b"Arming motors" if pilot.armed else b"Disarming motors"
+            self._send(dialect.MAVLink_statustext_message(dialect.MAV_SEVERITY_INFO, text))
+        if fixed or (armed and pilot.armed):
+            at = self._boot_at + self._fix_us if fixed else self._now
+            self._send(BUILDERS[_HOME_POSITION](self._report(at)))
+
+    def _report(self, at: int) -> Report:
+        """The state at an instant, of which its stamp keeps whole milliseconds."""
+        boot_ms = (at - self._boot_at) // 1000
+        at = self._boot_at + boot_ms * 1000
+        motion = self._pilot.motion.at(at)
+        north, east, down = self._error.at(at)
+        n, e, d = motion.position
+        return Report(boot_ms, motion, (n + north, e + east, d + down), self._pilot, self._home)
+
+    def _send(self, message: Message | None) -> None:
+        if message is not None:
+            self._outbox += self._encoder.pack(message)
+
+    # What it is told
+
+    def _on_command(self, message: Message, packet: Packet) -> None:
+        command = message.command
+        x, y, z = (
+            (message.x, message.y, message.z)
+            if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_INT
+            else (message.param5, message.param6, message.param7)
+        )
+        params = (message.param1, message.param2, message.param3, message.param4, x, y, z)
+        frame = getattr(message, "frame", dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT)
+        handler = _COMMANDS.get(command)
+        result = _UNSUPPORTED if handler is None else handler(self, params, frame)
+        self._acknowledge(command, result, packet)
+        if result != _ACCEPTED:
+            return
+        if command == dialect.MAV_CMD_REQUEST_MESSAGE:
+            self._send(BUILDERS[_whole(params[0])](self._report(self._now)))
+        elif command == dialect.MAV_CMD_GET_MESSAGE_INTERVAL:
+            msgid = _whole(params[0])
+            self._send(dialect.MAVLink_message_interval_message(msgid, self._intervals.get(msgid, -1)))
+
+    def _acknowledge(self, command: int, result: int, packet: Packet) -> None:
+        self._send(
+            dialect.MAVLink_command_ack_message(
+                command, result, target_system=packet.system, target_component=packet.component
+            )
+        )
+
+    def _on_set_mode(self, message: Message, packet: Packet) -> None:
+        result = self._set_mode((message.base_mode, message.custom_mode), 0)
+        self._acknowledge(packet.msgid, result, packet)
+
+    def _on_data_stream(self, message: Message, _: Packet) -> None:
+        rate = message.req_message_rate if message.start_stop else 0
+        for msgid in GROUPS.get(message.req_stream_id, ()):
+            self._stream(msgid, max(1_000_000 // rate, _SHORTEST_US) if rate else None)
+
+    def _on_timesync(self, message: Message, _: Packet) -> None:
+        if message.tc1 == 0:
+            boot_ns = (self._now - self._boot_at) * 1000
+            self._send(dialect.MAVLink_timesync_message(boot_ns, message.ts1))
+
+    def _on_parameter(self, message: Message, _: Packet) -> None:
+        if message.param_id in PARAMETERS:
+            name, kind = message.param_id.encode(), dialect.MAV_PARAM_TYPE_REAL32
+            self._send(dialect.MAVLink_param_value_message(name, PARAMETERS[message.param_id], kind, 0, 0xFFFF))
+
+    def _on_set_point(self, message: Message, _: Packet) -> None:
+        set_point = read_set_point(message, self._pilot.motion)
+        if set_point is not None and self._pilot.mode == Mode.GUIDED:
+            self._pilot.steer(set_point)
+
+    # What it is ordered: the parameters and the frame of a command, answered with a MAV_RESULT
+
+    def _arm(self, params: tuple[float, ...], _: int) -> int:
+        if (wanted := _whole(params[0])) not in (0, 1):
+            return _DENIED
+        by_force = _whole(params[1]) == _BY_FORCE
+        return _ACCEPTED if (self._pilot.arm() if wanted else self._pilot.disarm(by_force)) else _FAILED
+
+    def _set_mode(self, params: tuple[float, ...], _: int) -> int:
+        if not _whole(params[0]) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+            return _DENIED
+        return _ACCEPTED if self._pilot.set_mode(_whole(params[1])) else _FAILED
+
+    def _take_off(self, params: tuple[float, ...], frame: int) -> int:
+        if frame not in (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT):
+            return _DENIED
+        return _ACCEPTED if self._pilot.take_off(params[6]) else _FAILED
+
+    def _land(self, _: tuple[float, ...], __: int) -> int:
+        return _ACCEPTED if self._pilot.set_mode(Mode.LAND) else _FAILED
+
+    def _set_interval(self, params: tuple[float, ...], _: int) -> int:
+        msgid, interval = _whole(params[0]), _whole(params[1])
+        if msgid not in BUILDERS:
+            return _DENIED
+        if msgid == _HEARTBEAT and interval in (0, -1):
+            self._stream(msgid, 1_000_000)
+        elif interval == 0:
+            self._stream(msgid, self._defaults.get(msgid))
+        elif interval == -1:
+            self._stream(msgid, None)
+        elif interval >= _SHORTEST_US:
+            self._stream(msgid, interval)
+        else:
+            return _DENIED
+        return _ACCEPTED
+
+    def _known(self, params: tuple[float, ...], _: int) -> int:
+        return _ACCEPTED if _whole(params[0]) in BUILDERS else _FAILED
+
+    def _stream(self, msgid: int, interval: int | None) -> None:
+        if interval is None:
+            self._intervals.pop(msgid, None)
+            self._due.pop(msgid, None)
+        elif self._intervals.get(msgid) != interval:
+            self._intervals[msgid] = interval
+            self._due[msgid] = self._now + interval
+
+
+def _whole(value: float) -> int:
+    """An integer parameter; NaN and infinity become -2, which means nothing anywhere."""
+    return int(value) if math.isfinite(value) else -2
+
+
+_HANDLERS: Final = {
+    dialect.MAVLINK_MSG_ID_COMMAND_LONG: SimulatedVehicle._on_command,
+    dialect.MAVLINK_MSG_ID_COMMAND_INT: SimulatedVehicle._on_command,
+    dialect.MAVLINK_MSG_ID_SET_MODE: SimulatedVehicle._on_set_mode,
+    dialect.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: SimulatedVehicle._on_data_stream,
+    dialect.MAVLINK_MSG_ID_TIMESYNC: SimulatedVehicle._on_timesync,
+    dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ: SimulatedVehicle._on_parameter,
+    dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: SimulatedVehicle._on_set_point,
+}
+
+_COMMANDS: Final = {
+    dialect.MAV_CMD_COMPONENT_ARM_DISARM: SimulatedVehicle._arm,
+    dialect.MAV_CMD_DO_SET_MODE: SimulatedVehicle._set_mode,
+    dialect.MAV_CMD_NAV_TAKEOFF: SimulatedVehicle._take_off,
+    dialect.MAV_CMD_NAV_LAND: SimulatedVehicle._land,
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL: SimulatedVehicle._set_interval,
+    dialect.MAV_CMD_REQUEST_MESSAGE: SimulatedVehicle._known,
+    dialect.MAV_CMD_GET_MESSAGE_INTERVAL: SimulatedVehicle._known,
+}

@@ -1,0 +1,87 @@
+"""Whether what speaks is still the vehicle that was launched: another one may have its ids, and its place on a link."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+from arva_hil.mavlink.codec import dialect
+from arva_hil.vehicle.clock_map import ClockMap
+from arva_hil.vehicle.navigation import Place, is_zero, offset_m, place_of
+
+Velocity = tuple[float, float, float]  # NED, m/s
+
+_WINDOW_S: Final = 30.0  # of the clock: a vehicle's may be slow, and old packets come late
+_AHEAD_S: Final = 1.0  # of where the clock should be, and 5 % of a silence more
+_AHEAD: Final = 0.05
+_BEHIND_S: Final = 0.5  # the newest: no packets in another order
+_JUMP_M: Final = 10.0  # an estimator may correct itself by so much, and 5 m more each second
+_JUMP_MS: Final = 5.0
+_LASTING: Final = 3  # values in a row: no single lie
+
+
+class Identity:
+    """Remembers the clock and the place of one vehicle. `rate`: how fast its clock runs to ours.
+
+    `why` says why it is another one, once that has lasted. `doubtful`: the last value heard was not its own.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self.why = ""
+        self._rate = rate
+        self._clock = ClockMap(_WINDOW_S)
+        self._last: tuple[float, float] | None = None  # boot time, and when it came
+        self._place: tuple[float, Place, Velocity] | None = None
+        self._strange_times = 0
+        self._strange_places = 0
+
+    @property
+    def doubtful(self) -> bool:
+        return bool(self._strange_times or self._strange_places or self.why)
+
+    def owns(self, message: Any, now: float) -> bool:
+        """Whether one of the messages that navigation handles may be its own."""
+        if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
+            return True
+        boot = message.time_boot_ms / 1e3
+        if not self.time(boot, now):
+            return False
+        if message.id != dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT or is_zero(message):
+            return True
+        return self.place(boot, *place_of(message))
+
+    def time(self, boot: float, now: float) -> bool:
+        """Whether its clock may read `boot` now, s."""
+        strange = ""
+        if self._last is not None:
+            boot_before, before = self._last
+            should = self._clock.boot(before)
+            assert should is not None
+            ahead = boot - should - self._rate * (now - before) * (1 + _AHEAD)
+            if ahead > _AHEAD_S:
+                strange = f"its clock is {ahead:.1f} s ahead of the one of the vehicle that was launched"
+            elif boot < boot_before - _BEHIND_S:
+                strange = "it has rebooted, or it is not the vehicle that was launched: its clock has gone back"
+        self._strange_times = self._strange_times + 1 if strange else 0
+        if self._strange_times >= _LASTING:
+            self.why = self.why or strange
+        if strange:
+            return False
+        self._last = max(boot, self._last[0]) if self._last else boot, now
+        self._clock.add(now, boot)
+        return True
+
+    def place(self, boot: float, place: Place, velocity: Velocity) -> bool:
+        """Whether it may be there at its boot time."""
+        off = 0.0
+        if self._place is not None:
+            before, there, (north, east, down) = self._place
+            gap = max(boot - before, 0.0)
+            moved = math.dist(offset_m(there, place), (north * gap, east * gap, down * gap))
+            off = moved - _JUMP_M - _JUMP_MS * gap
+        self._strange_places = self._strange_places + 1 if off > 0 else 0
+        if self._strange_places >= _LASTING:
+            self.why = self.why or f"its position has jumped by {off + _JUMP_M:.0f} m, or it is another vehicle"
+        if off <= 0:
+            self._place = boot, place, velocity
+        return off <= 0

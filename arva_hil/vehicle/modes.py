@@ -1,0 +1,113 @@
+"""Flight modes and the commands that differ between ArduPilot and PX4.
+
+ArduCopter's custom modes are COPTER_MODE; PX4's are a main mode in bits 16–23 and a sub-mode in bits 24–31.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final
+
+from arva_hil.mavlink.codec import command, dialect
+from arva_hil.vehicle.discovery import Vehicle
+
+_MULTIROTORS: Final = {
+    dialect.MAV_TYPE_QUADROTOR,
+    dialect.MAV_TYPE_COAXIAL,
+    dialect.MAV_TYPE_HELICOPTER,
+    dialect.MAV_TYPE_HEXAROTOR,
+    dialect.MAV_TYPE_OCTOROTOR,
+    dialect.MAV_TYPE_TRICOPTER,
+    dialect.MAV_TYPE_DODECAROTOR,
+    dialect.MAV_TYPE_DECAROTOR,
+}
+_PX4_SUB: Final = {2: "takeoff", 3: "hold", 4: "mission", 5: "return", 6: "land", 8: "follow", 9: "precision land"}
+_PX4_MAIN: Final = {
+    1: "manual",
+    2: "altitude",
+    3: "position",
+    5: "acro",
+    6: "offboard",
+    7: "stabilized",
+    8: "rattitude",
+}
+_AUTO: Final = 4 << 16  # the main mode of all its sub-modes
+_SPARE_M: Final = 2.5
+_VELOCITY_AND_YAW: Final = 0b100111000111  # what the type mask ignores: position, acceleration, yaw rate
+
+
+@dataclass(frozen=True)
+class Modes:
+    """One autopilot's custom modes, and how it wants to be told.
+
+    `hold`: stays where it is; it arms in it. `take_off`: seen while it climbs. `steer`: follows velocities. `yields`:
+    stays where it is until the sticks move. `px4`: modes are main and sub-modes, heights are above mean sea level.
+    """
+
+    hold: int
+    take_off: int
+    steer: int
+    land: int
+    yields: int
+    px4: bool
+
+    def name(self, mode: int) -> str:
+        if not self.px4:
+            entry = dialect.enums["COPTER_MODE"].get(mode)
+            return entry.name.removeprefix("COPTER_MODE_") if entry else f"mode {mode}"
+        main, sub = mode >> 16 & 0xFF, mode >> 24
+        return (_PX4_SUB.get(sub) if main == 4 else _PX4_MAIN.get(main)) or f"mode {main}/{sub}"
+
+    def to_set(self, vehicle: Vehicle, mode: int) -> Any:
+        """DO_SET_MODE; believe the heartbeat, not the acknowledgement."""
+        main, sub = (mode >> 16 & 0xFF, mode >> 24) if self.px4 else (mode, 0)
+        return command(
+            vehicle.system,
+            vehicle.component,
+            dialect.MAV_CMD_DO_SET_MODE,
+            dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
+            main,
+            sub,
+        )
+
+    def to_take_off(self, vehicle: Vehicle, height: float, ground_amsl: float) -> Any:
+        """NAV_TAKEOFF to a height above the ground, straight up, heading kept.
+
+        PX4 ends a take-off within 0.8 m of its height, and then holds, as the pilot may have told it. So it is ordered
+        higher than it is to go, and told to follow set-points before it is there.
+        """
+        here = float("nan") if self.px4 else 0.0  # PX4 takes a number for a place, ArduPilot ignores it
+        level = ground_amsl + height + _SPARE_M if self.px4 else height
+        return command(vehicle.system, vehicle.component, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, here, here, here, level)
+
+    def to_steer(self, vehicle: Vehicle, velocity: tuple[float, float, float], yaw: float) -> Any:
+        """A set-point: NED, m/s, and the heading, radians. In any mode but `steer` it has no effect."""
+        still = (0.0, 0.0, 0.0)
+        to = vehicle.system, vehicle.component
+        frame, ignored = dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
+        return dialect.MAVLink_set_position_target_local_ned_message(
+            0, *to, frame, ignored, *still, *velocity, *still, yaw, 0.0
+        )
+
+
+_GUIDED: Final = dialect.COPTER_MODE_GUIDED
+_HOLD: Final = _AUTO | 3 << 24
+ARDUCOPTER: Final = Modes(
+    hold=_GUIDED,
+    take_off=_GUIDED,
+    steer=_GUIDED,
+    land=dialect.COPTER_MODE_LAND,
+    yields=dialect.COPTER_MODE_LOITER,
+    px4=False,
+)
+PX4: Final = Modes(hold=_HOLD, take_off=_AUTO | 2 << 24, steer=6 << 16, land=_AUTO | 6 << 24, yields=_HOLD, px4=True)
+
+
+def modes_of(vehicle: Vehicle) -> Modes:
+    """Raises ValueError for a vehicle that cannot be flown by velocities here."""
+    modes = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUCOPTER, dialect.MAV_AUTOPILOT_PX4: PX4}.get(vehicle.autopilot)
+    if modes is None:
+        raise ValueError(f"{vehicle} is neither ArduPilot nor PX4")
+    if vehicle.kind not in _MULTIROTORS:
+        raise ValueError(f"{vehicle} is not a multirotor")
+    return modes

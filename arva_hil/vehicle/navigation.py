@@ -1,0 +1,180 @@
+"""Where one vehicle says it is: its clock, its pose track and its home, out of messages that may be wrong."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+from arva_hil.events.vehicles import ClockLeapt, PositionJumped
+from arva_hil.mavlink.codec import dialect
+from arva_hil.vehicle.clock_map import ClockMap
+from arva_hil.vehicle.news import News
+from arva_hil.vehicle.plausibility import Doubt, Judgement
+from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSample
+
+Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
+
+_REORDER_S: Final = 0.5  # boot time further back than this is a reboot, not a late packet
+_AHEAD_S: Final = 10.0  # boot time may be so far ahead of what it was,
+_FASTEST: Final = 20.0  # and a simulator's clock run so much faster than ours
+_JUMP_M: Final = 100.0  # an estimator may correct itself by so much
+_SPEED_MS: Final = 100.0
+_ALTITUDES_M: Final = (-1_000.0, 100_000.0)
+_LARGEST_ANGLES: Final = 8.0  # radians, the root of the sum of squares; yaw comes as 0…2π or as ±π
+_LARGEST_RATES: Final = 100.0  # rad/s, likewise
+_M_PER_DEG: Final = 111_320.0
+
+
+class Navigation:
+    """Remembers what the vehicle's own messages made known, and tells the `news`. Times are host seconds.
+
+    Counts what it did not believe: `refused` (values that are no pose), `unpositioned` (positions before the first
+    fix), `stray_times` and `stray_positions` (which did not follow from those before, nor last). And what it did
+    believe in the end: `reboots`, `leaps` of the vehicle's clock ahead, `jumps` of its position.
+    """
+
+    def __init__(self, news: News) -> None:
+        self.track = PoseTrack()
+        self.clock = ClockMap()
+        self.home: Place | None = None
+        self.refused = 0
+        self.unpositioned = 0
+        self.reboots = 0
+        self.leaps = 0
+        self.jumps = 0
+        self._news = news
+        self._time = Doubt(self._time_follows, best=max)
+        self._place = Doubt(_place_follows)
+        self._reorder_s = _REORDER_S
+        self._stamped: dict[int, Callable[[Any, float, float], None]] = {
+            dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
+            dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
+            dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._on_quaternion,
+        }
+        self.handles = frozenset({*self._stamped, dialect.MAVLINK_MSG_ID_HOME_POSITION})
+
+    @property
+    def stray_times(self) -> int:
+        return self._time.strays
+
+    @property
+    def stray_positions(self) -> int:
+        return self._place.strays
+
+    def hear(self, message: Any, now: float) -> Judgement:
+        """One of the messages it `handles`: "anew" when its boot time has gone back: the vehicle has rebooted."""
+        if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
+            self._on_home(message)
+            return "follows"
+        boot = message.time_boot_ms / 1e3
+        judgement = self._time.judge(boot, now)
+        if judgement == "stray":
+            self.unpositioned += is_zero(message)  # without a fix some send no time either
+            return judgement
+        if judgement == "anew":
+            before = self._time.replaced
+            if before is None or boot < before:
+                self._on_reboot()
+            else:
+                self._on_leap(boot - before, now)
+                judgement = "follows"
+        self._reorder_s = _REORDER_S
+        self.clock.add(now, boot)
+        self._stamped[message.id](message, boot, now)
+        return judgement
+
+    def renew(self) -> None:
+        """The link is a new one: nothing of the old one comes late on it."""
+        self._reorder_s = 0.0
+        self.home = None
+
+    def _time_follows(self, old: float, new: float, gap_s: float) -> bool:
+        return -self._reorder_s <= new - old <= _AHEAD_S + _FASTEST * gap_s
+
+    def _on_reboot(self) -> None:
+        self.reboots += 1
+        self.track = PoseTrack()
+        self.clock = ClockMap()
+        self.home = None
+        self._place.forget()
+
+    def _on_leap(self, ahead_s: float, now: float) -> None:
+        """What came before was held up somewhere, or lay in a buffer. The vehicle may be far from where it was then."""
+        self.leaps += 1
+        self._place.forget()
+        self._news.emit(ClockLeapt(now, self._news.name, ahead_s))
+
+    def _on_position(self, message: Any, boot: float, now: float) -> None:
+        place, velocity = place_of(message)
+        if is_zero(message):
+            self.unpositioned += 1
+            return
+        if not _is_place(place):
+            self.refused += 1
+            return
+        judgement = self._place.judge(place, now)
+        if judgement == "stray":
+            return
+        if judgement == "anew" and (before := self.track.last_position):
+            self.jumps += 1
+            self.track.forget_positions()  # between the two sides of the jump it never was
+            self._news.emit(PositionJumped(now, self._news.name, _distance(before[1:4], place)))
+        self.track.add_position(PositionSample(boot, *place, velocity))
+
+    def _on_attitude(self, message: Any, boot: float, now: float) -> None:
+        angles = message.roll, message.pitch, message.yaw
+        self._add_attitude(message, boot, angles, _square(*angles) < _LARGEST_ANGLES**2)
+
+    def _on_quaternion(self, message: Any, boot: float, now: float) -> None:
+        w, *xyz = quaternion = message.q1, message.q2, message.q3, message.q4
+        self._add_attitude(message, boot, quaternion, 0.9 < w * w + _square(*xyz) < 1.1)
+
+    def _add_attitude(self, message: Any, boot: float, angles: tuple[float, ...], possible: bool) -> None:
+        rates = message.rollspeed, message.pitchspeed, message.yawspeed
+        if possible and _square(*rates) < _LARGEST_RATES**2:
+            self.track.add_attitude(AttitudeSample(boot, angles, rates))
+        else:
+            self.refused += 1
+
+    def _on_home(self, message: Any) -> None:
+        home = message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3
+        if _is_place(home) and home[:2] != (0, 0):
+            self.home = home
+        else:
+            self.refused += 1
+
+
+def place_of(message: Any) -> tuple[Place, tuple[float, float, float]]:
+    """Place and velocity, NED, m/s, of a GLOBAL_POSITION_INT."""
+    velocity = message.vx / 100, message.vy / 100, message.vz / 100
+    return (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3), velocity
+
+
+def _square(x: float, y: float, z: float) -> float:
+    """Of the length; of a NaN it is NaN, which compares with nothing."""
+    return x * x + y * y + z * z
+
+
+def is_zero(message: Any) -> bool:
+    """Whether it is a position at 0° north, 0° east, which means that there is none."""
+    return bool(message.id == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT and message.lat == message.lon == 0)
+
+
+def _is_place(place: Place) -> bool:
+    lat, lon, alt = place
+    return abs(lat) <= 90 and abs(lon) <= 180 and _ALTITUDES_M[0] <= alt <= _ALTITUDES_M[1]
+
+
+def _place_follows(old: Place, new: Place, gap_s: float) -> bool:
+    return _distance(old, new) <= _JUMP_M + _SPEED_MS * gap_s
+
+
+def _distance(a: Place, b: Place) -> float:
+    return math.hypot(*offset_m(a, b))
+
+
+def offset_m(a: Place, b: Place) -> tuple[float, float, float]:
+    """North, east and down from one place to another, metres, on a sphere and roughly."""
+    east = (b[1] - a[1] + 180) % 360 - 180
+    return (b[0] - a[0]) * _M_PER_DEG, east * _M_PER_DEG * math.cos(math.radians(a[0])), a[2] - b[2]

@@ -1,0 +1,423 @@
+"""The session with one vehicle: which one, what it streams, its clock and its pose. Bytes in, bytes out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final, Literal
+
+from arva_hil.events import Event
+from arva_hil.events.vehicles import (
+    OtherAutopilotIgnored,
+    SignatureRefused,
+    SignaturesUnchecked,
+    VehicleBack,
+    VehicleFound,
+    VehicleLost,
+    VehicleRebooted,
+)
+from arva_hil.field import LocalFrame
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.packet_reader import PacketReader, Packets
+from arva_hil.mavlink.signing import Signing, Verdict
+from arva_hil.vehicle.clock_map import ClockMap
+from arva_hil.vehicle.discovery import Finder, Vehicle
+from arva_hil.vehicle.identity import Identity
+from arva_hil.vehicle.navigation import Navigation, Place
+from arva_hil.vehicle.news import News
+from arva_hil.vehicle.pose_track import PoseTrack, VehicleState
+from arva_hil.vehicle.reasons import NoPose, NoVehicle, SilentStream
+from arva_hil.vehicle.senders import Senders
+from arva_hil.vehicle.streams import Streams
+
+COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
+_HEARTBEAT_S: Final = 1.0
+_LOST_S: Final = 5.0  # without a heartbeat
+_GAP_S: Final = 2.5  # between heartbeats: who was away for so long may have forgotten what was asked
+_POLL_S: Final = 0.1  # how often requests and time-outs are looked at
+
+_ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
+
+
+def heartbeat() -> Any:
+    """An onboard computer's; never a ground station's, which could mask the vehicle's link-loss failsafe."""
+    kind, active = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_STATE_ACTIVE
+    return dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, active, 3)
+
+
+class Session:
+    """Remembers one vehicle: chosen by its first heartbeat, followed by its system and component ids.
+
+    `target_system`, `target_component`: follow only these (default: the first autopilot, component 1).
+    `rate_hz`: of the pose streams wanted. `passive`: never sends, for a log. `component`: our own id.
+    `signing`: believe only what is signed with its key, and sign. `reader`: of the link, with its signing, where
+    several sessions share one; they `hear` what it has read. What happens to the vehicle is in its `news`. Times are
+    host seconds from the caller's clock.
+
+    What other systems send changes nothing. Of several senders on the link only the one that is the vehicle's is
+    believed, `senders.vehicle`; a vehicle of the same ids may speak from another once that one has been silent for 3 s.
+    """
+
+    def __init__(
+        self,
+        *,
+        target_system: int | None = None,
+        target_component: int | None = None,
+        rate_hz: float = 50.0,
+        passive: bool = False,
+        component: int = COMPONENT,
+        signing: Signing | None = None,
+        reader: PacketReader | None = None,
+    ) -> None:
+        self.news = News()
+        self.reader = reader or PacketReader(signing)
+        self.target_system = target_system
+        self.senders = Senders()
+        self._strangers = Parser()  # what other senders than the vehicle's sent
+        self.encoder = Encoder(target_system or 1, component, signing=self.reader.signing)
+        self.component = component
+        self.vehicle: Vehicle | None = None
+        self.navigation = Navigation(self.news)
+        self._wanted = self.navigation.handles | {_ACK}
+        self.own: list[Packet] = []  # of what was fed last, the vehicle's own packets that are believed
+        self.ignored = 0  # packets of other systems and components, and of who only claims to be the vehicle
+        self.next_due = -math.inf
+        self._finder = Finder(target_system, target_component)
+        self.rate_hz = rate_hz
+        self._passive = passive
+        self._signing = self.reader.signing
+        self._disbelieved: set[Verdict] = set()
+        self._streams: Streams | None = None
+        self._extras: dict[int, float] = {}
+        self._identity: Identity | None = None  # of the vehicle, once it is pinned
+        self._last_heartbeat = -math.inf
+        self._lost = False
+        self._interrupted = ""  # why the link is lost
+        self._next_heartbeat = -math.inf
+
+    # -- bytes in ------------------------------------------------------------------------------------------
+
+    def feed(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> list[Packet]:
+        """Take what came at `now`; gives back every packet in it, whatever system sent it. Never raises.
+
+        `sender`: which of several on the link it came from. Of others than the vehicle's nothing is given back.
+        `whole`: no packet goes on in the next chunk, as in a record of a log.
+        """
+        if not self._is_heard(sender, now):
+            self._look_beside(self._strangers.feed(chunk, sender), now)
+            return []
+        packets = self.reader.read(chunk, now, sender, whole=whole)
+        self._take_all(packets, now, sender)
+        return list(packets.every) if self.vehicle is None or sender == self.senders.vehicle else []
+
+    def hear(self, packets: Packets, now: float, sender: Hashable = None) -> bool:
+        """As `feed`, of what the link's `reader` has read; whether this sender may be the vehicle's."""
+        if not self._is_heard(sender, now):
+            self._look_beside(packets.every, now)
+            return False
+        self._take_all(packets, now, sender)
+        return self.vehicle is None or bool(sender == self.senders.vehicle)
+
+    @property
+    def parser(self) -> Parser:
+        """Of the link."""
+        return self.reader.parser
+
+    def want(self, streams: Mapping[int, float]) -> None:
+        """Ask for these too, message id → Hz, and do without where they are not granted."""
+        self._extras.update(streams)
+        if self._streams:
+            self._streams.want(streams)
+
+    def pin(self) -> None:
+        """From now on the vehicle never changes: another one is none, whatever it says, and `usurped` tells."""
+        self._identity = Identity(self.clock.rate)
+        self.senders.pin()
+
+    @property
+    def usurped(self) -> str:
+        """Why what speaks is not the vehicle that was pinned; "" while it is."""
+        return self._identity.why if self._identity else ""
+
+    @property
+    def doubtful(self) -> bool:
+        """What was heard last may be another vehicle's than the one that was pinned."""
+        return self._identity is not None and self._identity.doubtful
+
+    @property
+    def track(self) -> PoseTrack:
+        """The vehicle's pose over the last seconds."""
+        return self.navigation.track
+
+    @property
+    def clock(self) -> ClockMap:
+        """The vehicle's clock."""
+        return self.navigation.clock
+
+    @property
+    def home(self) -> Place | None:
+        """Its home, once it has said so."""
+        return self.navigation.home
+
+    @property
+    def lost(self) -> bool:
+        """There is a vehicle, and its heartbeat has stopped."""
+        return self._lost
+
+    def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
+        """The vehicle's pose at host time `now` in the NED frame `frame`, None when it is unknown."""
+        boot = self.clock.boot(now)
+        return None if boot is None else self.track.at(boot, frame)
+
+    def rates(self, now: float) -> dict[str, float]:
+        """Measured rates [Hz] of the pose streams."""
+        return self._streams.rates(now) if self._streams else {}
+
+    def answers_us(self, message: Any) -> bool:
+        """Whether a COMMAND_ACK is for us, or, from an older autopilot, for nobody by name."""
+        addressee = (message.target_system, message.target_component)
+        return addressee in ((self.encoder.system, self.component), (0, 0))
+
+    def counts(self) -> dict[str, int]:
+        """What was heard, and what of it was not believed."""
+        return {
+            "bytes_received": self.reader.bytes,
+            "packets_received": self.parser.packets,
+            "bad_checksums": self.parser.bad_crc,
+            "bytes_skipped": self.parser.skipped,
+            "packets_ignored": self.ignored,
+            **self.disbelieved(),
+            "positions_before_fix": self.navigation.unpositioned,
+            "reboots": self.navigation.reboots,
+            "clock_leaps": self.navigation.leaps,
+            "position_jumps": self.navigation.jumps,
+        }
+
+    def disbelieved(self) -> dict[str, int]:
+        """What came whole, and changed nothing all the same."""
+        signatures = self.disbelieved_signatures() or {}
+        return {
+            "packets_incompatible": self.parser.incompatible,
+            "packets_malformed": self.parser.malformed,
+            **{f"packets_{why}": count for why, count in signatures.items()},
+            "values_refused": self.navigation.refused,
+            "stray_times": self.navigation.stray_times,
+            "stray_positions": self.navigation.stray_positions,
+        }
+
+    def disbelieved_signatures(self) -> dict[str, int] | None:
+        """How many packets were refused for their signature, by why; None without a key."""
+        return dict(self._signing.refused) if self._signing else None
+
+    def take_events(self) -> list[Event]:
+        """What has happened since the last call."""
+        return self.news.take()
+
+    # -- bytes out -----------------------------------------------------------------------------------------
+
+    def poll(self, now: float) -> bytes:
+        """What is due to be sent: the onboard computer's heartbeat, requests for streams. Sets `next_due`."""
+        self._watch_vehicle(now)
+        self.senders.look(now)
+        if self._signing:
+            self._signing.advance(now)
+        if self._passive:
+            self.next_due = math.inf
+            return b""
+        if self._interrupted:
+            self.next_due = now + _POLL_S
+            return b""
+        out = b""
+        if now >= self._next_heartbeat:
+            due = self._next_heartbeat + _HEARTBEAT_S
+            self._next_heartbeat = due if due > now else now + _HEARTBEAT_S
+            out += self.encoder.pack(heartbeat())
+        if self.vehicle and self._streams and not self._lost:
+            self._streams.home_wanted = self.home is None
+            for message in self._streams.poll(now, self.vehicle.system, self.vehicle.component):
+                out += self.encoder.pack(message)
+        self.next_due = now + _POLL_S
+        return out
+
+    def interrupt(self, why: str) -> None:
+        """The link is lost: nothing can be sent, and silence is no vehicle's fault, until `resume`."""
+        self._interrupted = why
+        self.parser.cut()
+        self.senders.release()
+
+    def resume(self, now: float) -> None:
+        """The link is a new one: say hello and ask for everything again, at once.
+
+        Whose boot time goes on is the same vehicle, and its pose track goes on; whose goes back has rebooted.
+        """
+        self._interrupted = ""
+        self._next_heartbeat = now
+        self._last_heartbeat = now
+        self._lost = False
+        self.senders.resume(now)
+        self.navigation.renew()
+        if self._streams:
+            self._streams.renew(now)
+
+    def skip(self, now: float) -> None:
+        """Nothing was read for a while: silence until now is no vehicle's fault."""
+        self._last_heartbeat = max(self._last_heartbeat, now)
+
+    # -- what is lacking -----------------------------------------------------------------------------------
+
+    def heard(self) -> NoVehicle:
+        """What was heard, when no vehicle was found."""
+        if self._interrupted:
+            return NoVehicle("link lost", self._interrupted)
+        packets, refused = self.parser.packets, tuple(self._signing.refused.items()) if self._signing else ()
+        if not packets:
+            return NoVehicle("no packets" if self.reader.bytes else "silence", bytes=self.reader.bytes)
+        reason: Literal["no signature", "no heartbeat"] = "no signature" if self._disbelieved else "no heartbeat"
+        return NoVehicle(reason, "", self.reader.bytes, packets, refused, self._finder.sources)
+
+    def why_no_pose(self) -> NoPose:
+        """Why there is no pose though there is a vehicle."""
+        if self._streams is None:
+            return NoPose("no vehicle")
+        nowhere = self.track.first_position is None
+        zeros = nowhere and self.navigation.unpositioned > 0
+        missing = []
+        for stream in self._streams.wanted:
+            is_position = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT in stream.ids
+            if not any(stream.seen.values()) and not (zeros and is_position):
+                promised = is_position and stream.promised
+                missing.append(SilentStream(stream.name, *stream.asked, self._passive, promised))
+        if zeros:
+            return NoPose("zero position", tuple(missing))
+        if missing:
+            return NoPose("streams missing", tuple(missing))
+        return NoPose("impossible position" if nowhere else "streams stopped")
+
+    # -- the vehicle ---------------------------------------------------------------------------------------
+
+    def _is_heard(self, sender: Hashable, now: float) -> bool:
+        """Begin with what a sender sent; False when it is not the vehicle's."""
+        self.own.clear()
+        if sender is not None:
+            self.senders.look(now)
+        return sender == self.senders.vehicle or self.vehicle is None or self.senders.believes(sender, now)
+
+    def _take_all(self, packets: Packets, now: float, sender: Hashable) -> None:
+        for packet, why in packets.doubted:
+            self._disbelieve(packet, why, now)
+        for packet in packets.believed:
+            vehicle = self.vehicle
+            if vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                self._look_around(packet, now, sender)
+            elif sender != self.senders.vehicle or not vehicle.sent(packet):
+                self.ignored += 1
+            else:
+                self._take(packet, now)
+        if sender is not None and self.own:
+            self.senders.hear(sender, now)
+        if self._extras and self._streams:
+            for packet in self.own:
+                if packet.msgid in self._streams.extra_ids:
+                    self._streams.note(packet.msgid, now)
+
+    def _look_around(self, packet: Packet, now: float, sender: Hashable) -> None:
+        """A heartbeat, or any packet before the vehicle is known."""
+        if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            self._finder.note(packet, "packets")
+            self.senders.meet(sender, candidate=True)
+            return
+        if (message := self.parser.decode(packet)) is None:
+            return
+        known = self.vehicle
+        if known and known.sent(packet) and known.is_like(message):
+            self.own.append(packet)
+            self.senders.hear(sender, now)
+            self._on_heartbeat(message, now)
+            return
+        found = self._finder.vehicle(packet, message)
+        if found and known and known.sent(packet) and self._identity:
+            self._identity.why = f"the vehicle that was launched is {known}, and now {found} speaks with its ids"
+        elif found and (known is None or (self._lost and known.sent(packet))):
+            self.own.append(packet)
+            self.senders.hear(sender, now)
+            self._follow(found, now, signed=packet.signed)
+        elif known:
+            self.ignored += 1
+            self._tell_other(packet, found, now)
+        else:
+            self.senders.meet(sender, candidate=False)
+
+    def _look_beside(self, packets: Sequence[Packet], now: float) -> None:
+        """What another sender than the vehicle's sent changes nothing; but another autopilot is news."""
+        for packet in packets:
+            if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT or self._signing:
+                continue
+            message = self._strangers.decode(packet)
+            if message is not None and (found := self._finder.vehicle(packet, message)):
+                self._tell_other(packet, found, now)
+
+    def _tell_other(self, packet: Packet, found: Vehicle | None, now: float) -> None:
+        """One event for each autopilot that is not the vehicle."""
+        assert self.vehicle is not None
+        same = self.vehicle.sent(packet)
+        if (found or same) and self._finder.note(packet, "other"):
+            self.news.emit(OtherAutopilotIgnored(now, self.news.name, packet.system, packet.component, same))
+
+    def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
+        self.vehicle = vehicle
+        self._lost = False
+        self.encoder.system = vehicle.system
+        self.encoder.version = vehicle.version
+        self._streams = Streams(self.rate_hz, now, self._extras, self.news)
+        self._last_heartbeat = now
+        self.news.emit(VehicleFound(now, self.news.name, str(vehicle), vehicle.version, signed))
+        if signed and not self._signing and not self._passive:
+            self.news.emit(SignaturesUnchecked(now, self.news.name))
+
+    def _on_heartbeat(self, message: Any, now: float) -> None:
+        assert self.vehicle is not None
+        if now - self._last_heartbeat > _GAP_S and self._streams:
+            self._streams.renew(now)
+        self._last_heartbeat = now
+        armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        if armed != self.vehicle.armed:
+            self.vehicle = replace(self.vehicle, armed=armed)
+        if self._lost:
+            self._lost = False
+            self.navigation.home = None  # it may have been moved, or be another one: it is asked for its home again
+            self.news.emit(VehicleBack(now, self.news.name, str(self.vehicle)))
+
+    def _watch_vehicle(self, now: float) -> None:
+        if self.vehicle and not self._lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
+            self._lost = True
+            self.news.emit(VehicleLost(now, self.news.name, str(self.vehicle), _LOST_S))
+
+    def _take(self, packet: Packet, now: float) -> None:
+        """One of the vehicle's own, other than a heartbeat."""
+        self.own.append(packet)
+        if packet.msgid in self._wanted and (message := self.parser.decode(packet)) is not None:
+            self._on_ack(message, now) if packet.msgid == _ACK else self._navigate(message, now)
+
+    def _navigate(self, message: Any, now: float) -> None:
+        assert self._streams is not None
+        if self._identity and not self._identity.owns(message, now):
+            return
+        judgement = self.navigation.hear(message, now)
+        if judgement == "anew":
+            self._streams = Streams(self.rate_hz, now, self._extras, self.news)
+            self.news.emit(VehicleRebooted(now, self.news.name, str(self.vehicle)))
+        if judgement != "stray" and message.id != dialect.MAVLINK_MSG_ID_HOME_POSITION:
+            self._streams.note(message.id, now)
+
+    def _on_ack(self, message: Any, now: float) -> None:
+        if self._streams and self.answers_us(message):
+            self._streams.acknowledged(message.command, message.result, now)
+
+    # -- who is not believed -------------------------------------------------------------------------------
+
+    def _disbelieve(self, packet: Packet, why: Verdict, now: float) -> None:
+        """One event for each reason, with the first who gave it."""
+        if why not in self._disbelieved:
+            self._disbelieved.add(why)
+            self.news.emit(SignatureRefused(now, self.news.name, packet.system, packet.component, why))

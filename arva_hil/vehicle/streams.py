@@ -1,0 +1,207 @@
+"""The streams a pose needs: asked for, measured, asked for again while they are too slow."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+from arva_hil.events.vehicles import StreamAskedOtherwise, StreamRateLowered
+from arva_hil.mavlink.codec import RESULTS, command, dialect
+from arva_hil.vehicle.news import News
+
+_MEASURE_S: Final = 2.0  # the window of a rate
+_JUDGE_S: Final = 1.0  # a rate seen for less than this is not judged yet,
+_SILENT_S: Final = 0.3  # unless nothing came at all for this long
+_LOOK_S: Final = 0.2  # after it was fast enough
+_MOST_SEEN: Final = 1024
+_ENOUGH: Final = 0.7  # of what was asked for: below it the stream is asked for again
+_ACK_S: Final = 1.0
+_AGAIN_S: Final = (2.0, 4.0, 8.0, 16.0, 30.0)
+_PATIENCE: Final = 3  # requests of one kind that change nothing, before the other kind is tried
+_SLOWEST_HZ: Final = 4.0
+
+_SET_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+
+
+class Request(NamedTuple):
+    """`result`: MAVLink's name of what was answered, "" while nothing was. `command` is "" before the first request."""
+
+    command: str = ""
+    hz: float = 0.0
+    result: str = ""
+
+
+_NOT_ASKED: Final = Request()
+
+
+@dataclass
+class Stream:
+    """One wanted kind of message: what is known of it, and how it has been asked for."""
+
+    name: str
+    request: int  # the message id to ask for
+    ids: frozenset[int]  # the message ids that serve
+    group: int  # the MAV_DATA_STREAM it belongs to
+    want_hz: float
+    asked: Request = _NOT_ASKED  # the last one that was answered, or waited for in vain
+    promised: bool = False  # it accepted a request
+    seen: dict[int, deque[float]] = field(default_factory=dict)  # when each of the ids came lately
+    tries: int = 0  # since it was fast enough
+    by_group: bool = False
+    anew: bool = False  # to be asked for even if it flows
+    next_ask: float = 0.0
+    needed: bool = True  # else it is asked for a few times, and done without
+    refused: bool = False
+
+    def __post_init__(self) -> None:
+        self.seen = {msgid: deque(maxlen=_MOST_SEEN) for msgid in self.ids}
+
+    def rate(self, now: float, since: float) -> float:
+        """Messages per second lately, of the id that comes fastest."""
+        span = max(min(_MEASURE_S, now - since), 0.1)
+        for times in self.seen.values():
+            while times and times[0] < now - _MEASURE_S:
+                times.popleft()
+        return max(len(times) / span for times in self.seen.values())
+
+
+class Streams:
+    """Remembers which streams flow from one vehicle, and what was asked of it and answered.
+
+    A stream is asked for with SET_MESSAGE_INTERVAL, one request at a time since its acknowledgement does not name
+    the message. A rate denied is halved; a command unknown or without effect gives way to REQUEST_DATA_STREAM.
+    Streams that already flow fast enough are left as they are, and nothing else is asked for. `extras`: message id → Hz
+    of what is done without where it is not granted. What there is to tell goes to the `news`.
+    """
+
+    def __init__(self, rate_hz: float, now: float, extras: Mapping[int, float], news: News) -> None:
+        self._since = now
+        self._news = news
+        self._pending: tuple[Stream, float] | None = None
+        self._home_next = now
+        self._home_asks = 0
+        self.home_wanted = True
+        self.wanted = [
+            Stream(
+                "GLOBAL_POSITION_INT",
+                dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+                frozenset({dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT}),
+                dialect.MAV_DATA_STREAM_POSITION,
+                rate_hz,
+            ),
+            Stream(
+                "ATTITUDE",
+                dialect.MAVLINK_MSG_ID_ATTITUDE,
+                frozenset({dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION}),
+                dialect.MAV_DATA_STREAM_EXTRA1,
+                rate_hz,
+            ),
+        ]
+        self.extras: list[Stream] = []
+        self._seen: dict[int, deque[float]] = {}
+        self.want(extras)
+
+    def want(self, extras: Mapping[int, float]) -> None:
+        """These too: message id → Hz."""
+        for msgid, rate_hz in extras.items():
+            self.extras.append(Stream(f"message {msgid}", msgid, frozenset({msgid}), 0, rate_hz, needed=False))
+        self._seen = {msgid: times for stream in self._all for msgid, times in stream.seen.items()}
+        self.extra_ids = frozenset(stream.request for stream in self.extras)
+
+    @property
+    def _all(self) -> list[Stream]:
+        return self.wanted + self.extras
+
+    def note(self, msgid: int, now: float) -> None:
+        """One of the wanted messages came from the vehicle."""
+        self._seen[msgid].append(now)
+
+    def rates(self, now: float) -> dict[str, float]:
+        """Measured rates [Hz] by message name."""
+        return {stream.name: stream.rate(now, self._since) for stream in self.wanted}
+
+    def renew(self, now: float) -> None:
+        """The vehicle may have forgotten: ask for all of them at once, in the way that has worked so far."""
+        self._since = now
+        self._pending = None
+        self._home_next = now
+        self._home_asks = 0
+        for stream in self._all:
+            for times in stream.seen.values():
+                times.clear()
+            stream.tries, stream.next_ask, stream.anew, stream.refused = 0, 0.0, True, False
+
+    def poll(self, now: float, system: int, component: int) -> list[Any]:
+        """The requests that are due, as messages."""
+        messages = []
+        if self.home_wanted and now >= self._home_next:
+            messages.append(self._ask_home(system, component))
+            self._home_next = now + _AGAIN_S[0]
+        if self._pending and now - self._pending[1] > _ACK_S:
+            stream, _ = self._pending
+            stream.asked = Request("SET_MESSAGE_INTERVAL", stream.want_hz)
+            self._pending = None
+        for stream in self._all:
+            if self._pending:
+                break
+            if now < stream.next_ask or stream.refused:
+                continue
+            if stream.anew or self._too_slow(stream, now):
+                messages.append(self._ask(stream, now, system, component))
+            else:
+                stream.tries, stream.next_ask = 0, now + _LOOK_S
+        return messages
+
+    def acknowledged(self, command: int, result: int, now: float) -> None:
+        """A COMMAND_ACK of the vehicle to us."""
+        if command != _SET_INTERVAL or not self._pending or result == dialect.MAV_RESULT_IN_PROGRESS:
+            return
+        stream, _ = self._pending
+        self._pending = None
+        if not stream.needed:
+            stream.refused = stream.refused or result != dialect.MAV_RESULT_ACCEPTED
+            return
+        stream.asked = Request("SET_MESSAGE_INTERVAL", stream.want_hz, RESULTS.get(result, f"result {result}"))
+        stream.promised = stream.promised or result == dialect.MAV_RESULT_ACCEPTED
+        if result == dialect.MAV_RESULT_DENIED and stream.want_hz > _SLOWEST_HZ:
+            stream.want_hz = max(stream.want_hz / 2, _SLOWEST_HZ)
+            stream.tries, stream.next_ask = 0, 0.0
+            self._news.emit(StreamRateLowered(now, self._news.name, stream.name, *stream.asked, stream.want_hz))
+        elif result not in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_TEMPORARILY_REJECTED):
+            self._change_kind(stream, now)
+
+    def _too_slow(self, stream: Stream, now: float) -> bool:
+        rate = stream.rate(now, self._since)
+        return rate < _ENOUGH * stream.want_hz and now - self._since >= (_JUDGE_S if rate else _SILENT_S)
+
+    def _ask(self, stream: Stream, now: float, system: int, component: int) -> Any:
+        if stream.tries and stream.tries % _PATIENCE == 0 and stream.needed:
+            self._change_kind(stream, now)
+        stream.next_ask = now + _AGAIN_S[min(stream.tries, len(_AGAIN_S) - 1)]
+        stream.tries += 1
+        stream.anew = False
+        stream.refused = not stream.needed and stream.tries >= _PATIENCE  # this is the last time
+        if stream.by_group:
+            stream.asked = Request("REQUEST_DATA_STREAM", stream.want_hz)
+            return dialect.MAVLink_request_data_stream_message(
+                system, component, stream.group, round(stream.want_hz), 1
+            )
+        self._pending = (stream, now)
+        interval_us = 1e6 / stream.want_hz
+        return command(system, component, _SET_INTERVAL, stream.request, interval_us)
+
+    def _ask_home(self, system: int, component: int) -> Any:
+        """REQUEST_MESSAGE and the older GET_HOME_POSITION in turn."""
+        self._home_asks += 1
+        if self._home_asks % 2:
+            home = dialect.MAVLINK_MSG_ID_HOME_POSITION
+            return command(system, component, dialect.MAV_CMD_REQUEST_MESSAGE, home)
+        return command(system, component, dialect.MAV_CMD_GET_HOME_POSITION)
+
+    def _change_kind(self, stream: Stream, now: float) -> None:
+        stream.by_group = not stream.by_group
+        if stream.by_group and stream.tries <= _PATIENCE:  # once; what follows is only repetition
+            self._news.emit(StreamAskedOtherwise(now, self._news.name, stream.name, *stream.asked, stream.want_hz))
+        stream.next_ask = 0.0

@@ -1,0 +1,83 @@
+"""Frames as messages on the autopilot's own link, against vectors.json, and what comes of others' messages."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import firmware_proto
+from arva_hil.emulator.ports import MavlinkDecoder, MavlinkPort, named_values
+from arva_hil.links import memory
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.vehicle.session import Session
+from firmware_proto import Channel, Frame
+
+VECTORS = json.loads((Path(firmware_proto.__file__).parent / "vectors.json").read_text(encoding="utf-8"))
+FRAMES = [pytest.param(value, id=value["name"]) for value in VECTORS["frames"] if not value["decode_only"]]
+HOME = (46.0123, 7.7456, 1650.0)
+MESSAGES = {"named": "NAMED_VALUE_INT", "named_float": "NAMED_VALUE_FLOAT"}
+
+
+def as_frame(value: Any) -> Frame:
+    return Frame(value["sequence"], value["status"], tuple(Channel(**c) for c in value["channels"]))
+
+
+def packed(*messages: Any) -> bytes:
+    return b"".join(map(Encoder(1, 191).pack, messages))
+
+
+def floats(*values: tuple[str, float]) -> bytes:
+    return packed(*(dialect.MAVLink_named_value_float_message(5, name.encode(), value) for name, value in values))
+
+
+@pytest.mark.parametrize("value", FRAMES)
+def test_the_named_values_are_those_of_the_vectors(value: Any) -> None:
+    assert [[name.decode(), number] for name, number in named_values(as_frame(value))] == value["named"]
+
+
+@pytest.mark.parametrize("value", FRAMES)
+@pytest.mark.parametrize("format", MESSAGES)
+def test_a_frame_goes_out_as_these_messages_and_is_read_back(format: str, value: Any) -> None:
+    session, vehicle = Session(), SimulatedVehicle(HOME)
+    session.feed(vehicle.poll(0.0), 0.0)
+    link, _ = memory.pair()
+    frame = as_frame(value)
+    raw = MavlinkPort(link, session, format).encode(frame, 5)
+    parser = Parser()
+    messages = [parser.decode(packet) for packet in parser.feed(raw)]
+    assert {message.get_type() for message in messages} == {MESSAGES[format]}
+    assert [[message.name, message.value] for message in messages] == value["named"]
+    decoder = MavlinkDecoder(format)
+    assert decoder.feed(raw, 0.0) == []
+    (read,) = decoder.feed(raw, 1.0)  # it ends where the next begins
+    heard = [c for k, c in enumerate(frame.channels) if k == 0 or c.valid]
+    assert [(c.id, c.d, c.delta) for c in read.channels] == [(c.id, c.d, c.delta) for c in heard]
+
+
+def test_what_the_lua_driver_sends_is_read_too() -> None:
+    driver = floats(("ARVA1_D", 1234), ("ARVA1_DIR", -17), ("ARVA1_ID", 3), ("ARVA1_ZONE", 1))
+    decoder = MavlinkDecoder("named_float")
+    (frame,) = decoder.feed(driver + driver, 0.0)
+    assert frame.channels == (Channel(3, 1, 1234, -17),)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 0.5, 1e30, -32769.0, 32768.0])
+@pytest.mark.parametrize("name", ["ARVA1_D", "ARVA1_DIR", "ARVA1_ID"])
+def test_a_float_that_no_receiver_can_have_sent_makes_no_such_reading(name: str, value: float) -> None:
+    decoder = MavlinkDecoder("named_float")
+    frames = decoder.feed(2 * floats(("ARVA1_D", 700), (name, value), ("ARVA1_ID", 3)), 0.0)
+    frames += decoder.feed(floats(("ARVA1_D", 700)), 0.0)
+    assert value not in [number for frame in frames for c in frame.channels for number in (c.d, c.delta, c.id)]
+    assert decoder.good == len(frames)
+
+
+def test_integers_are_not_floats_and_names_of_others_are_nobodys() -> None:
+    ints = packed(*(dialect.MAVLink_named_value_int_message(5, b"ARVA1_D", 700) for _ in range(3)))
+    assert MavlinkDecoder("named_float").feed(ints, 0.0) == []
+    assert len(MavlinkDecoder("named").feed(ints, 0.0)) == 2
+    assert MavlinkDecoder("named_float").feed(floats(*[("BARVA1_D", 700.0)] * 3), 0.0) == []

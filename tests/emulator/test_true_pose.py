@@ -1,0 +1,344 @@
+"""Truth and estimate are two poses: the receiver hears where the vehicle is, and it reports where it believes to be."""
+
+from __future__ import annotations
+
+import csv
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from one_receiver import Diary, OneReceiver
+
+from arva_hil.config import Mount, NavigationError, Noise, Receiver, Scenario, ScenarioError, Transmitter, parse
+from arva_hil.emulator.engine import Emulator, ReceiverSetup, VehicleSetup
+from arva_hil.emulator.navigation_error import PoseError
+from arva_hil.events import FrameMade, PoseLost, PoseMissing
+from arva_hil.field import LocalFrame, rotation
+from arva_hil.links import memory
+from arva_hil.mavlink.codec import Encoder, command, dialect
+from arva_hil.observers.record import Recorder
+from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.loop import run
+from arva_hil.search import STRATEGIES
+from arva_hil.search.mission import Plan
+from arva_hil.simulated.closed_loop import ClosedLoop
+from arva_hil.simulated.messages import BUILDERS
+from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.vehicle.reasons import NoPose
+from arva_hil.vehicle.session import Session
+from arva_hil.vehicle.simulator_truth import SimulatorTruth
+
+HOME = (46.0123, 7.7456, 1650.0)
+QUIET = Scenario((Transmitter(1, ned=(20.0, 5.0, 0.0)),), receiver=Receiver(noise=Noise("off"), rate_hz=5.0))
+TRUTH = replace(QUIET, pose="truth")
+
+
+class Bench:
+    """The built-in vehicle, whose reports are wrong by some metres, and an emulator."""
+
+    def __init__(self, scenario: Scenario, seconds: float = 20.0, *, gps_noise_m: float = 3.0) -> None:
+        self.clock, self.diary = StepClock(), Diary()
+        self.vehicle = SimulatedVehicle(HOME, gps_noise_m=gps_noise_m, seed=5)
+        autopilot, far = memory.pair()
+        port, _ = memory.pair()
+        self.session = Session()
+        self.emulator = OneReceiver(scenario, self.session, autopilot, port, start=0.0, observers=[self.diary])
+        self._tasks = [Simulator(self.vehicle, [far]), self.emulator]
+        self.run(seconds)
+
+    def run(self, seconds: float) -> None:
+        run(self._tasks, self.clock, until=self.clock.now() + seconds)
+
+    def say(self, message: object) -> None:
+        self.vehicle.feed(Encoder(255, 190).pack(message), self.clock.now())
+
+    def fly_north(self, speed: float) -> None:
+        """Arm, take off, keep a velocity [m/s]."""
+        for number, *params in ((176, 1, 4), (400, 1), (22, 0, 0, 0, 0, 0, 0, 3.0)):
+            self.say(command(1, 1, number, *params))
+        self.run(6.0)
+        self.say(
+            dialect.MAVLink_set_position_target_local_ned_message(
+                0, 1, 1, 1, 0b110111000111, 0, 0, 0, speed, 0, 0, 0, 0, 0, 0, 0
+            )
+        )
+        self.run(2.9)
+
+    @property
+    def posed(self) -> list[FrameMade]:
+        return [frame for frame in self.diary.frames if frame.pose is not None]
+
+
+def offsets(frames: Sequence[FrameMade]) -> list[np.ndarray]:
+    """From the reported to the true position."""
+    return [f.pose.position - f.reported_pose.position for f in frames if f.pose and f.reported_pose]
+
+
+# -- the simulator's truth ---------------------------------------------------------------------------------
+
+
+def test_the_receiver_hears_where_the_simulator_says_that_its_vehicle_is() -> None:
+    bench = Bench(TRUTH)
+    truth = np.array(bench.vehicle.truth(bench.clock.now()).ned)
+    assert len(bench.posed) > 80
+    for frame in bench.posed:
+        assert frame.pose
+        assert frame.pose.position == pytest.approx(truth, abs=0.02)
+        assert frame.reading.channels[0].true_range_m == pytest.approx(math.dist(truth, (20, 5, 0)), abs=0.03)
+    assert np.linalg.norm(offsets(bench.posed)[-1]) > 0.5  # what it reports is elsewhere
+
+
+def test_without_more_the_estimate_counts_as_the_truth() -> None:
+    bench = Bench(QUIET)
+    assert len(bench.posed) > 80
+    assert all(frame.pose is frame.reported_pose for frame in bench.posed)
+    truth = np.array(bench.vehicle.truth(bench.clock.now()).ned)
+    pose = bench.posed[-1].pose
+    assert pose
+    assert np.linalg.norm(pose.position - truth) > 0.5
+
+
+def test_without_a_simulator_there_is_no_truth_and_frames_say_no_signal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(BUILDERS, dialect.MAVLINK_MSG_ID_SIM_STATE)
+    bench = Bench(TRUTH)
+    assert not bench.posed
+    assert bench.diary.frames[-1].reported_pose is not None
+    (missing,) = [event for event in bench.diary.events if isinstance(event, PoseMissing)]
+    assert missing.lacking == NoPose("no truth", message="SIM_STATE")
+
+
+def test_when_a_simulator_stops_telling_there_is_no_pose_though_the_report_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench = Bench(TRUTH, 10.0)
+    monkeypatch.setitem(BUILDERS, dialect.MAVLINK_MSG_ID_SIM_STATE, lambda report: None)
+    bench.run(5.0)
+    (lost,) = [event for event in bench.diary.events if isinstance(event, PoseLost)]
+    assert lost.time_s == pytest.approx(12.1, abs=0.11)
+    assert bench.diary.frames[-1].pose is None
+    assert bench.diary.frames[-1].reported_pose is not None
+
+
+def told(session: Session, *messages: object, at: float) -> None:
+    encoder = Encoder(1, 1)
+    session.feed(b"".join(encoder.pack(message) for message in messages), at)
+
+
+def heartbeat(autopilot: int) -> object:
+    return dialect.MAVLink_heartbeat_message(2, autopilot, 0, 0, 3, 3)
+
+
+def attitude(boot_ms: int) -> object:
+    return dialect.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 0)
+
+
+def hil(q: Sequence[float] = (1, 0, 0, 0), lat: int = 460123000, alt: int = 1_652_500, vx: int = 150) -> object:
+    return dialect.MAVLink_hil_state_quaternion_message(
+        0, list(q), 0, 0, 0, lat, 77456000, alt, vx, 0, -20, 0, 0, 0, 0, 0
+    )
+
+
+@pytest.fixture
+def px4() -> tuple[Session, SimulatorTruth]:
+    session = Session()
+    truth = SimulatorTruth(session)
+    told(session, heartbeat(dialect.MAV_AUTOPILOT_PX4), attitude(5000), at=10.0)
+    truth.hear(10.0)
+    return session, truth
+
+
+def test_px4_s_truth_has_millimetres_and_either_quaternion_and_is_stamped_when_it_comes(
+    px4: tuple[Session, SimulatorTruth],
+) -> None:
+    session, truth = px4
+    turned = rotation.from_euler(0.1, -0.2, 2.0)
+    told(session, hil(-turned), at=10.5)
+    truth.hear(10.5)
+    state = truth.track.at(5.6, LocalFrame(*HOME))
+    assert state is not None
+    assert state.age_s == pytest.approx(0.1)
+    assert state.position == pytest.approx([0.15, 0.0, -2.52], abs=1e-3)
+    assert rotation.to_matrix(state.attitude) == pytest.approx(rotation.to_matrix(turned), abs=1e-6)
+
+
+def test_of_a_burst_the_last_one_counts(px4: tuple[Session, SimulatorTruth]) -> None:
+    session, truth = px4
+    told(session, *[hil(lat=460123000 + 100 * n, vx=0) for n in range(5)], at=10.5)
+    truth.hear(10.5)
+    state = truth.track.at(5.51, LocalFrame(*HOME))
+    assert state is not None
+    assert state.position[0] == pytest.approx(4.45, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "bad", [hil(q=(0, 0, 0, 0)), hil(q=(math.nan, 0, 0, 1)), hil(lat=950000000), hil(alt=-2_000_000)]
+)
+def test_a_truth_that_is_no_pose_is_refused(px4: tuple[Session, SimulatorTruth], bad: object) -> None:
+    session, truth = px4
+    told(session, bad, at=10.5)
+    truth.hear(10.5)
+    assert (truth.refused, truth.track.newest) == (1, None)
+
+
+def test_only_the_vehicle_s_own_packets_tell_the_truth(px4: tuple[Session, SimulatorTruth]) -> None:
+    session, truth = px4
+    session.feed(Encoder(2, 1).pack(hil()), 10.5)
+    truth.hear(10.5)
+    assert truth.track.newest is None
+
+
+def test_after_a_reboot_the_truth_is_told_anew() -> None:
+    bench = Bench(TRUTH, 10.0)
+    bench.vehicle.reboot(bench.clock.now())
+    bench.run(8.0)
+    assert bench.session.navigation.reboots == 1
+    last = bench.diary.frames[-1]
+    assert last.pose
+    assert last.pose.position == pytest.approx(bench.vehicle.truth(bench.clock.now()).ned, abs=0.02)
+    assert last.age_s is not None
+    assert last.age_s < 0.1
+
+
+def test_in_flight_the_truth_is_that_of_the_frame_s_instant() -> None:
+    bench = Bench(TRUTH, 5.0)
+    bench.fly_north(6.0)
+    last = bench.posed[-1]
+    assert last.pose
+    assert last.pose.position == pytest.approx(bench.vehicle.truth(last.instant_s).ned, abs=0.05)
+
+
+# -- an error that the emulator adds -----------------------------------------------------------------------
+
+
+def test_a_bias_moves_the_receiver_and_not_the_report() -> None:
+    error = NavigationError(bias_ned=(1.0, -2.0, 0.5))
+    bench = Bench(replace(QUIET, navigation_error=error), gps_noise_m=0.0)
+    assert len(bench.posed) > 80
+    assert np.array(offsets(bench.posed)) == pytest.approx(np.tile([1.0, -2.0, 0.5], (len(bench.posed), 1)))
+
+
+def test_a_heading_error_turns_the_receiver_clockwise() -> None:
+    mounted = replace(QUIET.receiver, mount=Mount((1.0, 0.0, 0.0)))
+    error = NavigationError(heading_deg=30.0)
+    bench = Bench(replace(QUIET, receiver=mounted, navigation_error=error), gps_noise_m=0.0)
+    last = bench.posed[-1]
+    assert last.pose
+    assert last.reported_pose
+    turn = rotation.to_euler(last.pose.rotation)[2] - rotation.to_euler(last.reported_pose.rotation)[2]
+    assert math.degrees(turn) == pytest.approx(30.0, abs=0.01)
+    assert last.pose.position[:2] == pytest.approx([math.cos(math.pi / 6), 0.5], abs=0.01)
+
+
+def test_what_is_reported_late_is_where_the_vehicle_was() -> None:
+    """Flying north at 2 m/s, half a second of latency is a metre."""
+    bench = Bench(replace(QUIET, navigation_error=NavigationError(latency_s=0.5)), 5.0, gps_noise_m=0.0)
+    bench.fly_north(2.0)
+    assert offsets(bench.posed)[-1] == pytest.approx([1.0, 0.0, 0.0], abs=0.05)
+    age_s = bench.posed[-1].age_s
+    assert age_s is not None
+    assert age_s < 0.1
+
+
+def test_a_walk_has_its_size_and_its_correlation_time() -> None:
+    error = PoseError((0, 0, 0), 1.5, 20.0, 0.0, seed=3)
+    walk = np.array([error.true_pose(t, np.zeros(3), np.array([1.0, 0, 0, 0]))[0] for t in range(20_000)])
+    assert walk.std() == pytest.approx(1.5, rel=0.1)
+    later = (walk[20:] * walk[:-20]).mean() / (walk**2).mean()
+    assert later == pytest.approx(math.exp(-1), abs=0.08)
+
+
+def test_the_same_seed_gives_the_same_error_at_the_same_time_in_whatever_order_it_is_asked_for() -> None:
+    def at(error: PoseError, time_s: float) -> list[float]:
+        position, _ = error.true_pose(time_s, np.zeros(3), np.array([1.0, 0, 0, 0]))
+        return list(position.tolist())
+
+    def made(seed: int) -> PoseError:
+        return PoseError((0, 0, 0), 1.5, 20.0, 0.0, seed=seed)
+
+    forwards, backwards = made(1), made(1)
+    times = [0.0, 0.05, 3.3, 3.31, 50.0, 200.0, 1000.0]
+    expected = [at(forwards, t) for t in times]
+    assert [at(backwards, t) for t in reversed(times)] == expected[::-1]
+    assert at(made(2), 3.3) != expected[2]
+
+
+def test_two_receivers_of_one_vehicle_share_its_error() -> None:
+    scenario = replace(QUIET, navigation_error=NavigationError(walk_sigma_m=2.0, walk_tau_s=5.0))
+    quick = replace(scenario, receiver=replace(QUIET.receiver, rate_hz=10.0), seed=9)
+    receivers = [ReceiverSetup("slow", "a", scenario), ReceiverSetup("quick", "b", quick)]
+    emulator = Emulator([VehicleSetup("vehicle", "link", Session(passive=True), scenario, receivers)], start=0.0)
+    vehicle = SimulatedVehicle(HOME, streams={33: 50.0, 30: 50.0})
+    frames: dict[tuple[str, float], FrameMade] = {}
+    for n in range(1, 1500):
+        now = n / 100
+        emulator.receive("link", vehicle.poll(now), now)
+        emulator.advance(now)
+        for output in emulator.output():
+            emulator.written(output, True, now)
+        events = emulator.events()
+        frames |= {(e.receiver, round(e.instant_s, 6)): e for e in events if isinstance(e, FrameMade) and e.pose}
+    both = [(frames["slow", t], frames["quick", t]) for name, t in frames if name == "slow"]
+    assert len(both) > 30
+    for slow, fast in both:
+        assert offsets([slow])[0] == pytest.approx(offsets([fast])[0], abs=1e-6)
+    assert np.std([offsets([slow])[0] for slow, _ in both]) > 0.5
+
+
+def test_a_scenario_has_the_truth_of_a_simulator_or_an_error_and_not_both() -> None:
+    text = "spec: 2\npose: truth\nnavigation_error: {bias_ned: [1, 0, 0]}\ntransmitters: [{id: 1, enu: [1, 2, 3]}]"
+    with pytest.raises(ScenarioError, match=r"s\.yaml:3:1"):
+        parse(text, "s.yaml")
+
+
+# -- what is written down, and what comes of it ------------------------------------------------------------
+
+
+def test_readings_have_the_reported_place_in_their_last_columns(tmp_path: Path) -> None:
+    bench = Bench(TRUTH, 12.0)
+    recorder = Recorder(tmp_path, 0, patient=True)
+    for frame in bench.diary.frames:
+        recorder.observe(frame)
+    recorder.close({})
+    with open(tmp_path / "readings.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    names = [f"reported_{axis}_m" for axis in ("north", "east", "down")]
+    assert list(rows[0])[-4:] == ["faults", *names]
+    assert [rows[0][name] for name in names] == [""] * 3
+    last = bench.diary.frames[-1].reported_pose
+    assert last
+    assert [float(rows[-1][name]) for name in names] == last.position.tolist()
+
+
+def flown(gps_noise_m: float, seed: int, strategy: str = "estimate") -> tuple[float, float]:
+    """Errors of the place reported, and of where it has landed, m."""
+    clock = StepClock()
+    loop = ClosedLoop(
+        Scenario((Transmitter(1, ned=(14.0, 9.0, 1.0)),), seed=seed),
+        Plan(STRATEGIES[strategy]),
+        autopilot=memory.pair(),
+        commands=memory.pair(),
+        port=memory.pair(),
+        start=clock.now(),
+        gps_noise_m=gps_noise_m,
+        stream_hz=10.0,
+    )
+    run(loop.tasks, clock, until=600.0, stopped=lambda: loop.search.outcome is not None)
+    error, off = loop.error(), loop.off(clock.now())
+    assert error is not None
+    assert off is not None
+    assert loop.vehicle.truth(clock.now()).ned[2] == pytest.approx(0.0, abs=0.05)
+    return error, off
+
+
+def test_the_noise_of_the_gps_is_an_error_of_what_a_search_reaches() -> None:
+    """When it heard where it believed to be, the error cancelled: 0.2 m were reported 3 m beside the victim."""
+    quiet, noisy = ([flown(gps_noise_m, seed) for seed in range(4)] for gps_noise_m in (0.0, 1.0))
+    assert max(error for error, _ in quiet) < 0.1
+    assert statistics.median(error for error, _ in noisy) > 0.5
+    assert max(off for _, off in quiet) < 0.4
+    assert statistics.median(off for _, off in noisy) > 0.5

@@ -1,0 +1,114 @@
+"""Rotations against scipy, which orders quaternions (x, y, z, w)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from arva_hil.field.rotation import from_euler, from_rotation_vector, multiply, slerp, to_euler, to_matrix
+
+N = 10_000
+ANGLE = st.floats(-10, 10)
+
+
+def quaternions(seed: int, n: int = N) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(n, 4))  # any length
+
+
+def scipy_of(q: np.ndarray) -> Rotation:
+    return Rotation.from_quat(q[..., [1, 2, 3, 0]])
+
+
+def test_matrices_agree_with_scipy() -> None:
+    q = quaternions(1)
+    np.testing.assert_allclose(to_matrix(q), scipy_of(q).as_matrix(), rtol=0, atol=1e-14)
+
+
+def test_the_order_is_w_first_and_the_matrix_takes_body_to_world() -> None:
+    east = from_euler(0, 0, np.pi / 2)  # heading east
+    np.testing.assert_allclose(east, [np.sqrt(0.5), 0, 0, np.sqrt(0.5)], atol=1e-15)
+    np.testing.assert_allclose(to_matrix(east) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    climb = from_euler(0, np.pi / 2, 0)  # nose up: x points up, against z down
+    np.testing.assert_allclose(to_matrix(climb) @ [1, 0, 0], [0, 0, -1], atol=1e-15)
+    right = from_euler(np.pi / 2, 0, 0)  # right wing down
+    np.testing.assert_allclose(to_matrix(right) @ [0, 1, 0], [0, 0, 1], atol=1e-15)
+
+
+def test_euler_angles_agree_with_scipy() -> None:
+    rng = np.random.default_rng(2)
+    euler = rng.uniform((-np.pi, -np.pi / 2, -np.pi), (np.pi, np.pi / 2, np.pi), (N, 3))
+    scipy = Rotation.from_euler("ZYX", euler[:, ::-1])
+    q = from_euler(*euler.T)
+    np.testing.assert_allclose(to_matrix(q), scipy.as_matrix(), rtol=0, atol=1e-14)
+    steep = np.cos(euler[:, 1]) < 1e-2  # where angles lose digits that the rotation does not
+    np.testing.assert_allclose(to_euler(q)[~steep], euler[~steep], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(to_euler(to_matrix(q)), to_euler(q), rtol=0, atol=1e-15)
+
+
+@given(ANGLE, st.sampled_from([-1, 1]), st.sampled_from([0, 1e-3, 1e-6, 1e-8, 1e-12, 1e-16]), ANGLE)
+def test_euler_angles_round_trip_up_to_gimbal_lock(roll: float, sign: int, off: float, yaw: float) -> None:
+    m = to_matrix(from_euler(roll, sign * (np.pi / 2 - off), yaw))
+    np.testing.assert_allclose(to_matrix(from_euler(*to_euler(m))), m, rtol=0, atol=1e-14)
+
+
+def test_multiply_agrees_with_scipy() -> None:
+    a, b = quaternions(3), quaternions(4)
+    expected = (scipy_of(a) * scipy_of(b)).as_matrix()
+    np.testing.assert_allclose(to_matrix(multiply(a, b)), expected, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(multiply(a, b), axis=1), 1, rtol=1e-15)
+
+
+def test_rotation_vectors_agree_with_scipy() -> None:
+    rng = np.random.default_rng(5)
+    v = rng.normal(size=(N, 3)) * 10 ** rng.uniform(-12, 1, (N, 1))
+    expected = Rotation.from_rotvec(v).as_matrix()
+    np.testing.assert_allclose(to_matrix(from_rotation_vector(v)), expected, rtol=0, atol=1e-13)
+
+
+def test_a_rotation_vector_of_nothing_is_no_turn() -> None:
+    with np.errstate(all="raise", under="ignore"):
+        got = from_rotation_vector([[0, 0, 0], [5e-324, 0, 0], [1e-200, 0, 0]])
+    np.testing.assert_allclose(got, np.tile([1.0, 0, 0, 0], (3, 1)), atol=1e-199)
+
+
+def test_slerp_agrees_with_scipy_the_shortest_way() -> None:
+    q0, q1, u = quaternions(6), quaternions(7), np.random.default_rng(8).random(N)
+    r0, r1 = scipy_of(q0), scipy_of(q1)
+    turn = (r0.inv() * r1).as_rotvec()  # never more than half a turn
+    assert np.linalg.norm(turn, axis=1).max() > 3
+    expected = (r0 * Rotation.from_rotvec(u[:, None] * turn)).as_matrix()
+    np.testing.assert_allclose(to_matrix(slerp(q0, q1, u)), expected, rtol=0, atol=1e-12)
+
+
+@given(st.floats(0, 1), st.sampled_from([1, -1]), st.sampled_from([0, 1e-300, 1e-16, 1e-9, 1e-7]))
+def test_slerp_between_equal_and_nearly_equal(u: float, sign: int, turn: float) -> None:
+    q0 = from_euler(0.3, -0.2, 2.0)
+    q1 = sign * multiply(q0, from_rotation_vector([turn, 0, 0]))
+    expected = multiply(q0, from_rotation_vector([u * turn, 0, 0]))
+    np.testing.assert_allclose(slerp(q0, q1, u), expected, rtol=0, atol=1e-15)
+
+
+def test_slerp_across_half_a_turn_is_a_quarter_turn_from_both() -> None:
+    q0, q1 = np.array([1.0, 0, 0, 0]), np.array([0, 0, 0, 1.0])
+    middle = slerp(q0, q1, 0.5)
+    assert abs(middle @ q0) == pytest.approx(np.sqrt(0.5), abs=1e-15)
+    assert abs(middle @ q1) == pytest.approx(np.sqrt(0.5), abs=1e-15)
+
+
+def test_leading_shapes() -> None:
+    q = quaternions(9, 6).reshape(2, 3, 4)
+    assert to_matrix(q).shape == (2, 3, 3, 3)
+    assert to_euler(q).shape == (2, 3, 3)
+    assert multiply(q, q[0, 0]).shape == (2, 3, 4)
+    assert slerp(q, q[:, ::-1], np.full((2, 3), 0.5)).shape == (2, 3, 4)
+    assert slerp(q[0, 0], q[0, 1], [0.0, 0.5, 1.0]).shape == (3, 4)
+    assert from_euler(0.0, np.zeros((2, 1)), np.zeros(3)).shape == (2, 3, 4)
+
+
+@pytest.mark.parametrize("q", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [np.inf, 0, 0, 0]])
+def test_no_rotation_is_an_error(q: list[float]) -> None:
+    with pytest.raises(ValueError, match="no rotation"):
+        to_matrix(q)

@@ -1,0 +1,155 @@
+"""The record of a run while it goes on: what is on the disk when the program is killed, or the disk is full."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from arva_hil.emulator.ports import frame_of
+from arva_hil.events import FrameMade, PacketsReceived, StatusReport
+from arva_hil.links.tlog import read_tlog
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.observers.record import Recorder, RecordError
+from arva_hil.receiver import ChannelReading, Reading, Zone
+from arva_hil.runtime.clock import StepClock
+
+NAMES = ["autopilot.tlog", "frames.bin", "readings.csv", "run.json"]
+STATUS = StatusReport(0.0, [])
+
+
+class Writes:
+    """Lets a test wait until the disk has a file of so many bytes."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def until(self, condition: Callable[[Path], bool]) -> None:
+        over = threading.Event()
+        for _ in range(1000):
+            if condition(self._folder):
+                return
+            over.wait(0.01)
+        raise AssertionError("the deadline passed")
+
+
+def packets(count: int) -> list[Packet]:
+    encoder = Encoder(1, 1)
+    heartbeat = dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3)
+    return Parser().feed(b"".join(encoder.pack(heartbeat) for _ in range(count)))
+
+
+def made(number: int) -> FrameMade:
+    reading = Reading((ChannelReading(None, Zone.OUTER, -1, -1, None),), False, False)
+    frame = frame_of(reading, number % 256)
+    return FrameMade(
+        number / 10, "vehicle", "receiver", number, number / 10, None, None, None, reading, frame, True, 0.0
+    )
+
+
+def in_tlog(folder: Path) -> int:
+    return len(list(read_tlog(str(folder / "autopilot.tlog"))))
+
+
+@pytest.mark.parametrize("patient", [False, True])
+def test_packets_are_on_the_disk_with_the_next_status_though_no_frame_is_made(tmp_path: Path, patient: bool) -> None:
+    clock = StepClock()
+    recorder = Recorder(tmp_path, 10**15, clock=clock, patient=patient)
+    recorder.observe(PacketsReceived(0.0, "autopilot", packets(3)))
+    recorder.observe(STATUS)
+    Writes(tmp_path).until(lambda folder: in_tlog(folder) == 3)
+    for n in range(1, 5):  # the status comes four times a second
+        recorder.observe(PacketsReceived(n / 4, "autopilot", packets(1)))
+        clock.wait(n / 4)
+        recorder.observe(STATUS)
+        Writes(tmp_path).until(lambda folder, n=n: in_tlog(folder) == 3 + n)  # type: ignore[misc]
+    recorder.close({})
+
+
+def test_frames_are_written_a_few_times_a_second_and_not_one_by_one(tmp_path: Path) -> None:
+    clock = StepClock()
+    recorder = Recorder(tmp_path, 0, clock=clock)
+    recorder.observe(made(0))
+    Writes(tmp_path).until(lambda folder: (folder / "readings.csv").read_bytes().count(b"\n") == 2)
+    size = (tmp_path / "readings.csv").stat().st_size
+    for n in range(1, 10):
+        clock.wait(n / 50)
+        recorder.observe(made(n))
+    clock.wait(0.25)
+    recorder.observe(made(10))
+    Writes(tmp_path).until(lambda folder: (folder / "readings.csv").stat().st_size > size)
+    assert (tmp_path / "readings.csv").read_bytes().count(b"\n") == 12
+    recorder.close({})
+
+
+def test_from_the_start_run_json_says_what_is_known_and_that_the_run_has_not_ended(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, 0, {"seed": 7})
+    assert sorted(os.listdir(tmp_path)) == NAMES
+    assert json.loads((tmp_path / "run.json").read_bytes()) == {"ended": None, "exit_code": None, "seed": 7}
+    recorder.close({"ended": "finished"})
+    assert sorted(os.listdir(tmp_path)) == NAMES
+    assert json.loads((tmp_path / "run.json").read_bytes()) == {"ended": "finished"}
+
+
+def test_a_disk_that_is_full_at_the_end_leaves_the_run_json_of_the_start_and_it_is_said(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path, 0, {"seed": 7})
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200, limits[1]))
+    try:
+        with pytest.raises(RecordError, match=f"{tmp_path / 'run.json'}: cannot record: File too large"):
+            recorder.close({"ended": "finished", "padding": "x" * 200})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert json.loads((tmp_path / "run.json").read_bytes()) == {"ended": None, "exit_code": None, "seed": 7}
+    assert sorted(os.listdir(tmp_path)) == NAMES
+
+
+def test_where_run_json_cannot_be_written_there_is_no_record_and_the_folder_can_be_tried_again(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "run.json.new").mkdir()
+    with pytest.raises(RecordError, match="cannot record: Is a directory"):
+        Recorder(tmp_path, 0)
+    assert os.listdir(tmp_path) == ["run.json.new"]
+
+
+# -- symlinks --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("leads", ["to a file", "nowhere"])
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_written_through_a_symlink(tmp_path: Path, name: str, leads: str) -> None:
+    folder, target = tmp_path / "record", tmp_path / "of somebody"
+    folder.mkdir()
+    if leads == "to a file":
+        target.write_text("mine")
+    (folder / name).symlink_to(target)
+    with pytest.raises(RecordError, match=rf"holds a record already \({name}\); name another folder"):
+        Recorder(folder, 0)
+    assert os.listdir(folder) == [name]
+    assert target.read_text() == "mine" if leads == "to a file" else not target.exists()
+
+
+def test_a_symlink_made_while_it_records_is_replaced_and_not_followed(tmp_path: Path) -> None:
+    folder, target = tmp_path / "record", tmp_path / "of somebody"
+    target.write_text("mine")
+    recorder = Recorder(folder, 0)
+    for name in ("run.json", "run.json.new"):
+        (folder / name).unlink(missing_ok=True)
+        (folder / name).symlink_to(target)
+    recorder.close({"ended": "finished"})
+    assert target.read_text() == "mine"
+    assert json.loads((folder / "run.json").read_bytes()) == {"ended": "finished"}
+    assert sorted(os.listdir(folder)) == NAMES
+
+
+def test_the_folder_itself_may_be_a_symlink(tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "record").symlink_to(tmp_path / "disk")
+    Recorder(tmp_path / "record", 0).close({})
+    assert sorted(os.listdir(tmp_path / "disk")) == NAMES

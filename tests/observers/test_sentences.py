@@ -1,0 +1,368 @@
+"""Every event in words and as a JSON object: the one place where the exact sentences are asserted."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from arva_hil import events
+from arva_hil.events import Event, searches, vehicles
+from arva_hil.observers.console.event_json import NOT_NEWS, event_json, event_name
+from arva_hil.observers.console.notice import Notice
+from arva_hil.observers.console.reasons import no_pose, no_vehicle
+from arva_hil.observers.console.sentences import sentence
+from arva_hil.vehicle.reasons import HeardSource, NoPose, NoVehicle, SilentStream
+
+LINK = (1.0, "autopilot", "udpin:127.0.0.1:14550")
+RECEIVER = (1.0, "vehicle", "receiver")
+VEHICLE = (1.0, "vehicle")
+LABEL = "px4 quadrotor 1/1"
+NO_ATTITUDE = NoPose("streams missing", (SilentStream("ATTITUDE", "", 0.0, "", False, False),))
+DENIED = ("ATTITUDE", "SET_MESSAGE_INTERVAL", 50.0, "MAV_RESULT_DENIED")
+SILENT = "transmitters that follow it are silent until its GLOBAL_POSITION_INT and ATTITUDE come on one of the links"
+CURE = "correct `datum` and `transmitters` in the scenario, or use `datum: home`"
+
+SENTENCES: list[tuple[Event, str, str]] = [
+    (events.ObserverFailed(1.0, "Disk", "OSError()"), "error", "Disk has failed and is switched off: OSError()"),
+    (events.LinkLost(*LINK, "ttyUSB0: lost"), "warning", "ttyUSB0: lost"),
+    (events.LinkBlocked(*LINK, "ttyUSB0: busy"), "warning", "ttyUSB0: busy"),
+    (events.LinkThere(*LINK), "info", "udpin:127.0.0.1:14550: is there"),
+    (events.LinkBack(*LINK, 2.04), "info", "udpin:127.0.0.1:14550: back after 2.0 s"),
+    (events.LinkBack(*LINK, 0.0), "info", "udpin:127.0.0.1:14550: back"),
+    (
+        events.StrangersIgnored(*LINK, "10.0.0.1:9"),
+        "info",
+        "udpin:127.0.0.1:14550: what others than its peer send is ignored, as from 10.0.0.1:9",
+    ),
+    (
+        events.LogLayout(0.0, "a.tlog", ""),
+        "info",
+        "a.tlog: it has no times: they come from the vehicles' boot times",
+    ),
+    (
+        events.LogClockSet(0.0, "a.tlog"),
+        "warning",
+        "a.tlog: its clock was set while it was written: time goes on by the vehicles' own clocks",
+    ),
+    (
+        events.FollowedSystemSilent(1.0, 7, True),
+        "warning",
+        f"system 7 is not heard any more: {SILENT}",
+    ),
+    (events.FollowedSystemSilent(1.0, 7, False), "warning", f"system 7 was never heard: {SILENT}"),
+    (events.FollowedSystemHeard(1.0, 7), "info", "system 7 is heard: transmitters follow it"),
+    (events.FramesRefused(*RECEIVER), "warning", "nobody takes the frames: they are dropped until somebody does"),
+    (events.FramesTaken(*RECEIVER, 7), "info", "frames are taken; 7 were dropped so far"),
+    (events.PoseFound(*RECEIVER), "info", "there is a pose: readings are real from here on"),
+    (
+        events.PoseLost(*RECEIVER, 2.04, NO_ATTITUDE),
+        "warning",
+        "no pose: frames say no signal until there is one (the newest is 2.0 s old)",
+    ),
+    (
+        events.PoseLost(*RECEIVER, None, NO_ATTITUDE),
+        "warning",
+        "no pose: frames say no signal until there is one (no ATTITUDE (not asked for yet))",
+    ),
+    (
+        events.PoseMissing(*RECEIVER, NoPose("no home")),
+        "warning",
+        "still no pose, frames say no signal: waiting for HOME_POSITION",
+    ),
+    (
+        events.TooFar(*RECEIVER, 2500.0, 2400.0, True),
+        "warning",
+        f"the vehicle is 2.5 km from the datum and 2.4 km from the nearest transmitter, too far to hear it: {CURE}",
+    ),
+    (
+        events.DatumSet(*VEHICLE, 46.5, 11.35, 1800.0, "home has moved"),
+        "info",
+        "datum: 46.5000000, 11.3500000, 1800.00 m AMSL (home has moved)",
+    ),
+    (vehicles.VehicleFound(*VEHICLE, LABEL, 2, True), "info", "vehicle px4 quadrotor 1/1, MAVLink 2, signed"),
+    (
+        vehicles.SignaturesUnchecked(*VEHICLE),
+        "warning",
+        "its packets are signed, which nobody checks, and it may take no requests without a signature: "
+        "--signing-key FILE",
+    ),
+    (vehicles.VehicleLost(*VEHICLE, LABEL, 5.0), "warning", "no heartbeat from vehicle px4 quadrotor 1/1 for 5 s"),
+    (vehicles.VehicleBack(*VEHICLE, LABEL), "info", "vehicle px4 quadrotor 1/1 is back"),
+    (vehicles.VehicleRebooted(*VEHICLE, LABEL), "warning", "vehicle px4 quadrotor 1/1 has rebooted: a new session"),
+    (
+        vehicles.OtherAutopilotIgnored(*VEHICLE, 2, 1, False),
+        "info",
+        "another autopilot 2/1 on this link is ignored; --target-system chooses",
+    ),
+    (
+        vehicles.OtherAutopilotIgnored(*VEHICLE, 1, 1, True),
+        "info",
+        "another autopilot 1/1 on this link is ignored; it has the ids of this one: give it others",
+    ),
+    (
+        vehicles.SignatureRefused(*VEHICLE, 1, 1, "unsigned"),
+        "warning",
+        "unsigned packets are ignored, the first from 1/1: has it been given the key (SETUP_SIGNING)?",
+    ),
+    (
+        vehicles.SignatureRefused(*VEHICLE, 1, 1, "forged"),
+        "warning",
+        "packets signed with another key are ignored, the first from 1/1",
+    ),
+    (
+        vehicles.SignatureRefused(*VEHICLE, 1, 1, "replayed"),
+        "warning",
+        "packets with old time stamps are ignored, the first from 1/1: replayed, or its clock is behind",
+    ),
+    (
+        vehicles.ClockLeapt(*VEHICLE, 41.52),
+        "info",
+        "the vehicle's clock is ahead by 42 s: what came before was late",
+    ),
+    (vehicles.PositionJumped(*VEHICLE, 5566.2), "warning", "the vehicle's position has jumped by 5566 m"),
+    (
+        vehicles.StreamRateLowered(*VEHICLE, *DENIED, 25.0),
+        "warning",
+        "ATTITUDE: SET_MESSAGE_INTERVAL to 50 Hz: MAV_RESULT_DENIED; asking for 25 Hz",
+    ),
+    (
+        vehicles.StreamAskedOtherwise(*VEHICLE, "ATTITUDE", "SET_MESSAGE_INTERVAL", 50.0, "", 50.0),
+        "warning",
+        "ATTITUDE is slower than the 50 Hz wanted (SET_MESSAGE_INTERVAL: no answer); trying REQUEST_DATA_STREAM",
+    ),
+    (vehicles.AutopilotText(*VEHICLE, "PreArm: x"), "warning", "the autopilot says: PreArm: x"),
+    (vehicles.ArmingTried(*VEHICLE, 1, 3.0, "", ""), "info", "arming, try 1, the next in 3 s"),
+    (
+        vehicles.ArmingTried(*VEHICLE, 2, 3.0, "arming", "FAILED"),
+        "info",
+        "arming, try 2, the next in 3 s; the one before was refused: arming: FAILED",
+    ),
+    (
+        vehicles.ThrottleAwaited(*VEHICLE, 2, 120),
+        "warning",
+        "the pilot has moved a stick (channel 2, by 120 µs): it hovers in GUIDED until the throttle stick is in the "
+        "middle, then LOITER is ordered",
+    ),
+    (
+        vehicles.ThrottleAwaited(*VEHICLE, 0, 0),
+        "warning",
+        "low battery: it hovers in GUIDED until the throttle stick is in the middle, then LOITER is ordered",
+    ),
+    (searches.FromSearch(1.0, searches.DescentBegun(1.0)), "info", "search: coming down onto the place reported"),
+    (searches.WaitingFor(1.0, "frame"), "info", "waiting for a frame from the receiver"),
+    (
+        searches.FailsafesKnown(1.0, "px4", (("COM_OBL_RC_ACT", 4.0), ("COM_OF_LOSS_T", 1.0), ("NAV_RCL_ACT", 2.0))),
+        "info",
+        "left alone by the search, it lands (COM_OBL_RC_ACT 4) after 1 s (COM_OF_LOSS_T); without a radio: "
+        "Return (NAV_RCL_ACT 2); without a ground station: unknown (NAV_DLL_ACT)",
+    ),
+    (
+        searches.FailsafesKnown(1.0, "ardupilot", (("FS_OPTIONS", 4.0), ("GUID_TIMEOUT", 3.0), ("FS_GCS_ENABLE", 0.0))),
+        "info",
+        "left alone by the search, it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until somebody "
+        "takes it; without a radio: nothing in GUIDED (FS_OPTIONS 4); without a ground station: nothing "
+        "(FS_GCS_ENABLE 0)",
+    ),
+    (
+        searches.SimulatorRecognized(1.0, LABEL, "SIM_STATE"),
+        "info",
+        "px4 quadrotor 1/1 is a simulator: it answers with SIM_STATE",
+    ),
+    (searches.ArmingAllowed(1.0, LABEL), "warning", "px4 quadrotor 1/1 is not known to be a simulator: --yes"),
+    (searches.CountDown(1.0, 3, False), "info", "arming in 3 s"),
+    (searches.CountDown(1.0, 3, True), "info", "taking over in 3 s"),
+    (searches.Launched(1.0, LABEL, False), "info", "arming px4 quadrotor 1/1"),
+    (searches.Launched(1.0, LABEL, True), "info", "taking over px4 quadrotor 1/1"),
+    (searches.SearchBegun(1.0, 2.96), "info", "3.0 m high: the search begins"),
+    (searches.SearchEnded(1.0, "found", True), "info", "found; landing"),
+    (searches.SearchEnded(1.0, "found", False), "info", "found; hovering"),
+    (searches.SearchInterrupted(1.0, "flying"), "info", "interrupted: it is left hovering"),
+    (searches.SearchInterrupted(1.0, "arming"), "info", "interrupted: it is disarmed"),
+    (
+        searches.SearchInterrupted(1.0, "landing"),
+        "info",
+        "interrupted: it goes on landing; the mode switch stops it",
+    ),
+    (searches.SearchInterrupted(1.0, "yielding"), "info", "interrupted: the pilot gets it"),
+    (
+        searches.SearchHeldUp(1.0, 1.54),
+        "warning",
+        "nothing was done for 1.5 s: first it is seen who has the vehicle",
+    ),
+    (searches.SearchPaused(1.0, "no frame", 2.0, 3.0), "warning", "no frame for 2 s: hovering"),
+    (
+        searches.SearchPaused(1.0, "same readings", 2.0, 3.0),
+        "warning",
+        "the receiver says the same over 3 m of flight: hovering",
+    ),
+    (searches.SearchResumed(1.0, "no frame"), "info", "frames are back: the search goes on"),
+    (searches.SearchResumed(1.0, "same readings"), "info", "the readings change again: the search goes on"),
+    (searches.ReceiverGone(1.0, "pty: lost"), "warning", "the receiver is gone: pty: lost"),
+    (
+        searches.TransmitterHeard(1.0, 2, 20.0, 3.0, -0.01),
+        "info",
+        "transmitter 2 is heard, 20.0 m away, at 3.0 m north, 0.0 m east of the take-off point",
+    ),
+    (
+        searches.TransmitterChosen(1.0, None, 9.0),
+        "info",
+        "going for transmitter without a number, 9.0 m away",
+    ),
+    (
+        searches.TransmitterFaded(1.0, 1),
+        "warning",
+        "transmitter 1 is not heard any more: back to the strips",
+    ),
+    (searches.DescentBegun(1.0), "info", "coming down onto the place reported"),
+    (searches.TooLow(1.0, 1.4, 3.0), "warning", "only 1.4 m above the ground, 3 m are wanted: climbing"),
+    (searches.HeightSource(1.0, "rangefinder"), "info", "height above the ground: from the rangefinder"),
+    (
+        searches.HeightSource(1.0, "highest ground"),
+        "warning",
+        "the rangefinder says nothing of use: height is held above the highest ground it has seen",
+    ),
+    (
+        searches.HeightSource(1.0, "estimate"),
+        "warning",
+        "no rangefinder is heard: height is held above the take-off point, over slopes it is another one",
+    ),
+]
+UNSAID = events.HeartbeatMissing(*VEHICLE, NoVehicle("no packets", bytes=150))  # it is how a run ends
+
+
+def kinds() -> set[type[Event]]:
+    """The kinds of events that happen: those without kinds of their own."""
+    found = {
+        kind
+        for room in (events, vehicles, searches)
+        for kind in vars(room).values()
+        if isinstance(kind, type) and issubclass(kind, Event)
+    }
+    return {kind for kind in found if not any(issubclass(other, kind) for other in found - {kind})}
+
+
+@pytest.mark.parametrize(("event", "level", "text"), SENTENCES, ids=lambda value: type(value).__name__)
+def test_an_event_in_words(event: Event, level: Any, text: str) -> None:
+    assert sentence(event) == Notice(level, text)
+
+
+def test_that_there_is_no_vehicle_is_how_a_run_with_one_ends_and_news_where_there_are_others() -> None:
+    assert sentence(UNSAID) is None
+    told = sentence(UNSAID, named=True)
+    assert told is not None
+    assert told.text.startswith("vehicle: 150 bytes were heard but no MAVLink packet in them")
+    assert told.text.endswith("; it is still waited for")
+
+
+def test_there_are_words_for_every_event_that_is_news() -> None:
+    assert kinds() == {type(event) for event, _, _ in SENTENCES} | set(NOT_NEWS) | {type(UNSAID)}
+
+
+@pytest.mark.parametrize("event", [UNSAID, *(event for event, _, _ in SENTENCES)], ids=lambda e: type(e).__name__)
+def test_an_event_as_json_has_a_name_a_time_and_no_objects_inside(event: Event) -> None:
+    made = json.loads(event_json(event) or "")
+    inner = event.event if isinstance(event, searches.FromSearch) else event
+    assert made["event"] == event_name(type(inner))
+    assert made["time_s"] == event.time_s
+    assert not any(isinstance(value, dict) for value in made.values())
+
+
+def test_json_names_follow_from_the_class_and_fields_of_fields_are_joined() -> None:
+    lost = events.PoseLost(31.4, "vehicle", "receiver", None, NO_ATTITUDE)
+    assert json.loads(event_json(lost) or "") == {
+        "event": "pose_lost",
+        "time_s": 31.4,
+        "vehicle": "vehicle",
+        "receiver": "receiver",
+        "age_s": None,
+        "lacking_reason": "streams missing",
+        "lacking_message": "",
+        "lacking_streams": [["ATTITUDE", "", 0.0, "", False, False]],
+    }
+    landing = searches.FromSearch(2.0, searches.SearchEnded(2.0, "found", True))
+    assert json.loads(event_json(landing) or "") == {
+        "event": "search_ended",
+        "time_s": 2.0,
+        "how": "found",
+        "landing": True,
+        "by": "search",
+    }
+
+
+def test_a_number_that_is_none_is_null() -> None:
+    assert json.loads(event_json(searches.TooLow(1.0, float("nan"), 3.0)) or "")["height_m"] is None
+
+
+@pytest.mark.parametrize(
+    ("why", "text"),
+    [
+        (NoPose("no vehicle"), "no vehicle yet"),
+        (NoPose("zero position"), "the position is all zeros: no GPS fix yet"),
+        (
+            NoPose("zero position", NO_ATTITUDE.streams),
+            "the position is all zeros: no GPS fix yet, no ATTITUDE (not asked for yet)",
+        ),
+        (NoPose("impossible position"), "the position is out of range: no GPS fix yet"),
+        (NoPose("streams stopped"), "the streams have stopped"),
+        (
+            NoPose("no truth", message="SIM_STATE"),
+            "no SIM_STATE: only a simulator tells its vehicle's true pose, `pose: estimate` is for all others",
+        ),
+        (
+            NoPose("no truth"),
+            "only the simulators of ArduPilot and PX4 tell their vehicle's true pose, "
+            "`pose: estimate` is for all others",
+        ),
+        (
+            NoPose("streams missing", (SilentStream("ATTITUDE", "", 0.0, "", True, False),)),
+            "no ATTITUDE (none in the log lately)",
+        ),
+        (
+            NoPose("streams missing", (SilentStream("ATTITUDE", "REQUEST_DATA_STREAM", 4.0, "", False, False),)),
+            "no ATTITUDE (REQUEST_DATA_STREAM at 4 Hz: never acknowledged)",
+        ),
+        (
+            NoPose(
+                "streams missing",
+                (
+                    SilentStream(
+                        "GLOBAL_POSITION_INT", "SET_MESSAGE_INTERVAL", 50.0, "MAV_RESULT_ACCEPTED", False, True
+                    ),
+                ),
+            ),
+            "no GLOBAL_POSITION_INT (SET_MESSAGE_INTERVAL to 50 Hz: MAV_RESULT_ACCEPTED): PX4 sends none before it has "
+            "a position, no GPS fix yet?",
+        ),
+    ],
+)
+def test_why_there_is_no_pose_in_words(why: NoPose, text: str) -> None:
+    assert no_pose(why) == text
+
+
+@pytest.mark.parametrize(
+    ("why", "text"),
+    [
+        (NoVehicle("link lost", "tcp: refused"), "no autopilot was heard: tcp: refused"),
+        (
+            NoVehicle("silence"),
+            "nothing was heard at all: is the autopilot powered, and sending MAVLink on this link?",
+        ),
+        (
+            NoVehicle("no packets", bytes=150),
+            "150 bytes were heard but no MAVLink packet in them: is the baud rate right, "
+            "and the port's protocol MAVLink?",
+        ),
+        (
+            NoVehicle("no signature", "", 99, 3, (("unsigned", 1), ("forged", 2))),
+            "3 packets were heard, but no autopilot's with the key: 1 unsigned, 2 forged",
+        ),
+        (
+            NoVehicle("no heartbeat", "", 99, 4, (), (HeardSource("heartbeats of gcs", 255, 190, 4),)),
+            "4 packets were heard, but no autopilot's heartbeat: heartbeats of gcs from 255/190 ×4",
+        ),
+    ],
+)
+def test_why_there_is_no_vehicle_in_words(why: NoVehicle, text: str) -> None:
+    assert no_vehicle(why) == text

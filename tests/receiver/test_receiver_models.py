@@ -1,0 +1,207 @@
+"""A receiver in time: it looks when its model wants to, its frames show what the model holds then."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from arva_hil.config import RECEIVER_MODELS, Mount, Noise, Receiver, Scenario, Transmitter, kinds, parse_fault
+from arva_hil.emulator import build
+from arva_hil.emulator.datum import Datum
+from arva_hil.emulator.frame_source import FrameSource
+from arva_hil.events import FrameMade
+from arva_hil.field import LocalFrame
+from arva_hil.receiver import Answer, Antennas, Look, PaperReceiver, Reading, ReceiverModel
+from arva_hil.vehicle.pose_track import VehicleState
+from firmware_proto import encode
+
+PLACE = (46.0, 8.0, 1650.0)
+START = 12345.678  # of the run, on the driver's clock
+ROUND = 1e-6
+
+
+@dataclass
+class StrongestOfThree:
+    """A model with a memory: it looks ten times a second, and shows the nearest of its last three looks."""
+
+    inside: PaperReceiver = field(default_factory=lambda: PaperReceiver(Antennas(noise="off")))
+    looks: list[Look] = field(default_factory=list)
+    commands: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._last: deque[Reading] = deque(maxlen=3)
+
+    def next_look(self, after_s: float, frame_s: float) -> float:
+        return (math.floor(after_s * 10 + ROUND) + 1) / 10 if after_s >= 0 else 0.0
+
+    def look(self, look: Look) -> None:
+        self.looks.append(look)
+        self.inside.look(look)
+        self._last.append(self.inside.show(look.time_s))
+
+    def show(self, time_s: float) -> Reading:
+        silent = self.inside.show(time_s)
+        return min(self._last, key=lambda reading: reading.channels[0].d_cm % 10**6, default=silent)
+
+    def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
+        self.commands.append(name)
+        return Answer.DONE
+
+
+@dataclass
+class Vehicle:
+    """It flies north at 2 m/s from the datum, level and heading north."""
+
+    datum: Datum = field(default_factory=lambda: Datum(Scenario((Transmitter(1, ned=(0.0, 0.0, 0.0)),))))
+    known: bool = True
+
+    def boot(self, t: float) -> float | None:
+        return t - START
+
+    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
+        at = np.array([2.0 * (t - START), 0.0, 0.0])
+        state = VehicleState(t - START, at, np.array([2.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]), 0.01)
+        return state, state
+
+    def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        return None
+
+    def lacking(self) -> str:
+        return ""
+
+
+def source(scenario: Scenario, *, start: float = START) -> FrameSource:
+    made = FrameSource(
+        "vehicle", "receiver", "port", scenario, lambda frame, boot_ms: encode(frame), start=start, max_age_s=2.0
+    )
+    made.place(LocalFrame(*PLACE), scenario)
+    return made
+
+
+def frames(of: FrameSource, until: float, *, live: bool = False) -> list[FrameMade]:
+    """Those made until an instant; each is taken."""
+    of.advance(until, Vehicle(), live=live, ready=lambda t: True)
+    for output in of.take_outputs():
+        of.written(output, True, until, lost=False, vehicle_known=True)
+    return [event for event in of.take_events() if isinstance(event, FrameMade)]
+
+
+@pytest.fixture
+def toy(monkeypatch: pytest.MonkeyPatch) -> Iterator[StrongestOfThree]:
+    """The model under the name `toy`."""
+    model = StrongestOfThree()
+    monkeypatch.setitem(build.RECEIVER_MODELS, "toy", lambda scenario: model)
+    kinds.RECEIVER_MODELS.append("toy")
+    yield model
+    kinds.RECEIVER_MODELS.remove("toy")
+
+
+def scenario(model: str = "paper", **receiver: float) -> Scenario:
+    """A transmitter 30 m north of the datum: the vehicle comes nearer all the time, then goes away."""
+    chosen = Receiver(model=model, noise=Noise("off"), mount=Mount((0.5, 0.0, 0.0)), **receiver)  # type: ignore[arg-type]
+    return Scenario((Transmitter(1, ned=(30.0, 0.0, 0.0)),), receiver=chosen)
+
+
+def ranges(made: Sequence[FrameMade]) -> list[float | None]:
+    return [frame.reading.channels[0].true_range_m for frame in made]
+
+
+def test_every_model_that_a_scenario_may_name_is_there() -> None:
+    assert list(build.RECEIVER_MODELS) == RECEIVER_MODELS
+
+
+def test_the_papers_model_looks_when_a_frame_is_due_and_only_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks = []
+    monkeypatch.setattr(PaperReceiver, "look", lambda self, look: looks.append(look.time_s))
+    made = frames(source(scenario(rate_hz=10.0, jitter_s=0.04)), START + 5.0)
+    assert looks == [frame.instant_s for frame in made]
+    assert len(set(looks)) == 50
+
+
+def test_frames_at_1_hz_show_what_a_model_that_looks_at_10_hz_remembers(toy: StrongestOfThree) -> None:
+    made = frames(source(scenario("toy", rate_hz=1.0)), START + 20.0)
+    assert [look.time_s for look in toy.looks] == pytest.approx([n / 10 for n in range(201)])
+    assert [frame.number for frame in made] == list(range(21))
+    distances = [abs(30.0 - 0.5 - 2.0 * n / 10) for n in range(201)]
+    nearest = [min(distances[max(0, 10 * n - 2) : 10 * n + 1]) for n in range(21)]
+    assert ranges(made) == pytest.approx(nearest)
+    assert ranges(made)[16] == pytest.approx(distances[158])  # the oldest of the three, because it goes away
+
+
+def test_a_look_and_a_frame_come_in_the_order_of_time_however_late_they_are_called(toy: StrongestOfThree) -> None:
+    step, leap = source(scenario("toy", rate_hz=3.0)), source(scenario("toy", rate_hz=3.0))
+    stepped = [frame for n in range(1, 101) for frame in frames(step, START + n / 20)]
+    toy.__post_init__()
+    leaped = frames(leap, START + 5.0)
+    assert ranges(stepped) == ranges(leaped)
+    assert step.next_due <= START + 5.1
+
+
+def test_after_a_stall_looks_and_frames_of_more_than_a_second_ago_are_left_out(toy: StrongestOfThree) -> None:
+    late = source(scenario("toy", rate_hz=2.0))
+    frames(late, START, live=True)
+    toy.looks.clear()
+    made = frames(late, START + 60.0, live=True)
+    times = [look.time_s for look in toy.looks]
+    assert times == sorted(times)
+    assert [t for t in times if 0.55 < t < 58.9] == []
+    assert [frame.instant_s for frame in made] == pytest.approx([0.5, 59.0, 59.5, 60.0])
+    assert late.counters.skipped == 116
+
+
+def test_the_age_of_a_reading_grows_from_the_look_it_rests_on(toy: StrongestOfThree) -> None:
+    made = frames(source(scenario("toy", rate_hz=4.0)), START + 1.0)
+    assert [frame.age_s for frame in made] == pytest.approx([0.01, 0.06, 0.01, 0.06, 0.01])
+
+
+def test_it_looks_from_where_it_is_mounted(toy: StrongestOfThree) -> None:
+    frames(source(scenario("toy")), START + 1.0)
+    places = [look.pose.position for look in toy.looks if look.pose]
+    assert np.array(places) == pytest.approx(np.array([(0.5 + n / 5, 0, 0) for n in range(11)]))
+
+
+def test_a_model_that_looks_back_is_an_error(toy: StrongestOfThree, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(toy, "next_look", lambda after_s, frame_s: after_s)
+    with pytest.raises(ValueError, match="not later than"):
+        source(scenario("toy"))
+
+
+@pytest.mark.parametrize("fault", ["transmitter_off=1@2-3", "transmitter_moved=1,by_ned=[0,40,0]@2-3"])
+def test_faults_of_hearing_strike_whatever_model_at_its_looks(toy: StrongestOfThree, fault: str) -> None:
+    frames(source(replace(scenario("toy"), faults=(parse_fault(fault),))), START + 5.0)
+    struck = [
+        look.time_s for look in toy.looks if not look.transmitters.strengths[0] or look.transmitters.positions[0][1]
+    ]
+    assert struck == pytest.approx([n / 10 for n in range(20, 30)])
+
+
+def test_a_stuck_receiver_shows_the_same_whatever_its_model_hears(toy: StrongestOfThree) -> None:
+    chosen = replace(scenario("toy"), faults=(parse_fault("stuck@2-5"),))
+    made = frames(source(chosen), START + 8.0)
+    said = [frame.reading.channels[0].d_cm for frame in made]
+    assert said[1:5] == [said[1]] * 4
+    assert len(set(said)) == 6
+    assert ranges(made)[4] == pytest.approx(29.5 - 8.0)  # true all the same
+
+
+def test_interference_reaches_whatever_model_as_noise(toy: StrongestOfThree) -> None:
+    chosen = replace(scenario("toy"), faults=(parse_fault("interference=20@1-2"), parse_fault("interference=30@1-2")))
+    frames(source(chosen), START + 3.0)
+    assert [look.time_s for look in toy.looks if look.noise is not None] == pytest.approx(
+        [n / 10 for n in range(10, 20)]
+    )
+
+
+def test_a_host_s_command_reaches_the_model_through_faults_and_the_papers_takes_none(toy: StrongestOfThree) -> None:
+    faulty = source(replace(scenario("toy"), faults=(parse_fault("stuck@2-5"),))).faults
+    assert faulty
+    assert faulty.receiver.command(1.0, "search", ()) is Answer.DONE
+    assert toy.commands == ["search"]
+    paper: ReceiverModel = PaperReceiver(Antennas())
+    assert paper.command(1.0, "search", ()) is Answer.UNKNOWN

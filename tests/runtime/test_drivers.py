@@ -1,0 +1,322 @@
+"""A run whose links are lost and come back: what the session does, what the frames say, what a person is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from one_receiver import Diary, OneReceiver
+
+from arva_hil.config import parse
+from arva_hil.links import Link, LinkError
+from arva_hil.links.memory import MemoryLink, pair
+from arva_hil.links.reconnecting import Reopening
+from arva_hil.links.serial_opener import Barred
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.observers.console.sentences import sentence
+from arva_hil.runtime.clock import Clock, StepClock
+from arva_hil.runtime.link_monitor import LinkMonitor
+from arva_hil.runtime.loop import run
+from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.vehicle.session import Session
+from firmware_proto import Decoder, Frame
+
+HOME = (46.0123, 7.7456, 1650.0)
+SCENARIO = parse("receiver: {noise: {kind: off}, rate_hz: 20}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]", "test")
+SET_INTERVAL, REQUEST_MESSAGE = dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MESSAGE
+
+
+class Socket:
+    """Where a far end is plugged in: `far` is None while it is not, and `bars` says what keeps it from being opened."""
+
+    def __init__(self, name: str, clock: Clock) -> None:
+        self._name = name
+        self.far: MemoryLink | None = None
+        self.bars = ""  # what a person has to see to
+        self.link = Reopening(self.open(plug=True), self.open, clock, start=lambda job: job())
+
+    def open(self, *, plug: bool = False) -> Link:
+        if self.bars:
+            raise Barred(self._name, self.bars)
+        if self.far is None and not plug:
+            raise LinkError(self._name, "is not there")
+        near, self.far = pair()
+        near.name = self._name
+        return near
+
+    def pull(self) -> None:
+        assert self.far
+        self.far.close()
+        self.far = None
+
+    def plug(self) -> None:
+        self.far, _ = pair()  # until it is opened
+
+    def read(self) -> bytes:
+        return self.far.read() if self.far and self.far.ready() else b""
+
+
+class Bench:
+    """A vehicle, a run and a consumer; a task, too: the vehicle's part. `heard`: what was said to the vehicle."""
+
+    def __init__(self, **options: float) -> None:
+        self.clock = StepClock()
+        self.vehicle = SimulatedVehicle(HOME)
+        self.autopilot, self.port = Socket("autopilot", self.clock), Socket("port", self.clock)
+        self.heard: list[tuple[float, Any]] = []
+        self.links: Sequence[Link] = ()
+        self.diary = Diary()
+        self.session = Session()
+        self._parser = Parser()
+        self._decoder = Decoder()
+        self.frames: list[Frame] = []
+        link, port = self.autopilot.link, self.port.link
+        self.emulator = OneReceiver(
+            SCENARIO, self.session, link, port, start=0.0, observers=[self.diary], **{"max_age_s": 1.0, **options}
+        )
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        chunk = self.autopilot.read()
+        self.heard += [(now, self._parser.decode(packet)) for packet in self._parser.feed(chunk)]
+        self.vehicle.feed(chunk, now)
+        if (said := self.vehicle.poll(now)) and self.autopilot.far:
+            self.autopilot.far.write(said)
+        self.frames += self._decoder.feed(self.port.read(), now)
+        return now + 0.01
+
+    def run(self, seconds: float) -> None:
+        run([self, self.emulator], self.clock, until=self.clock.now() + seconds)
+
+    def asked(self, since: float, command: int, param1: float | None = None) -> list[float]:
+        """When a command came."""
+        return [
+            at - since
+            for at, message in self.heard
+            if at >= since and getattr(message, "command", None) == command and param1 in (None, message.param1)
+        ]
+
+    @property
+    def posed(self) -> bool:
+        return self.diary.frames[-1].pose is not None
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    made.run(5.0)
+    assert made.posed
+    yield made
+    for side in (made.autopilot, made.port):
+        side.link.close()
+
+
+def test_the_autopilots_link_goes_and_comes_while_frames_keep_their_rhythm(bench: Bench) -> None:
+    bench.autopilot.pull()
+    bench.run(3.0)
+    assert not bench.posed
+    bench.autopilot.plug()
+    bench.run(1.0)
+    assert bench.posed
+    times = [s.instant_s for s in bench.diary.frames]
+    assert times == pytest.approx([n / 20 for n in range(len(times))])
+    absent = [s.instant_s for s in bench.diary.frames if s.pose is None and s.instant_s > 5]
+    assert absent[0] == pytest.approx(6.0, abs=0.11)  # the pose is too old
+    assert absent[-1] < 8.0 + 1.0
+    assert [frame.sequence for frame in bench.frames] == [n % 256 for n in range(len(bench.frames))]
+    assert all(s.sent for s in bench.diary.frames)
+    assert (bench.session.navigation.reboots, bench.emulator.counters.skipped) == (0, 0)
+
+
+def test_one_line_for_lost_and_one_for_back(bench: Bench) -> None:
+    before = len(bench.diary.notices)
+    for n, side in enumerate((bench.autopilot, bench.port), 1):
+        side.pull()
+        bench.run(8.0)  # longer than any patience with a silent vehicle
+        side.plug()
+        bench.run(1.0)
+        name = side.link.name
+        of_links = [notice for notice in bench.diary.notices[before:] if "pose" not in notice.text]
+        assert [notice.level for notice in of_links] == ["warning", "info"] * n
+        assert of_links[-2].text == f"{name}: lost: closed by the far end, looking for it"
+        assert of_links[-1].text.startswith(f"{name}: back after 8.")
+    counts = {"losses": 1, "returns": 1, "strangers": 0}
+    both = {f"{side}_link_{what}": n for side in ("autopilot", "port") for what, n in counts.items()}
+    assert bench.emulator.counts() == both
+    assert len(bench.emulator.losses()) == 2
+
+
+def test_what_a_person_has_to_see_to_is_one_more_line(bench: Bench) -> None:
+    before = len(bench.diary.notices)
+    bench.port.pull()
+    bench.run(2.0)
+    bench.port.bars = "busy: held by 1234 (mavproxy)"
+    bench.run(8.0)
+    bench.port.bars = ""
+    bench.run(2.0)
+    bench.port.plug()
+    bench.run(1.0)
+    lost, busy, back = bench.diary.notices[before:]
+    assert (lost.level, lost.text) == ("warning", "port: lost: closed by the far end, looking for it")
+    assert (busy.level, busy.text) == ("warning", "port: busy: held by 1234 (mavproxy)")
+    assert back.text.startswith("port: back after 1")
+    bench.port.pull()
+    bench.run(1.0)
+    assert bench.diary.notices[-1] == lost
+
+
+def test_a_link_that_was_never_lost_has_no_line() -> None:
+    bench = Bench()
+    bench.run(1.0)
+    assert bench.emulator.losses() == {}
+    assert set(bench.emulator.counts().values()) == {0}
+
+
+@pytest.mark.parametrize("rebooted", [False, True])
+def test_streams_are_asked_for_again_at_once(bench: Bench, rebooted: bool) -> None:
+    """An autopilot keeps its intervals over an absence or, when it has started again, has none."""
+    bench.autopilot.pull()
+    bench.run(2.0)
+    if rebooted:
+        bench.vehicle.reboot(bench.clock.now())
+    bench.autopilot.plug()
+    at = bench.clock.now()
+    bench.run(2.0)
+    for msgid in (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_ATTITUDE):
+        assert bench.asked(at, SET_INTERVAL, msgid)[0] < 0.8
+    assert bench.asked(at, REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HOME_POSITION)[0] < 0.8
+    assert bench.session.home is not None
+    assert bench.posed
+    assert bench.session.navigation.reboots == rebooted
+    assert bench.diary.said("has rebooted") == rebooted
+    assert min(bench.session.rates(bench.clock.now()).values()) > 40
+
+
+def test_whose_boot_time_is_a_little_less_on_a_new_link_has_rebooted(bench: Bench) -> None:
+    """On the same link it may be a packet that comes late."""
+    boot = bench.session.clock.boot(bench.clock.now())
+    assert boot is not None
+    late = dialect.MAVLink_attitude_message(round(boot * 1e3) - 300, 0, 0, 0, 0, 0, 0)
+    packet = Encoder(1, 1).pack(late)
+    now = bench.clock.now()
+    for later in (0.0, 0.6, 0.7):
+        bench.session.feed(packet, now + later)
+    assert bench.session.navigation.reboots == 0
+    bench.session.interrupt("")
+    bench.session.resume(now + 1.3)
+    for later in (1.3, 1.4):
+        bench.session.feed(packet, now + later)
+    assert bench.session.navigation.reboots == 1
+
+
+def test_nothing_is_asked_twice_of_one_that_stayed(bench: Bench) -> None:
+    at = bench.clock.now()
+    bench.run(10.0)
+    assert not bench.asked(at, SET_INTERVAL)
+
+
+def test_a_packet_torn_by_the_loss_costs_nothing_of_the_next_session(bench: Bench) -> None:
+    torn = bench.vehicle.poll(bench.clock.now() + 1.0)[:100]
+    assert bench.autopilot.far
+    bench.autopilot.far.write(torn[:-3])
+    bench.run(0.05)
+    bench.autopilot.pull()
+    bench.run(1.0)
+    bench.autopilot.plug()
+    bench.run(2.0)
+    assert bench.session.parser.bad_crc == 0
+    assert bench.session.parser.skipped < 100
+    assert bench.posed
+
+
+def test_what_a_consumer_says_is_read_and_forgotten(bench: Bench) -> None:
+    assert bench.port.far
+    bench.port.far.write(b"hello?")
+    bench.run(0.3)
+    assert not bench.port.link.ready()
+    assert bench.session.parser.skipped == 0
+
+
+def test_a_lost_port_is_noticed_and_found_between_two_frames() -> None:
+    bench = Bench()
+    bench.emulator.schedule._rate = 0.1  # one frame in 10 s
+    bench.run(1.0)
+    bench.port.pull()
+    bench.run(0.2)
+    assert bench.emulator.counts()["port_link_losses"] == 1
+    bench.port.plug()
+    bench.run(1.0)
+    assert bench.emulator.counts()["port_link_returns"] == 1
+
+
+def test_frames_inside_mavlink_survive_an_absence() -> None:
+    bench = Bench()
+    tunnel = replace(SCENARIO, output_format="tunnel")
+    bench.emulator = OneReceiver(tunnel, bench.session, bench.autopilot.link, None, start=0.0, observers=[bench.diary])
+    bench.run(3.0)
+    bench.autopilot.pull()
+    bench.run(1.0)
+    bench.autopilot.plug()
+    bench.run(1.0)
+    at = bench.clock.now()
+    bench.run(1.0)
+    assert sum(when >= at and message.get_type() == "TUNNEL" for when, message in bench.heard) in (19, 20, 21)
+    assert bench.diary.said("nobody takes") == 0
+    assert bench.emulator.counts()["autopilot_link_returns"] == 1
+    assert "port_link_losses" not in bench.emulator.counts()
+
+
+def test_a_link_lost_before_any_vehicle_was_heard_is_what_the_end_tells() -> None:
+    bench = Bench(timeout_s=2.0)
+    bench.autopilot.pull()
+    bench.run(5.0)
+    (heard,) = bench.diary.missing
+    assert heard.startswith("no autopilot was heard: autopilot: lost: closed by the far end")
+
+
+def test_a_vehicle_that_was_silent_for_some_seconds_is_asked_again_at_once(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As over UDP, where nothing is ever lost: it may have started again, and then streams nothing."""
+    poll = bench.vehicle.poll
+    monkeypatch.setattr(bench.vehicle, "poll", lambda now: poll(now) and b"")
+    bench.run(4.5)  # between two tries of the usual kind
+    bench.vehicle.reboot(bench.clock.now())
+    monkeypatch.setattr(bench.vehicle, "poll", poll)
+    at = bench.clock.now()
+    bench.run(1.0)
+    assert bench.asked(at, SET_INTERVAL)[0] < 0.3
+    assert bench.posed
+    assert bench.session.navigation.reboots == 1
+
+
+class Still(Link):
+    """A link whose counters are set by the test."""
+
+    name = "still"
+
+    def read(self) -> bytes:
+        return b""
+
+    def write(self, data: bytes) -> bool:
+        return True
+
+    def close(self) -> None: ...
+
+
+@pytest.mark.parametrize(
+    ("happens", "lines"),
+    [
+        (lambda link: link._gone(LinkError("still", "lost")), ["still: lost"]),
+        (lambda link: (link._gone(LinkError("still", "lost")), link._renewed()), ["still: lost", "still: back"]),
+    ],
+)
+def test_what_happens_between_two_looks_is_told_too(happens: Callable[[Still], None], lines: list[str]) -> None:
+    link = Still()
+    monitor = LinkMonitor("autopilot", link)
+    assert not monitor.look(1.0)
+    happens(link)
+    told = [sentence(event) for now in (2.0, 3.0) for event in monitor.look(now)]
+    assert [notice.text for notice in told if notice] == lines

@@ -1,0 +1,301 @@
+"""The pose track against scipy's splines and pymap3d's geodesy."""
+
+from __future__ import annotations
+
+import math
+import tracemalloc
+from typing import NamedTuple
+
+import numpy as np
+import pymap3d
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation, Slerp
+
+from arva_hil.field import LocalFrame
+from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSample, VehicleState
+
+Vector = NDArray[np.float64]
+
+HOME = (46.5, 11.35, 1800.0)
+FRAME = LocalFrame(*HOME)
+SEEDS = st.integers(0, 2**32 - 1)
+few = settings(max_examples=20)  # each one is a whole flight
+
+
+class Flight(NamedTuple):
+    """Random samples, as a track takes them and as scipy does."""
+
+    track: PoseTrack
+    positions: list[PositionSample]
+    attitudes: list[AttitudeSample]
+    ned: Vector
+    turned: Rotation
+
+    @property
+    def start(self) -> float:
+        return max(self.positions[0].boot, self.attitudes[0].boot)
+
+    @property
+    def end(self) -> float:
+        return min(self.positions[-1].boot, self.attitudes[-1].boot)
+
+
+def flight(seed: int, position_gap: float = 0.25, attitude_gap: float = 0.25) -> Flight:
+    rng = np.random.default_rng(seed)
+
+    def times(gap: float) -> Vector:
+        return np.round(5 + np.cumsum(rng.uniform(0.2 * gap, gap, int(4 / gap))), 3)
+
+    positions = [
+        PositionSample(
+            float(t),
+            float(HOME[0] + rng.normal(0, 1e-3)),
+            float(HOME[1] + rng.normal(0, 1e-3)),
+            float(HOME[2] + rng.normal(0, 20)),
+            tuple(rng.normal(0, 5, 3)),
+        )
+        for t in times(position_gap)
+    ]
+    attitudes = [
+        AttitudeSample(float(t), tuple(rng.uniform((-3.1, -1.5, -3.1), (3.1, 1.5, 3.1))), tuple(rng.normal(0, 1, 3)))
+        for t in times(attitude_gap)
+    ]
+    track = PoseTrack()
+    for position in positions:
+        track.add_position(position)
+    for attitude in attitudes:
+        track.add_attitude(attitude)
+    lla = np.array([p[1:4] for p in positions]).T
+    ned = np.array(pymap3d.geodetic2ned(*lla, *HOME)).T
+    return Flight(track, positions, attitudes, ned, turned([a.angles for a in attitudes]))
+
+
+def turned(angles: list[tuple[float, ...]]) -> Rotation:
+    return Rotation.from_euler("ZYX", np.array(angles)[:, ::-1])
+
+
+def pose(track: PoseTrack, boot: float) -> VehicleState:
+    state = track.at(boot, FRAME)
+    assert state is not None
+    assert state.boot_s == boot
+    return state
+
+
+def angle(state: VehicleState, expected: Rotation) -> float:
+    """Between two attitudes, radians."""
+    w, x, y, z = state.attitude
+    return float((Rotation.from_quat([x, y, z, w]).inv() * expected).magnitude())
+
+
+@pytest.mark.parametrize(("position_gap", "attitude_gap"), [(0.25, 0.25), (1.0, 0.05), (0.05, 1.0)])
+@few
+@given(seed=SEEDS)
+def test_between_samples_it_is_what_scipy_makes_of_them(position_gap: float, attitude_gap: float, seed: int) -> None:
+    f = flight(seed, position_gap, attitude_gap)
+    position = CubicHermiteSpline([p.boot for p in f.positions], f.ned, [p.velocity for p in f.positions])
+    attitude = Slerp([a.boot for a in f.attitudes], f.turned)
+    for boot in np.linspace(f.start, f.end, 23):
+        state = pose(f.track, float(boot))
+        np.testing.assert_allclose(state.position, position(boot), atol=1e-6)
+        np.testing.assert_allclose(state.velocity, position(boot, 1), atol=1e-6)
+        assert angle(state, attitude(boot)) < 1e-6
+
+
+TILT_S, HEADING_S = 0.15, 0.5
+
+
+@few
+@given(SEEDS, st.floats(0, 3))
+def test_after_the_newest_it_goes_on_with_velocity_and_for_a_while_with_rates(seed: int, ahead: float) -> None:
+    f = flight(seed)
+    boot = max(f.positions[-1].boot, f.attitudes[-1].boot) + ahead
+    position, attitude = f.positions[-1], f.attitudes[-1]
+    state = pose(f.track, boot)
+    velocity = np.array(position.velocity)
+    np.testing.assert_allclose(state.position, f.ned[-1] + velocity * (boot - position.boot), atol=1e-6)
+    np.testing.assert_array_equal(state.velocity, velocity)
+    tilting = min(boot - attitude.boot, TILT_S)
+    turning = min(boot - attitude.boot, HEADING_S) - tilting
+    body = np.array(attitude.rates)
+    rates = Rotation.from_rotvec(body * min(tilting, np.radians(30) / np.linalg.norm(body)))  # on the right
+    turn = float(f.turned[-1].apply(body)[2]) * turning
+    heading = Rotation.from_euler("Z", np.clip(turn, -np.radians(60), np.radians(60)))  # of the world: on the left
+    assert angle(state, heading * f.turned[-1] * rates) < 1e-6
+
+
+@pytest.mark.parametrize("ahead", [0.3, 1.0, 1.9])
+def test_in_a_stall_a_roll_that_ended_is_not_rolled_on(ahead: float) -> None:
+    """The vehicle levels out from 12° at 40° a second; nothing more is heard of it."""
+    track = PoseTrack()
+    track.add_position(at(1.0))
+    track.add_attitude(AttitudeSample(1.0, (math.radians(12), 0.0, 0.0), (math.radians(-40), 0.0, 0.0)))
+    state = pose(track, 1.0 + ahead)
+    assert math.degrees(angle(state, Rotation.identity())) < 12
+    assert state.age_s == pytest.approx(ahead)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("rate", [99.0, -99.0])
+def test_no_rate_turns_it_by_more_than_a_bound(axis: int, rate: float) -> None:
+    track = PoseTrack()
+    track.add_position(at(1.0))
+    rates = [0.0, 0.0, 0.0]
+    rates[axis] = rate
+    track.add_attitude(AttitudeSample(1.0, (0.0, 0.0, 0.0), tuple(rates)))
+    turns = [math.degrees(angle(pose(track, 1.0 + ahead), Rotation.identity())) for ahead in (0.01, 0.2, 1.0, 2.0)]
+    assert max(turns) <= (90.001 if axis == 2 else 30.001)
+
+
+def test_positions_can_be_forgotten_and_the_attitude_stays() -> None:
+    track = PoseTrack()
+    for boot in (1.0, 2.0):
+        track.add_position(at(boot))
+        track.add_attitude(yawed(boot, 0.1))
+    track.forget_positions()
+    assert track.at(1.5, FRAME) is track.first_position is track.last_position is None
+    track.add_position(at(2.1, 5000.0))
+    assert track.at(2.05, FRAME) is None
+    state = pose(track, 2.2)
+    assert state.position[0] == pytest.approx(5000, abs=0.01)
+    assert yaw(state) == pytest.approx(0.1)
+
+
+@few
+@given(SEEDS)
+def test_at_a_sample_it_is_the_sample(seed: int) -> None:
+    f = flight(seed)
+    for sample, ned in zip(f.positions, f.ned, strict=True):
+        if f.start <= sample.boot <= f.end:
+            state = pose(f.track, sample.boot)
+            np.testing.assert_allclose(state.position, ned, atol=1e-6)
+            np.testing.assert_allclose(state.velocity, sample.velocity, atol=1e-9)
+
+
+@few
+@given(SEEDS)
+def test_age_is_that_of_the_older_sample_below(seed: int) -> None:
+    f = flight(seed, 0.4, 0.1)
+    for boot in np.linspace(f.start, f.end + 3, 17):
+        latest = [max(s.boot for s in samples if s.boot <= boot) for samples in (f.positions, f.attitudes)]
+        assert pose(f.track, float(boot)).age_s == pytest.approx(boot - min(latest))
+
+
+@few
+@given(SEEDS)
+def test_a_quaternion_says_the_same_as_its_angles(seed: int) -> None:
+    f = flight(seed)
+    other = PoseTrack()
+    for position in f.positions:
+        other.add_position(position)
+    for attitude, (x, y, z, w) in zip(f.attitudes, f.turned.as_quat(), strict=True):
+        sign = -1 if attitude.boot * 1000 % 2 < 1 else 1  # q and −q are the same attitude
+        other.add_attitude(attitude._replace(angles=(sign * w, sign * x, sign * y, sign * z)))
+    for boot in np.linspace(f.start, f.end + 1, 17):
+        w, x, y, z = pose(other, float(boot)).attitude
+        assert angle(pose(f.track, float(boot)), Rotation.from_quat([x, y, z, w])) < 1e-6
+
+
+# -- what is not there -------------------------------------------------------------------------------------
+
+
+def at(boot: float, north: float = 0.0, velocity: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> PositionSample:
+    lat, lon, alt = FRAME.lla([north, 0.0, 0.0])
+    return PositionSample(boot, float(lat), float(lon), float(alt), velocity)
+
+
+def yawed(boot: float, yaw: float = 0.0, rate: float = 0.0) -> AttitudeSample:
+    return AttitudeSample(boot, (0.0, 0.0, yaw), (0.0, 0.0, rate))
+
+
+def yaw(state: VehicleState) -> float:
+    w, _, _, z = state.attitude
+    return 2 * math.atan2(z, w)
+
+
+def test_an_empty_track_knows_nothing() -> None:
+    track = PoseTrack()
+    assert track.at(1.0, FRAME) is None
+    assert track.newest is None
+    assert track.first_position is None
+
+
+def test_one_half_of_a_pose_is_none() -> None:
+    one, other = PoseTrack(), PoseTrack()
+    one.add_position(at(1.0))
+    other.add_attitude(yawed(1.0))
+    for track in (one, other):
+        assert track.at(1.0, FRAME) is None
+        assert track.newest is None
+
+
+@pytest.mark.parametrize(("position", "attitude"), [(1.0, 2.0), (2.0, 1.0)])
+def test_before_the_first_of_either_there_is_none(position: float, attitude: float) -> None:
+    track = PoseTrack()
+    track.add_position(at(position))
+    track.add_attitude(yawed(attitude))
+    assert track.at(1.999, FRAME) is None
+    assert track.at(2.0, FRAME) is not None
+    assert track.newest == 1.0
+
+
+@pytest.mark.parametrize(("gap", "north", "heading"), [(2.0, 50.0, 0.5), (2.2, 1.1, 0.05)])
+def test_a_wide_gap_is_not_interpolated(gap: float, north: float, heading: float) -> None:
+    """The samples are 100 m and 1 rad apart; the first one's own speed is 1 m/s and 0.1 rad/s."""
+    track = PoseTrack()
+    track.add_position(at(1.0, 0.0, (1.0, 0, 0)))
+    track.add_position(at(1.0 + gap, 100.0, (1.0, 0, 0)))
+    track.add_attitude(yawed(1.0, 0.0, 0.1))
+    track.add_attitude(yawed(1.0 + gap, 1.0, 0.1))
+    state = pose(track, 1.0 + gap / 2)
+    assert state.position[0] == pytest.approx(north, abs=1e-3)
+    assert yaw(state) == pytest.approx(heading)
+    assert state.age_s == pytest.approx(gap / 2)
+
+
+@pytest.mark.parametrize("late", [2.0, 1.9, 1.0, 0.5])
+def test_a_sample_that_comes_twice_or_late_is_dropped(late: float) -> None:
+    track = PoseTrack()
+    for boot in (1.0, 2.0):
+        track.add_position(at(boot))
+        track.add_attitude(yawed(boot))
+    track.add_position(at(late, 99.0))
+    track.add_attitude(yawed(late, 1.0))
+    for boot in (1.0, 1.5, 1.95, 2.0, 2.5):
+        state = pose(track, boot)
+        assert np.linalg.norm(state.position) < 1e-3
+        assert yaw(state) == 0
+    assert track.newest == 2.0
+    assert track.at(0.99, FRAME) is None
+
+
+def test_ten_seconds_are_remembered() -> None:
+    track = PoseTrack()
+    for i in range(1500):
+        track.add_position(at(i / 50))
+        track.add_attitude(yawed(i / 50))
+    assert track.newest == pytest.approx(29.98)
+    assert track.at(20.0, FRAME) is not None
+    assert track.at(19.9, FRAME) is None
+    assert track.first_position == at(19.98)
+
+
+def test_memory_does_not_grow() -> None:
+    """However fast the samples come: here a million of them in a second of the vehicle's time."""
+    track = PoseTrack()
+
+    def fill(start: float) -> int:
+        for i in range(10_000):
+            track.add_position(PositionSample(start + i * 1e-6, *HOME, (0.0, 0.0, 0.0)))
+            track.add_attitude(AttitudeSample(start + i * 1e-6, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+        return tracemalloc.get_traced_memory()[0]
+
+    tracemalloc.start()
+    try:
+        before = fill(1.0)
+        assert fill(2.0) < before + 10_000
+    finally:
+        tracemalloc.stop()
