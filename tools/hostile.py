@@ -6,18 +6,22 @@ Half of the packets go to a session without a key, half to one that verifies sig
 goes on speaking in between, and every pose has to be that vehicle's. Among them: valid and invalid checksums, wrong
 lengths, packets of later versions, 255 systems, signatures, the vehicle's own ids from others, its clock and position
 far off, values that are no pose, its own packets once more; and to the session with a key, packets that only lack the
-signature. Then come random bytes, and what costs the parser most. Ends with 1 when something is not as it should be.
+signature. Then come random bytes, and what costs the parser most. At last the program is closed or killed and started
+again and again, with a right clock or a wrong one, and each time hears first what was recorded: nothing of it may
+be believed, except what a killed one had not written yet. Ends with 1 when something is not as it should be.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import math
 import os
 import random
 import struct
 import sys
+import tempfile
 import time
 from collections import Counter, deque
 from collections.abc import Callable
@@ -30,6 +34,7 @@ from fastcrc import crc16
 from arva_hil.field import LocalFrame
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.signing import Signing
+from arva_hil.runtime.signing_state import LastingSigning
 from arva_hil.vehicle.session import Session
 
 HOME = (46.0123, 7.7456, 1650.0)
@@ -47,12 +52,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--packets", type=int, default=10_000_000, metavar="N", help="default 10,000,000")
     parser.add_argument("--random-mb", type=int, default=200, metavar="MB", help="default 200")
+    parser.add_argument("--restarts", type=int, default=200, metavar="N", help="default 200")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     numbers = random.Random(options.seed)
     well = [throw_packets(Bench(numbers, key), options.packets // 2) for key in (None, KEY)]
     well += [throw_noise(Bench(numbers, key), options.random_mb * 500_000) for key in (None, KEY)]
     well.append(measure_cost(numbers))
+    well.append(replay_after_restarts(numbers, options.restarts))
     sys.exit(0 if all(well) else 1)
 
 
@@ -305,6 +312,61 @@ def measure_cost(numbers: random.Random) -> bool:
         print(f"  {name}: " + ", ".join(f"{size}: {cost:.0f}" for size, cost in costs.items()))
         well &= costs[1 << 20] < 3 * costs[4096]
     return well
+
+
+def replay_after_restarts(numbers: random.Random, restarts: int) -> bool:
+    """One vehicle, one key, one file of time stamps, all that the vehicle has said; programs that come and go."""
+    started_us = 1_700_000_000_000_000
+    vehicle = Signing(KEY, started_us)
+    encoder = Encoder(1, 1, signing=vehicle)
+    recorded: list[bytes] = []
+    wrong: Counter[str] = Counter()
+    ends: Counter[str] = Counter()
+    replayed, lost, now = 0, 0, 0.0  # lost: packets whose time stamps a killed program had not written
+    with tempfile.TemporaryDirectory(prefix="arva-hostile-") as folder:
+        file = Path(folder, "state.json")
+        for _ in range(restarts):
+            off_us = numbers.choice((0, 0, 0, 30_000_000, -3_600_000_000, -started_us))
+            clock_us = started_us + round(now * 1e6) + off_us
+            signing = LastingSigning(KEY, clock_us, 0, file, lambda text: wrong.update([text]))
+            session = Session(target_system=1, signing=signing)
+            past = recorded[-5000:]
+            session.feed(b"".join(past), 0.0)
+            refused = signing.refused["replayed"]
+            if refused < len(past) - lost:
+                wrong["believed a recording"] += 1
+            replayed += len(past)
+            steps = numbers.randrange(25, 600)
+            for step in range(1, steps + 1):
+                vehicle.advance(now + step * STEP_S)
+                recorded.append(encoder.pack(dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)))
+                session.poll(step * STEP_S)
+                session.feed(recorded[-1], step * STEP_S)
+            if signing.refused != {"unsigned": 0, "forged": 0, "replayed": refused} or session.vehicle is None:
+                wrong["refused the vehicle"] += 1
+            as_killed = file.read_bytes()
+            signing.close()
+            if killed := numbers.random() < 0.5:
+                file.write_bytes(as_killed)
+            ends["killed" if killed else "closed"] += 1
+            lost = sum(stamp_of(data) > newest_kept(file) for data in recorded[-5000:])
+            if lost and not killed:
+                wrong["closed, and forgot"] += 1
+            now += steps * STEP_S + numbers.uniform(0.1, 90)
+    print(
+        f"{restarts} programs one after the other, {dict(ends)}: {replayed} recorded packets, wrong: {dict(wrong) or 0}"
+    )
+    return not wrong
+
+
+def stamp_of(data: bytes) -> int:
+    return int.from_bytes(data[-12:-6], "little")
+
+
+def newest_kept(file: Path) -> int:
+    """The time stamp up to which the vehicle's packets are not new, by what is in the file."""
+    streams = {tuple(stream): ticks for *stream, ticks in json.loads(file.read_text())["streams"]}
+    return int(streams.get((0, 1, 1), 0))
 
 
 def memory_kb() -> int:
