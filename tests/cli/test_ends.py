@@ -175,7 +175,7 @@ def test_an_error_in_the_loop_ends_the_run_with_its_cause(
     link = tmp_path / "arva0"
     code, _, err = arva("--port", f"pty:{link}", "--autopilot", "pty", "--record", tmp_path / "record")
     assert code == 1
-    assert "error: unforeseen ZeroDivisionError: a mistake (drivers.py:" in err
+    assert "error: unforeseen ZeroDivisionError: a mistake (runtime/drivers.py:" in err
     assert "Traceback" not in err
     run = json.loads((tmp_path / "record" / "run.json").read_bytes())
     assert run["exit_code"] == 1
