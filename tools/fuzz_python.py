@@ -104,7 +104,7 @@ def fuzz(options: argparse.Namespace) -> int:
 
 
 def child(target: str, arguments: list[str]) -> int:
-    import arva_hil.model  # noqa: F401 - before it could be instrumented: atheris keeps every array that is compared
+    import arva_hil.receiver  # noqa: F401 - before it could be instrumented: atheris keeps every array that is compared
     import atheris
 
     with atheris.instrument_imports(include=INSTRUMENTED[target]):
