@@ -104,8 +104,9 @@ def fuzz(options: argparse.Namespace) -> int:
 
 
 def child(target: str, arguments: list[str]) -> int:
-    import arva_hil.receiver  # noqa: F401 - before it could be instrumented: atheris keeps every array that is compared
     import atheris
+
+    import arva_hil.receiver  # noqa: F401 - before it could be instrumented: atheris keeps every array that is compared
 
     with atheris.instrument_imports(include=INSTRUMENTED[target]):
         from fuzz_targets import TARGETS
