@@ -28,7 +28,7 @@ class SearchEvent(Event):
 class WaitingFor(SearchEvent):
     """What is lacking before the vehicle can be launched."""
 
-    what: Literal["link", "autopilot", "frame", "pose", "hover"]
+    what: Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -133,7 +133,7 @@ class ArmingTried(VehicleEvent):
 class ThrottleAwaited(VehicleEvent):
     """The pilot is to have the vehicle, and gets it when the throttle stick is in the middle.
 
-    `channel`: of the stick that was moved, from 1, and by how much; 0 where it is for a low battery.
+    `channel`: of the stick that was moved, from 1, and by how much; 0 where it is for the battery.
     """
 
     channel: int

@@ -2,7 +2,8 @@
 
 Autopilots lose commands, acknowledge what they then do not do, and refuse without a word. So an order is repeated
 until heartbeat or height shows that it is carried out, and nothing else counts. The pilot has the last word: when an
-order may leave is in `authority.py`, what else takes the vehicle from us in `sticks.py`.
+order may leave is in `authority.py`, what else takes the vehicle from us in `sticks.py` and
+`battery.py`.
 """
 
 from __future__ import annotations
@@ -252,13 +253,21 @@ class Commander(FlightState):
 
     def _on_status(self, message: Any, now: float) -> None:
         self._complaints.hear_status(message)
-        self._on_pilot(message, now)
-
-    def _on_pilot(self, message: Any, now: float) -> None:
-        """The sticks, or the battery: the pilot is to have it. ArduPilot has to be told so, PX4 gives it by itself."""
         self.sticks.hear(message)
+        self._on_battery(message, now)
+
+    def _on_battery(self, message: Any, now: float) -> None:
+        self.battery.hear(message, now)
+        self._watch_pilot(now)
+
+    def _on_channels(self, message: Any, now: float) -> None:
+        self.sticks.hear(message)
+        self._watch_pilot(now)
+
+    def _watch_pilot(self, now: float) -> None:
+        """The sticks, or the battery: the pilot is to have it. ArduPilot has to be told so, PX4 gives it by itself."""
         flown = self.phase in (Phase.CLIMBING, Phase.FLYING)
-        if not (why := self.sticks.moved or (self.sticks.low_battery and "low battery") or ""):
+        if not (why := self.sticks.moved or self.battery.why(now)):
             return
         if self._leave_alone(why):
             return
@@ -284,6 +293,6 @@ _HEARD: Final = {
     dialect.MAVLINK_MSG_ID_COMMAND_ACK: Commander._on_ack,
     dialect.MAVLINK_MSG_ID_STATUSTEXT: Commander._on_text,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: Commander._on_status,
-    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: Commander._on_pilot,
-    dialect.MAVLINK_MSG_ID_RC_CHANNELS: Commander._on_pilot,
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: Commander._on_battery,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: Commander._on_channels,
 }

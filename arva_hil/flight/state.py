@@ -6,8 +6,9 @@ import math
 from typing import Final
 
 from arva_hil.field import rotation
-from arva_hil.flight import authority, sticks
+from arva_hil.flight import authority, battery, sticks
 from arva_hil.flight.authority import Authority
+from arva_hil.flight.battery import Battery
 from arva_hil.flight.complaints import Complaints
 from arva_hil.flight.phase import Phase
 from arva_hil.flight.sticks import Sticks
@@ -31,6 +32,7 @@ class FlightState:
         self.handed_over = False
         self.origin: PositionSample | None = None
         self.sticks = Sticks()
+        self.battery = Battery()
         self._session = session
         self._take_off_m = take_off_m
         self._modes = ARDUCOPTER  # until the launch
@@ -43,7 +45,7 @@ class FlightState:
         self._ordered_s = math.inf  # when the first order of this phase was sent
         self._complaints = Complaints()
         self._news = session.news
-        session.want(authority.WANTED | sticks.WANTED)
+        session.want(authority.WANTED | sticks.WANTED | battery.WANTED)
 
     def let_go(self) -> None:
         """Send nothing any more."""

@@ -1,7 +1,4 @@
-"""The pilot's hands, for autopilots that follow set-points whatever the sticks do; and the battery's last word.
-
-ArduPilot ignores the sticks in GUIDED, and its battery failsafe may be one that only warns.
-"""
+"""The pilot's hands, for autopilots that follow set-points whatever the sticks do, as ArduPilot does in GUIDED."""
 
 from __future__ import annotations
 
@@ -15,19 +12,10 @@ _MIDDLE_US: Final = (1400, 1600)  # of the throttle: LOITER keeps its height
 _PULSE_US: Final = (975, 2200)  # what is no pulse of a radio that is heard: ArduPilot's FS_THR_VALUE is 975
 _TWICE: Final = 2  # messages in a row: no glitch
 _RC: Final = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
-_BATTERY: Final = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
-_LOW: Final = {
-    dialect.MAV_BATTERY_CHARGE_STATE_LOW,
-    dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL,
-    dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
-    dialect.MAV_BATTERY_CHARGE_STATE_FAILED,
-    dialect.MAV_BATTERY_CHARGE_STATE_UNHEALTHY,
-}
 
 WANTED: Final = {
     dialect.MAVLINK_MSG_ID_RC_CHANNELS: 5.0,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
-    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
 }
 """What has to be asked for, Hz."""
 
@@ -35,15 +23,13 @@ WANTED: Final = {
 class Sticks:
     """Remembers where the first four channels stood when they were `mark`ed, and whether one has moved since.
 
-    `moved` says so to a person. `throttle`: its channel, from 1. `low_battery`: a failsafe of the battery has
-    triggered, even one that only warns. A radio that is not heard moves nothing.
+    `moved` says so to a person. `throttle`: its channel, from 1. A radio that is not heard moves nothing.
     """
 
     def __init__(self) -> None:
         self.throttle = 3
         self.moved = ""
         self.channel = self.by_us = 0  # which one, from 1, and how far
-        self.low_battery = False
         self._now: Sequence[int] = ()
         self._rest: Sequence[int] = ()
         self._marked = False
@@ -66,15 +52,10 @@ class Sticks:
 
     def hear(self, message: Any) -> None:
         """One of the messages `WANTED`."""
-        msgid = type(message).id  # BATTERY_STATUS has a field of that name
-        if msgid == dialect.MAVLINK_MSG_ID_RC_CHANNELS:
+        if type(message).id == dialect.MAVLINK_MSG_ID_RC_CHANNELS:
             self._hear_channels(message)
-        elif msgid == dialect.MAVLINK_MSG_ID_BATTERY_STATUS:
-            self.low_battery = self.low_battery or message.charge_state in _LOW
         else:
-            ill = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
-            self._heard = not ill & _RC
-            self.low_battery = self.low_battery or bool(ill & message.onboard_control_sensors_present & _BATTERY)
+            self._heard = not message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health & _RC
 
     def _hear_channels(self, message: Any) -> None:
         pulses = message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw

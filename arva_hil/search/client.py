@@ -76,6 +76,7 @@ class SearchClient:
             session,
             autopilot,
             self._receiver,
+            battery=self._commander.battery,
             start=start,
             timeout_s=timeout_s,
             permission=permission,

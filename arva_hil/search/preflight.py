@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
 from arva_hil.events.searches import CountDown, FailsafesKnown, WaitingFor
+from arva_hil.flight.battery import Battery
 from arva_hil.flight.failsafes import Failsafes
 from arva_hil.links import Link
 from arva_hil.links.terminal_readers import other_readers
@@ -22,13 +23,14 @@ from arva_hil.vehicle.session import Session
 
 INTERRUPTED: Final = "interrupted"
 
-_Lacking = Literal["link", "autopilot", "frame", "pose", "hover"]
+_Lacking = Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
 
 
 class Preflight:
     """Remembers what a search waits for, and since when. `timeout_s`: from `start`, for all of it.
 
-    `permission`: to fly this vehicle; None where any may be flown. `take_over`: it is in the air.
+    `battery`: what the vehicle says of it. `permission`: to fly this vehicle; None where any may be flown.
+    `take_over`: it is in the air.
     `countdown_s`: waited for when all is there. `failsafes`: what the vehicle does when it is left alone.
     """
 
@@ -38,6 +40,7 @@ class Preflight:
         autopilot: Link,
         receiver: Receiver,
         *,
+        battery: Battery,
         start: float,
         timeout_s: float,
         permission: Permission | None,
@@ -49,6 +52,7 @@ class Preflight:
         self._autopilot = autopilot
         self._monitor = LinkMonitor("autopilot", autopilot)
         self._receiver = receiver
+        self._battery = battery
         self._since = start
         self._timeout_s = timeout_s
         self._permission = permission
@@ -120,6 +124,12 @@ class Preflight:
             return self._lack("pose", now, "failed", lambda: f"no pose: {no_pose(session.why_no_pose())}")
         if self._hover and (moving := self._hover.why_not(now)):
             return self._lack("hover", now, "failed", lambda: f"the vehicle is not taken over: {moving}")
+        if battery := self._battery.why(now):
+            if self._battery.low(now):
+                return Refusal(
+                    "failed", f"{battery}: charge or change it, and restart the autopilot; nothing was flown"
+                )
+            return self._lack("battery", now, "failed", lambda: f"{battery}, or not measured: nothing was flown")
         if not self.failsafes.done:
             return False
         permitted = self._permitted(now)

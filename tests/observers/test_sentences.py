@@ -148,7 +148,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         vehicles.ThrottleAwaited(*VEHICLE, 0, 0),
         "warning",
-        "low battery: it hovers in GUIDED until the throttle stick is in the middle, then LOITER is ordered",
+        "the battery: it hovers in GUIDED until the throttle stick is in the middle, then LOITER is ordered",
     ),
     (searches.FromSearch(1.0, searches.DescentBegun(1.0)), "info", "search: coming down onto the place reported"),
     (searches.WaitingFor(1.0, "frame"), "info", "waiting for a frame from the receiver"),

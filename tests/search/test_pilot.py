@@ -281,40 +281,80 @@ def test_a_radio_that_is_not_heard_moves_no_stick(pulses: tuple[int, int, int, i
     assert world.end() == ("found", "found")
 
 
-def low(message: int) -> Callable[[bytes], bytes]:
-    """The vehicle says by this message that a failsafe of its battery has triggered."""
-    parser, encoder = Parser(), Encoder(1, 1)
+LOW, UNHEALTHY = dialect.MAV_BATTERY_CHARGE_STATE_LOW, dialect.MAV_BATTERY_CHARGE_STATE_UNHEALTHY
+SYS_STATUS, BATTERY_STATUS = dialect.MAVLINK_MSG_ID_SYS_STATUS, dialect.MAVLINK_MSG_ID_BATTERY_STATUS
+
+
+def says(message: int, state: int = LOW, *, until: Callable[[], bool] = lambda: False) -> Callable[[bytes], bytes]:
+    """The vehicle says by this message that a failsafe of its battery has triggered, or that it is not measured.
+
+    From `until` on it says that all is well.
+    """
+    encoder = Encoder(1, 1)
     battery = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
-    if message == dialect.MAVLINK_MSG_ID_SYS_STATUS:
-        word = dialect.MAVLink_sys_status_message(battery, battery, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-    else:
-        state = dialect.MAV_BATTERY_CHARGE_STATE_LOW
-        word = dialect.MAVLink_battery_status_message(0, 0, 0, 0, [0] * 10, 0, 0, 0, 20, charge_state=state)
 
     def between(data: bytes) -> bytes:
-        parser.feed(data)
+        well = until()
+        if message == SYS_STATUS:
+            word = dialect.MAVLink_sys_status_message(battery, battery, battery * well, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+        else:
+            now = dialect.MAV_BATTERY_CHARGE_STATE_OK if well else state
+            word = dialect.MAVLink_battery_status_message(0, 0, 0, 0, [0] * 10, 0, 0, 0, 20, charge_state=now)
         return data + (encoder.pack(word) if data else b"")
 
     return between
 
 
-@pytest.mark.parametrize("message", [dialect.MAVLINK_MSG_ID_SYS_STATUS, dialect.MAVLINK_MSG_ID_BATTERY_STATUS])
-def test_a_low_battery_ends_it_even_where_the_failsafe_only_warns(message: int) -> None:
+ILL = "the battery is not healthy"
+WORDS = [(SYS_STATUS, LOW, ILL), (BATTERY_STATUS, LOW, "low battery"), (BATTERY_STATUS, UNHEALTHY, ILL)]
+
+
+@pytest.mark.parametrize(("message", "state", "why"), WORDS)
+def test_a_battery_ends_it_even_where_the_failsafe_only_warns(message: int, state: int, why: str) -> None:
     vehicle = ardupilot()
     world = World(vehicle)
     world.hunt()
-    world.between = low(message)
-    assert world.end(2.0) == ("failed", "low battery; the pilot has it, in LOITER")
+    world.between = says(message, state)
+    assert world.end(2.0) == ("failed", f"{why}; the pilot has it, in LOITER")
     assert vehicle._pilot.mode is Mode.LOITER
 
 
 def test_a_low_battery_leaves_px4_in_hold() -> None:
     world = World(px4())
     world.hunt()
-    world.between = low(dialect.MAVLINK_MSG_ID_BATTERY_STATUS)
+    world.between = says(BATTERY_STATUS)
     assert world.end(3.0) == ("failed", "low battery")
     assert isinstance(world.vehicle, Px4)
     assert world.vehicle.mode == HOLD
+
+
+@BOTH
+@pytest.mark.parametrize("message", [SYS_STATUS, BATTERY_STATUS])
+def test_a_battery_that_was_not_measured_yet_is_waited_for(make: Callable[[], Any], message: int) -> None:
+    """ArduPilot's first words of a battery, behind its start, are that it is not healthy: no failsafe has triggered."""
+    world = World(make())
+    world.between = says(message, UNHEALTHY, until=lambda: world.clock.now() > 12.0)
+    world.until(lambda: world.clock.now() > 11.0)
+    assert not any(m.get_type() == "COMMAND_LONG" and m.command == 400 for _, m in world.told)
+    assert any(text.startswith("waiting for the battery") for text in world.said)
+    assert world.end() == ("found", "found")
+
+
+def test_a_battery_that_is_never_healthy_is_not_flown_on() -> None:
+    world = World(ardupilot(), client={"timeout_s": 20.0})
+    world.between = says(SYS_STATUS)
+    assert world.end(25.0) == ("failed", f"{ILL}, or not measured: nothing was flown")
+    assert world.orders() == []
+
+
+@BOTH
+def test_with_a_low_battery_nothing_is_armed(make: Callable[[], Any]) -> None:
+    """As ArduPilot has it after a flight that emptied it, until it is restarted."""
+    world = World(make())
+    world.between = says(BATTERY_STATUS)
+    why = "low battery: charge or change it, and restart the autopilot; nothing was flown"
+    assert world.end(10.0) == ("failed", why)
+    assert world.orders() == []
 
 
 # -- another drone -----------------------------------------------------------------------------------------

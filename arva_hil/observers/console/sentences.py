@@ -88,7 +88,7 @@ def _arming(event: vehicles.ArmingTried) -> Sentence:
 def _throttle(event: vehicles.ThrottleAwaited) -> Sentence:
     stick = f"the pilot has moved a stick (channel {event.channel}, by {event.by_us} µs)"
     return "warning", (
-        f"{stick if event.channel else 'low battery'}: it hovers in GUIDED until the throttle stick is in the middle, "
+        f"{stick if event.channel else 'the battery'}: it hovers in GUIDED until the throttle stick is in the middle, "
         "then LOITER is ordered"
     )
 
@@ -135,6 +135,7 @@ _WAITING: Final = {
     "frame": "a frame from the receiver",
     "pose": "a pose",
     "hover": "a hover",
+    "battery": "the battery: the vehicle calls it not healthy, or has not measured it yet",
 }
 _INTERRUPTED: Final = {
     "arming": "it is disarmed",
