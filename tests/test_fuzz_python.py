@@ -27,6 +27,7 @@ def module(name: str) -> ModuleType:
     return found
 
 
+sys.path.append(str(TOOLS))
 targets = module("fuzz_targets")
 tool = module("fuzz_python")
 
@@ -45,7 +46,7 @@ def damaged(seeds: list[bytes], count: int) -> list[bytes]:
     return out
 
 
-@pytest.mark.parametrize(("target", "count"), [("loader", 250), ("session", 250), ("decoder", 2000)])
+@pytest.mark.parametrize(("target", "count"), [("loader", 250), ("session", 250), ("decoder", 2000), ("log", 300)])
 def test_what_has_to_hold_holds_on_the_seeds_and_on_damaged_ones(target: str, count: int) -> None:
     body, seeds = targets.TARGETS[target]
     every = list(seeds())

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
+import fuzz_logs
 import numpy as np
 import yaml
 from fastcrc import crc16
@@ -500,4 +501,5 @@ TARGETS: Final[dict[str, tuple[Callable[[bytes], None], Callable[[], Iterator[by
     "loader": (loader, _loader_seeds),
     "session": (session, _session_seeds),
     "decoder": (decoder, _decoder_seeds),
+    "log": (fuzz_logs.log, fuzz_logs.seeds),
 }
