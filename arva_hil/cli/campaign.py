@@ -1,14 +1,10 @@
-"""Fly a plan of many trials, on all cores or a cluster, and compare the strategies.
-
-Every result is in DIR/results.csv as soon as there is one; a campaign that was stopped goes on with the same command.
-"""
+"""`arva-hil campaign`: flies what is left of a plan, and writes table and report."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
 import os
-import re
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, closing
@@ -16,7 +12,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from arva_hil.cli import options as opt
 from arva_hil.cli.endings import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
@@ -32,23 +27,6 @@ if TYPE_CHECKING:
 REPORT: Final = "report.html"
 _PLAIN_S: Final = 10.0  # between the lines of a pipe
 _LIVE_S: Final = 0.1  # between the updates of a terminal
-
-
-def add_options(parser: opt.Parser) -> None:
-    parser.add_argument("plan", metavar="PLAN.yaml", help="what to try; configs/campaigns has some")
-    parser.option("--out", metavar="DIR", help="for results.csv and report.html; default: PLAN-results")
-    parser.option("--jobs", type=opt.whole(1, 1024), metavar="N", help="processes; default: one for each core")
-    parser.option(
-        "--scheduler", type=address, metavar="tcp://HOST:PORT", help="run on all of this Dask cluster instead"
-    )
-    parser.option("--json", action="store_true", help="one JSON object a trial on stdout")
-
-
-def address(text: str) -> str:
-    """A converter that refuses what is no address of a Dask scheduler."""
-    if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", text):
-        raise argparse.ArgumentTypeError(f"{text!r}: expected an address such as tcp://192.168.1.5:8786")
-    return text
 
 
 def main(options: argparse.Namespace) -> int:

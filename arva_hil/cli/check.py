@@ -1,23 +1,11 @@
-"""Validate scenario files and plans of campaigns: every mistake at its line and column; of what is right, a summary."""
+"""`arva-hil check`: reads files, and prints their mistakes or what is in them."""
 
 from __future__ import annotations
 
 import argparse
 
-from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import OK, USAGE, UsageError
 from arva_hil.cli.terminal import show, tell
-
-
-def add_options(parser: Parser) -> None:
-    parser.add_argument("files", nargs="*", metavar="FILE", help="scenario or plan of a campaign (YAML)")
-    parser.add_argument(
-        "--schema",
-        nargs="?",
-        const="scenario",
-        choices=("scenario", "campaign"),
-        help="print the JSON Schema of such files, for editors, instead; default: scenario",
-    )
 
 
 def main(options: argparse.Namespace) -> int:

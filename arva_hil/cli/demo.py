@@ -1,7 +1,4 @@
-"""The whole loop without hardware: a simulated vehicle, a receiver on it, and a search that finds the transmitter.
-
-At real time the vehicle and the receiver's port are pseudo-terminals, as real ones are cables.
-"""
+"""`arva-hil demo`: flies the closed loop, on pseudo-terminals or as fast as it goes."""
 
 from __future__ import annotations
 
@@ -13,7 +10,6 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common, search, search_report
-from arva_hil.cli import options as opt
 from arva_hil.cli.outcome import FAILED, NO_LINK, Failure, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.emulator.ports import MAVLINK_FORMATS
@@ -25,14 +21,6 @@ from arva_hil.search.outcome import Outcome
 from arva_hil.simulated.closed_loop import ClosedLoop, Ends
 
 _AROUND_S: Final = 120.0  # for take-off and landing
-
-
-def add_options(parser: opt.Parser) -> None:
-    parser.option("--speed", type=opt.speed, default=1.0, metavar="N|max", help="times real time; default 1")
-    parser.option("--headless", action="store_true", help="plain lines only")
-    search.add_plan(parser)
-    opt.add_scenario(parser)
-    opt.add_common(parser)
 
 
 def main(options: argparse.Namespace) -> int:

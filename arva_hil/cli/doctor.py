@@ -1,4 +1,4 @@
-"""What is wrong with the links, and the cure: looks at both sides as `run` would, and says in order what it finds."""
+"""`arva-hil doctor`: looks at both sides as `run` would, and says in order what it finds."""
 
 from __future__ import annotations
 
@@ -9,14 +9,13 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
 from typing import Final
 
-from arva_hil.cli import options as opt
 from arva_hil.cli.endings import Guard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.next_command import next_command
+from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import INTERRUPTED, UsageError
-from arva_hil.cli.run_links import DEFAULT_AUTOPILOT, add_autopilot, check_sides, choose_autopilot
+from arva_hil.cli.run_links import check_sides, choose_autopilot
 from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.config.kinds import FORMATS
 from arva_hil.doctor import diagnosis as look
 from arva_hil.doctor import port_diagnosis as port_look
 from arva_hil.doctor.examination import Ear, Mouth
@@ -37,18 +36,6 @@ _TRY_S: Final = 1.3  # for each baud rate: a heartbeat comes within
 _ANSWER_S: Final = 2.0  # for a vehicle to stream what it is asked for
 _STAYS: Final = ("permission denied", "busy", "refused")  # cured elsewhere: the option is right
 _COLOURS: Final = {"ok": "\x1b[32m", "note": "\x1b[33m", "fail": "\x1b[31m"}
-
-
-def add_options(parser: opt.Parser) -> None:
-    add_autopilot(parser)
-    parser.option("--port", type=opt.address, metavar="URL", help="where frames go; without it that side is left out")
-    parser.option("--format", choices=FORMATS, default="binary", help="of the frames; default binary")
-    opt.add_target(parser)
-    opt.add_signing(parser)
-    parser.option(
-        "--listen", type=opt.number(0.2, 3600, " of s"), default=6.0, metavar="S", help="listen this long; default 6"
-    )
-    parser.option("--json", action="store_true", help="one JSON object a finding on stdout")
 
 
 def main(options: argparse.Namespace) -> int:

@@ -24,7 +24,7 @@ def strangers(environment: Mapping[str, str], parser: Parser, commands: Iterable
     known, typed = set(parser.variables), set(parser.typed_only)
     for command in commands:
         other = Parser(prog=command)
-        importlib.import_module(f"arva_hil.cli.{command}").add_options(other)
+        importlib.import_module(f"arva_hil.cli.arguments.{command}").add_options(other)
         known |= set(other.variables)
         typed |= set(other.typed_only)
     return [_say(name, known, typed) for name in sorted(unread - known)]

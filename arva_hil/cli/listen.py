@@ -1,4 +1,4 @@
-"""Decode and print frames, like a consumer: from a port, or from a file of them."""
+"""`arva-hil listen`: decodes what comes, and prints it."""
 
 from __future__ import annotations
 
@@ -12,11 +12,9 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common
-from arva_hil.cli import options as opt
 from arva_hil.cli.endings import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.config.kinds import FORMATS
 from arva_hil.emulator.ports import MAVLINK_FORMATS, MavlinkDecoder
 from arva_hil.links import AddressError, Link, LinkError, parse
 from arva_hil.mavlink.codec import Encoder, dialect
@@ -30,14 +28,6 @@ from firmware_proto.frame import PAUSE_S
 _WATCHDOG_S: Final = 2.0  # a consumer calls a receiver "not working" after this long without a frame
 
 _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the first
-
-
-def add_options(parser: opt.Parser) -> None:
-    parser.add_argument("url", metavar="URL", help="a port, a file such as a record's frames.bin, or - for stdin")
-    parser.option("--format", choices=FORMATS, default="binary", help="of the frames; default binary")
-    parser.option("--count", type=opt.whole(1, 2**31), default=math.inf, metavar="N", help="end after N frames")
-    opt.add_duration(parser)
-    parser.option("--json", action="store_true", help="one JSON object a frame on stdout")
 
 
 def main(options: argparse.Namespace) -> int:

@@ -113,9 +113,9 @@ def _command(arguments: list[str]) -> int:
             elif name == "pty" or name.startswith(("/dev/", "pty:", "tcp", "udp")):
                 hint = f"did you mean --port {name}?"
             raise UsageError(f"no command {name!r}; {hint}")
-    module = importlib.import_module(f"arva_hil.cli.{name}")
-    parser = Parser(prog=f"arva-hil {name}", description=module.__doc__)
-    module.add_options(parser)
+    arguments_of = importlib.import_module(f"arva_hil.cli.arguments.{name}")
+    parser = Parser(prog=f"arva-hil {name}", description=arguments_of.__doc__)
+    arguments_of.add_options(parser)
     try:
         options = parser.parse(arguments)
     except SystemExit:  # argparse has printed the help
@@ -123,4 +123,4 @@ def _command(arguments: list[str]) -> int:
     for line in strangers(os.environ, parser, COMMANDS):
         tell(f"warning: {line}")
     refuse_closed(options)
-    return int(module.main(options))
+    return int(importlib.import_module(f"arva_hil.cli.{name}").main(options))

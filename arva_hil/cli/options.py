@@ -12,11 +12,13 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from arva_hil.cli.outcome import UsageError
+from arva_hil.config.words import FORMATS, FRAMES_HZ, LARGEST_SEED
 from arva_hil.links import AddressError, parse
 
 if TYPE_CHECKING:
     from arva_hil.config import Fault
 
+DEFAULT_AUTOPILOT: Final = "udpin:127.0.0.1:14550"
 PREFIX: Final = "ARVA_HIL_"
 _NUMBER: Final = r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?|inf"
 
@@ -127,7 +129,7 @@ def address(text: str) -> str:
 
 def fault(text: str) -> Fault | None:
     """A converter for a fault; `none` is None."""
-    from arva_hil.config import parse_fault  # not for --help of the whole
+    from arva_hil.config import parse_fault  # slow to import
 
     try:
         return None if text == "none" else parse_fault(text)
@@ -137,20 +139,34 @@ def fault(text: str) -> Fault | None:
 
 def add_scenario(parser: Parser) -> None:
     """Options that say what is emulated."""
-    from arva_hil.config.kinds import FORMATS, RATE_HZ, SEED  # not for --help of the whole
-
     parser.option("--scenario", metavar="FILE", help="scenario (YAML); default: one transmitter 20 m N, 5 m E of home")
     parser.option("--format", choices=FORMATS, help="of the frames; default: the scenario's")
-    parser.option(
-        "--rate", type=number(RATE_HZ.low, RATE_HZ.high, " of Hz"), metavar="HZ", help="of the frames, 0.1…50"
-    )
-    parser.option("--seed", type=whole(SEED.low, SEED.high), metavar="N", help="of the noise and the faults")
+    parser.option("--rate", type=number(*FRAMES_HZ, " of Hz"), metavar="HZ", help="of the frames, 0.1…50")
+    parser.option("--seed", type=whole(0, LARGEST_SEED), metavar="N", help="of the noise and the faults")
     parser.option(
         "--fault",
         type=fault,
         action="append",
         metavar="NAME=VALUE@FROM-UNTIL",
         help="one more fault, e.g. drop=0.02@10-60, in seconds from the start; `none`: no more of those before",
+    )
+
+
+def add_autopilot(parser: Parser) -> None:
+    """Options of the autopilot's side."""
+    parser.option(
+        "--autopilot",
+        "--master",
+        type=address,
+        metavar="URL",
+        help=f"where the autopilot is; default: the one on USB, else {DEFAULT_AUTOPILOT}",
+    )
+    parser.option(
+        "--stream-rate",
+        type=number(1, 200, " of Hz"),
+        default=50.0,
+        metavar="HZ",
+        help="of the position and attitude asked for; default 50",
     )
 
 

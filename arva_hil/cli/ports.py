@@ -1,16 +1,11 @@
-"""What is plugged in: serial ports, and which of them look like an autopilot."""
+"""`arva-hil ports`: prints what is plugged in."""
 
 from __future__ import annotations
 
 import argparse
 
-from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show, show_json
-
-
-def add_options(parser: Parser) -> None:
-    parser.option("--json", action="store_true", help="one JSON object a port")
 
 
 def main(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Replay a recorded flight through the emulator: same log, scenario and seed give the same bytes."""
+"""`arva-hil replay`: feeds a recorded flight to the engine."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
-from arva_hil.cli import options as opt
 from arva_hil.cli.outcome import UsageError
 from arva_hil.emulator.engine import Emulator, one_vehicle
 from arva_hil.events import LogClockSet, LogLayout
@@ -26,22 +25,6 @@ from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay
 from arva_hil.vehicle.session import Session
 
 _BAR_STEP_BYTES = 1 << 16
-
-
-def add_options(parser: opt.Parser) -> None:
-    parser.add_argument("log", metavar="LOG.tlog", help="MAVLink telemetry log")
-    parser.option(
-        "--port",
-        type=opt.address,
-        metavar="URL",
-        help="send the frames there, in the log's rhythm unless --speed says else",
-    )
-    parser.option("--out", metavar="FILE", help="write the frames to a file; - is stdout")
-    parser.option("--speed", type=opt.speed, metavar="N|max", help="times real time; default 1 with --port, else max")
-    opt.add_scenario(parser)
-    opt.add_target(parser)
-    opt.add_max_age(parser)
-    opt.add_common(parser)
 
 
 def main(options: argparse.Namespace) -> int:

@@ -1,20 +1,18 @@
-"""Emulate the receiver: the autopilot's MAVLink stream in, ARVA frames out."""
+"""`arva-hil run`: opens the links, makes the engine of them, and drives it until it ends."""
 
 from __future__ import annotations
 
 import argparse
-import math
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing
 from typing import NamedTuple
 
 from arva_hil.cli import common
-from arva_hil.cli import options as opt
 from arva_hil.cli.fleet_links import fleet_sides
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import UsageError
-from arva_hil.cli.run_links import add_autopilot, check_sides, choose_autopilot
+from arva_hil.cli.run_links import check_sides, choose_autopilot
 from arva_hil.cli.summary import LinkTally
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario, VehicleConfig
@@ -30,29 +28,6 @@ from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.vehicle.session import Session
-
-
-def add_options(parser: opt.Parser) -> None:
-    parser.option(
-        "--port",
-        type=opt.address,
-        metavar="URL",
-        help="where frames go: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:…, tcp:…, -",
-    )
-    add_autopilot(parser)
-    opt.add_scenario(parser)
-    opt.add_target(parser)
-    opt.add_signing(parser)
-    opt.add_max_age(parser)
-    opt.add_duration(parser)
-    parser.option(
-        "--timeout",
-        type=opt.number(0.1, math.inf, " of s"),
-        default=10.0,
-        metavar="S",
-        help="give up without a heartbeat for this long; default 10",
-    )
-    opt.add_common(parser)
 
 
 def main(options: argparse.Namespace) -> int:

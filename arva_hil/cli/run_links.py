@@ -3,33 +3,12 @@
 from __future__ import annotations
 
 import os
-from typing import Final
 
-from arva_hil.cli.options import Parser, address, number
+from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import UsageError
 from arva_hil.emulator.ports import MAVLINK_FORMATS
 from arva_hil.links import Address, parse
 from arva_hil.links.serial_ports import find_autopilot, list_ports
-
-DEFAULT_AUTOPILOT: Final = "udpin:127.0.0.1:14550"
-
-
-def add_autopilot(parser: Parser) -> None:
-    """Options of the autopilot's side."""
-    parser.option(
-        "--autopilot",
-        "--master",
-        type=address,
-        metavar="URL",
-        help=f"where the autopilot is; default: the one on USB, else {DEFAULT_AUTOPILOT}",
-    )
-    parser.option(
-        "--stream-rate",
-        type=number(1, 200, " of Hz"),
-        default=50.0,
-        metavar="HZ",
-        help="of the position and attitude asked for; default 50",
-    )
 
 
 def choose_autopilot(*ports: str | None) -> str:

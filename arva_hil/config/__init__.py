@@ -1,6 +1,6 @@
 """The files that say what is to be done: scenarios, their faults, plans of campaigns. One declaration of each key.
 
-`kinds` and `sorts` need no pydantic: a command's `--help` imports only them.
+A command's `--help` imports only `words`, which needs nothing.
 """
 
 from __future__ import annotations
@@ -11,31 +11,22 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from arva_hil.config.faults import KINDS, Fault, Kind, misfit, parse_fault, plain_fault
-    from arva_hil.config.kinds import (
-        FORMATS,
-        NOISE_KINDS,
-        RATE_HZ,
-        RECEIVER_MODELS,
-        SEED,
-        WIRE_FORMATS,
-        Format,
-        NoiseKind,
-        Pose,
-        Triple,
-    )
+    from arva_hil.config.kinds import NOISE_KINDS, RATE_HZ, RECEIVER_MODELS, SEED, NoiseKind, Pose, Triple
     from arva_hil.config.receiver import Mount, Noise, Receiver
     from arva_hil.config.scenario import DEFAULT, Datum, Scenario, load, parse, parts_of_spec_2, to_dict
     from arva_hil.config.transmitter import Follows, Lla, Path, Transmitter
     from arva_hil.config.vehicles import NavigationError, ReceiverConfig, VehicleConfig
+    from arva_hil.config.words import FORMATS, WIRE_FORMATS, Format
     from arva_hil.config.yaml_tree import Problem, ScenarioError
 
 _MODULES: Final = {
     "faults": "KINDS Fault Kind misfit parse_fault plain_fault",
-    "kinds": "FORMATS NOISE_KINDS RATE_HZ RECEIVER_MODELS SEED WIRE_FORMATS Format NoiseKind Pose Triple",
+    "kinds": "NOISE_KINDS RATE_HZ RECEIVER_MODELS SEED NoiseKind Pose Triple",
     "receiver": "Mount Noise Receiver",
     "scenario": "DEFAULT Datum Scenario load parse parts_of_spec_2 to_dict",
     "transmitter": "Follows Lla Path Transmitter",
     "vehicles": "NavigationError ReceiverConfig VehicleConfig",
+    "words": "FORMATS WIRE_FORMATS Format",
     "yaml_tree": "Problem ScenarioError",
 }
 _HOMES: Final = {name: module for module, names in _MODULES.items() for name in names.split()}

@@ -6,12 +6,13 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import fields
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
-from arva_hil.config.kinds import NUMBERED_FORMATS, SPAN, TRANSMITTER_ID, WIRE_FORMATS, WORLD_POINT, Triple
+from arva_hil.config.kinds import NUMBERED_FORMATS, SPAN, TRANSMITTER_ID, WORLD_POINT, Triple
 from arva_hil.config.marks import Help, NotAKey
 from arva_hil.config.mistakes import read_mapping, unknown, validator
 from arva_hil.config.reading import read
 from arva_hil.config.sorts import Number, Sort, Whole, Word, Yes
 from arva_hil.config.tables import help_of, sort_of, table
+from arva_hil.config.words import WIRE_FORMATS
 from arva_hil.config.wrong import SeveralWrong, Wrong
 from arva_hil.config.yaml_tree import ScenarioError
 

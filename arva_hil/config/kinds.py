@@ -1,25 +1,23 @@
-"""Words and ranges of a scenario that commands offer as options too. Importing this does not import pydantic."""
+"""Sorts of values that several keys share. Importing this does not import pydantic."""
 
 from __future__ import annotations
 
 from typing import Final, Literal, get_args
 
 from arva_hil.config.sorts import Number, Numbers, Whole, Word
+from arva_hil.config.words import FORMATS, FRAMES_HZ, LARGEST_SEED
 
 Triple = tuple[float, float, float]
 NoiseKind = Literal["uniform", "gaussian", "off"]
-Format = Literal["binary", "nmea", "text", "tunnel", "named", "named_float", "debug_vect"]
 Pose = Literal["estimate", "truth"]
 
-FORMATS: Final[tuple[Format, ...]] = get_args(Format)
-WIRE_FORMATS: Final = ("binary", "nmea", "text")  # the others go over the autopilot's own link
 NUMBERED_FORMATS: Final = ("binary", "nmea", "tunnel")  # those that carry sequence number and status
 NOISE_KINDS: Final[tuple[NoiseKind, ...]] = get_args(NoiseKind)
 RECEIVER_MODELS: Final = ["paper"]
 
 FORMAT: Final = Word(FORMATS)
-RATE_HZ: Final = Number(0.1, 50, unit="Hz")
-SEED: Final = Whole(0, 2**63 - 1)
+RATE_HZ: Final = Number(*FRAMES_HZ, unit="Hz")
+SEED: Final = Whole(0, LARGEST_SEED)
 TRANSMITTER_ID: Final = Whole(0, 254)
 SYSTEM_ID: Final = Whole(1, 255)
 LATITUDE: Final = Number(-90, 90, "a latitude", unit="°")

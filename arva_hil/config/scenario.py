@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final, Literal, get_args
 
 from arva_hil.config import yaml_tree
 from arva_hil.config.faults import Fault, FaultItem, misfit, plain_fault
-from arva_hil.config.kinds import FORMAT, SEED, Format, Pose, Triple
+from arva_hil.config.kinds import FORMAT, SEED, Pose, Triple
 from arva_hil.config.marks import Help, NotAKey, Since
 from arva_hil.config.nested import Either, Tables
 from arva_hil.config.reading import read
@@ -20,6 +20,7 @@ from arva_hil.config.sorts import Listed, Spec, Text, Word
 from arva_hil.config.tables import NEWER, right, table, validate
 from arva_hil.config.transmitter import Lla, Transmitter, same_ids
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, clashes
+from arva_hil.config.words import Format
 from arva_hil.config.wrong import SeveralWrong, Wrong, below
 
 Datum = Literal["home"] | Lla

@@ -4,13 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import InitVar, field, fields
 from typing import Annotated, Any, Final
 
-from arva_hil.config.kinds import FORMAT, SEED, SYSTEM_ID, WIRE_FORMATS, Format, Triple
+from arva_hil.config.kinds import FORMAT, SEED, SYSTEM_ID, Triple
 from arva_hil.config.marks import Help, NotAKey
 from arva_hil.config.mistakes import first
 from arva_hil.config.nested import Tables
 from arva_hil.config.receiver import Receiver
 from arva_hil.config.sorts import Number, Numbers, Text
 from arva_hil.config.tables import right, table
+from arva_hil.config.words import WIRE_FORMATS, Format
 from arva_hil.config.wrong import Wrong
 
 _NAME: Final = Text("a name of letters, digits, _, - and .", r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from service_manager import Manager
 
-from arva_hil.cli import run
+from arva_hil.cli.arguments import run
 from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import INTERRUPTED, USAGE
 

@@ -1,0 +1,18 @@
+"""What is wrong with the links, and the cure: looks at both sides as `run` would, and says in order what it finds."""
+
+from __future__ import annotations
+
+from arva_hil.cli import options as opt
+from arva_hil.config.words import FORMATS
+
+
+def add_options(parser: opt.Parser) -> None:
+    opt.add_autopilot(parser)
+    parser.option("--port", type=opt.address, metavar="URL", help="where frames go; without it that side is left out")
+    parser.option("--format", choices=FORMATS, default="binary", help="of the frames; default binary")
+    opt.add_target(parser)
+    opt.add_signing(parser)
+    parser.option(
+        "--listen", type=opt.number(0.2, 3600, " of s"), default=6.0, metavar="S", help="listen this long; default 6"
+    )
+    parser.option("--json", action="store_true", help="one JSON object a finding on stdout")

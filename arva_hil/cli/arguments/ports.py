@@ -1,0 +1,9 @@
+"""What is plugged in: serial ports, and which of them look like an autopilot."""
+
+from __future__ import annotations
+
+from arva_hil.cli.options import Parser
+
+
+def add_options(parser: Parser) -> None:
+    parser.option("--json", action="store_true", help="one JSON object a port")

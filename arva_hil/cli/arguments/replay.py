@@ -1,0 +1,21 @@
+"""Replay a recorded flight through the emulator: same log, scenario and seed give the same bytes."""
+
+from __future__ import annotations
+
+from arva_hil.cli import options as opt
+
+
+def add_options(parser: opt.Parser) -> None:
+    parser.add_argument("log", metavar="LOG.tlog", help="MAVLink telemetry log")
+    parser.option(
+        "--port",
+        type=opt.address,
+        metavar="URL",
+        help="send the frames there, in the log's rhythm unless --speed says else",
+    )
+    parser.option("--out", metavar="FILE", help="write the frames to a file; - is stdout")
+    parser.option("--speed", type=opt.speed, metavar="N|max", help="times real time; default 1 with --port, else max")
+    opt.add_scenario(parser)
+    opt.add_target(parser)
+    opt.add_max_age(parser)
+    opt.add_common(parser)

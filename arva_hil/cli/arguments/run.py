@@ -1,0 +1,30 @@
+"""Emulate the receiver: the autopilot's MAVLink stream in, ARVA frames out."""
+
+from __future__ import annotations
+
+import math
+
+from arva_hil.cli import options as opt
+
+
+def add_options(parser: opt.Parser) -> None:
+    parser.option(
+        "--port",
+        type=opt.address,
+        metavar="URL",
+        help="where frames go: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:…, tcp:…, -",
+    )
+    opt.add_autopilot(parser)
+    opt.add_scenario(parser)
+    opt.add_target(parser)
+    opt.add_signing(parser)
+    opt.add_max_age(parser)
+    opt.add_duration(parser)
+    parser.option(
+        "--timeout",
+        type=opt.number(0.1, math.inf, " of s"),
+        default=10.0,
+        metavar="S",
+        help="give up without a heartbeat for this long; default 10",
+    )
+    opt.add_common(parser)

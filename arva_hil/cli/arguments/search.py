@@ -1,0 +1,127 @@
+"""Search for the victim: reads the receiver's port, flies the autopilot, stops above the transmitter.
+
+The vehicle arms, takes off, searches and lands by itself. The pilot takes it back with the mode switch, or by moving a
+stick, at any time: the search then says nothing more to it. Ctrl-C leaves it hovering; a landing goes on.
+A receiver that is unplugged is looked for while it hovers. The autopilot's link is looked for before anything is armed;
+lost later, it leaves the vehicle to its own failsafe.
+A simulator says what it is when asked. Any other vehicle is armed only when somebody at the terminal types yes, or on
+--yes; without either the search ends with 2. On the bench: take the propellers off.
+Exit codes: 0 found, 1 not sure, not found or failed, 2 usage or not allowed to arm, 3 no autopilot or no frames,
+130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import Final
+
+from arva_hil.cli import options as opt
+from arva_hil.config.words import WIRE_FORMATS
+
+STRATEGIES: Final = ("estimate", "extremum", "flux")
+
+
+def add_options(parser: opt.Parser) -> None:
+    parser.option("--autopilot", "--master", type=opt.address, metavar="URL", help="where the autopilot is")
+    parser.option("--receiver", type=opt.address, metavar="URL", help="the receiver's port")
+    parser.option("--format", choices=WIRE_FORMATS, default="binary", help="of the frames; default binary")
+    add_plan(parser)
+    parser.option("--end", choices=("land", "hover"), default="land", help="what to do at the end; default land")
+    seconds = opt.number(0.1, math.inf, " of s")
+    parser.option(
+        "--timeout",
+        type=seconds,
+        default=60.0,
+        metavar="S",
+        help="from the start until there are both links, a heartbeat, frames and a pose; default 60",
+    )
+    parser.option("--arm-timeout", type=seconds, default=60.0, metavar="S", help="for the autopilot to arm; default 60")
+    parser.typed(
+        "--yes",
+        action="store_true",
+        help="arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable",
+    )
+    parser.option(
+        "--countdown",
+        type=opt.number(0, 60, " of s"),
+        default=3.0,
+        metavar="S",
+        help="said before it arms, when all is ready; default 3",
+    )
+    parser.typed(
+        "--take-over",
+        action="store_true",
+        help="begin in the air: take a vehicle that hovers, armed, in AUTO, GUIDED, LOITER or BRAKE (PX4: mission or "
+        "hold), for a second and 1 m above home at least; has no ARVA_HIL_ variable",
+    )
+    opt.add_target(parser)
+    opt.add_signing(parser)
+    parser.option(
+        "--stream-rate", type=opt.number(4, 50, " of Hz"), default=10.0, metavar="HZ", help="of the pose; default 10"
+    )
+    parser.option("--record", metavar="DIR", help="record the flight, how it ended and a picture into DIR")
+    parser.option("--json", action="store_true", help="how it ended, as a JSON object on stdout")
+
+
+def add_plan(parser: opt.Parser) -> None:
+    """Options that say how is searched."""
+    parser.option("--strategy", choices=STRATEGIES, default="estimate", help="default estimate")
+    parser.option(
+        "--max-speed", type=opt.number(0.2, 10, " of m/s"), default=1.0, metavar="M/S", help="horizontal; default 1"
+    )
+    metres = opt.number(0.3, 100, " of m")
+    parser.option("--height", type=metres, default=3.0, metavar="M", help="held above the ground; default 3")
+    parser.option("--take-off", type=metres, default=3.0, metavar="M", help="height of the take-off; default 3")
+    parser.option(
+        "--mount",
+        type=mount,
+        default=(0.0,) * 6,
+        metavar="X,Y,Z[,R,P,Y]",
+        help="where the receiver sits on the vehicle, m forward, right and down of its centre, and its roll, pitch and "
+        "yaw there, degrees; default 0,0,0,0,0,0",
+    )
+    parser.option(
+        "--area",
+        type=area,
+        default=(-50.0, -50.0, 50.0, 50.0),
+        metavar="S,W,N,E",
+        help="searched in strips before the first signal, m from the take-off point; 100 m outside it the search ends; "
+        "default=-50,-50,50,50",
+    )
+    parser.option(
+        "--strip-width", type=opt.number(1, 1000, " of m"), default=40.0, metavar="M", help="of the strips; default 40"
+    )
+    seconds = opt.number(1, 86400, " of s")
+    parser.option(
+        "--patience", type=seconds, default=10.0, metavar="S", help="hover without frames, then end; default 10"
+    )
+    parser.option(
+        "--limit", type=seconds, default=900.0, metavar="S", help="end the search after this long; default 900"
+    )
+
+
+def area(text: str) -> tuple[float, float, float, float]:
+    """A converter for south,west,north,east."""
+    try:
+        south, west, north, east = (float(part) for part in text.split(","))
+    except ValueError:
+        south = west = north = east = math.nan
+    if not (-10_000 <= south < north <= 10_000 and -10_000 <= west < east <= 10_000):
+        raise argparse.ArgumentTypeError(f"{text!r}: expected south,west,north,east in m, e.g. --area=-50,-50,50,50")
+    return south, west, north, east
+
+
+def mount(text: str) -> tuple[float, ...]:
+    """A converter for x,y,z[,roll,pitch,yaw]: all six."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    place, angles = values[:3], values[3:] or [0.0, 0.0, 0.0]
+    valid = len(place) == len(angles) == 3
+    valid = valid and all(abs(m) <= 10 for m in place) and all(abs(angle) <= 360 for angle in angles)
+    if not valid:
+        what = "expected x,y,z in m and, where it is turned, roll,pitch,yaw in degrees"
+        raise argparse.ArgumentTypeError(f"{text!r}: {what}, e.g. --mount=0.3,0,0.1,0,0,90")
+    return *place, *angles

@@ -1,0 +1,61 @@
+"""Options are read before anything slow is imported."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import subprocess
+import sys
+
+import pytest
+
+from arva_hil.cli.arguments import search as arguments_of_search
+from arva_hil.cli.main import COMMANDS
+from arva_hil.search import STRATEGIES
+
+SLOW = ["dask", "importlib.metadata", "jinja2", "matplotlib", "numpy", "pydantic", "pydantic_core", "pymavlink", "yaml"]
+PROGRAM = """
+import json, sys
+from arva_hil.cli.main import main
+codes = [main(arguments) for arguments in json.loads(sys.argv[1])]
+print("imported:", json.dumps([codes, sorted(set(sys.modules) & set(json.loads(sys.argv[2])))]))
+"""
+
+
+def start(calls: list[list[str]], environment: dict[str, str]) -> tuple[list[int], list[str]]:
+    """The exit codes of some calls of the program, one after the other in one process, and what slow it imported."""
+    command = [sys.executable, "-c", PROGRAM, json.dumps(calls), json.dumps(SLOW)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=60)
+    codes, imported = json.loads(done.stdout.rpartition("imported: ")[2])
+    return codes, imported
+
+
+def test_the_help_of_a_command_imports_nothing_slow() -> None:
+    assert start([["--help"], *([command, "--help"] for command in COMMANDS)], {}) == ([0] * (1 + len(COMMANDS)), [])
+
+
+def test_a_mistake_in_an_option_is_found_before_anything_slow_is_imported() -> None:
+    calls = [
+        ["run", "--rate", "99"],
+        ["replay", "--seed", "-1", "flight.tlog"],
+        ["demo", "--format", "morse"],
+        ["search", "--mount", "1,2"],
+        ["search", "--strategy", "luck"],
+        ["listen", "--count", "0"],
+        ["doctor", "--autopilot", "udpin:nowhere"],
+        ["campaign", "--jobs", "0"],
+        ["flight.tlog"],
+    ]
+    assert start(calls, {"ARVA_HIL_TYPO": "1"}) == ([2] * len(calls), [])
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_its_arguments_and_what_it_does(command: str) -> None:
+    arguments = importlib.import_module(f"arva_hil.cli.arguments.{command}")
+    assert arguments.__doc__
+    assert callable(arguments.add_options)
+    assert callable(importlib.import_module(f"arva_hil.cli.{command}").main)
+
+
+def test_every_strategy_can_be_chosen() -> None:
+    assert set(arguments_of_search.STRATEGIES) == set(STRATEGIES)
