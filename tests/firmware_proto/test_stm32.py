@@ -1,0 +1,107 @@
+"""The wire on a real core: an STM32F405, emulated by QEMU, reads what `arva-hil` writes to its serial port."""
+
+from __future__ import annotations
+
+import re
+import select
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+import firmware_proto
+from arva_hil.cli.main import main
+from arva_hil.links.serial import open_serial
+from firmware_proto import Decoder, Frame
+
+FOLDER = Path(firmware_proto.__file__).parent / "c"
+COMPILER, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
+DEADLINE_S = 30.0
+LOG = Path(__file__).parents[1] / "data" / "px4.tlog"
+PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
+
+pytestmark = pytest.mark.skipif(
+    not (shutil.which(COMPILER) and shutil.which(EMULATOR)),
+    reason=f"no {COMPILER} or no {EMULATOR}; on Debian: apt-get install {PACKAGES}",
+)
+
+
+class Board:
+    """The board while it runs: `port` is its USART1, `says` waits for what it says on its USART2."""
+
+    def __init__(self, program: Path) -> None:
+        command = [EMULATOR, "-M", "netduinoplus2", "-display", "none", "-monitor", "none"]
+        command += ["-serial", "pty", "-serial", "stdio", "-kernel", str(program)]
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
+        self.said = ""
+        self.port = self.says(r"redirected to (\S+)")[1]
+        self.says("ready\r\n")
+
+    def says(self, pattern: str) -> re.Match[str]:
+        assert self._process.stdout is not None
+        while not (found := re.search(pattern, self.said)):
+            assert select.select([self._process.stdout], [], [], DEADLINE_S)[0], f"silence behind {self.said[-200:]!r}"
+            self.said += self._process.stdout.read1().decode()
+        return found
+
+    def close(self) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The example as its README has it built, for QEMU's clock."""
+    built = tmp_path_factory.mktemp("stm32f405") / "arva.elf"
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"(?m)^ +(arm-none-eabi-gcc (?:.*\\\n)*.*)", page)
+    words = line.replace("\\\n", " ").split()
+    words[words.index("-o") + 1] = str(built)
+    subprocess.run([*words, "-Wextra", "-Werror", "-Wl,--fatal-warnings"], cwd=FOLDER, check=True, timeout=DEADLINE_S)
+    return built
+
+
+@pytest.fixture
+def board(program: Path) -> Iterator[Board]:
+    board = Board(program)
+    yield board
+    board.close()
+
+
+def answer(frame: Frame) -> str:
+    heard = [f" {c.id}:{c.d}:{c.delta}" for c in frame.channels if c.d > 0]
+    return f"{frame.sequence}{''.join(heard)}\r\n"
+
+
+def answers(data: bytes) -> list[str]:
+    decoder = Decoder()
+    return [answer(frame) for frame in decoder.feed(data, 0.0) + decoder.feed(b"", 1.0)]
+
+
+@pytest.mark.parametrize("faults", [(), ("corrupt=0.2", "truncate=0.1", "drop_bytes=0.02", "insert_bytes=0.02")])
+def test_every_frame_at_50_hz_is_answered_with_its_d_and_delta(
+    board: Board, tmp_path: Path, faults: tuple[str, ...]
+) -> None:
+    """Of those that were damaged on their way, just those that Python's decoder takes."""
+    record = tmp_path / "record"
+    options = ["--rate", "50", "--speed", "4", "--record", str(record)]
+    for fault in faults:
+        options += ["--fault", fault]
+    assert main(["replay", str(LOG), "--port", board.port, *options]) == 0
+    expected = answers((record / "frames.bin").read_bytes())
+    assert len(expected) > 100
+    board.says(re.escape(expected[-1]))
+    assert board.said.partition("ready\r\n")[2].removesuffix("lost\r\n") == "".join(expected)
+
+
+def test_a_line_that_falls_silent_is_said_to_be_lost_once(board: Board) -> None:
+    with closing(open_serial(board.port)) as line:
+        line.write(firmware_proto.encode(Frame(7, 0, (firmware_proto.Channel(1, 0, 1234, -17),))))
+        board.says("7 1:1234:-17\r\nlost\r\n")
+        line.write(firmware_proto.encode(Frame(8, 0, (firmware_proto.Channel(2, 2, 150, 0),))))
+        board.says("lost\r\n8 2:150:0\r\nlost\r\n")
