@@ -14,11 +14,21 @@ from pathlib import Path
 from typing import Final
 
 _MODE: Final = 0o666  # less what the umask takes
+_SYMLINK: Final = "is a symlink, and nothing is written through one"
+_NO_FILE: Final = "is no regular file"
 
 
 def there(path: Path) -> bool:
     """Whether anything has this name: a file, a folder, or a symlink wherever it leads."""
     return os.path.lexists(path)
+
+
+def refuse_special(path: Path) -> None:
+    """For a file that somebody else opens. Raises OSError: it is a symlink, or no regular file."""
+    with contextlib.suppress(FileNotFoundError):
+        mode = path.lstat().st_mode
+        if not stat.S_ISREG(mode):
+            raise OSError(errno.EINVAL, _SYMLINK if stat.S_ISLNK(mode) else _NO_FILE, str(path))
 
 
 def create(path: Path) -> FileIO:
@@ -38,13 +48,13 @@ def grow(path: Path, mode: int = _MODE) -> FileIO:
             return os.open(name, flags, mode)
         except OSError as error:
             if error.errno == errno.ELOOP:
-                raise OSError(errno.ELOOP, "is a symlink, and nothing is written through one", name) from None
+                raise OSError(errno.ELOOP, _SYMLINK, name) from None
             raise
 
     file = open(path, "ab+", buffering=0, opener=opener)  # noqa: SIM115 (the caller closes it)
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
-        raise OSError(errno.EINVAL, "is no regular file", str(path))
+        raise OSError(errno.EINVAL, _NO_FILE, str(path))
     return file
 
 

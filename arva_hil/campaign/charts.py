@@ -31,8 +31,9 @@ _STYLE: Final = {
     "ytick.color": "#5b6876",
     "axes.grid": True,
     "axes.axisbelow": True,
-    "grid.color": "#eceef1",
+    "grid.color": "#e3e6ea",
     "legend.frameon": False,
+    "savefig.transparent": True,  # the page may be dark
     "svg.hashsalt": "arva-hil",  # the same rows, the same bytes
 }
 _SIZE: Final = (6.2, 3.9)

@@ -1,36 +1,38 @@
-"""The results of a campaign in a folder: one row a trial, there as soon as it has finished, whatever ends the campaign.
+"""The results of a campaign in a folder: a row for each trial in `results.sqlite`, committed as soon as it has ended.
 
-`results.csv` only ever grows by whole lines, or is replaced by one in the plan's order. A last line that is torn is
-no row: its trial is run again.
+SQLite keeps what was committed, whatever ends the campaign, and keeps other programs out while it is at work. Its
+write-ahead log is not used, because that does not work on a network disk. `results.csv` is exported at the end.
 """
 
 from __future__ import annotations
 
 import contextlib
 import csv
-import fcntl
 import io
 import math
-import os
+import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from arva_hil import files
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.trial import FOUND, Result
-from arva_hil.runtime.clock import RealClock
-from arva_hil.safe_text import cell
+from arva_hil.safe_text import cell, one_line
 
-__all__ = ["FAILED", "NAME", "Results", "ResultsError", "Row", "row"]
+__all__ = ["FAILED", "NAME", "REPORT", "TABLE", "Results", "ResultsError", "Row", "opened", "replace", "row"]
 
-NAME: Final = "results.csv"
+NAME: Final = "results.sqlite"
+TABLE: Final = "results.csv"
+REPORT: Final = "report.html"
 FAILED: Final = "failed: "  # how the outcome of a trial starts that was no search but an error of the program
 
-_LOCK: Final = ".lock"
-_SYNC_S: Final = 1.0  # what may be lost when the power fails; when the program is killed, nothing is
+_APPLICATION: Final = 0x41525641  # "ARVA": whose database it is, in its header
+_FORMAT: Final = 1  # of the table, in the header too
+_WAIT_S: Final = 1.0  # for who has the database to end
+_ELSEWHERE: Final = "it is left as it is; name another folder with --out"
 
 
 class ResultsError(Exception):
@@ -68,13 +70,14 @@ class Row:
         return self.outcome == FOUND and self.error_m is not None and self.error_m <= within_m
 
 
-_READ: Final[dict[str, Any]] = {
-    "str": str,
-    "int": int,
-    "float": float,
-    "float | None": lambda text: float(text) if text else None,
+_TYPES: Final = {
+    "str": "text check (typeof({0}) = 'text')",
+    "int": "integer check (typeof({0}) = 'integer')",
+    "float": "real check (typeof({0}) = 'real')",
+    "float | None": "real check (typeof({0}) in ('real', 'null'))",
 }
-_COLUMNS: Final = {field.name: _READ[str(field.type)] for field in fields(Row)}
+_COLUMNS: Final = [field.name for field in fields(Row)]
+_CREATE: Final = ", ".join(f"{field.name} {_TYPES[str(field.type)].format(field.name)}" for field in fields(Row))
 
 
 def row(planned: Planned, result: Result) -> Row:
@@ -84,7 +87,7 @@ def row(planned: Planned, result: Result) -> Row:
     return Row(
         planned.key,
         trial.scenario.seed,
-        cell(planned.scenario),
+        one_line(planned.scenario),
         trial.scenario.receiver.noise.kind,
         planned.wind_m_s,
         trial.gps_noise_m,
@@ -94,7 +97,7 @@ def row(planned: Planned, result: Result) -> Row:
         trial.speed_m_s,
         trial.limit_s,
         min((round(math.hypot(*place[:2]), 3) for place in places), default=None),
-        cell(_short(result.outcome)),
+        one_line(" ".join(result.outcome.split())[:300]),
         result.error_m,
         result.hover_m,
         result.time_s,
@@ -104,79 +107,66 @@ def row(planned: Planned, result: Result) -> Row:
 
 
 class Results:
-    """The rows in a folder, by key, in the order of the file; a later row of the same key replaces the first."""
+    """The rows in a folder, by key; a later row of the same key replaces the first."""
 
     def __init__(self, folder: Path) -> None:
-        """Reads the file and drops its torn end; `opened` has the lock that this takes."""
+        """Read all rows, and keep the database for this program alone. Raises OSError, sqlite3.Error, ResultsError."""
         self.path = folder / NAME
-        self.rows: dict[str, Row] = {}
-        self._clock = RealClock()
-        self._synced = self._clock.now()
-        self._file = files.grow(self.path)
+        for path in (self.path, folder / TABLE, folder / REPORT):
+            files.refuse_special(path)
+            if files.there(path) and not files.there(self.path):
+                raise ResultsError(f"{path}: not from a campaign, or of an older arva-hil without {NAME}: {_ELSEWHERE}")
+        self._database = sqlite3.connect(self.path, timeout=_WAIT_S, isolation_level=None)
         try:
-            self._load()
+            self.rows = self._load()
         except BaseException:
-            self._file.close()
+            self._database.close()
             raise
 
-    def _load(self) -> None:
-        """Read the rows and drop a torn end."""
-        self._file.seek(0)
-        data = self._file.readall() or b""
-        whole = data.rfind(b"\n") + 1
-        if not whole and not _line(_COLUMNS).startswith(data):
-            raise ResultsError(f"{self.path}: not the results of a campaign: name another folder with --out")
-        for number, line in enumerate(data[:whole].split(b"\n")[:-1], 1):
-            if number == 1 and line + b"\n" != _line(_COLUMNS):
-                raise ResultsError(
-                    f"{self.path}: not the results of a campaign, or of another version of arva-hil: "
-                    "name another folder with --out"
-                )
-            if number > 1:
-                one = _parse(line, f"{self.path}:{number}")
-                self.rows[one.key] = one
-        self._file.truncate(whole)
-        if not whole:
-            self._write(_line(_COLUMNS))
+    def _load(self) -> dict[str, Row]:
+        ask = self._database.execute
+        ask("PRAGMA locking_mode = EXCLUSIVE")
+        ask("BEGIN EXCLUSIVE")
+        (found,) = ask("SELECT count(*) FROM sqlite_master").fetchone()
+        (application,), (version,) = ask("PRAGMA application_id").fetchone(), ask("PRAGMA user_version").fetchone()
+        if not found:
+            ask(f"CREATE TABLE results ({_CREATE}, PRIMARY KEY (key))")
+            ask(f"PRAGMA application_id = {_APPLICATION}")
+        elif application != _APPLICATION:
+            raise ResultsError(f"{self.path}: not from a campaign: {_ELSEWHERE}")
+        elif version != _FORMAT:
+            raise ResultsError(f"{self.path}: format {version} of another arva-hil, not {_FORMAT}: {_ELSEWHERE}")
+        if (mistake := ask("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
+            raise sqlite3.DatabaseError(mistake)
+        ask(f"PRAGMA user_version = {_FORMAT}")  # shows now whether the file may be written
+        rows = [Row(*values) for values in ask(f"SELECT {', '.join(_COLUMNS)} FROM results ORDER BY rowid")]
+        ask("COMMIT")
+        return {one.key: one for one in rows}
 
     def done(self, key: str) -> bool:
         """Whether a trial has a result; one that failed has none."""
         return key in self.rows and not self.rows[key].failed
 
     def add(self, new: Row) -> None:
-        """Append a row. It is in the file when this returns. Raises ResultsError when the disk is full."""
-        self._write(_line(astuple(new)))
+        """Keep a row. It is on the disk when this returns. Raises ResultsError, e.g. when that is full."""
+        try:
+            marks = ", ".join("?" * len(_COLUMNS))
+            self._database.execute(f"INSERT OR REPLACE INTO results VALUES ({marks})", astuple(new))
+        except sqlite3.Error as error:
+            raise ResultsError(f"{self.path}: cannot be written: {error}") from None
         self.rows[new.key] = new
 
-    def sort(self, keys: Iterable[str]) -> None:
-        """Replace the file, in one step, by one in the order of `keys`; rows of other trials come last."""
-        order = [self.rows[key] for key in keys if key in self.rows]
-        rest = self.rows.keys() - {one.key for one in order}
-        order += [one for key, one in self.rows.items() if key in rest]
-        lines = [_line(_COLUMNS), *(_line(astuple(one)) for one in order)]
-        self.close()
-        replace(self.path, b"".join(lines))
-        self.rows = {one.key: one for one in order}
+    def export(self, keys: Iterable[str]) -> None:
+        """Write `results.csv`: the rows of `keys` in their order, then those of other trials. Raises ResultsError."""
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(_COLUMNS)
+        for key in dict.fromkeys([*keys, *self.rows]):
+            table.writerow(cell(value) if isinstance(value, str) else value for value in astuple(self.rows[key]))
+        replace(self.path.with_name(TABLE), text.getvalue().encode())
 
     def close(self) -> None:
-        if not self._file.closed:
-            with contextlib.suppress(OSError):  # what could not be written was complained about
-                self._sync()
-                self._file.close()
-
-    def _write(self, line: bytes) -> None:
-        try:
-            left = memoryview(line)
-            while left:
-                left = left[self._file.write(left) :]
-            if self._clock.now() - self._synced > _SYNC_S:
-                self._sync()
-        except OSError as error:
-            raise ResultsError(f"{self.path}: cannot be written: {error.strerror}") from None
-
-    def _sync(self) -> None:
-        os.fsync(self._file.fileno())
-        self._synced = self._clock.now()
+        self._database.close()
 
 
 @contextmanager
@@ -185,10 +175,16 @@ def opened(folder: Path) -> Iterator[Results]:
     with contextlib.ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(_locked(folder))
             results = stack.enter_context(contextlib.closing(Results(folder)))
         except OSError as error:
             raise ResultsError(f"{error.filename or folder}: {error.strerror or error}") from None
+        except sqlite3.OperationalError as error:
+            busy = getattr(error, "sqlite_errorcode", 0) & 0xFF == sqlite3.SQLITE_BUSY
+            why = "another campaign or another program is at work there" if busy else f"cannot be opened: {error}"
+            raise ResultsError(f"{folder / NAME}: {why}") from None
+        except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+            why = " ".join(str(error).split())
+            raise ResultsError(f"{folder / NAME}: damaged, or not from a campaign ({why}): {_ELSEWHERE}") from None
         yield results
 
 
@@ -198,38 +194,3 @@ def replace(path: Path, data: bytes) -> None:
         files.replace(path, data)
     except OSError as error:
         raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """A lock that goes with the process that has it, however that ends."""
-    with files.grow(folder / _LOCK) as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            file.seek(0)
-            who = f"process {(file.read(20) or b'').decode(errors='replace').strip()}"
-            raise ResultsError(f"{folder}: another campaign ({who}) is at work there") from None
-        file.truncate(0)
-        file.write(f"{os.getpid()}\n".encode())
-        yield
-
-
-def _line(values: Iterable[object]) -> bytes:
-    """One line; floats at full precision, None empty."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(values)
-    return text.getvalue().encode()
-
-
-def _parse(line: bytes, where: str) -> Row:
-    try:
-        (values,) = csv.reader([line.decode()], strict=True)
-        pairs = zip(_COLUMNS.values(), values, strict=True)
-        return Row(*(read(value) for read, value in pairs))
-    except (ValueError, csv.Error) as error:
-        raise ResultsError(f"{where}: not a row of results ({error}); the file is left as it is") from None
-
-
-def _short(text: str) -> str:
-    return " ".join(text.encode(errors="backslashreplace").decode().split())[:300]

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Final
 from arva_hil.cli.endings import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.files import there
 from arva_hil.runtime.clock import RealClock
+from arva_hil.safe_text import one_line
 
 if TYPE_CHECKING:
     from arva_hil.campaign.plan import Planned
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from arva_hil.campaign.runner import Crew
     from arva_hil.config.campaign import CampaignPlan
 
-REPORT: Final = "report.html"
 _PLAIN_S: Final = 10.0  # between the lines of a pipe
 _LIVE_S: Final = 0.1  # between the updates of a terminal
 
@@ -41,21 +40,17 @@ def main(options: argparse.Namespace) -> int:
     except ScenarioError as error:
         raise UsageError(*error.problems) from None
     every = list(trials(plan))
-    title = Path(options.plan).stem
-    folder = Path(options.out or f"{title}-results")
+    folder = Path(options.out or f"{Path(options.plan).stem}-results")
     try:
         with results.opened(folder) as kept:
-            _refuse_foreign(folder / REPORT)
-            return _campaign(options, plan, every, kept, title)
+            return _campaign(options, plan, every, kept)
     except results.ResultsError as error:
         raise UsageError(error) from None
 
 
-def _campaign(
-    options: argparse.Namespace, plan: CampaignPlan, every: Sequence[Planned], kept: Results, title: str
-) -> int:
+def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[Planned], kept: Results) -> int:
     from arva_hil.campaign import report
-    from arva_hil.campaign.results import ResultsError, replace
+    from arva_hil.campaign.results import REPORT, TABLE, ResultsError, replace
 
     left = [planned for planned in every if not kept.done(planned.key)]
     try:
@@ -63,16 +58,16 @@ def _campaign(
         if stopped:
             _say(f"interrupted: {_progress(kept, every)}; the same command goes on")
             return INTERRUPTED
-        kept.sort(planned.key for planned in every)
+        kept.export(planned.key for planned in every)
         rows = [kept.rows[planned.key] for planned in every]
-        path = kept.path.with_name(REPORT)
-        replace(path, report.page(title, rows, plan.success_m).encode())
+        table, page = kept.path.with_name(TABLE), kept.path.with_name(REPORT)
+        replace(page, report.page(one_line(Path(options.plan).stem), rows, plan.success_m).encode())
     except ResultsError as error:
         raise Failure(FAILED, error) from None
     if not options.json:
         for line in report.text(rows, plan.success_m).splitlines():
             show(line)
-    _say(f"{kept.path}, {path}")
+    _say(f"{table}, {page}")
     if failed := [row for row in rows if row.failed]:
         raise Failure(FAILED, f"{len(failed)} of {len(rows)} trials failed, the first one so: {failed[0].outcome}")
     return OK
@@ -123,17 +118,6 @@ def _cores() -> int:
 def _progress(kept: Results, every: Sequence[Planned]) -> str:
     done = sum(kept.done(planned.key) for planned in every)
     return f"{done} of {len(every)} results are in {kept.path}"
-
-
-def _refuse_foreign(path: Path) -> None:
-    """Nobody's page is written over, only a report of ours."""
-    from arva_hil.campaign.report import GENERATOR
-
-    if not there(path):
-        return
-    ours = path.is_file() and not path.is_symlink() and GENERATOR in path.read_text(errors="replace")
-    if not ours:
-        raise UsageError(f"{path}: not the report of a campaign: name another folder with --out")
 
 
 def _say(line: str) -> None:

@@ -1,11 +1,16 @@
-"""The results' file: what was whole is kept, what was torn is run again, whatever the campaign was stopped by."""
+"""The results' database: what was committed is kept, the rest is run again, whatever the campaign was stopped by."""
 
 from __future__ import annotations
 
-import errno
+import contextlib
+import csv
 import os
 import resource
-from dataclasses import replace
+import signal
+import sqlite3
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,65 +18,107 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from arva_hil.campaign.results import NAME, ResultsError, Row, opened, row
+from arva_hil.campaign import results as module
+from arva_hil.campaign.results import NAME, REPORT, TABLE, ResultsError, Row, opened, row
 from arva_hil.campaign.trial import Result
 
-from .fakes import fake, planned
+from .fakes import PLAN, fake, planned
 
-EVERY = planned()
+JOURNAL = f"{NAME}-journal"
+EVERY = planned()[:8]
+MANY = [row(one, fake(one.trial)) for one in planned(PLAN.replace("seeds: 6", "seeds: 40"))]
 ROWS = [row(one, fake(one.trial)) for one in EVERY]
 KEYS = [one.key for one in EVERY]
 
 
-def written(folder: Path, rows: list[Row]) -> bytes:
+def written(folder: Path, rows: list[Row]) -> None:
     with opened(folder) as results:
         for one in rows:
             results.add(one)
-    return (folder / NAME).read_bytes()
+
+
+def kept(folder: Path) -> list[Row]:
+    with opened(folder) as results:
+        return list(results.rows.values())
+
+
+def killed_at(size: int, folder: Path) -> int:
+    """A process of its own writes MANY rows, and the kernel kills it in the write that makes a file longer than `size`:
+    how many rows it was told that it has."""
+    told, tells = os.pipe()
+    if not (process := os.fork()):
+        signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+        with contextlib.suppress(ResultsError), opened(folder) as results:
+            for one in MANY:
+                results.add(one)
+                os.write(tells, b".")
+        os._exit(0)
+    os.close(tells)
+    with os.fdopen(told, "rb") as dots:
+        count = len(dots.read())
+    _, status = os.waitpid(process, 0)
+    assert status == signal.SIGXFSZ
+    return count
 
 
 with TemporaryDirectory() as _folder:
-    WHOLE = written(Path(_folder), ROWS)
+    written(Path(_folder), ROWS)
+    WHOLE = (Path(_folder) / NAME).read_bytes()
 
 
-@settings(max_examples=50)
-@given(st.integers(0, len(WHOLE)))
-@example(0)
-@example(len(WHOLE) - 1)
-@example(len(WHOLE))
-def test_a_file_cut_at_any_byte_goes_on_without_loss_or_repetition(cut: int) -> None:
-    with TemporaryDirectory() as name:
-        path = Path(name) / NAME
-        path.write_bytes(WHOLE[:cut])
-        with opened(path.parent) as results:
-            whole = max(WHOLE[:cut].count(b"\n") - 1, 0)
-            assert list(results.rows.values()) == ROWS[:whole]
-            left = [one for one in ROWS if not results.done(one.key)]
-            assert left == ROWS[whole:]
-            for one in left:
+@pytest.mark.parametrize("size", [0, 100, 512, 1000, 4096, 5000, 12287, 13000, 16384, 20000, 24577, 30000, 36000])
+def test_killed_in_the_middle_of_a_write_it_goes_on_without_loss_or_repetition(tmp_path: Path, size: int) -> None:
+    told = killed_at(size, tmp_path)
+    with opened(tmp_path) as results:
+        assert told <= len(results.rows) <= told + 1  # one may be written and not told yet
+        assert list(results.rows.values()) == MANY[: len(results.rows)]
+        for one in MANY:
+            if not results.done(one.key):
                 results.add(one)
-        assert path.read_bytes() == WHOLE
+    assert kept(tmp_path) == MANY
+
+
+def test_such_a_kill_leaves_a_part_of_a_row_and_the_journal_to_take_it_back(tmp_path: Path) -> None:
+    assert killed_at(20000, tmp_path) > len(MANY) // 10
+    assert (tmp_path / NAME).stat().st_size == 20000  # no whole number of pages
+    assert (tmp_path / JOURNAL).stat().st_size
 
 
 @settings(max_examples=20)
 @given(st.permutations(range(len(ROWS))))
-def test_sorted_it_is_the_same_whatever_the_order_of_the_ends(order: list[int]) -> None:
+def test_the_table_is_the_same_whatever_the_order_of_the_ends(order: list[int]) -> None:
     with TemporaryDirectory() as name:
         with opened(Path(name)) as results:
             for n in order:
                 results.add(ROWS[n])
-            results.sort(KEYS)
-            assert list(results.rows.values()) == ROWS
-        assert (Path(name) / NAME).read_bytes() == WHOLE
+            results.export(KEYS)
+        with (Path(name) / TABLE).open(newline="") as file:
+            head, *lines = csv.reader(file)
+        assert head == [field.name for field in fields(Row)]
+        assert lines == [["" if value is None else str(value) for value in astuple(one)] for one in ROWS]
         assert not list(Path(name).glob("*.new"))
 
 
-def test_rows_of_other_plans_are_kept_behind_those_of_this_one(tmp_path: Path) -> None:
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@SUM(A1)", " =1"])
+def test_a_text_is_no_formula_in_the_table_and_itself_in_the_database(tmp_path: Path, text: str) -> None:
+    one = replace(ROWS[0], scenario=text, outcome=text, strategy=text, error_m=-0.5)
+    written(tmp_path, [one])
+    with opened(tmp_path) as results:
+        assert list(results.rows.values()) == [one]
+        results.export([one.key])
+    with (tmp_path / TABLE).open(newline="") as file:
+        (line,) = csv.DictReader(file)
+    assert [line[name] for name in ("scenario", "outcome", "strategy", "error_m")] == [f"'{text}"] * 3 + ["-0.5"]
+
+
+def test_rows_of_other_plans_come_behind_those_of_this_one(tmp_path: Path) -> None:
     written(tmp_path, ROWS)
     with opened(tmp_path) as results:
-        results.sort(KEYS[::-2])
-    with opened(tmp_path) as results:
-        assert list(results.rows) == KEYS[::-2] + KEYS[::2]
+        results.export(KEYS[::-2])
+    with (tmp_path / TABLE).open(newline="") as file:
+        assert [line["key"] for line in csv.DictReader(file)] == KEYS[::-2] + KEYS[::2]
 
 
 def test_a_trial_that_failed_is_run_again_and_its_row_replaced(tmp_path: Path) -> None:
@@ -83,10 +130,7 @@ def test_a_trial_that_failed_is_run_again_and_its_row_replaced(tmp_path: Path) -
         results.add(ROWS[0])
         assert results.done(KEYS[0])
     with opened(tmp_path) as results:
-        assert results.done(KEYS[0])
-        results.sort(KEYS)
-    with opened(tmp_path) as results:
-        assert list(results.rows.values()) == ROWS[:2]
+        assert results.rows == {KEYS[0]: ROWS[0], KEYS[1]: ROWS[1]}
 
 
 @settings(max_examples=40)
@@ -98,16 +142,18 @@ def test_a_trial_that_failed_is_run_again_and_its_row_replaced(tmp_path: Path) -
         hover_m=st.none() | st.floats(allow_nan=False),
         time_s=st.floats(allow_nan=False),
         path_m=st.floats(allow_nan=False),
-        frames=st.integers(),
+        frames=st.integers(0, 2**63 - 1),
     )
 )
 @example(Result('failed: E: a, "b"\r\nc\0\x85\ud800', None, -0.0, 1e-300, 0.1 + 0.2, 0))
 def test_every_row_is_one_line_and_is_read_as_it_was_written(result: Result) -> None:
     with TemporaryDirectory() as name:
         new = row(EVERY[0], result)
-        assert written(Path(name), [new]).count(b"\n") == 2
+        written(Path(name), [new])
         with opened(Path(name)) as results:
             assert list(results.rows.values()) == [new]
+            results.export([new.key])
+        assert (Path(name) / TABLE).read_bytes().count(b"\n") == 2
 
 
 def test_a_row_says_what_was_flown() -> None:
@@ -145,32 +191,109 @@ def test_a_success_is_found_and_near(outcome: str, error: float, success: bool) 
     assert replace(ROWS[0], outcome=outcome, error_m=None).success(2.0) is False
 
 
+@pytest.mark.parametrize("name", [TABLE, REPORT])
+def test_a_folder_of_an_older_version_or_of_somebody_else_is_left_as_it_is(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("mine\n")
+    with (
+        pytest.raises(ResultsError, match=f"{name}: not from a campaign, or of an older arva-hil .*another"),
+        opened(tmp_path),
+    ):
+        pass
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "mine\n")]
+
+
 @pytest.mark.parametrize(
-    ("data", "why"),
+    ("statement", "why"),
     [
-        (b"my,own,table\n1,2,3\n", "not the results of a campaign"),
-        (b"no line at all", "not the results of a campaign"),
-        (b"\n", "not the results of a campaign"),
-        (WHOLE.replace(b"error_m", b"mistake", 1), "or of another version of arva-hil"),
-        (WHOLE.replace(b"\n", b"\nx,y\n", 1), f"{NAME}:2: not a row of results"),
-        (WHOLE + WHOLE, f"{NAME}:{len(ROWS) + 2}: not a row of results"),
-        (WHOLE + b"\xff,\n", f"{NAME}:{len(ROWS) + 2}: not a row of results"),
-        (WHOLE + b'"open\n', f"{NAME}:{len(ROWS) + 2}: not a row of results"),
+        ("CREATE TABLE own (a)", "not from a campaign"),
+        ("CREATE TABLE results (key, mine)", "not from a campaign"),
+        ("CREATE VIEW results AS SELECT 1 AS key", "not from a campaign"),
+        ("PRAGMA user_version = 2", "format 2 of another arva-hil, not 1"),
+        ("ALTER TABLE results DROP COLUMN frames", "cannot be opened: no such column: frames"),
     ],
 )
-def test_what_is_not_ours_is_left_as_it_is(tmp_path: Path, data: bytes, why: str) -> None:
+def test_a_database_of_somebody_else_or_of_a_newer_version_is_left_as_it_is(
+    tmp_path: Path, statement: str, why: str
+) -> None:
+    if "CREATE" not in statement:
+        written(tmp_path, ROWS)
+    with closing(sqlite3.connect(tmp_path / NAME)) as other:
+        other.execute(statement)
+    before = (tmp_path / NAME).read_bytes()
+    with pytest.raises(ResultsError, match=f"{NAME}: {why}"), opened(tmp_path):
+        pass
+    assert (tmp_path / NAME).read_bytes() == before
+    assert not (tmp_path / JOURNAL).exists()
+
+
+@pytest.mark.parametrize(
+    "data",
+    [b"no database at all", WHOLE[: len(WHOLE) // 2], WHOLE[:4096] + bytes(len(WHOLE) - 4096)],
+    ids=["foreign", "cut", "zeros"],
+)
+def test_a_damaged_database_is_said_and_left_as_it_is(tmp_path: Path, data: bytes) -> None:
     (tmp_path / NAME).write_bytes(data)
-    with pytest.raises(ResultsError, match=why), opened(tmp_path):
+    with (
+        pytest.raises(ResultsError, match=rf"{NAME}: damaged, or not from a campaign \(.+\): it is left"),
+        opened(tmp_path),
+    ):
         pass
     assert (tmp_path / NAME).read_bytes() == data
 
 
-def test_two_campaigns_do_not_write_one_file(tmp_path: Path) -> None:
-    taken = pytest.raises(ResultsError, match=rf"another campaign \(process {os.getpid()}\)")
-    with opened(tmp_path), taken, opened(tmp_path):
-        pass
-    with opened(tmp_path) as results:  # the lock goes with who had it
-        results.add(ROWS[0])
+@settings(max_examples=50)
+@given(st.integers(0, len(WHOLE) - 1), st.integers(1, 255))
+def test_whatever_byte_is_wrong_there_are_rows_or_a_clear_error(at: int, flip: int) -> None:
+    data = bytearray(WHOLE)
+    data[at] ^= flip
+    with TemporaryDirectory() as name:
+        (Path(name) / NAME).write_bytes(data)
+        with contextlib.suppress(ResultsError), opened(Path(name)) as results:
+            assert all(isinstance(one.outcome, str) for one in results.rows.values())
+            results.add(ROWS[0])
+            results.export(KEYS)
+
+
+def test_two_campaigns_do_not_write_one_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_WAIT_S", 0.0)
+    taken = pytest.raises(ResultsError, match=f"{NAME}: another campaign or another program is at work there")
+    with opened(tmp_path) as first:
+        with taken, opened(tmp_path):
+            pass
+        first.add(ROWS[0])  # the second one took nothing from it
+        with taken, opened(tmp_path):
+            pass
+    assert kept(tmp_path) == ROWS[:1]  # the lock goes with who had it
+
+
+def test_a_program_that_reads_keeps_a_campaign_waiting_not_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_WAIT_S", 0.0)
+    written(tmp_path, ROWS)
+    with closing(sqlite3.connect(tmp_path / NAME)) as other, closing(other.execute("SELECT * FROM results")) as cursor:
+        assert cursor.fetchone()
+        with pytest.raises(ResultsError, match="another program is at work there"), opened(tmp_path):
+            pass
+    assert kept(tmp_path) == ROWS
+
+
+def test_results_that_may_not_be_written_are_said_and_kept(
+    tmp_path: Path, ordinary: Callable[[], AbstractContextManager[None]]
+) -> None:
+    with TemporaryDirectory() as name:  # pytest's own folder is closed to others
+        folder = Path(name)
+        written(folder, ROWS)
+        folder.chmod(0o755)
+        (folder / NAME).chmod(0o444)
+        with ordinary(), pytest.raises(ResultsError, match=r"cannot be opened: .*readonly"), opened(folder):
+            pass
+        (folder / NAME).chmod(0)
+        with ordinary(), pytest.raises(ResultsError, match=f"{NAME}: cannot be opened: "), opened(folder):
+            pass
+        with ordinary(), pytest.raises(ResultsError, match="below: Permission denied"), opened(folder / "below"):
+            pass
+        assert kept(folder) == ROWS
 
 
 def test_a_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
@@ -178,39 +301,64 @@ def test_a_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(ResultsError, match=rf"{folder}: (File exists|Not a directory)"), opened(folder):
             pass
-    (tmp_path / NAME).mkdir()
-    with pytest.raises(ResultsError, match=rf"{tmp_path / NAME}: Is a directory"), opened(tmp_path):
+    for name in (NAME, TABLE, REPORT):
+        folder = tmp_path / f"with {name}"
+        (folder / name).mkdir(parents=True)
+        with pytest.raises(ResultsError, match=rf"{folder / name}: is no regular file"), opened(folder):
+            pass
+
+
+@pytest.mark.parametrize("name", [NAME, JOURNAL, TABLE, REPORT])
+def test_nothing_is_written_through_a_symlink(tmp_path: Path, name: str) -> None:
+    folder, target = tmp_path / "out", tmp_path / "of somebody"
+    written(folder, ROWS)
+    target.touch()
+    (folder / name).unlink(missing_ok=True)
+    (folder / name).symlink_to(target)
+    with (
+        pytest.raises(ResultsError, match=str(folder / NAME.removesuffix(".sqlite")) + f"|{folder / name}"),
+        opened(folder),
+    ):
         pass
+    assert target.read_bytes() == b""
+    assert (folder / name).is_symlink()
 
 
-def test_a_full_disk_is_said_and_what_is_whole_stays(tmp_path: Path) -> None:
-    size = len(written(tmp_path, ROWS[:3]))
+@contextlib.contextmanager
+def no_file_beyond(size: int) -> Iterator[None]:
+    """As a disk that is full."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def test_a_full_disk_is_said_and_what_was_committed_stays(tmp_path: Path) -> None:
     with opened(tmp_path) as results:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (size + 20, limits[1]))  # a disk with room for 20 bytes more
-        try:
-            with pytest.raises(ResultsError, match=f"{NAME}: cannot be written: File too large"):
+        for one in ROWS[:3]:
+            results.add(one)
+        with no_file_beyond(20):
+            with pytest.raises(ResultsError, match=f"{NAME}: cannot be written: "):
                 results.add(ROWS[3])
             results.close()
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert (tmp_path / NAME).stat().st_size == size + 20
+    assert kept(tmp_path) == ROWS[:3]
+
+
+def test_a_disk_that_is_full_from_the_start_is_said(tmp_path: Path) -> None:
+    with no_file_beyond(100), pytest.raises(ResultsError, match=rf"{NAME}: cannot be opened: "), opened(tmp_path):
+        pass
+    written(tmp_path, ROWS[:1])
+
+
+def test_when_the_table_cannot_be_written_the_one_before_stays(tmp_path: Path) -> None:
     with opened(tmp_path) as results:
-        assert list(results.rows.values()) == ROWS[:3]
-
-
-def test_when_the_sorted_file_cannot_be_written_the_other_stays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written(tmp_path, ROWS[:3])
-
-    def full(_: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    with opened(tmp_path) as results:
-        monkeypatch.setattr(os, "fsync", full)
-        with pytest.raises(ResultsError, match=f"{NAME}: cannot be written: No space left"):
-            results.sort(KEYS)
-    monkeypatch.undo()
-    with opened(tmp_path) as results:
-        assert list(results.rows.values()) == ROWS[:3]
+        results.add(ROWS[0])
+        results.export(KEYS[:1])
+        before = (tmp_path / TABLE).read_bytes()
+        results.add(ROWS[1])
+        with no_file_beyond(100), pytest.raises(ResultsError, match=f"{TABLE}: cannot be written: File too large"):
+            results.export(KEYS[:2])
+    assert (tmp_path / TABLE).read_bytes() == before
+    assert kept(tmp_path) == ROWS[:2]

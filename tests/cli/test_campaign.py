@@ -6,9 +6,11 @@ import json
 import os
 import signal
 import socket
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -60,9 +62,12 @@ def flights(gate: Path) -> list[tuple[int, str]]:
 
 
 def rows(out: Path) -> int:
-    """How many whole rows there are."""
-    file = out / "results.csv"
-    return max(file.read_bytes().count(b"\n") - 1, 0) if file.exists() else 0
+    """How many there are in the database, looked at past its lock: -1 when that is at a wrong moment."""
+    try:
+        with closing(sqlite3.connect(f"file:{out / 'results.sqlite'}?immutable=1", uri=True)) as database:
+            return int(database.execute("SELECT count(*) FROM results").fetchone()[0])
+    except sqlite3.DatabaseError:
+        return -1
 
 
 def alive(process: int) -> bool:
@@ -82,6 +87,21 @@ def test_it_flies_the_plan_and_reports(arva: Arva, plan: Path, monkeypatch: pyte
     assert rows(Path("plan-results")) == TRIALS
     page = Path("plan-results/report.html").read_text()
     assert all(name in page for name in ("flux", "estimate", "extremum"))
+
+
+def test_the_names_of_a_plan_and_its_scenarios_are_text_on_the_page_and_on_the_terminal(arva: Arva, plan: Path) -> None:
+    names = [os.fsdecode(b'<img src=x onerror="alert(1)">\x1b[2J\xff.yaml'), "=1+1<b>.yaml"]
+    named, scenario = (plan.parent / name for name in names)
+    scenario.write_text("transmitters: [{id: 1, ned: [5, 5, 0]}]\n")
+    named.write_text(f"strategies: flux\nscenarios: '{scenario.name}'\nseeds: 2\n")
+    code, out, err = arva("campaign", named, "--out", plan.parent / "r")
+    assert code == 0
+    page = (plan.parent / "r" / "report.html").read_text()
+    assert "<img src=x" not in page
+    assert "<b>" not in page
+    assert "&lt;img src=x onerror=" in page
+    assert "\x1b" not in page + out + err
+    assert "'=1+1<b>" in (plan.parent / "r" / "results.csv").read_text()
 
 
 def test_results_are_the_same_bytes_whatever_the_number_of_processes(arva: Arva, plan: Path) -> None:
@@ -129,7 +149,7 @@ def test_a_worker_that_dies_is_said_and_what_is_done_stays(
     out = plan.parent / "r"
     code, _, err = arva("campaign", plan, "--out", out)
     assert code == 1
-    assert f"a worker process died, killed or out of memory; 18 of {TRIALS} results are in {out}/results.csv" in err
+    assert f"a worker process died, killed or out of memory; 18 of {TRIALS} results are in {out}/results.sqlite" in err
     assert "the same command goes on" in err
     assert rows(out) == 18
 
@@ -139,7 +159,7 @@ def test_killed_it_loses_nothing_and_repeats_only_what_was_in_the_air(
 ) -> None:
     command = ("campaign", plan, "--jobs", 2, "--out", plan.parent / "r")
     program = start(*command)
-    until(lambda: rows(plan.parent / "r") == 18 and len(flights(gate)) == 20)
+    until(lambda: len(flights(gate)) == 20 and rows(plan.parent / "r") == 18)
     program.process.kill()
     assert program.ends() == -signal.SIGKILL
     until(lambda: not any(alive(process) for process, _ in flights(gate)))
@@ -163,14 +183,14 @@ def test_interrupted_it_ends_with_its_workers_and_says_how_to_go_on(
 ) -> None:
     out = plan.parent / "r"
     program = start("campaign", plan, "--jobs", 2, "--out", out, start_new_session=True)
-    until(lambda: rows(out) == 18 and len(flights(gate)) == 20)
+    until(lambda: len(flights(gate)) == 20 and rows(out) == 18)
     if whom == "group":  # as a terminal does
         os.killpg(program.process.pid, number)
     else:
         program.send(number)
     assert program.ends() == 130
     assert not any(alive(process) for process, _ in flights(gate))
-    assert f"interrupted: 18 of {TRIALS} results are in {out}/results.csv; the same command goes on" in program.err
+    assert f"interrupted: 18 of {TRIALS} results are in {out}/results.sqlite; the same command goes on" in program.err
     assert "died" not in program.err
     assert rows(out) == 18
 
@@ -188,7 +208,7 @@ def test_two_campaigns_do_not_write_one_file(arva: Arva, plan: Path) -> None:
     with opened(out):
         code, _, err = arva("campaign", plan, "--out", out)
     assert code == 2
-    assert f"{out}: another campaign (process {os.getpid()}) is at work there" in err
+    assert f"{out / 'results.sqlite'}: another campaign or another program is at work there" in err
 
 
 def test_a_terminal_has_a_bar_and_when_it_is_closed_results_are_whole(
@@ -231,11 +251,11 @@ def test_what_is_not_its_own_is_not_written_over(arva: Arva, plan: Path, name: s
     (plan.parent / name).write_text("mine\n")
     code, _, err = arva("campaign", plan, "--out", plan.parent)
     assert code == 2
-    assert f"{plan.parent / name}: not the re" in err
+    assert f"{plan.parent / name}: not from a campaign" in err
     assert (plan.parent / name).read_text() == "mine\n"
 
 
-@pytest.mark.parametrize("name", ["results.csv", "report.html", ".lock"])
+@pytest.mark.parametrize("name", ["results.sqlite", "results.csv", "report.html"])
 def test_nothing_is_written_through_a_symlink(arva: Arva, plan: Path, name: str) -> None:
     folder, target = plan.parent / "out", plan.parent / "of somebody"
     assert arva("campaign", plan, "--out", folder).code == 0

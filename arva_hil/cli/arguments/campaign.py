@@ -1,6 +1,7 @@
 """Fly a plan of many trials, on all cores or a cluster, and compare the strategies.
 
-Every result is in DIR/results.csv as soon as there is one; a campaign that was stopped goes on with the same command.
+Every result is in DIR/results.sqlite as soon as there is one, and at the end in results.csv and report.html too.
+A campaign that was stopped goes on with the same command.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from arva_hil.cli import options as opt
 
 def add_options(parser: opt.Parser) -> None:
     parser.add_argument("plan", metavar="PLAN.yaml", help="what to try; configs/campaigns has some")
-    parser.option("--out", metavar="DIR", help="for results.csv and report.html; default: PLAN-results")
+    parser.option("--out", metavar="DIR", help="for the results and the report; default: PLAN-results")
     parser.option("--jobs", type=opt.whole(1, 1024), metavar="N", help="processes; default: one for each core")
     parser.option(
         "--scheduler", type=address, metavar="tcp://HOST:PORT", help="run on all of this Dask cluster instead"
