@@ -175,15 +175,28 @@ def until(condition: Callable[[], object]) -> None:
         clock.wait(clock.now() + 0.01)
 
 
+class Consumer:
+    """A program that reads frames from a link: each is whole, and none is missing."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._decoder = Decoder()
+
+    def read(self, least: int) -> list[Frame]:
+        """At least so many more frames."""
+        clock, decoder, frames = RealClock(), self._decoder, list[Frame]()
+        while True:
+            frames += decoder.feed(self._link.read(), clock.now())
+            assert (decoder.lost, decoder.bad_crc) == (0, 0)
+            if len(frames) >= least:
+                return frames
+            assert clock.now() < DEADLINE_S, f"only {len(frames)} of {least} frames came"
+            clock.wait(clock.now() + 0.05, [self._link])
+
+
 def read_frames(link: Link, least: int) -> list[Frame]:
     """What a consumer reads: at least so many frames."""
-    clock, decoder, frames = RealClock(), Decoder(), list[Frame]()
-    while len(frames) < least:
-        assert clock.now() < DEADLINE_S, f"only {len(frames)} of {least} frames came"
-        clock.wait(clock.now() + 0.05, [link])
-        frames += decoder.feed(link.read(), clock.now())
-    assert (decoder.lost, decoder.bad_crc) == (0, 0)
-    return frames
+    return Consumer(link).read(least)
 
 
 def frames_in(data: bytes) -> list[Frame]:
