@@ -1,4 +1,7 @@
-"""The wire between an ARVA receiver and its host, as a codec. One table of truth: PROTOCOL.md."""
+"""The wire between an ARVA receiver and its host, as a codec. One table of truth: PROTOCOL.md.
+
+Its section "What a reading means" says what d and δ are, and what a consumer does with a frame.
+"""
 
 from collections.abc import Callable
 from typing import Final

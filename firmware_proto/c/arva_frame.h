@@ -1,4 +1,5 @@
-/* The binary frame of an ARVA receiver (457 kHz): decoder and encoder. Layout and rules: ../PROTOCOL.md.
+/* The binary frame of an ARVA receiver (457 kHz): decoder and encoder. Layout and rules, and what d and
+ * delta mean: ../PROTOCOL.md.
  *
  *     static void on_frame(void *context, const arva_frame *frame) { ... }
  *

@@ -1,12 +1,16 @@
 """PROTOCOL.md against the code: its worked bytes, its checks and its numbers."""
 
+import math
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fastcrc import crc16
 
 import firmware_proto
+from arva_hil.field import dipole_field
+from arva_hil.receiver import outputs
 from firmware_proto import (
     ENCODERS,
     INNER,
@@ -47,6 +51,38 @@ def test_worked_bytes(title, frame):
     assert f"CRC 0x{crc:04X}" in section(title)
     if frame is ONE:
         assert f"of `{data[2:-2].hex(' ').upper()}`" in section(title)
+
+
+def test_the_approach_is_what_the_paper_s_receiver_says_on_its_way():
+    rows = re.findall(r"\| ([−\d.]+) " * 7 + r"\|", section("An approach"))
+    assert len(rows) == 8
+    north, east, heading = -25.0, 20.0, 0
+    flat = np.eye(3)[None]  # the dipole points north
+    for row in rows:
+        said = [float(value.replace("−", "-")) for value in row]
+        place = np.array([north, east, -1.5])
+        field = dipole_field(place, np.zeros((1, 3)), flat, np.ones(1))
+        d, delta, zone = (int(one[0]) for one in outputs(field @ turned(heading), 1.542))
+        behind = outputs(field @ turned(heading + 180), 1.542)
+        assert [int(one[0]) for one in behind] == [d, delta, zone]
+        assert said == [
+            round(north, 1),
+            round(east, 1),
+            heading,
+            round(float(np.linalg.norm(place)), 1),
+            d,
+            delta,
+            zone,
+        ]
+        heading += delta
+        north += d / 300 * math.cos(math.radians(heading))
+        east += d / 300 * math.sin(math.radians(heading))
+
+
+def turned(degrees):
+    """Receiver → NED, level, with a heading."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
 def test_crc():

@@ -8,16 +8,24 @@ from typing import Any, Final, TextIO
 
 from arva_hil.observers.console.notice import Notice
 from arva_hil.safe_text import one_line
-from firmware_proto import Channel, Frame
+from firmware_proto import INNER, OUTER, Channel, Frame
 
 ZONES: Final = ("outer", "mid", "inner")
 _COLOURS: Final = {"warning": "\x1b[33m", "error": "\x1b[31m"}
 
 
 def reading(channels: Iterable[Channel]) -> str:
-    """The channels of a frame that hear, e.g. '#1 mid 1046 cm +12°', or 'no signal'."""
-    heard = [f"#{'?' if c.id is None else c.id} {_zone(c.zone)} {c.d} cm {c.delta:+d}°" for c in channels if c.valid]
-    return ", ".join(heard) or "no signal"
+    """The channels of a frame that hear, e.g. '#1 mid 1046 cm +12°', or 'no signal'.
+
+    In the inner zone there is no direction; a form of the frame that carries no zone says OUTER, which hears nothing.
+    """
+    return ", ".join(_channel(c) for c in channels if c.valid) or "no signal"
+
+
+def _channel(c: Channel) -> str:
+    zone = f" {_zone(c.zone)}" if c.zone != OUTER else ""
+    direction = f" {c.delta:+d}°" if c.zone != INNER else ""
+    return f"#{'?' if c.id is None else c.id}{zone} {c.d} cm{direction}"
 
 
 def frame_json(frame: Frame) -> dict[str, Any]:

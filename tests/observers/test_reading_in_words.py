@@ -1,0 +1,21 @@
+"""What a person sees of a reading: nothing that means nothing."""
+
+import pytest
+
+from arva_hil.observers.console.text import reading
+from firmware_proto import INNER, MID, OUTER, Channel
+
+
+@pytest.mark.parametrize(
+    ("channels", "said"),
+    [
+        ([Channel(1, MID, 1046, 12)], "#1 mid 1046 cm +12°"),
+        ([Channel(1, INNER, 85, 0)], "#1 inner 85 cm"),
+        ([Channel(None, OUTER, 1234, -17)], "#? 1234 cm -17°"),  # plain text carries no zone
+        ([Channel(3, 7, 400, 0)], "#3 zone 7 400 cm +0°"),
+        ([Channel(), Channel(1, MID, 0, 5)], "no signal"),
+        ([Channel(2, INNER, 90, 0), Channel(5, MID, 700, 0), Channel()], "#2 inner 90 cm, #5 mid 700 cm +0°"),
+    ],
+)
+def test_a_direction_and_a_zone_are_shown_only_where_there_is_one(channels: list[Channel], said: str) -> None:
+    assert reading(channels) == said
