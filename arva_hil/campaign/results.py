@@ -13,16 +13,16 @@ import math
 import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import astuple, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from arva_hil import files
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.trial import FOUND, Result
 from arva_hil.safe_text import cell, one_line
 
-__all__ = ["FAILED", "NAME", "REPORT", "TABLE", "Results", "ResultsError", "Row", "opened", "replace", "row"]
+__all__ = ["FAILED", "NAME", "REPORT", "TABLE", "Results", "ResultsError", "Row", "flown", "opened", "replace", "row"]
 
 NAME: Final = "results.sqlite"
 TABLE: Final = "results.csv"
@@ -41,7 +41,7 @@ class ResultsError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One line of results.csv. `distance_m`: from take-off to the nearest transmitter, horizontally."""
+    """One line of results.csv. `distance_m`: from take-off to the nearest transmitter, horizontally, at first."""
 
     key: str
     seed: int
@@ -80,30 +80,30 @@ _COLUMNS: Final = [field.name for field in fields(Row)]
 _CREATE: Final = ", ".join(f"{field.name} {_TYPES[str(field.type)].format(field.name)}" for field in fields(Row))
 
 
+def flown(planned: Planned) -> dict[str, Any]:
+    """What a trial is: the columns up to `distance_m`."""
+    trial = planned.trial
+    places = [t.path.points_ned[0][1:] if t.path else t.ned for t in trial.scenario.transmitters]
+    return {
+        "key": planned.key,
+        "seed": trial.scenario.seed,
+        "scenario": one_line(planned.scenario),
+        "noise": trial.scenario.receiver.noise.kind,
+        "wind_m_s": planned.wind_m_s,
+        "gps_noise_m": trial.gps_noise_m,
+        "take_off_m": trial.take_off_m,
+        "strategy": trial.strategy,
+        "height_m": trial.height_m,
+        "speed_m_s": trial.speed_m_s,
+        "limit_s": trial.limit_s,
+        "distance_m": min((round(math.hypot(*place[:2]), 3) for place in places if place), default=None),
+    }
+
+
 def row(planned: Planned, result: Result) -> Row:
     """What a trial was, and what came of it."""
-    trial = planned.trial
-    places = [t.ned for t in trial.scenario.transmitters if t.ned]
-    return Row(
-        planned.key,
-        trial.scenario.seed,
-        one_line(planned.scenario),
-        trial.scenario.receiver.noise.kind,
-        planned.wind_m_s,
-        trial.gps_noise_m,
-        trial.take_off_m,
-        trial.strategy,
-        trial.height_m,
-        trial.speed_m_s,
-        trial.limit_s,
-        min((round(math.hypot(*place[:2]), 3) for place in places), default=None),
-        one_line(" ".join(result.outcome.split())[:300]),
-        result.error_m,
-        result.hover_m,
-        result.time_s,
-        result.path_m,
-        result.frames,
-    )
+    outcome = one_line(" ".join(result.outcome.split())[:300])
+    return Row(**flown(planned), **asdict(result) | {"outcome": outcome})
 
 
 class Results:

@@ -6,7 +6,7 @@ import argparse
 import contextlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import asdict
 from pathlib import Path
@@ -39,6 +39,8 @@ def main(options: argparse.Namespace) -> int:
         plan = load_plan(options.plan, list(STRATEGIES))
     except ScenarioError as error:
         raise UsageError(*error.problems) from None
+    if options.dry_run:
+        return _list(trials(plan), as_json=options.json)
     every = list(trials(plan))
     folder = Path(options.out or f"{Path(options.plan).stem}-results")
     try:
@@ -46,6 +48,21 @@ def main(options: argparse.Namespace) -> int:
             return _campaign(options, plan, every, kept)
     except results.ResultsError as error:
         raise UsageError(error) from None
+
+
+def _list(every: Iterable[Planned], *, as_json: bool) -> int:
+    """A line for each trial, in the order in which they would be flown."""
+    from arva_hil.campaign.results import flown
+
+    for planned in every:
+        what = flown(planned)
+        if as_json:
+            show_json(what)
+        else:
+            air = "wind {wind_m_s:g} m/s, GPS noise {gps_noise_m:g} m".format(**what)
+            flight = "take-off {take_off_m:g} m, height {height_m:g} m, {speed_m_s:g} m/s, {limit_s:g} s".format(**what)
+            show("{strategy}: {scenario}, seed {seed}, noise {noise}, ".format(**what) + f"{air}, {flight}")
+    return OK
 
 
 def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[Planned], kept: Results) -> int:

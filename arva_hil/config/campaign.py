@@ -17,10 +17,12 @@ from arva_hil.config.reading import read
 from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
 from arva_hil.config.sorts import Number, Numbers, Sort, Spec, Text, Word, list_of, read_list
 from arva_hil.config.tables import help_of, right, sort_of, table, validate
+from arva_hil.config.words import WIRE_FORMATS
 from arva_hil.config.wrong import SeveralWrong, Wrong, below
 
 SPEC: Final = 1
 MOST_TRIALS: Final = 200_000
+_NOT_FLOWN: Final = ("navigation_error", "follows", "vehicles")  # one vehicle, whose errors are `gps_noise_m`
 _HEIGHT: Final = Number(0, 1000, above=True, unit="m")
 _SPEED: Final = Number(0, 100, above=True, unit="m/s")
 _LIMIT: Final = Number(0, 86_400, above=True, unit="s")
@@ -226,6 +228,9 @@ class _PlanReader:
         except yaml_tree.ScenarioError as error:
             self._problems += error.problems
             return Scenario((), source=path)
-        if unserved := [part for part, there in parts_of_spec_2(scenario).items() if there]:
-            raise Wrong("a scenario without these parts of spec 2", f"{path} with {', '.join(unserved)}")
+        unserved = [part for part, there in parts_of_spec_2(scenario).items() if there and part in _NOT_FLOWN]
+        if scenario.output_format not in WIRE_FORMATS:
+            unserved.append(f"format {scenario.output_format}")
+        if unserved:
+            raise Wrong("a scenario that a campaign flies", f"{path} with {', '.join(unserved)}")
         return scenario

@@ -160,6 +160,40 @@ def test_mistakes_in_a_scenario_file_are_shown_with_those_of_the_plan(tmp_path: 
     assert places == ["a.yaml:1:15", "a.yaml:2:1", "p.yaml:3:8"]
 
 
+PATH = "path: {frame: ned, points: [[0, 20, 5, 0], [60, 26, 5, 0]]}"
+
+
+@pytest.mark.parametrize(
+    "part", ["pose: truth\ntransmitters: [{id: 1, ned: [5, 5, 0]}]", f"transmitters: [{{id: 1, {PATH}}}]"]
+)
+def test_a_scenario_of_spec_2_is_flown_where_one_vehicle_can(tmp_path: Path, part: str) -> None:
+    (tmp_path / "newer.yaml").write_text(f"spec: 2\n{part}\n")
+    plan = parse_plan("strategies: flux\nscenarios: newer.yaml\n", str(tmp_path / "p.yaml"), NAMES)
+    assert list(plan.scenarios) == ["newer"]
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("navigation_error: {heading_deg: 3}\ntransmitters: [{id: 1, ned: [5, 5, 0]}]", "navigation_error"),
+        ("transmitters: [{id: 1, follows: {system: 2}}]", "follows"),
+        ("output: {format: tunnel}\ntransmitters: [{id: 1, ned: [5, 5, 0]}]", "format tunnel"),
+        (
+            "transmitters: [{id: 1, ned: [5, 5, 0]}]\n"
+            "vehicles: [{name: a, system: 1, receivers: [{name: r, port: pty}]}]",
+            "vehicles",
+        ),
+    ],
+)
+def test_a_scenario_that_no_campaign_flies_is_refused_with_what_is_in_the_way(
+    tmp_path: Path, text: str, what: str
+) -> None:
+    (tmp_path / "newer.yaml").write_text(f"spec: 2\n{text}\n")
+    (line,) = mistakes("strategies: flux\nscenarios: newer.yaml\n", str(tmp_path / "p.yaml"))
+    expected = f"{tmp_path}/newer.yaml with {what}, expected a scenario that a campaign flies"
+    assert line == f"{tmp_path}/p.yaml:2:12: {expected}"
+
+
 def test_a_plan_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     for path, why in [(tmp_path / "none.yaml", "No such file"), (tmp_path, "Is a directory")]:
         with pytest.raises(ScenarioError, match=rf"{path}:1:1: {why}.*, expected the plan of a campaign"):

@@ -128,6 +128,23 @@ def test_a_finished_campaign_is_not_flown_again_and_a_larger_one_goes_on(arva: A
     assert (plan.parent / "r" / "results.csv").read_bytes().startswith(before)
 
 
+def test_a_dry_run_lists_the_trials_as_they_would_be_flown_and_touches_nothing(arva: Arva, plan: Path) -> None:
+    before = sorted(plan.parent.iterdir())
+    code, out, err = arva("campaign", plan, "--dry-run", "--out", plan.parent / "r")
+    assert (code, err) == (0, "")
+    lines = out.splitlines()
+    assert len(lines) == TRIALS
+    assert lines[0] == (
+        "flux: random within 50 m at 0 to 2 m, seed 1, noise uniform, wind 0 m/s, GPS noise 0 m, "
+        "take-off 1 m, height 3 m, 1 m/s, 900 s"
+    )
+    _, listed, _ = arva("campaign", plan, "--dry-run", "--json", "--out", plan.parent / "r")
+    assert sorted(plan.parent.iterdir()) == before
+    _, flown, _ = arva("campaign", plan, "--json", "--out", plan.parent / "r")
+    for one, other in zip(listed.splitlines(), flown.splitlines(), strict=True):
+        assert json.loads(one).items() <= json.loads(other).items()
+
+
 def test_trials_that_fail_are_counted_and_flown_again(arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command = ("campaign", plan, "--json", "--out", plan.parent / "r")
     monkeypatch.setattr(trial, "fly", fakes.raising)

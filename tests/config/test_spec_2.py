@@ -26,7 +26,6 @@ from arva_hil.config import (
     Receiver,
     ReceiverConfig,
     Scenario,
-    ScenarioError,
     Transmitter,
     VehicleConfig,
     load,
@@ -37,7 +36,6 @@ from arva_hil.config import (
 from arva_hil.config import (
     Path as Waypoints,
 )
-from arva_hil.config.campaign import parse_plan
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
 ONE = "spec: 2\ntransmitters: [{id: 1, ned: [1, 2, 3]}]\n"
@@ -265,9 +263,3 @@ def test_a_command_that_does_not_serve_a_part_of_it_says_so(
     arguments = command.format(log=log).split()
     assert main([*arguments, "--scenario", str(CONFIGS / "two_vehicles.yaml")]) == 2
     assert "two_vehicles.yaml: vehicles: this command does not serve" in capsys.readouterr().err
-
-
-def test_a_campaign_refuses_a_scenario_that_it_cannot_fly(tmp_path: Path) -> None:
-    (tmp_path / "a.yaml").write_text(ONE + "pose: truth\n")
-    with pytest.raises(ScenarioError, match=r"2:12: .*a.yaml with pose, expected a scenario without"):
-        parse_plan("strategies: flux\nscenarios: a.yaml\n", str(tmp_path / "p.yaml"), ["flux"])

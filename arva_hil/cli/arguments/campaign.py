@@ -19,6 +19,7 @@ def add_options(parser: opt.Parser) -> None:
     parser.option(
         "--scheduler", type=address, metavar="tcp://HOST:PORT", help="run on all of this Dask cluster instead"
     )
+    parser.option("--dry-run", action="store_true", help="list the trials; fly nothing and write nothing")
     parser.option("--json", action="store_true", help="one JSON object a trial on stdout")
 
 

@@ -1,0 +1,28 @@
+"""A trial, flown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from arva_hil.campaign.plan import trials
+from arva_hil.campaign.results import row
+from arva_hil.campaign.trial import fly
+from arva_hil.config.campaign import parse_plan
+from arva_hil.search import STRATEGIES
+
+PLAN = "strategies: estimate\nscenarios: moving.yaml\nnoise: off\nlimit_s: 300\n"
+
+
+def test_a_transmitter_on_a_path_is_found_where_it_is_at_the_end(tmp_path: Path) -> None:
+    """It has stopped 12 m from where it was at first before anybody is near."""
+    (tmp_path / "moving.yaml").write_text(
+        "spec: 2\ntransmitters: [{id: 1, path: {frame: ned, points: [[0, 12, 0, 0], [15, 24, 0, 0]]}}]\n"
+    )
+    (planned,) = trials(parse_plan(PLAN, str(tmp_path / "plan.yaml"), list(STRATEGIES)))
+    one = row(planned, fly(planned.trial))
+    assert (one.outcome, one.distance_m) == ("found", 12.0)
+    assert one.error_m == pytest.approx(0, abs=0.5)
+    assert one.hover_m == pytest.approx(0, abs=1.0)
+    assert one.path_m > 20
