@@ -13,6 +13,7 @@ import threading
 import time
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -107,6 +108,7 @@ class Flight:
     last_ms: float = 0.0
     late: int = 0  # orders after the bound,
     words: dict[str, int] = field(default_factory=dict)  # and what else was sent then
+    apart_s: float = 0.0  # the longest time between two set-points
     modes: list[int] = field(default_factory=list)  # ordered by the search after the pilot has moved
     load: float = 0.0
     problem: str = ""
@@ -121,7 +123,7 @@ class Flight:
             f"{self.outcome:9} {self.time_s:5.0f} s  {m(self.reported_m)} {m(self.stands_m)} {m(self.touchdown_m)}  "
             f"low {m(self.lowest_m)}  {'disarmed' if self.disarmed else 'armed   '} "
             f"kept {self.kept!s:5} {silence}  "
-            f"load {self.load:.1f}  {self.how} {self.problem}"
+            f"set-points {self.apart_s:.2f} s apart  load {self.load:.1f}  {self.how} {self.problem}"
         )
 
 
@@ -151,6 +153,9 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
         kind = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
         estimates = [n.message for n in relay.notes if type(n.message).id == kind and n.time_s <= touched.time_s]
         flight.stands_m = off(estimates[-1].lat / 1e7, estimates[-1].lon / 1e7, ned) if estimates else None
+    target = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+    times = [n.time_s for n in relay.notes if n.up and type(n.message).id == target]
+    flight.apart_s = max((b - a for a, b in pairwise(times)), default=0.0)
     low = flight.lowest_m is not None and flight.lowest_m < flight.height_m / 2
     if flight.kind == "anywhere":
         flight.good = flight.code == 0 and flight.disarmed and not low

@@ -83,11 +83,13 @@ class Authority:
         self._news_s = -math.inf
 
     def question(self, now: float) -> Any | None:
-        """What to ask the vehicle now."""
+        """What to ask the vehicle now; `asked` when it was."""
         if not self._question or now < self._next_question:
             return None
-        self._next_question = now + _ASK_AGAIN_S
         return dialect.MAVLink_timesync_message(0, self._question)
+
+    def asked(self, now: float) -> None:
+        self._next_question = now + _ASK_AGAIN_S
 
     @property
     def settled(self) -> bool:

@@ -8,7 +8,8 @@ order may leave is in `authority.py`, what else takes the vehicle from us in `st
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
+from functools import partial
 from typing import Any, Final
 
 from arva_hil.events.vehicles import ArmingTried, AutopilotText, ThrottleAwaited
@@ -25,13 +26,10 @@ __all__ = ["Commander", "Phase"]
 _REPEAT_S: Final = 1.0
 _ARM_AGAIN_S: Final = 3.0  # each refused try costs a message on every ground station
 _TAKE_OFF_AGAIN_S: Final = 5.0  # acknowledged, and still on the ground
-_SET_POINT_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops after 3 s
 _FLOWING_S: Final = 1.0  # of set-points, before PX4 is told to follow them
 _STOPPED_S: Final = 0.5  # of set-points that say stop, before it is left alone
-_LEAD_S: Final = 0.5  # from an order to what comes of it
 _STILL: Final = (0.0, 0.0, 0.0)
 _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
-_STEERED: Final = (Phase.FLYING, Phase.HOLDING, Phase.YIELDING)
 
 
 class Commander(FlightState):
@@ -44,7 +42,7 @@ class Commander(FlightState):
         self._velocity = _STILL
         self._tries = 0  # of arming
         self._heard_since = 0.0  # what is heard now came after that
-        self._next_set_point = -math.inf
+        self._offered: list[Callable[[float], None]] = []  # what is to be remembered once that was sent
 
     # -- orders --------------------------------------------------------------------------------------------
 
@@ -104,16 +102,25 @@ class Commander(FlightState):
     # -- what it is told -----------------------------------------------------------------------------------
 
     def poll(self, now: float) -> bytes:
-        """What is due to be sent. The link must have been read until it was empty."""
+        """What is due to be sent, until it is `sent`. The link must have been read until it was empty."""
+        self._offered = []
         if self.phase.active:
             self._advance(now)
         if not self.phase.active:
             return b""
         question = self._authority.question(now)
         messages = [question] if question else []
+        if question:
+            self._offered.append(self._authority.asked)
         if self._authority.settled and not self._authority.usurped and not self._session.doubtful:
             messages += self._due(now)
         return b"".join(map(self._session.encoder.pack, messages))
+
+    def sent(self, now: float) -> None:
+        """What `poll` gave last has left."""
+        for remember in self._offered:
+            remember(now)
+        self._offered = []
 
     def _advance(self, now: float) -> None:
         """Go on to the next phase when this one has come to its end, or to the limit of its time."""
@@ -135,36 +142,30 @@ class Commander(FlightState):
             else:
                 self._lose(why)
 
-    @property
-    def _climbed(self) -> bool:
-        """It is high enough, or will be when it has heard so: PX4 climbs on until then."""
-        enough = 0.9 * self._take_off_m - 0.1
-        if not self._modes.px4:
-            return self.height > enough
-        last = self._session.track.last_position
-        return self.height > RISEN_M and self.height - (last.velocity[2] if last else 0.0) * _LEAD_S > enough
-
     def _due(self, now: float) -> list[Any]:
         """Set-points, which take effect in one mode only; and orders, which may change it."""
         messages = []
-        if now >= self._next_set_point and self._steered:
-            self._next_set_point = max(self._next_set_point + _SET_POINT_S, now)
+        if not self._steered:
+            self._pace.rest()
+        elif self._pace.due(now):
+            self._offered.append(self._pace.left)
             messages.append(self._set_point())
         if now >= self._next_order:
             order, again = self._order()
-            if order is None or self._authority.fresh(now):
+            if order is None:
                 self._next_order = now + again
-                if order is not None:
-                    self._ordered_s = min(self._ordered_s, now)
-                    self._tell_try(order, now)
-                    messages.append(order)
+            elif self._authority.fresh(now):
+                self._offered.append(partial(self._ordered, order, again))
+                messages.append(order)
         return messages
 
-    @property
-    def _steered(self) -> bool:
-        """Set-points flow without a pause until another mode needs none. In a take-off ArduPilot would obey them."""
-        landing = self.phase is Phase.LANDING and not self.lands_by_itself
-        return landing or self.phase in _STEERED or (self.phase is Phase.CLIMBING and self._modes.px4)
+    def _ordered(self, order: Any, again: float, now: float) -> None:
+        self._next_order = now + again
+        self._ordered_s = min(self._ordered_s, now)
+        if self.phase is Phase.ARMING and order.command == _ARM:
+            self._tries += 1
+            refused = self._complaints.refused_order, self._complaints.refused_result
+            self._news.emit(ArmingTried(now, self._news.name, self._tries, _ARM_AGAIN_S, *refused))
 
     def _set_point(self) -> Any:
         assert self._session.vehicle is not None
@@ -190,12 +191,6 @@ class Commander(FlightState):
             return command(*to, dialect.MAV_CMD_NAV_LAND), _REPEAT_S
         return modes.to_set(vehicle, self._authority.wanted), _REPEAT_S
 
-    def _tell_try(self, order: Any, now: float) -> None:
-        if self.phase is Phase.ARMING and order.command == _ARM:
-            self._tries += 1
-            refused = self._complaints.refused_order, self._complaints.refused_result
-            self._news.emit(ArmingTried(now, self._news.name, self._tries, _ARM_AGAIN_S, *refused))
-
     # -- what the vehicle says -----------------------------------------------------------------------------
 
     def hear(self, now: float, since: float | None = None) -> None:
@@ -219,13 +214,13 @@ class Commander(FlightState):
         if (self.phase is Phase.LANDING or disarmed) and not armed:
             self.phase = Phase.ENDED
         elif self.phase is Phase.DISARMING:
-            self._watch_mode()
+            self._watch_mode(now)
         elif self.phase is Phase.ARMING and armed and not self._authority.in_mode:
             self._lose(f"somebody else has armed it, in {mode}", handed_over=True)
         elif self.phase is not Phase.ARMING and not armed:
             self._lose("; ".join(filter(None, [f"it was disarmed; the mode is {mode}", self._reasons()])))
         else:
-            self._watch_mode()
+            self._watch_mode(now)
             if self.phase is Phase.ARMING:
                 self._stand(armed, now)
 
@@ -236,7 +231,7 @@ class Commander(FlightState):
         """
         self._authority.hear(message.custom_mode, self._heard_since, now)
         if self.phase.active and self.phase is not Phase.LANDING:
-            self._watch_mode()
+            self._watch_mode(now)
 
     def _on_timesync(self, message: Any, now: float) -> None:
         self._authority.hear_answer(message)

@@ -11,11 +11,17 @@ from arva_hil.flight.authority import Authority
 from arva_hil.flight.battery import Battery
 from arva_hil.flight.complaints import Complaints
 from arva_hil.flight.phase import Phase
+from arva_hil.flight.set_points import Pace
 from arva_hil.flight.sticks import Sticks
 from arva_hil.vehicle.modes import ARDUCOPTER
 from arva_hil.vehicle.pose_track import PositionSample
 from arva_hil.vehicle.session import Session
 
+_STALLED: Final = (
+    " (this program was held up, and no set-point left for {:.1f} s before: PX4 leaves OFFBOARD after COM_OF_LOSS_T)"
+)
+_LEAD_S: Final = 0.5  # from an order to what comes of it
+_STEERED: Final = (Phase.FLYING, Phase.HOLDING, Phase.YIELDING)
 RISEN_M: Final = 0.5  # no drift of an altitude: it has taken off
 
 
@@ -43,6 +49,7 @@ class FlightState:
         self._limit_s = math.inf  # of it
         self._next_order = -math.inf
         self._ordered_s = math.inf  # when the first order of this phase was sent
+        self._pace = Pace()  # of the set-points
         self._complaints = Complaints()
         self._news = session.news
         session.want(authority.WANTED | sticks.WANTED | battery.WANTED)
@@ -71,6 +78,21 @@ class FlightState:
         """Above the take-off point, m; 0 while that is not known."""
         last = self._session.track.last_position
         return last.alt - self.origin.alt if last and self.origin else 0.0
+
+    @property
+    def _climbed(self) -> bool:
+        """It is high enough, or will be when it has heard so: PX4 climbs on until then."""
+        enough = 0.9 * self._take_off_m - 0.1
+        if not self._modes.px4:
+            return self.height > enough
+        last = self._session.track.last_position
+        return self.height > RISEN_M and self.height - (last.velocity[2] if last else 0.0) * _LEAD_S > enough
+
+    @property
+    def _steered(self) -> bool:
+        """Set-points flow without a pause until another mode needs none. In a take-off ArduPilot would obey them."""
+        landing = self.phase is Phase.LANDING and not self.lands_by_itself
+        return landing or self.phase in _STEERED or (self.phase is Phase.CLIMBING and self._modes.px4)
 
     def _reasons(self) -> str:
         """What it has answered and said in this phase, for a person."""
@@ -109,7 +131,7 @@ class FlightState:
             self._yaw = rotation.to_euler(rotation.to_matrix(state.attitude))[2]
         return state is not None
 
-    def _watch_mode(self) -> None:
+    def _watch_mode(self, now: float) -> None:
         """A mode that does not come of an order of ours is somebody else's: the pilot's, or a failsafe's.
 
         PX4 arms in the mode that holds, and may be in it until it has risen. It does not come back to it by itself, for
@@ -118,6 +140,8 @@ class FlightState:
         name, in_mode = self._modes.name(self._authority.mode), self._authority.in_mode
         risen = self.phase is Phase.CLIMBING and self.height > RISEN_M
         if self._authority.usurped or (risen and not in_mode):
-            self._lose(f"the mode is {name}: the pilot or a failsafe has taken over", handed_over=True)
+            stalled = self._pace.stalled_s(now) if self._modes.px4 else 0.0
+            why = f"the mode is {name}: the pilot or a failsafe has taken over"
+            self._lose(why + (_STALLED.format(stalled) if stalled else ""), handed_over=True)
         elif self.phase is Phase.YIELDING and in_mode:
             self._lose(f"the pilot has it, in {name}", handed_over=True)

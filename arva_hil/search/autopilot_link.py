@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -13,6 +14,7 @@ _AT_ONCE: Final = 1 << 18  # bytes read before other things are done, and
 _AT_ONCE_S: Final = 0.2
 _HELD_UP_S: Final = 0.04  # after the link was found empty: it has to be looked at again before an order
 _LOOKS: Final = 3
+_AGAIN_S: Final = 0.02
 
 
 class Line:
@@ -63,13 +65,19 @@ class Line:
             if read > _AT_ONCE or now - begun > _AT_ONCE_S:
                 return False
 
-    def speak(self, clock: Clock, due: Callable[[float], tuple[bytes, bytes]]) -> None:
-        """Send what is due: any bytes, and orders, these only when the link was empty a moment ago."""
+    def speak(self, clock: Clock, due: Callable[[float], tuple[bytes, bytes]], sent: Callable[[float], None]) -> float:
+        """Send what is due: any bytes, and orders, these only when the link was empty a moment ago; then say `sent`.
+
+        When to be called again, because orders have not left; infinite when there are none.
+        """
         for _ in range(_LOOKS):
             empty = self.take_in(clock)
             out, orders = due(clock.now())
             in_time = empty and clock.now() - self._empty_s <= _HELD_UP_S
-            if out or (orders and in_time):
-                self.link.write(out + orders if in_time else out)
+            went = self.link.write(out + orders if in_time else out) if out or (orders and in_time) else True
+            if in_time and went:
+                sent(clock.now())
+                return math.inf
             if in_time or not empty:
-                return
+                break
+        return clock.now() + _AGAIN_S if orders else math.inf

@@ -130,8 +130,7 @@ class SearchClient:
             if now >= self._next_step:
                 self._next_step = max(self._next_step + _STEP_S, now)
                 self._step(now)
-            self._line.speak(clock, self._due)
-            return self._next_step
+            return min(self._next_step, self._line.speak(clock, self._due, self._commander.sent))
         except LinkError as error:  # the autopilot's
             self._cut_off(str(error))
             return math.inf

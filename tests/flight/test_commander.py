@@ -70,6 +70,7 @@ class Flight:
         self.commander.hear(self.now)
         self.vehicle.feed(self.session.poll(self.now), self.now)
         told = self.commander.poll(self.now)
+        self.commander.sent(self.now)
         for packet in self._parser.feed(told):
             assert (packet.system, packet.component) == (1, US)
             self.sent.append((self.now, self._parser.decode(packet)))
@@ -266,6 +267,7 @@ class Told:
             if not self.silent:
                 self.beat(**self._state)
             said += [self._parser.decode(packet) for packet in self._parser.feed(self.commander.poll(self.now))]
+            self.commander.sent(self.now)
             if self.now >= end - 1e-9:
                 return said
             self.now = min(self.now + 0.1, end)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import random
+import re
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -19,6 +22,10 @@ from arva_hil.simulated.vehicle import SimulatedVehicle
 
 NAV_LAND, SET_MODE = dialect.MAV_CMD_NAV_LAND, dialect.MAV_CMD_DO_SET_MODE
 TAKEN = "the mode is {}: the pilot or a failsafe has taken over"
+HELD_UP = (
+    TAKEN
+    + " (this program was held up, and no set-point left for {} s before: PX4 leaves OFFBOARD after COM_OF_LOSS_T)"
+)
 PAUSED = "nothing was done for"
 
 
@@ -67,7 +74,11 @@ def test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing(
     world._tasks.append(world.client)
     goes_on = world.clock.now()
     kind, how = world.end(4.0)
-    assert (kind, how) == ("failed", TAKEN.format("position" if isinstance(world.vehicle, Px4) else "LOITER"))
+    flown = isinstance(world.vehicle, Px4)
+    assert (kind, how.partition(" (this program was held up")[0]) == (
+        "failed",
+        TAKEN.format("position" if flown else "LOITER"),
+    )
     world.pass_s(20)
     assert world.orders(goes_on) == []
 
@@ -103,13 +114,67 @@ def test_after_a_pause_old_words_of_the_mode_do_not_count() -> None:
 
 
 def test_px4_leaves_offboard_in_a_pause_and_is_left_alone() -> None:
+    """It says why: a person may look for a failure of the vehicle else."""
     world = World(px4())
     world.hunt()
     stopped(world, 2.0)
     goes_on = world.clock.now()
-    assert world.end(3.0) == ("failed", TAKEN.format("position"))
+    kind, how = world.end(3.0)
+    (seconds,) = re.findall(r"no set-point left for ([\d.]+) s before", how)
+    assert (kind, how) == ("failed", HELD_UP.format("position", seconds))
+    assert 2.0 <= float(seconds) <= 2.7
     world.pass_s(10)
     assert world.orders(goes_on) == []
+
+
+def set_points_apart(world: World) -> float:
+    """The longest time without a set-point, from the first one until PX4 lands by itself, s."""
+    times = [at for at, m in world.told if m.get_type().startswith("SET_POSITION")]
+    return max(b - a for a, b in pairwise(times))
+
+
+@pytest.mark.parametrize("end", ["found", "interrupted"])
+def test_set_points_never_stop_while_the_link_lives(end: str) -> None:
+    """From the climb until PX4 lands by itself; orders wait for news of the mode, set-points do not."""
+    world = World(px4())
+    world.hunt()
+    if end == "interrupted":
+        world.client.stop()
+    world.end()
+    assert set_points_apart(world) <= 0.25
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("refused", ["late", "full"])
+def test_a_set_point_that_did_not_leave_is_sent_again_at_once(refused: str, seed: int) -> None:
+    """On a loaded computer: every other look at the link is held up for 60 ms, or its buffer is full.
+
+    Set-points are no farther apart than the computer itself makes them.
+    """
+    world = World(px4())
+    world.hunt()
+    load = random.Random(seed)
+    due, write = world.client._due, world.autopilot.write
+    row = longest = 0
+
+    def held_up() -> bool:
+        nonlocal row, longest
+        row = row + 1 if load.random() < 0.5 else 0
+        longest = max(longest, row)
+        return row > 0
+
+    def slow(now: float) -> tuple[bytes, bytes]:
+        out = due(now)
+        if held_up():
+            world.clock.wait(world.clock.now() + 0.06)
+        return out
+
+    if refused == "late":
+        world.client._due = slow  # type: ignore[method-assign]
+    else:
+        world.autopilot.write = lambda data: not held_up() and write(data)  # type: ignore[method-assign]
+    world.until(lambda: world.client.outcome or longest > 8)
+    assert set_points_apart(world) <= 0.25 + 0.06 * longest
 
 
 def test_a_flood_that_cannot_be_read_to_its_end_gets_no_order_and_does_not_hold_it_up() -> None:

@@ -1,0 +1,38 @@
+"""When set-points leave: often enough for the autopilot to follow them, and how long none has left."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+_EVERY_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops after 3 s
+_RARE_S: Final = 0.5  # apart: PX4 asks for 2 Hz
+_OF_LATE_S: Final = 5.0
+
+
+class Pace:
+    """Remembers when the last set-point left, and the longest time without one of late. Times are the caller's, s."""
+
+    def __init__(self) -> None:
+        self._last = self._next = -math.inf
+        self._longest = (0.0, -math.inf)  # s, and when it ended
+
+    def due(self, now: float) -> bool:
+        return now >= self._next
+
+    def left(self, now: float) -> None:
+        """One has left."""
+        gap = now - self._last
+        if self._last > -math.inf and (gap > self._longest[0] or now - self._longest[1] > _OF_LATE_S):
+            self._longest = gap, now
+        self._last, self._next = now, max(self._next + _EVERY_S, now)
+
+    def rest(self) -> None:
+        """None is wanted now."""
+        self._last = -math.inf
+
+    def stalled_s(self, now: float) -> float:
+        """The longest time of late in which none left; 0 when they left often enough."""
+        gap, until = self._longest
+        worst = max(gap if now - until <= _OF_LATE_S else 0.0, now - self._last if self._last > -math.inf else 0.0)
+        return worst if worst > _RARE_S else 0.0
