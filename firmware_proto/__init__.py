@@ -3,9 +3,6 @@
 Its section "What a reading means" says what d and δ are, and what a consumer does with a frame.
 """
 
-from collections.abc import Callable
-from typing import Final
-
 from firmware_proto.binary import MAX_FRAME_BYTES, Decoder, encode
 from firmware_proto.frame import (
     INNER,
@@ -18,26 +15,14 @@ from firmware_proto.frame import (
     SELF_TEST_FAULT,
     SYNTHETIC,
     Channel,
+    Format,
     Frame,
     FrameDecoder,
 )
 from firmware_proto.nmea import NmeaDecoder, encode_nmea
 from firmware_proto.text import TextDecoder, encode_text
 
-DECODERS: Final[dict[str, type[FrameDecoder]]] = {
-    "binary": Decoder,
-    "nmea": NmeaDecoder,
-    "text": TextDecoder,
-}
-ENCODERS: Final[dict[str, Callable[[Frame], bytes]]] = {
-    "binary": encode,
-    "nmea": encode_nmea,
-    "text": encode_text,
-}
-
 __all__ = [
-    "DECODERS",
-    "ENCODERS",
     "INNER",
     "INTERFERENCE",
     "MAX_CHANNELS",
@@ -50,6 +35,7 @@ __all__ = [
     "SYNTHETIC",
     "Channel",
     "Decoder",
+    "Format",
     "Frame",
     "FrameDecoder",
     "NmeaDecoder",

@@ -8,7 +8,7 @@ from typing import Final
 
 from fastcrc import crc16
 
-from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Frame, FrameDecoder, check
+from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Format, Frame, FrameDecoder, check
 
 VERSION: Final = 1
 MAX_FRAME_BYTES: Final = 9 + 6 * MAX_CHANNELS
@@ -95,3 +95,6 @@ class Decoder(FrameDecoder):
         )
         self._count(data[at + 4])
         return Frame(data[at + 4], data[at + 5], channels)
+
+
+BINARY: Final = Format(encode, Decoder, numbered=True)

@@ -6,6 +6,7 @@ Layout and meaning: PROTOCOL.md, next to this file.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 SYNTHETIC: Final = 1  # status bits; always set by an emulator
@@ -78,6 +79,18 @@ class FrameDecoder(ABC):
         if self._sequence is not None:
             self.lost += missing(self._sequence, sequence)
         self._sequence = sequence
+
+
+class Format(NamedTuple):
+    """A wire format: how a frame becomes bytes, and bytes frames again.
+
+    `encode` raises ValueError for a frame that does not fit. `decoder` makes a decoder for one stream of bytes.
+    `numbered`: a frame's sequence number and status are in its bytes.
+    """
+
+    encode: Callable[[Frame], bytes]
+    decoder: Callable[[], FrameDecoder]
+    numbered: bool = False
 
 
 def missing(before: int, sequence: int) -> int:

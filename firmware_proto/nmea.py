@@ -7,7 +7,7 @@ from functools import reduce
 from operator import xor
 from typing import Final
 
-from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Frame, FrameDecoder, check
+from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Format, Frame, FrameDecoder, check
 
 _MAX_SENTENCE: Final = 82  # bytes from `$` to the line feed, as in NMEA 0183
 _SENTENCE: Final = re.compile(rb"\$([^$*]{0,76})\*([0-9A-Fa-f]{2})\r?")
@@ -102,3 +102,6 @@ class NmeaDecoder(FrameDecoder):
     def _give_up(self) -> None:
         self.dropped += self._bytes
         self._channels, self._bytes = [], 0
+
+
+NMEA: Final = Format(encode_nmea, NmeaDecoder, numbered=True)

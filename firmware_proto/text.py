@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from firmware_proto.frame import PAUSE_S, Channel, Frame, FrameDecoder, check
+from firmware_proto.frame import PAUSE_S, Channel, Format, Frame, FrameDecoder, check
 
 _LINE: Final = re.compile(rb"(-?\d{1,5}),(-?\d{1,5})\r?")
 _KEPT: Final = len(b"-32768,-32768\r") + 1  # one more than a good line: cut to it, a line stays a bad one
@@ -58,3 +58,6 @@ class TextDecoder(FrameDecoder):
         sequence = self.good % 256
         self._count(sequence)
         return Frame(sequence, 0, (Channel(d=d, delta=delta),))
+
+
+TEXT: Final = Format(encode_text, TextDecoder)

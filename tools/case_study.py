@@ -21,7 +21,6 @@ from arva_hil.campaign.trial import Trial, fly
 from arva_hil.cli.main import main as arva_hil
 from arva_hil.config.campaign import load_plan
 from arva_hil.observers.plots import Track, draw_search
-from arva_hil.search import STRATEGIES
 from arva_hil.search.outcome import Row
 
 PLAN = Path(__file__).parents[1] / "configs/campaigns/paper.yaml"
@@ -45,7 +44,7 @@ def main() -> None:
 
 def table(folder: Path) -> Iterator[str]:
     """Success, time, path and error of every case and strategy, in Markdown."""
-    plan = load_plan(PLAN, list(STRATEGIES))
+    plan = load_plan(PLAN)
     with results.opened(folder) as kept:
         rows = [kept.rows[planned.key] for planned in trials(plan)]
     yield "| case | strategy | found within 2 m | time, s | path, m | error, m | worst error, m |"

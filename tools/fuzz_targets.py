@@ -20,15 +20,16 @@ import numpy as np
 import yaml
 from fastcrc import crc16
 
+from arva_hil import registry
 from arva_hil.config import ScenarioError, load, parse, parse_fault, to_dict
-from arva_hil.emulator.ports import MAVLINK_FORMATS, TUNNEL_TYPE, MavlinkDecoder
+from arva_hil.emulator.formats import TUNNEL_TYPE, MavlinkDecoder
 from arva_hil.field import LocalFrame
 from arva_hil.links.tlog import read_tlog
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.observers.console.reasons import no_pose, no_vehicle
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.vehicle.session import Session
-from firmware_proto import DECODERS, ENCODERS, MAX_CHANNELS, MAX_FRAME_BYTES, Channel, Frame, FrameDecoder, encode
+from firmware_proto import MAX_CHANNELS, MAX_FRAME_BYTES, Channel, Frame, FrameDecoder, encode
 
 ROOT: Final = Path(__file__).parent.parent
 FRAME: Final = LocalFrame(46.5, 11.35, 1800.0)
@@ -337,7 +338,11 @@ def session(data: bytes) -> None:
 
 # -- the frame decoders ------------------------------------------------------------------------------------
 
-FORMATS: Final = (*DECODERS, *MAVLINK_FORMATS)
+DECODERS: Final = {
+    name: registry.FORMATS[name].decoder for name in registry.FORMATS if name not in registry.MAVLINK_FORMATS
+}
+ENCODERS: Final = {name: registry.FORMATS[name].encode for name in DECODERS}
+FORMATS: Final = tuple(registry.FORMATS)
 _HELD: Final = {"binary": MAX_FRAME_BYTES, "nmea": 82 * (MAX_CHANNELS + 1), "text": 16}  # bytes, at most
 _HELD_IN_SILENCE: Final = {"binary": 0, "nmea": 82, "text": 16}
 _COUNTERS: Final = ("good", "bad_crc", "dropped", "lost")
@@ -352,7 +357,7 @@ def decoder(data: bytes) -> None:
     while s:
         now += PAUSES_S[s.number() % len(PAUSES_S)]
         chunks.append((now, s.bytes(s.number())))
-    if format in MAVLINK_FORMATS:
+    if format in registry.MAVLINK_FORMATS:
         _through_the_autopilot(MavlinkDecoder(format), chunks)
         return
     chunks.append((now + 1000, b""))

@@ -34,13 +34,13 @@ from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.observers.audience import Audience
 from arva_hil.observers.record import Recorder
+from arva_hil.registry import FORMATS
 from arva_hil.runtime.clock import Clock, RealClock, StepClock
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from arva_hil.vehicle.session import Session
-from firmware_proto import DECODERS
 
 HOME = (46.0123, 7.7456, 1650.0)
 HEIGHT_M = 2.0
@@ -135,7 +135,7 @@ class Consumer:
 
     def __init__(self, link: Link, format: str) -> None:
         self.links: Sequence[Link] = [link]
-        self.decoder = DECODERS[format]()
+        self.decoder = FORMATS[format].decoder()
         self.bytes = 0
 
     def service(self, clock: Clock) -> float:

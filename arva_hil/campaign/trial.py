@@ -8,9 +8,9 @@ from typing import Final
 
 from arva_hil.config import Scenario
 from arva_hil.links import memory
+from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search import STRATEGIES
 from arva_hil.search.mission import FOUND, Plan
 from arva_hil.search.outcome import Row
 from arva_hil.simulated.closed_loop import ClosedLoop

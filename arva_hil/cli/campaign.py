@@ -33,10 +33,9 @@ def main(options: argparse.Namespace) -> int:
     from arva_hil.campaign.plan import trials
     from arva_hil.config import ScenarioError
     from arva_hil.config.campaign import load_plan
-    from arva_hil.search import STRATEGIES
 
     try:
-        plan = load_plan(options.plan, list(STRATEGIES))
+        plan = load_plan(options.plan)
     except ScenarioError as error:
         raise UsageError(*error.problems) from None
     if options.dry_run:

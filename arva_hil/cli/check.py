@@ -38,9 +38,8 @@ def _check(name: str, text: str) -> None:
 
     if is_plan(text):
         from arva_hil.campaign.plan import size
-        from arva_hil.search import STRATEGIES
 
-        plan = parse_plan(text, name, list(STRATEGIES))
+        plan = parse_plan(text, name)
         show(f"{name}: ok: {size(plan)} trials of {', '.join(plan.strategies)}; {', '.join(plan.scenarios)}")
         return
     chosen = parse(text, name)

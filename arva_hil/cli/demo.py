@@ -12,9 +12,9 @@ from typing import Final
 from arva_hil.cli import common, search, search_report
 from arva_hil.cli.outcome import FAILED, NO_LINK, Failure, UsageError
 from arva_hil.cli.terminal import tell
-from arva_hil.emulator.ports import MAVLINK_FORMATS
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
+from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime.clock import Clock, RealClock, StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.outcome import Outcome

@@ -21,12 +21,13 @@ from arva_hil.doctor import port_diagnosis as port_look
 from arva_hil.doctor.examination import Ear, Mouth
 from arva_hil.doctor.tcp_server import accepted
 from arva_hil.doctor.values import Finding, Position
-from arva_hil.emulator.ports import MAVLINK_FORMATS, MavlinkPort, Port, WirePort
+from arva_hil.emulator.formats import encoder
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.serial_ports import Port as SerialPort
 from arva_hil.links.serial_ports import list_ports
 from arva_hil.mavlink.signing import Signing
 from arva_hil.observers.console.text import wants_colour
+from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.vehicle.session import Session
@@ -165,20 +166,22 @@ class Doctor:
     def _listen(self, link: Link | None) -> Ear | None:
         """Hear the autopilot and send frames, for a while."""
         ear = Ear(link, self._session(), self._clock.now(), self._first_bytes) if link else None
-        if port := self._port(ear, link):
-            address = parse(self._options.port) if self._options.port else None
-            self._mouth = Mouth(port, self._out, address, self._clock.now())
+        if mouth := self._new_mouth(ear, link):
+            self._mouth = mouth
         if tasks := [task for task in (ear, self._mouth) if task]:
             tell(f"listening for {self._options.listen:g} s")
             self._attend(tasks, ear)
         return ear
 
-    def _port(self, ear: Ear | None, link: Link | None) -> Port | None:
-        """Where frames go, for as long as the autopilot's link is this one; None where they go already, or cannot."""
-        form = self._options.format
-        if form in MAVLINK_FORMATS:
-            return MavlinkPort(link, ear.session, form) if ear and link else None
-        return WirePort(self._out, form) if self._out and not self._mouth else None
+    def _new_mouth(self, ear: Ear | None, link: Link | None) -> Mouth | None:
+        """Who sends frames while the autopilot's link is this one; None where they are sent already, or cannot be."""
+        over_mavlink = self._options.format in MAVLINK_FORMATS
+        out = link if over_mavlink else self._out
+        if out is None or (self._mouth and not over_mavlink):
+            return None
+        session = ear.session if ear else self._session()
+        address = None if over_mavlink else parse(self._options.port)
+        return Mouth(encoder(self._options.format, session), out, address, self._clock.now())
 
     def _attend(self, tasks: Sequence[Ear | Mouth], ear: Ear | None) -> None:
         """Serve both sides for as long as asked; a vehicle found late is given the time to answer."""

@@ -15,14 +15,14 @@ from arva_hil.cli import common
 from arva_hil.cli.endings import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.emulator.ports import MAVLINK_FORMATS, MavlinkDecoder
 from arva_hil.links import AddressError, Link, LinkError, parse
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.observers.console import text
+from arva_hil.registry import FORMATS, MAVLINK_FORMATS
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.vehicle.session import heartbeat
-from firmware_proto import DECODERS, Frame, FrameDecoder
+from firmware_proto import Frame, FrameDecoder
 from firmware_proto.frame import PAUSE_S
 
 _WATCHDOG_S: Final = 2.0  # a consumer calls a receiver "not working" after this long without a frame
@@ -31,7 +31,7 @@ _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the
 
 
 def main(options: argparse.Namespace) -> int:
-    decoder = MavlinkDecoder(options.format) if options.format in MAVLINK_FORMATS else DECODERS[options.format]()
+    decoder = FORMATS[options.format].decoder()
     hello = Encoder(1, _COMPONENT) if options.format in MAVLINK_FORMATS else None
     listener = Listener(decoder, hello, as_json=options.json, count=options.count)
     path = Path(options.url)

@@ -14,9 +14,10 @@ from arva_hil import __version__
 from arva_hil.cli.endings import interrupting, story, unforeseen
 from arva_hil.cli.environment import strangers
 from arva_hil.cli.options import Parser
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, USAGE, Failure, UsageError
 from arva_hil.cli.standard_streams import abandon, refuse_closed, reserve
 from arva_hil.cli.terminal import show, tell
+from arva_hil.errors import KindError
 
 COMMANDS: Final = {
     "run": "emulate the receiver: autopilot in, frames out (the default command)",
@@ -76,6 +77,9 @@ def _guarded(arguments: list[str]) -> int:
         for line in (f"arva-hil: {first}", *rest):
             tell(line)
         return failure.code
+    except KindError as error:
+        tell(f"arva-hil: {error}")
+        return USAGE
     except OSError as error:  # links and files have their own: this is stdout, its reader gone or its disk full
         tell(f"arva-hil: stdout: {error}")
         abandon(sys.stdout)

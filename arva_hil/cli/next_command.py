@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping
 from typing import Final
 
-from arva_hil.emulator.ports import MAVLINK_FORMATS
+from arva_hil.registry import MAVLINK_FORMATS
 
 UNKNOWN_PORT: Final = "pty:/tmp/arva0"
 

@@ -7,13 +7,15 @@ import difflib
 import math
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from arva_hil.cli.outcome import UsageError
-from arva_hil.config.words import FORMATS, FRAMES_HZ, LARGEST_SEED
+from arva_hil.config.words import FRAMES_HZ, LARGEST_SEED
+from arva_hil.errors import KindError
 from arva_hil.links import AddressError, parse
+from arva_hil.registry import FORMATS, Registry
 
 if TYPE_CHECKING:
     from arva_hil.config import Fault
@@ -137,10 +139,40 @@ def fault(text: str) -> Fault | None:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
+def kind(registry: Registry, without: Collection[str] = ()) -> Callable[[str], str]:
+    """A converter for a name in a registry, none of those `without`; it imports only what is not built in."""
+
+    def convert(text: str) -> str:
+        usual = [name for name in registry if name not in without]
+        if text in without:
+            raise argparse.ArgumentTypeError(f"{text!r}: expected {', '.join(usual)} or one of another package")
+        try:
+            if text not in usual:
+                registry[text]
+        except KindError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+        return text
+
+    return convert
+
+
+def add_format(parser: Parser, *, default: str | None = None, without: Collection[str] = ()) -> None:
+    """How frames look; without a default as the scenario has it."""
+    names = ", ".join(name for name in FORMATS if name not in without)
+    usual = default or "the scenario's"
+    parser.option(
+        "--format",
+        type=kind(FORMATS, without),
+        default=default,
+        metavar="NAME",
+        help=f"of the frames: {names}; default {usual}",
+    )
+
+
 def add_scenario(parser: Parser) -> None:
     """Options that say what is emulated."""
     parser.option("--scenario", metavar="FILE", help="scenario (YAML); default: one transmitter 20 m N, 5 m E of home")
-    parser.option("--format", choices=FORMATS, help="of the frames; default: the scenario's")
+    add_format(parser)
     parser.option("--rate", type=number(*FRAMES_HZ, " of Hz"), metavar="HZ", help="of the frames, 0.1…50")
     parser.option("--seed", type=whole(0, LARGEST_SEED), metavar="N", help="of the noise and the faults")
     parser.option(

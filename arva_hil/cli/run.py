@@ -18,12 +18,12 @@ from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario, VehicleConfig
 from arva_hil.emulator.engine import Emulator, VehicleSetup, one_vehicle
 from arva_hil.emulator.fleet import vehicle_setups
-from arva_hil.emulator.ports import MAVLINK_FORMATS
 from arva_hil.links import Link, parse
 from arva_hil.links.reconnecting import open_lasting
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.observers.systemd import Watchdog
+from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run

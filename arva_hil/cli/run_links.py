@@ -6,9 +6,9 @@ import os
 
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import UsageError
-from arva_hil.emulator.ports import MAVLINK_FORMATS
 from arva_hil.links import Address, parse
 from arva_hil.links.serial_ports import find_autopilot, list_ports
+from arva_hil.registry import MAVLINK_FORMATS
 
 
 def choose_autopilot(*ports: str | None) -> str:

@@ -25,16 +25,15 @@ from arva_hil.observers.console import Printer
 from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.question import TerminalQuestion, somebody_is_there
 from arva_hil.observers.record.search_log import SearchLog
+from arva_hil.registry import FORMATS, STRATEGIES
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
-from arva_hil.search import STRATEGIES
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.mission import Plan
 from arva_hil.search.outcome import Row
 from arva_hil.search.permission import Permission
 from arva_hil.search.strips import Strips
 from arva_hil.vehicle.session import Session
-from firmware_proto import DECODERS
 
 _EXIT: Final = {
     "found": OK,
@@ -94,7 +93,7 @@ def main(options: argparse.Namespace) -> int:
             session,
             autopilot,
             receiver,
-            DECODERS[options.format](),
+            FORMATS[options.format].decoder(),
             start=start,
             land=options.end == "land",
             timeout_s=options.timeout,

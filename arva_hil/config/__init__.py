@@ -11,39 +11,33 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from arva_hil.config.faults import KINDS, Fault, Kind, misfit, parse_fault, plain_fault
-    from arva_hil.config.kinds import NOISE_KINDS, RATE_HZ, RECEIVER_MODELS, SEED, NoiseKind, Pose, Triple
+    from arva_hil.config.kinds import NOISE_KINDS, RATE_HZ, SEED, NoiseKind, Pose, Triple
     from arva_hil.config.receiver import Mount, Noise, Receiver
     from arva_hil.config.scenario import DEFAULT, Datum, Scenario, load, parse, parts_of_spec_2, to_dict
     from arva_hil.config.transmitter import Follows, Lla, Path, Transmitter
     from arva_hil.config.vehicles import NavigationError, ReceiverConfig, VehicleConfig
-    from arva_hil.config.words import FORMATS, WIRE_FORMATS, Format
     from arva_hil.config.yaml_tree import Problem, ScenarioError
 
 _MODULES: Final = {
     "faults": "KINDS Fault Kind misfit parse_fault plain_fault",
-    "kinds": "NOISE_KINDS RATE_HZ RECEIVER_MODELS SEED NoiseKind Pose Triple",
+    "kinds": "NOISE_KINDS RATE_HZ SEED NoiseKind Pose Triple",
     "receiver": "Mount Noise Receiver",
     "scenario": "DEFAULT Datum Scenario load parse parts_of_spec_2 to_dict",
     "transmitter": "Follows Lla Path Transmitter",
     "vehicles": "NavigationError ReceiverConfig VehicleConfig",
-    "words": "FORMATS WIRE_FORMATS Format",
     "yaml_tree": "Problem ScenarioError",
 }
 _HOMES: Final = {name: module for module, names in _MODULES.items() for name in names.split()}
 
 __all__ = [
     "DEFAULT",
-    "FORMATS",
     "KINDS",
     "NOISE_KINDS",
     "RATE_HZ",
-    "RECEIVER_MODELS",
     "SEED",
-    "WIRE_FORMATS",
     "Datum",
     "Fault",
     "Follows",
-    "Format",
     "Kind",
     "Lla",
     "Mount",

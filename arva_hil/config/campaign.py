@@ -15,10 +15,11 @@ from arva_hil.config.mistakes import read_mapping
 from arva_hil.config.nested import TableSort, read_by
 from arva_hil.config.reading import read
 from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
-from arva_hil.config.sorts import Number, Numbers, Sort, Spec, Text, Word, list_of, read_list
+from arva_hil.config.sorts import Number, Numbers, Sort, Spec, list_of, read_list
 from arva_hil.config.tables import help_of, right, sort_of, table, validate
-from arva_hil.config.words import WIRE_FORMATS
+from arva_hil.config.text import Named, Text, Word
 from arva_hil.config.wrong import SeveralWrong, Wrong, below
+from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1
 MOST_TRIALS: Final = 200_000
@@ -121,14 +122,14 @@ class CampaignPlan:
     success_m: float
 
 
-def load_plan(path: str | os.PathLike[str], strategies: Sequence[str]) -> CampaignPlan:
+def load_plan(path: str | os.PathLike[str]) -> CampaignPlan:
     """The plan in a file. Raises ScenarioError with all mistakes, those in its scenario files too."""
-    return parse_plan(yaml_tree.read_text(path, "the plan of a campaign"), os.fspath(path), strategies)
+    return parse_plan(yaml_tree.read_text(path, "the plan of a campaign"), os.fspath(path))
 
 
-def parse_plan(text: str, source: str, strategies: Sequence[str]) -> CampaignPlan:
+def parse_plan(text: str, source: str) -> CampaignPlan:
     """The plan in `text`; files that it names are looked for from where `source` is. Raises ScenarioError."""
-    reader = _PlanReader(os.path.dirname(source), strategies)
+    reader = _PlanReader(os.path.dirname(source))
     return read(text, source, "a mapping with strategies and scenarios", reader.read, SPEC)
 
 
@@ -144,8 +145,8 @@ def is_plan(text: str) -> bool:
 class _PlanReader:
     """Reads one plan; remembers what is wrong with it and with the scenarios that it names."""
 
-    def __init__(self, folder: str, strategies: Sequence[str]) -> None:
-        self._folder, self._strategies = folder, strategies
+    def __init__(self, folder: str) -> None:
+        self._folder = folder
         self._wrong: list[Wrong] = []
         self._problems: list[yaml_tree.Problem] = []
 
@@ -177,7 +178,7 @@ class _PlanReader:
     def _strategy_names(self, top: Mapping[str, Any]) -> tuple[str, ...]:
         if "strategies" not in top:
             return ()
-        return self._try("strategies", lambda: Axis(Word(self._strategies)).read(top["strategies"])) or ()
+        return self._try("strategies", lambda: Axis(Named(STRATEGIES)).read(top["strategies"])) or ()
 
     def _by_strategy(self, top: Mapping[str, Any], key: str, names: Sequence[str]) -> dict[str, float]:
         """One number for all, or each strategy's own."""
@@ -229,7 +230,7 @@ class _PlanReader:
             self._problems += error.problems
             return Scenario((), source=path)
         unserved = [part for part, there in parts_of_spec_2(scenario).items() if there and part in _NOT_FLOWN]
-        if scenario.output_format not in WIRE_FORMATS:
+        if scenario.output_format in MAVLINK_FORMATS:
             unserved.append(f"format {scenario.output_format}")
         if unserved:
             raise Wrong("a scenario that a campaign flies", f"{path} with {', '.join(unserved)}")

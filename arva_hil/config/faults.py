@@ -6,15 +6,16 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import fields
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
-from arva_hil.config.kinds import NUMBERED_FORMATS, SPAN, TRANSMITTER_ID, WORLD_POINT, Triple
+from arva_hil.config.kinds import SPAN, TRANSMITTER_ID, WORLD_POINT, Triple
 from arva_hil.config.marks import Help, NotAKey
 from arva_hil.config.mistakes import read_mapping, unknown, validator
 from arva_hil.config.reading import read
-from arva_hil.config.sorts import Number, Sort, Whole, Word, Yes
+from arva_hil.config.sorts import Anything, Number, Sort, Whole
 from arva_hil.config.tables import help_of, sort_of, table
-from arva_hil.config.words import WIRE_FORMATS
+from arva_hil.config.text import Word, Yes
 from arva_hil.config.wrong import SeveralWrong, Wrong
 from arva_hil.config.yaml_tree import ScenarioError
+from arva_hil.registry import FORMATS, MAVLINK_FORMATS
 
 Stage = Literal["heard", "sent", "wire"]
 
@@ -61,13 +62,6 @@ KINDS: Final = {  # in the order in which they strike
 }
 
 
-class _Value(Sort):
-    """Whatever the kind of the fault takes, which is checked when it is known."""
-
-    def read(self, value: Any) -> Any:
-        return value
-
-
 @table()
 class Fault:
     """One fault and when it is on, in seconds from the start of the run.
@@ -78,7 +72,7 @@ class Fault:
     """
 
     name: Annotated[str, Word(tuple(KINDS)), NotAKey()]
-    value: Annotated[float, _Value(), NotAKey()]
+    value: Annotated[float, Anything(), NotAKey()]
     from_s: Annotated[float, _TIME, Help("on from this time of the run")] = 0.0
     until_s: Annotated[float, _TIME, Help("off from this time of the run; without it never")] = math.inf
     every_s: Annotated[float | None, SPAN, Help("again and again: from one start to the next")] = None
@@ -183,13 +177,15 @@ def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] |
     kind = KINDS[fault.name]
     if kind.valid is _TRANSMITTER and fault.value not in ids:
         return f"{fault.name} of transmitter {fault.value:g}", f"one of {', '.join(map(str, sorted(ids)))}"
-    if kind.stage == "wire" and format not in WIRE_FORMATS:
+    if kind.stage == "wire" and format in MAVLINK_FORMATS:
+        wire = [name for name in FORMATS if name not in MAVLINK_FORMATS]
         return (
             f"{fault.name} with the format {format}",
-            f"{' or '.join(WIRE_FORMATS)}, because it would break the autopilot's own link",
+            f"{' or '.join(wire)}, because it would break the autopilot's own link",
         )
-    if fault.name in ("sequence", "self_test") and format not in NUMBERED_FORMATS:
-        return f"{fault.name} with the format {format}", f"{' or '.join(NUMBERED_FORMATS)}, which carry it"
+    if fault.name in ("sequence", "self_test") and not FORMATS[format].numbered:
+        numbered = [name for name in FORMATS if FORMATS[name].numbered]
+        return f"{fault.name} with the format {format}", f"{' or '.join(numbered)}, which carry it"
     return None
 
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from typing import Final, Literal, get_args
 
-from arva_hil.config.sorts import Number, Numbers, Whole, Word
-from arva_hil.config.words import FORMATS, FRAMES_HZ, LARGEST_SEED
+from arva_hil.config.sorts import Number, Numbers, Whole
+from arva_hil.config.text import Named
+from arva_hil.config.words import FRAMES_HZ, LARGEST_SEED
+from arva_hil.registry import FORMATS
 
 Triple = tuple[float, float, float]
 NoiseKind = Literal["uniform", "gaussian", "off"]
 Pose = Literal["estimate", "truth"]
 
-NUMBERED_FORMATS: Final = ("binary", "nmea", "tunnel")  # those that carry sequence number and status
 NOISE_KINDS: Final[tuple[NoiseKind, ...]] = get_args(NoiseKind)
-RECEIVER_MODELS: Final = ["paper"]
 
-FORMAT: Final = Word(FORMATS)
+FORMAT: Final = Named(FORMATS)
 RATE_HZ: Final = Number(*FRAMES_HZ, unit="Hz")
 SEED: Final = Whole(0, LARGEST_SEED)
 TRANSMITTER_ID: Final = Whole(0, 254)

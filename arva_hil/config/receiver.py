@@ -3,12 +3,15 @@
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final
 
-from arva_hil.config.kinds import ANGLE, BODY_POINT, NOISE_KINDS, RATE_HZ, RECEIVER_MODELS, NoiseKind, Triple
-from arva_hil.config.marks import Help, Since
+from arva_hil.config.kinds import ANGLE, BODY_POINT, NOISE_KINDS, RATE_HZ, NoiseKind, Triple
+from arva_hil.config.marks import Help, NotAKey, Since
 from arva_hil.config.nested import Reshaped
-from arva_hil.config.sorts import Number, Numbers, Whole, Word
+from arva_hil.config.own_keys import PAPER, OwnKeys, checked_options, own_keys, schemas
+from arva_hil.config.sorts import Anything, Number, Numbers, Whole
 from arva_hil.config.tables import right, table
+from arva_hil.config.text import Named, Word
 from arva_hil.config.wrong import Wrong
+from arva_hil.registry import RECEIVERS
 
 NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))
 
@@ -58,7 +61,8 @@ class Mount:
 class Receiver:
     """The receiver. `sensitivity`: the diagonal of Q; `no_signal`: (d, δ) when there is nothing to report.
 
-    Each frame is up to `jitter_s` late, less than half the period. Raises ValueError when it is not.
+    Each frame is up to `jitter_s` late, less than half the period. `options`: of a model with keys of its own its
+    `Options`, or a mapping that makes them; a file has them beside `model`. Raises ValueError when it does not fit.
     """
 
     channels: Annotated[int, Whole(1, 16), Help("how many transmitters it can show at once, the nearest first")] = 4
@@ -77,11 +81,25 @@ class Receiver:
     no_signal: Annotated[
         tuple[int, int], _NoSignal(*[Whole(-1, 0)] * 2), Help("distance and angle when there is nothing")
     ] = (-1, -1)
-    model: Annotated[str, Word(RECEIVER_MODELS), Since(2), Help("what computes a reading")] = "paper"
+    model: Annotated[str, Named(RECEIVERS), Since(2), Help("what computes a reading; its own keys stand beside it")] = (
+        PAPER
+    )
+    options: Annotated[Any, Anything(), NotAKey()] = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "options", checked_options(self.model, self.options))
         if wrong := late(self.rate_hz, self.jitter_s):
             raise ValueError(str(wrong))
+
+    @classmethod
+    def own_keys(cls, mapping: Mapping[str, Any]) -> OwnKeys:
+        """The keys that the model has besides."""
+        return own_keys(right(cls, mapping, "model"), mapping)
+
+    @classmethod
+    def own_schemas(cls) -> dict[str, Any]:
+        """JSON Schemas of the keys that models have besides."""
+        return schemas()
 
     @classmethod
     def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Wrong]:

@@ -6,7 +6,7 @@ metres, degrees, seconds, hertz. World frame NED, body frame FRD.
 
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import InitVar, asdict, astuple, field, fields, replace
+from dataclasses import InitVar, asdict, astuple, field, replace
 from typing import Annotated, Any, Final, Literal, get_args
 
 from arva_hil.config import yaml_tree
@@ -16,12 +16,13 @@ from arva_hil.config.marks import Help, NotAKey, Since
 from arva_hil.config.nested import Either, Tables
 from arva_hil.config.reading import read
 from arva_hil.config.receiver import Receiver
-from arva_hil.config.sorts import Listed, Spec, Text, Word
-from arva_hil.config.tables import NEWER, right, table, validate
+from arva_hil.config.sorts import Listed, Spec
+from arva_hil.config.tables import NEWER, keys, right, table, validate
+from arva_hil.config.text import Text, Word
 from arva_hil.config.transmitter import Lla, Transmitter, same_ids
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, clashes
-from arva_hil.config.words import Format
 from arva_hil.config.wrong import SeveralWrong, Wrong, below
+from arva_hil.registry import FORMATS
 
 Datum = Literal["home"] | Lla
 
@@ -34,7 +35,7 @@ _FAULTS: Final = Listed(FaultItem(), 0, 1000, "faults")
 class Output:
     """The frames, as a file has it."""
 
-    format: Annotated[Format, FORMAT, Help("of the frames")] = "binary"
+    format: Annotated[str, FORMAT, Help("of the frames")] = "binary"
 
 
 @table()
@@ -56,7 +57,7 @@ class Scenario:
     ] = "home"
     receiver: Annotated[Receiver, Help("what it is like")] = Receiver()
     output: InitVar[Annotated[Output | None, Help("what is sent")]] = field(default=None, kw_only=True)
-    output_format: Annotated[Format, FORMAT, NotAKey()] = "binary"
+    output_format: Annotated[str, FORMAT, NotAKey()] = "binary"
     seed: Annotated[int, SEED, Help("same seed, same noise, same faults")] = 1
     faults: Annotated[tuple[Fault, ...], _FAULTS, Help("on purpose and on time")] = ()
     source: Annotated[str, Text("a name", r"(?s:.*)"), NotAKey()] = field(default="default scenario", compare=False)
@@ -114,10 +115,10 @@ def _list(mapping: Mapping[str, Any], key: str) -> Sequence[Any]:
     return value if isinstance(value, list) else []
 
 
-def _format(mapping: Mapping[str, Any]) -> Format:
+def _format(mapping: Mapping[str, Any]) -> str:
     """The format in a file, as far as it is right."""
     output = mapping.get("output")
-    of: Format = (right(Output, output, "format") if isinstance(output, Mapping) else None) or "binary"
+    of: str = (right(Output, output, "format") if isinstance(output, Mapping) else None) or "binary"
     return of
 
 
@@ -125,7 +126,7 @@ def _formats(mapping: Mapping[str, Any]) -> list[Any]:
     """The formats of all receivers in a file, as far as they are right."""
     receivers = [r for v in _list(mapping, "vehicles") if isinstance(v, Mapping) for r in _list(v, "receivers")]
     given = [r.get("format", "binary") for r in receivers if isinstance(r, Mapping)]
-    formats = [str(of) for of in given if of in FORMAT.words]
+    formats = [str(of) for of in given if isinstance(of, str) and of in FORMATS]
     return formats or [_format(mapping)]
 
 
@@ -167,7 +168,9 @@ def _inherit(top: yaml_tree.Mapping) -> None:
     for number, entry in enumerate(entries):
         if isinstance(entry, yaml_tree.Mapping):
             if isinstance(receiver, yaml_tree.Mapping):
-                entry.inherit(receiver, [key.name for key in fields(Receiver)])
+                of_all = keys(Receiver)
+                same = entry.get("model", receiver.get("model")) == receiver.get("model")
+                entry.inherit(receiver, [name for name in receiver if same or name in of_all])
             if isinstance(output, yaml_tree.Mapping):
                 entry.inherit(output, ["format"])
             entry.setdefault("seed", (seed + number) % (SEED.high + 1))
@@ -226,9 +229,10 @@ def _plain_transmitter(t: Transmitter) -> dict[str, Any]:
 
 
 def _plain_receiver(receiver: Receiver) -> dict[str, Any]:
-    mount = receiver.mount
+    mount, plain = receiver.mount, asdict(receiver)
     return {
-        **asdict(receiver),
+        **(plain.pop("options") or {}),
+        **plain,
         "sensitivity": list(receiver.sensitivity),
         "mount": {"position": list(mount.position), "attitude": _plain_attitude(mount.attitude)},
         "no_signal": list(receiver.no_signal),

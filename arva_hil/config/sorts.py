@@ -14,15 +14,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, get_args
 
 from arva_hil.config.wrong import Wrong, each
-from arva_hil.config.yaml_tree import Items, Scalar, any_of, nearest
+from arva_hil.config.yaml_tree import Items, Scalar
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
     from pydantic.json_schema import JsonSchemaValue
     from pydantic_core import CoreSchema
 
-_FLOAT: Final = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
-_WHOLE: Final = re.compile(r"[-+]?(0|[1-9][0-9]{0,18})")
+
+FLOAT: Final = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
+WHOLE: Final = re.compile(r"[-+]?(0|[1-9][0-9]{0,18})")
 _TYPED: Final = {ord("\N{MINUS SIGN}"): "-", ord("\N{EN DASH}"): "-", ord(","): "."}  # where a number was meant
 
 
@@ -92,7 +93,7 @@ class Number(Sort):
 
     def read(self, value: Any) -> float:
         if isinstance(value, Scalar):
-            number = float(value.plain) if _FLOAT.fullmatch(value.plain) else math.nan
+            number = float(value.plain) if FLOAT.fullmatch(value.plain) else math.nan
         elif isinstance(value, numbers.Real) and not isinstance(value, bool):
             number = float(value)
         else:
@@ -100,7 +101,7 @@ class Number(Sort):
         if number in self or (self.endless and number == math.inf and not isinstance(value, Scalar)):
             return number
         meant = value.plain.translate(_TYPED) if isinstance(value, Scalar) else ""
-        hint = meant if _FLOAT.fullmatch(meant) and float(meant) in self else None
+        hint = meant if FLOAT.fullmatch(meant) and float(meant) in self else None
         raise Wrong(str(self), nearest=hint)
 
     def json(self) -> dict[str, Any]:
@@ -143,7 +144,7 @@ class Whole(Sort):
 def whole(value: Any) -> int | None:
     """The whole number (in a file of 19 digits at most) that a value is, None when it is something else."""
     if isinstance(value, Scalar):
-        return int(value.plain) if _WHOLE.fullmatch(value.plain) else None
+        return int(value.plain) if WHOLE.fullmatch(value.plain) else None
     return int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else None
 
 
@@ -166,62 +167,17 @@ class Spec(Sort):
         return {"enum": list(range(1, self.newest + 1))}
 
 
-@dataclass(frozen=True)
-class Word(Sort):
-    """One of some words, quoted or not."""
-
-    words: Sequence[str]
-    expected: str = ""
+class Anything(Sort):
+    """What is checked when it is known what it has to be."""
 
     def __str__(self) -> str:
-        return self.expected or any_of(self.words)
-
-    def read(self, value: Any) -> str:
-        for word in self.words:
-            if isinstance(value, str) and value == word:
-                return word
-        hint = nearest(value.lower(), self.words) if isinstance(value, str) else None
-        raise Wrong(str(self), nearest=hint)
-
-    def json(self) -> dict[str, Any]:
-        return {"enum": list(self.words)}
-
-
-class Yes(Word):
-    """Only `true`, for what there is nothing to say of but that it is on; read as 1."""
-
-    def __init__(self) -> None:
-        super().__init__(("true",))
+        return "anything"
 
     def read(self, value: Any) -> Any:
-        if not isinstance(value, Scalar) and value == 1:
-            return 1
-        super().read(value)
-        return 1
+        return value
 
     def json(self) -> dict[str, Any]:
-        return {"const": True}
-
-
-@dataclass(frozen=True)
-class Text(Sort):
-    """Some text that matches `pattern`, quoted or not."""
-
-    what: str
-    pattern: str = r"(?s:.+)"
-
-    def __str__(self) -> str:
-        return self.what
-
-    def read(self, value: Any) -> str:
-        if not isinstance(value, str) or not re.fullmatch(self.pattern, value):
-            raise Wrong(self.what)
-        return str(value)
-
-    def json(self) -> dict[str, Any]:
-        return {"type": "string"} | (
-            {"minLength": 1} if self.pattern == Text.pattern else {"pattern": f"^{self.pattern}$"}
-        )
+        return {}
 
 
 class Numbers(Sort):

@@ -49,7 +49,8 @@ def table(*need: str) -> Callable[[type[_T]], type[_T]]:
     of each group in `need`. Raises ValueError (pydantic's ValidationError) for values that are not of their sorts.
 
     Its fields are the mapping's keys, an InitVar one of the file alone, a field marked NotAKey none. A class method
-    `misfits(mapping)` may give what is wrong between keys, whatever else is wrong: it is asked for mappings only.
+    `misfits(mapping)` may give what is wrong between keys, whatever else is wrong, and one `own_keys(mapping)` further
+    keys of it, which become the field `options`: they are asked for mappings only.
     """
 
     def decorate(cls: type[_T]) -> type[_T]:
@@ -138,6 +139,8 @@ def _core_schema(cls: Any, source: Any, handler: type[_Quick] | GetCoreSchemaHan
 
 def _json_schema(cls: Any, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
     made = handler(schema) | {"additionalProperties": False}
+    if hasattr(cls, "own_schemas"):
+        made["properties"] = cls.own_schemas() | made["properties"]
     required = [*made.get("required", ()), *(group for group in cls.__need__ if " " not in group)]
     if required:
         made["required"] = required
@@ -182,15 +185,18 @@ def _read(cls: Any, value: Any, handler: Callable[[Any], Any]) -> Any:
             return handler(value)
         except ValidationError as error:
             raise as_validation_error(cls.__name__, _translated(error, cls)) from None
-    valid = keys(cls)
+    others = cls.own_keys(value) if hasattr(cls, "own_keys") else None
+    valid = keys(cls) | dict(others.names if others else {})
     mistakes = [unknown(name, valid) for name in value if name not in valid]
     own: list[Wrong] = []  # of the whole, said only if nothing else is wrong
     try:
-        result = handler({name: item for name, item in value.items() if name in valid})
+        declared = {name: item for name, item in value.items() if name in keys(cls)}
+        result = handler(declared | ({"options": others.options} if others else {}))
     except ValidationError as error:
         for wrong in _translated(error, cls):
             (own if wrong.native and not wrong.where else mistakes).append(wrong)
     mistakes += needed(value, cls.__need__, valid)
+    mistakes += others.mistakes if others else ()
     mistakes += cls.misfits(value) if hasattr(cls, "misfits") else ()
     if mistakes or own:
         raise as_validation_error(cls.__name__, mistakes or own)

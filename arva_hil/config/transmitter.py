@@ -20,8 +20,9 @@ from arva_hil.config.kinds import (
 from arva_hil.config.marks import Help, NotAKey, Since
 from arva_hil.config.mistakes import first
 from arva_hil.config.receiver import ATTITUDE
-from arva_hil.config.sorts import Listed, Number, Numbers, Word
+from arva_hil.config.sorts import Listed, Number, Numbers
 from arva_hil.config.tables import right, table
+from arva_hil.config.text import Word
 from arva_hil.config.wrong import SeveralWrong, Wrong
 
 Frame = Literal["enu", "ned"]

@@ -9,10 +9,11 @@ from arva_hil.config.marks import Help, NotAKey
 from arva_hil.config.mistakes import first
 from arva_hil.config.nested import Tables
 from arva_hil.config.receiver import Receiver
-from arva_hil.config.sorts import Number, Numbers, Text
+from arva_hil.config.sorts import Number, Numbers
 from arva_hil.config.tables import right, table
-from arva_hil.config.words import WIRE_FORMATS, Format
+from arva_hil.config.text import Text
 from arva_hil.config.wrong import Wrong
+from arva_hil.registry import MAVLINK_FORMATS
 
 _NAME: Final = Text("a name of letters, digits, _, - and .", r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _LINK: Final = Text("a connection string")
@@ -61,7 +62,7 @@ class ReceiverEntry(Receiver):
     port: Annotated[str | None, _LINK, Help("where its frames go, if not over the autopilot's link")] = field(
         default=None, kw_only=True
     )
-    format: Annotated[Format, FORMAT, Help("of its frames")] = field(default="binary", kw_only=True)
+    format: Annotated[str, FORMAT, Help("of its frames")] = field(default="binary", kw_only=True)
     seed: Annotated[
         int, SEED, Help("of its noise and faults; without it the scenario's plus the number of receivers before it")
     ] = field(default=1, kw_only=True)
@@ -70,9 +71,9 @@ class ReceiverEntry(Receiver):
     def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Wrong]:
         yield from super().misfits(mapping)
         of = right(cls, mapping, "format")
-        if of in WIRE_FORMATS and "port" not in mapping:
+        if of is not None and of not in MAVLINK_FORMATS and "port" not in mapping:
             yield Wrong(f"a mapping with port, because frames of the format {of} go there", "no port")
-        if of not in (*WIRE_FORMATS, None) and "port" in mapping:
+        if of in MAVLINK_FORMATS and "port" in mapping:
             expected = "none, because they go over the autopilot's own link"
             yield Wrong(expected, f"a port for frames of the format {of}", where=("port",), at_key=True)
 
@@ -85,11 +86,11 @@ class ReceiverConfig:
     name: Annotated[str, _NAME]
     port: Annotated[str | None, _LINK]
     receiver: Receiver = Receiver()
-    output_format: Annotated[Format, FORMAT] = "binary"
+    output_format: Annotated[str, FORMAT] = "binary"
     seed: Annotated[int, SEED] = 1
 
     def __post_init__(self) -> None:
-        if (self.port is None) == (self.output_format in WIRE_FORMATS):
+        if (self.port is None) == (self.output_format not in MAVLINK_FORMATS):
             has = "no port" if self.port is None else "a port"
             raise ValueError(f"receiver {self.name} has {has} and the format {self.output_format}")
 

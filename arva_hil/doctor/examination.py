@@ -13,7 +13,7 @@ from arva_hil.config import DEFAULT
 from arva_hil.doctor.diagnosis import rate
 from arva_hil.doctor.values import Source, Stream, Traffic, Way
 from arva_hil.emulator.build import receiver
-from arva_hil.emulator.ports import MavlinkPort, Port, frame_of
+from arva_hil.emulator.formats import frame_of
 from arva_hil.events.vehicles import StreamEvent
 from arva_hil.links import Address, Link, LinkEnded, LinkError, Sender
 from arva_hil.links.pty import PtyLink
@@ -23,6 +23,7 @@ from arva_hil.observers.console.sentences import stream as stream_words
 from arva_hil.runtime.clock import Clock
 from arva_hil.vehicle.discovery import is_autopilot, short_name
 from arva_hil.vehicle.session import Session
+from firmware_proto import Frame
 
 _FRAME_S: Final = 0.5
 _SAMPLE: Final = 4096  # bytes kept of what begins
@@ -198,13 +199,17 @@ class Ear:
 class Mouth:
     """The port's side: sends frames that say no signal, and remembers what became of them. A task for the loop.
 
-    `out` is None where the frames go over the autopilot's link, which is read elsewhere; `address` is `out`'s.
+    `encode`: (frame, its instant in ms) → its bytes, b"" while there is nobody to send them to. `address`: the link's,
+    None for the autopilot's link, which is read elsewhere.
     """
 
-    def __init__(self, port: Port, out: Link | None, address: Address | None, start: float) -> None:
-        self.links: Sequence[Link] = [out] if out else []
-        self._port = port
-        self._out = out
+    def __init__(
+        self, encode: Callable[[Frame, int], bytes], link: Link, address: Address | None, start: float
+    ) -> None:
+        self._encode = encode
+        self._link = link
+        self._out = link if address else None
+        self.links: Sequence[Link] = [link] if address else []
         self._address = address
         self._receiver = receiver(DEFAULT)
         self._next = start
@@ -229,10 +234,10 @@ class Mouth:
 
     def _send(self, now: float) -> None:
         frame = frame_of(self._receiver.show(now), self._sequence % 256)
-        data = self._port.encode(frame, round(now * 1e3))
+        data = self._encode(frame, round(now * 1e3))
         self._sequence += 1
-        if data or not isinstance(self._port, MavlinkPort):
-            sent = self._port.write(data)
+        if data:
+            sent = self._link.write(data)
             self._refusals = self._out.refusals if self._out else 0
             self._taken += sent
             self._dropped += not sent

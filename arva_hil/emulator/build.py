@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Final
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil import config
 from arva_hil.field import Following, LocalFrame, Mount, MovingTransmitters, Transmitters, Waypoints, rotation
-from arva_hil.receiver import Antennas, PaperReceiver, ReceiverModel
+from arva_hil.receiver import ReceiverModel
+from arva_hil.registry import RECEIVERS
 
 
 def transmitters(scenario: config.Scenario, frame: LocalFrame) -> Transmitters:
@@ -38,16 +38,8 @@ def mount(scenario: config.Scenario) -> Mount:
 
 def receiver(scenario: config.Scenario) -> ReceiverModel:
     """The scenario's receiver, without its faults."""
-    return RECEIVER_MODELS[scenario.receiver.model](scenario)
-
-
-def _paper(scenario: config.Scenario) -> ReceiverModel:
-    r = scenario.receiver
-    antennas = Antennas(r.sensitivity, r.kappa_eq, r.noise.floor_range_m, r.noise.kind)
-    return PaperReceiver(antennas, r.channels, r.no_signal, scenario.seed)
-
-
-RECEIVER_MODELS: Final[dict[str, Callable[[config.Scenario], ReceiverModel]]] = {"paper": _paper}
+    model: ReceiverModel = RECEIVERS[scenario.receiver.model].from_settings(scenario.receiver, scenario.seed)
+    return model
 
 
 def _quaternion(degrees: tuple[float, float, float]) -> NDArray[np.float64]:

@@ -24,12 +24,13 @@ from numpy.typing import NDArray
 from arva_hil.config import Scenario
 from arva_hil.emulator.datum import MOVE_DATUM, Datum
 from arva_hil.emulator.followed_systems import FollowedSystems
+from arva_hil.emulator.formats import encoder
 from arva_hil.emulator.frame_source import FrameSource, Output
-from arva_hil.emulator.ports import MAVLINK_FORMATS, encoder
 from arva_hil.emulator.true_state import true_state
 from arva_hil.events import DatumSet, Event, HeartbeatMissing, PacketsReceived, StatusReport, VehicleStatus
 from arva_hil.mavlink.codec import Packet
 from arva_hil.mavlink.packet_reader import Packets
+from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.reasons import NoPose
 from arva_hil.vehicle.session import Session

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import receiver
-from arva_hil.emulator.ports import frame_of
+from arva_hil.emulator.formats import frame_of
 from arva_hil.emulator.virtual_receiver import PoseSource, VirtualReceiver
 from arva_hil.events import BytesSent, Event, FrameMade, FramesRefused, FramesTaken, ReceiverStatus
 from arva_hil.faults.plan import Faults

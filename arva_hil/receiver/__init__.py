@@ -2,7 +2,7 @@
 
 from .paper import Antennas, NoiseKind, PaperReceiver, outputs
 from .reading import ChannelReading, Reading, Zone, with_true_ranges
-from .receiver_model import Answer, Look, Pose, ReceiverModel
+from .receiver_model import Answer, Look, Pose, ReceiverModel, ReceiverSettings
 
 __all__ = [
     "Answer",
@@ -14,6 +14,7 @@ __all__ = [
     "Pose",
     "Reading",
     "ReceiverModel",
+    "ReceiverSettings",
     "Zone",
     "outputs",
     "with_true_ranges",

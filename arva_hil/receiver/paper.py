@@ -6,14 +6,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Final, Literal, get_args
+from typing import Final, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.field.dipole import dipole_field
 from arva_hil.receiver.reading import ChannelReading, Reading, Zone, with_true_ranges
-from arva_hil.receiver.receiver_model import Answer, Look
+from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
 
 __all__ = ["Antennas", "NoiseKind", "NoiseSource", "PaperReceiver", "draw_noise", "noise_bound", "outputs", "receive"]
 
@@ -143,6 +143,13 @@ class PaperReceiver:
         self._empty = (ChannelReading(None, Zone.OUTER, *no_signal, None),) * channels
         self._noise = NoiseSource(antennas.noise, bound, seed)
         self._reading = Reading(self._empty, False, False)
+
+    @classmethod
+    def from_settings(cls, settings: ReceiverSettings, seed: int) -> Self:
+        """See `ReceiverModel`."""
+        noise = settings.noise
+        antennas = Antennas(settings.sensitivity, settings.kappa_eq, noise.floor_range_m, noise.kind)
+        return cls(antennas, settings.channels, settings.no_signal, seed)
 
     def next_look(self, after_s: float, frame_s: float) -> float:
         """See `ReceiverModel`: when a frame is due."""

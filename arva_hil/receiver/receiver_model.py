@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from arva_hil.field.dipole import Transmitters
 from arva_hil.receiver.reading import Reading
 
-__all__ = ["Answer", "Look", "Pose", "ReceiverModel"]
+__all__ = ["Answer", "Look", "Pose", "ReceiverModel", "ReceiverSettings"]
 
 Array = NDArray[np.float64]
 
@@ -52,8 +52,46 @@ class Answer(Enum):
     UNKNOWN = "unknown"
 
 
+class NoiseSettings(Protocol):
+    """The noise of a scenario's receiver. `kind`: uniform, gaussian or off. `floor_range_m`: it is at most as strong as
+    the reference transmitter is from there."""
+
+    @property
+    def kind(self) -> Literal["uniform", "gaussian", "off"]: ...
+    @property
+    def floor_range_m(self) -> float: ...
+
+
+class ReceiverSettings(Protocol):
+    """What a scenario says of a receiver, as far as a model may want to know it.
+
+    `channels`: slots; `rate_hz`: of the frames; `kappa_eq`, `sensitivity`, `noise`: see `Antennas`; `no_signal`:
+    (d, δ) of an empty slot; `options`: the model's own keys, an `Options` of it, None if it has none.
+    """
+
+    @property
+    def channels(self) -> int: ...
+    @property
+    def rate_hz(self) -> float: ...
+    @property
+    def kappa_eq(self) -> float: ...
+    @property
+    def sensitivity(self) -> tuple[float, float, float]: ...
+    @property
+    def noise(self) -> NoiseSettings: ...
+    @property
+    def no_signal(self) -> tuple[int, int]: ...
+    @property
+    def options(self) -> Any: ...
+
+
 class ReceiverModel(Protocol):
-    """One receiver. It knows no vehicle, no frames and no faults; whoever has it asks in the order of time."""
+    """One receiver. It knows no vehicle, no frames and no faults; whoever has it asks in the order of time.
+
+    A scenario's `model:` names a class whose objects are like this. It has a class method
+    `from_settings(settings: ReceiverSettings, seed: int)`, which makes one of them, the same seed with the same noise.
+    If it has keys of its own, it has a class `Options` too: a frozen dataclass, whose fields are those keys.
+    """
 
     def next_look(self, after_s: float, frame_s: float) -> float:
         """The first instant later than `after_s` at which it looks, when its next frame is due at `frame_s`.

@@ -12,6 +12,7 @@ from arva_hil.emulator.engine import Emulator, one_vehicle
 from arva_hil.events.searches import FromSearch
 from arva_hil.links import Link
 from arva_hil.observers.audience import Audience, Observer
+from arva_hil.registry import FORMATS
 from arva_hil.runtime.drivers import Live
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.mission import Plan
@@ -20,7 +21,6 @@ from arva_hil.simulated.multirotor import Vector
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from arva_hil.vehicle.session import Session
-from firmware_proto import DECODERS
 
 HOME = (46.0123, 7.7456, 1650.0)  # degrees, degrees, metres AMSL
 
@@ -64,7 +64,7 @@ class ClosedLoop:
             Session(rate_hz=stream_hz, component=COMPONENT),
             commands[0],
             port[0],
-            DECODERS[format](),
+            FORMATS[format].decoder(),
             start=start,
             emit=lambda event: audience.tell([FromSearch(event.time_s, event)]),
             log=log,

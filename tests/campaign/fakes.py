@@ -15,12 +15,11 @@ from arva_hil.runtime.clock import RealClock
 FOLDER = "FAKE_FLIGHTS"  # in the environment: where `gated` writes down what it flies, and looks for the gate
 FREE = 3  # seeds up to this one fly through a closed gate
 DEADLINE_S = 20.0
-STRATEGIES = ("flux", "extremum", "estimate")
 PLAN = "strategies: [flux, estimate]\nscenarios: {random: {within_m: 50}}\nseeds: 6\ntake_off_m: [1, 2]\n"
 
 
 def planned(text: str = PLAN) -> list[Planned]:
-    return list(trials(parse_plan(text, "plan.yaml", STRATEGIES)))
+    return list(trials(parse_plan(text, "plan.yaml")))
 
 
 def fake(trial: Trial) -> Result:

@@ -15,9 +15,7 @@ from arva_hil.campaign.plan import draw, size, trials, wind
 from arva_hil.config import Scenario, ScenarioError, load
 from arva_hil.config.campaign import CampaignPlan, Random, load_plan, parse_plan
 from arva_hil.field import rotation
-from arva_hil.search import STRATEGIES
 
-from .fakes import STRATEGIES as NAMES
 from .fakes import planned
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
@@ -26,7 +24,7 @@ MINIMAL = "strategies: flux\nscenarios: {random: {within_m: 50}}\n"  # what is a
 
 def mistakes(text: str, source: str = "p.yaml") -> list[str]:
     with pytest.raises(ScenarioError) as caught:
-        parse_plan(text, source, NAMES)
+        parse_plan(text, source)
     return str(caught.value).split("\n")
 
 
@@ -48,7 +46,7 @@ speed_m_s: 1.5
 limit_s: {flux: 60, estimate: 120}
 success_m: 3
 """
-    plan = parse_plan(text, str(CONFIGS / "campaigns" / "p.yaml"), NAMES)
+    plan = parse_plan(text, str(CONFIGS / "campaigns" / "p.yaml"))
     assert plan == CampaignPlan(
         strategies=("flux", "estimate"),
         scenarios={
@@ -68,7 +66,7 @@ success_m: 3
 
 
 def test_a_short_plan_has_the_defaults_of_a_trial() -> None:
-    plan = parse_plan(MINIMAL, "p.yaml", NAMES)
+    plan = parse_plan(MINIMAL, "p.yaml")
     assert (list(plan.seeds), plan.noise, plan.take_off_m, plan.success_m) == ([1], (None,), (3.0,), 2.0)
     (one,) = trials(plan)
     assert replace(one.trial, scenario=Scenario(())) == type(one.trial)("flux", Scenario(()))
@@ -80,7 +78,7 @@ def test_a_short_plan_has_the_defaults_of_a_trial() -> None:
 )
 def test_the_plans_that_come_with_it(name: str, count: int) -> None:
     path = CONFIGS / "campaigns" / f"{name}.yaml"
-    plan = load_plan(path, list(STRATEGIES))
+    plan = load_plan(path)
     assert size(plan) == count == len({one.key for one in trials(plan)})
     assert path.read_text().startswith("# ")
 
@@ -197,13 +195,13 @@ def test_a_scenario_that_no_campaign_flies_is_refused_with_what_is_in_the_way(
 def test_a_plan_that_cannot_be_read_is_named(tmp_path: Path) -> None:
     for path, why in [(tmp_path / "none.yaml", "No such file"), (tmp_path, "Is a directory")]:
         with pytest.raises(ScenarioError, match=rf"{path}:1:1: {why}.*, expected the plan of a campaign"):
-            load_plan(path, NAMES)
+            load_plan(path)
     (tmp_path / "latin.yaml").write_bytes(b"# \xe9t\xe9\n")
     with pytest.raises(ScenarioError, match="1:3: the byte 0xe9, expected UTF-8"):
-        load_plan(tmp_path / "latin.yaml", NAMES)
+        load_plan(tmp_path / "latin.yaml")
     (tmp_path / "long.yaml").write_bytes(b"#" * (1 << 20) + b"\n")
     with pytest.raises(ScenarioError, match="1:1: more than 1 MiB"):
-        load_plan(tmp_path / "long.yaml", NAMES)
+        load_plan(tmp_path / "long.yaml")
 
 
 # Which trials
@@ -247,7 +245,7 @@ def test_a_key_is_of_the_content_of_the_scenario(tmp_path: Path) -> None:
     keys = []
     for text in ("{id: 1, ned: [1, 2, 0]}", "{id: 1, enu: [2, 1, 0]} # the same", "{id: 1, ned: [1, 2, 0.5]}"):
         (tmp_path / "a.yaml").write_text(f"transmitters:\n- {text}\n")
-        keys += [one.key for one in trials(parse_plan(plan, str(tmp_path / "p.yaml"), NAMES))]
+        keys += [one.key for one in trials(parse_plan(plan, str(tmp_path / "p.yaml")))]
     assert keys[0] == keys[1] != keys[2]
 
 
@@ -255,7 +253,7 @@ def test_noise_is_the_scenarios_own_unless_the_plan_has_some(tmp_path: Path) -> 
     (tmp_path / "a.yaml").write_text("transmitters: [{id: 1, ned: [1, 2, 0]}]\nreceiver: {noise: {kind: gaussian}}\n")
     plan = "strategies: flux\nscenarios: a.yaml\n"
     for more, kinds in [("", ["gaussian"]), ("noise: [off, uniform]", ["off", "uniform"])]:
-        every = trials(parse_plan(plan + more, str(tmp_path / "p.yaml"), NAMES))
+        every = trials(parse_plan(plan + more, str(tmp_path / "p.yaml")))
         assert [one.trial.scenario.receiver.noise.kind for one in every] == kinds
 
 

@@ -17,7 +17,6 @@ import pytest
 from arva_hil.cli import doctor
 from arva_hil.doctor import port_diagnosis as port_look
 from arva_hil.doctor.examination import Mouth
-from arva_hil.emulator.ports import WirePort
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial
@@ -31,6 +30,7 @@ from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from firmware_proto import Frame, encode
 
 from .far_ends import HOME, Autopilot, Denier, Program, free_port, heartbeat, until
 
@@ -42,6 +42,10 @@ GARBAGE = bytes(n * 7 % 251 for n in range(500))
 Arva = Callable[..., Any]
 Keep = Callable[[Any], Any]
 Start = Callable[..., Program]
+
+
+def encoded(frame: Frame, boot_ms: int) -> bytes:
+    return encode(frame)
 
 
 class Says:
@@ -512,14 +516,14 @@ def test_the_other_end_of_a_pseudo_terminal_is_named(examine: Examine, line: Pty
 def test_a_client_that_is_connected_reads(keep: Keep) -> None:
     server = keep(TcpServerLink())
     keep(TcpLink("127.0.0.1", server.port))
-    mouth = Mouth(WirePort(server, "binary"), server, parse(server.name), 0.0)
+    mouth = Mouth(encoded, server, parse(server.name), 0.0)
     clock = RealClock()
     until(lambda: mouth.service(clock) and mouth.way().taken)
     assert port_look.reader(mouth.way()) == ("reader", "ok", "connected", "")
 
 
 def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink) -> None:
-    mouth = Mouth(WirePort(line, "binary"), line, parse("pty"), 0.0)
+    mouth = Mouth(encoded, line, parse("pty"), 0.0)
     clock = RealClock()
     mouth.service(clock)
     assert mouth.way().seen == []
@@ -535,7 +539,7 @@ def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink
 def test_a_port_that_is_lost_meanwhile(keep: Keep) -> None:
     consumer = PtyLink()
     port = keep(open_serial(consumer.path))
-    mouth = Mouth(WirePort(port, "binary"), port, parse(consumer.path), 0.0)
+    mouth = Mouth(encoded, port, parse(consumer.path), 0.0)
     consumer.close()
     mouth.service(RealClock())
     assert port_look.frames(mouth.way(), "binary").found.startswith(f"{consumer.path}: lost: ")

@@ -18,7 +18,8 @@ import pytest
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
 from arva_hil.links.udp import UdpOutLink
-from firmware_proto import DECODERS, Frame
+from arva_hil.registry import FORMATS
+from firmware_proto import Frame
 
 from .conftest import Ended
 from .far_ends import Autopilot, Consumer, Program, frames_in, free_port, hears, read_frames, until
@@ -83,7 +84,7 @@ def fill(line: PtyLink) -> None:
 
 
 def decoded(line: PtyLink, format: str) -> list[Frame]:
-    decoder = DECODERS[format]()
+    decoder = FORMATS[format].decoder()
     return decoder.feed(line.read(), 0.0) + decoder.feed(b"", 1.0)
 
 

@@ -14,14 +14,14 @@ from typing import Any
 
 import pytest
 
-from arva_hil.emulator.ports import MavlinkDecoder
+from arva_hil.emulator.formats import MavlinkDecoder
 from arva_hil.links import LinkError
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.mavlink.codec import Encoder, dialect
-from firmware_proto import DECODERS, SYNTHETIC
+from firmware_proto import SYNTHETIC, NmeaDecoder, TextDecoder
 
 from .far_ends import Autopilot, Program, frames_in, free_port, hears, heartbeat, read_frames, until
 
@@ -150,7 +150,7 @@ def test_frames_may_be_lines_of_text(start: Start, autopilot: Autopilot) -> None
     )
     assert program.ends() == 0
     assert program.out.isascii()
-    assert DECODERS["nmea"]().feed(program.out, 0.0)[-1].channels[0].d in range(1000, 4000)
+    assert NmeaDecoder().feed(program.out, 0.0)[-1].channels[0].d in range(1000, 4000)
 
 
 @pytest.mark.parametrize("form", ["tunnel", "named", "named_float", "debug_vect"])
@@ -214,7 +214,7 @@ def test_every_option_has_a_twin_in_the_environment(start: Start, autopilot: Aut
     program = start(env={**os.environ, **{f"ARVA_HIL_{name}": value for name, value in twins.items()}})
     assert program.ends() == 0
     assert "20 Hz, text, seed 7" in program.err
-    assert DECODERS["text"]().feed(program.out, 0.0)[-1].channels[0].valid
+    assert TextDecoder().feed(program.out, 0.0)[-1].channels[0].valid
     assert "29 #1 mid" in program.err  # -v: a line for every frame
 
 

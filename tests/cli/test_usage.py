@@ -39,7 +39,7 @@ Arva = Callable[..., Any]
         ("--port pty --target-component 256", "--target-component: '256'", "a whole number 1…255"),
         ("--port pty --max-age 0", "--max-age: '0'", "a number of s 0.05…60"),
         ("--port pty --stream-rate 500", "--stream-rate: '500'", "a number of Hz 1…200"),
-        ("--port pty --format morse", "--format: invalid choice: 'morse'", "binary"),
+        ("--port pty --format morse", "--format: no format 'morse'", "binary"),
         ("--port pty --format tunnel", "--format tunnel goes over the autopilot's own link", "leave out --port"),
         ("--port /dev/ttyS9 --autopilot /dev/ttyS9,57600", "are both /dev/ttyS9", "each side needs its own"),
         ("--port udpout:1.2.3.4:5 --autopilot udpout:1.2.3.4:5", "are both udpout:1.2.3.4:5", "--format tunnel"),
@@ -86,7 +86,7 @@ def test_wrong_arguments_are_refused(arva: Arva, arguments: str, what: str, cure
     ("name", "value", "message"),
     [
         ("RATE", "0", "ARVA_HIL_RATE=0: '0': expected a number of Hz 0.1…50"),
-        ("FORMAT", "morse", "ARVA_HIL_FORMAT=morse: invalid choice: 'morse'"),
+        ("FORMAT", "morse", "ARVA_HIL_FORMAT=morse: no format 'morse'"),
         ("JSON", "perhaps", "ARVA_HIL_JSON=perhaps: expected 1 or 0"),
         ("PORT", "udp:1.2.3.4:5", "ARVA_HIL_PORT=udp:1.2.3.4:5: 'udp:1.2.3.4:5' does not say which side listens"),
     ],

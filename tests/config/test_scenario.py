@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 
 from arva_hil.config import (
     DEFAULT,
-    FORMATS,
     Lla,
     Mount,
     Noise,
@@ -32,6 +31,7 @@ from arva_hil.config import (
     parse,
     to_dict,
 )
+from arva_hil.registry import FORMATS
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ONE = "transmitters: [{id: 1, ned: [1, 2, 3]}]\n"  # a valid line 1: what is appended starts at line 2
@@ -182,7 +182,7 @@ scenarios = st.builds(
     transmitters=st.lists(transmitters, min_size=1, max_size=5, unique_by=lambda t: t.id).map(tuple),
     datum=st.just("home") | places,
     receiver=receivers,
-    output_format=st.sampled_from(FORMATS),
+    output_format=st.sampled_from(list(FORMATS)),
     seed=st.integers(0, 2**63 - 1),
 )
 

@@ -15,8 +15,6 @@ from hypothesis import strategies as st
 from arva_hil.cli.main import main
 from arva_hil.config import (
     DEFAULT,
-    FORMATS,
-    WIRE_FORMATS,
     Fault,
     Follows,
     Lla,
@@ -36,6 +34,7 @@ from arva_hil.config import (
 from arva_hil.config import (
     Path as Waypoints,
 )
+from arva_hil.registry import FORMATS, MAVLINK_FORMATS
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
 ONE = "spec: 2\ntransmitters: [{id: 1, ned: [1, 2, 3]}]\n"
@@ -229,8 +228,8 @@ def fleets(draw: st.DrawFn) -> tuple[VehicleConfig, ...]:
     for system, name in enumerate(draw(st.lists(names, max_size=3, unique=True)), 1):
         each = []
         for of in draw(st.lists(names, min_size=1, max_size=3, unique=True)):
-            output_format = draw(st.sampled_from(FORMATS))
-            port = f"pty:/tmp/{name}/{of}" if output_format in WIRE_FORMATS else None
+            output_format = draw(st.sampled_from(list(FORMATS)))
+            port = f"pty:/tmp/{name}/{of}" if output_format not in MAVLINK_FORMATS else None
             receiver = draw(st.builds(Receiver, channels=st.integers(1, 16), mount=st.builds(Mount, triples, triples)))
             each.append(ReceiverConfig(of, port, receiver, output_format, draw(st.integers(0, 2**63 - 1))))
         autopilot = draw(st.none() | st.just("udpin:127.0.0.1:14550"))

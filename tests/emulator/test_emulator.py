@@ -14,20 +14,21 @@ from hypothesis import strategies as st
 from one_receiver import Diary, OneReceiver
 from paper_receiver import Receiver
 
-from arva_hil.config import Format, Scenario, parse
+from arva_hil.config import Scenario, parse
+from arva_hil.emulator.formats import MavlinkDecoder
 from arva_hil.emulator.frame_source import Schedule
-from arva_hil.emulator.ports import MavlinkDecoder
 from arva_hil.field import LocalFrame, Transmitters
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.receiver import Antennas
+from arva_hil.registry import FORMATS
 from arva_hil.runtime.clock import Clock, RealClock, StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from arva_hil.vehicle.session import Session
-from firmware_proto import DECODERS, Decoder, Frame
+from firmware_proto import Decoder, Frame
 
 HOME = (46.0123, 7.7456, 1650.0)
 QUIET = "receiver: {noise: {kind: off}, rate_hz: %g}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]"
@@ -299,7 +300,7 @@ def test_a_port_that_nobody_empties_drops_whole_frames_and_holds_nothing_up() ->
 
 
 @pytest.mark.parametrize("format", ["binary", "nmea", "text"])
-def test_every_wire_format_carries_the_nearest_reading(format: Format) -> None:
+def test_every_wire_format_carries_the_nearest_reading(format: str) -> None:
     clock, diary = StepClock(), Diary()
     autopilot, far = memory.pair()
     port, consumer = memory.pair()
@@ -307,7 +308,7 @@ def test_every_wire_format_carries_the_nearest_reading(format: Format) -> None:
         replace(quiet(2), output_format=format), Session(), autopilot, port, start=0.0, observers=[diary]
     )
     run([Simulator(SimulatedVehicle(HOME), [far]), emulator], clock, until=6.0)
-    frames = DECODERS[format]().feed(consumer.read(), 6.0)
+    frames = FORMATS[format].decoder().feed(consumer.read(), 6.0)
     assert len(frames) == 13
     for frame, snapshot in zip(frames, diary.frames, strict=True):
         assert (frame.channels[0].d, frame.channels[0].delta) == (
@@ -318,7 +319,7 @@ def test_every_wire_format_carries_the_nearest_reading(format: Format) -> None:
 
 
 @pytest.mark.parametrize("format", ["tunnel", "named", "named_float", "debug_vect"])
-def test_one_port_frames_travel_inside_mavlink_on_the_autopilots_own_link(format: Format) -> None:
+def test_one_port_frames_travel_inside_mavlink_on_the_autopilots_own_link(format: str) -> None:
     clock, diary = StepClock(), Diary()
     autopilot, far = memory.pair()
     heard = bytearray()

@@ -24,7 +24,7 @@ from arva_hil.cli.main import main
 from arva_hil.config import KINDS, Fault, Scenario, ScenarioError, load, parse, parse_fault, to_dict
 from arva_hil.config.sorts import Number
 from arva_hil.emulator.engine import Emulator, one_vehicle
-from arva_hil.emulator.ports import MavlinkDecoder
+from arva_hil.emulator.formats import MavlinkDecoder
 from arva_hil.events import FrameMade
 from arva_hil.faults.wire import GARBLERS, resample
 from arva_hil.links import Link, LinkError, memory

@@ -11,7 +11,7 @@ from lua_stubs import FOLDER, GUIDED, LOITER, Autopilot
 
 from arva_hil import config
 from arva_hil.emulator.build import receiver, transmitters
-from arva_hil.emulator.ports import frame_of
+from arva_hil.emulator.formats import frame_of
 from arva_hil.field import LocalFrame, Mount, rotation
 from arva_hil.receiver import Look, Pose
 from arva_hil.search.flux import Flux

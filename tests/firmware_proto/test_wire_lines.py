@@ -5,7 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wire_reference import FRAMES
 
-from firmware_proto import DECODERS, ENCODERS, Channel, Frame, NmeaDecoder, TextDecoder, encode_nmea, encode_text
+from firmware_proto import Channel, Frame, NmeaDecoder, TextDecoder, encode_nmea, encode_text
+from firmware_proto.binary import BINARY
+from firmware_proto.nmea import NMEA
+from firmware_proto.text import TEXT
+
+FORMATS = {"binary": BINARY, "nmea": NMEA, "text": TEXT}
 
 # The XOR by hand. PARVA is 50 41 52 56 41: 50 ^ 41 = 11, ^ 52 = 43, ^ 56 = 15, ^ 41 = 54. Of ",1,1,1,1,1,2,300,12"
 # the commas (eight), ones (six), twos (two) and zeros (two) cancel in pairs, and 33 stays. 54 ^ 33 = 67.
@@ -35,11 +40,11 @@ def test_nmea_round_trip_cut_anywhere(frames, size):
     assert all(len(line) <= 82 for line in data.splitlines(keepends=True))
 
 
-@pytest.mark.parametrize("name", DECODERS)
+@pytest.mark.parametrize("name", FORMATS)
 @given(pieces=st.lists(NOISE | FRAMES.map(encode_nmea) | FRAMES.map(encode_text)), size=st.integers(1, 50))
 def test_cutting_changes_nothing_and_nothing_raises(name, pieces, size):
     data = b"".join(pieces)
-    whole, cut = DECODERS[name](), DECODERS[name]()
+    whole, cut = FORMATS[name].decoder(), FORMATS[name].decoder()
     assert whole.feed(data, 0.0) == feed(cut, data, size)
     counters = ("good", "bad_crc", "dropped", "lost")
     assert [getattr(whole, c) for c in counters] == [getattr(cut, c) for c in counters]
@@ -216,15 +221,14 @@ def test_text_a_torn_line_costs_none_behind_it():
 
 @pytest.mark.parametrize("name", ["nmea", "text"])
 def test_a_line_without_end_is_not_kept(name):
-    decoder = DECODERS[name]()
+    decoder = FORMATS[name].decoder()
     for _ in range(500):
         decoder.feed(b"$" if decoder.dropped == 0 and not decoder._part else b"7", 0.0)
         assert len(decoder._part) <= 82
     assert decoder.dropped + len(decoder._part) == 500
 
 
-def test_names():
-    assert list(DECODERS) == list(ENCODERS) == ["binary", "nmea", "text"]
-    for name, decoder in DECODERS.items():
-        (frame,) = decoder().feed(ENCODERS[name](ONE), 0.0)
+def test_each_form_reads_back_what_it_wrote():
+    for form in FORMATS.values():
+        (frame,) = form.decoder().feed(form.encode(ONE), 0.0)
         assert (frame.channels[0].d, frame.channels[0].delta) == (300, 12)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from arva_hil.emulator.ports import frame_of
+from arva_hil.emulator.formats import frame_of
 from arva_hil.events import FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import read_tlog
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect

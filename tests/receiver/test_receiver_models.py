@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from arva_hil.config import RECEIVER_MODELS, Mount, Noise, Receiver, Scenario, Transmitter, kinds, parse_fault
-from arva_hil.emulator import build
+from arva_hil.config import Mount, Noise, Receiver, Scenario, Transmitter, parse_fault
 from arva_hil.emulator.datum import Datum
 from arva_hil.emulator.frame_source import FrameSource
 from arva_hil.events import FrameMade
 from arva_hil.field import LocalFrame
-from arva_hil.receiver import Answer, Antennas, Look, PaperReceiver, Reading, ReceiverModel
+from arva_hil.receiver import Answer, Antennas, Look, PaperReceiver, Reading, ReceiverModel, ReceiverSettings
+from arva_hil.registry import RECEIVERS
 from arva_hil.vehicle.pose_track import VehicleState
 from firmware_proto import encode
 
@@ -36,6 +36,10 @@ class StrongestOfThree:
 
     def __post_init__(self) -> None:
         self._last: deque[Reading] = deque(maxlen=3)
+
+    @classmethod
+    def from_settings(cls, settings: ReceiverSettings, seed: int) -> StrongestOfThree:
+        return cls()
 
     def next_look(self, after_s: float, frame_s: float) -> float:
         return (math.floor(after_s * 10 + ROUND) + 1) / 10 if after_s >= 0 else 0.0
@@ -93,13 +97,12 @@ def frames(of: FrameSource, until: float, *, live: bool = False) -> list[FrameMa
 
 
 @pytest.fixture
-def toy(monkeypatch: pytest.MonkeyPatch) -> Iterator[StrongestOfThree]:
+def toy(monkeypatch: pytest.MonkeyPatch) -> StrongestOfThree:
     """The model under the name `toy`."""
     model = StrongestOfThree()
-    monkeypatch.setitem(build.RECEIVER_MODELS, "toy", lambda scenario: model)
-    kinds.RECEIVER_MODELS.append("toy")
-    yield model
-    kinds.RECEIVER_MODELS.remove("toy")
+    monkeypatch.setattr(StrongestOfThree, "from_settings", lambda settings, seed: model)
+    monkeypatch.setitem(RECEIVERS.loaded, "toy", StrongestOfThree)
+    return model
 
 
 def scenario(model: str = "paper", **receiver: float) -> Scenario:
@@ -110,10 +113,6 @@ def scenario(model: str = "paper", **receiver: float) -> Scenario:
 
 def ranges(made: Sequence[FrameMade]) -> list[float | None]:
     return [frame.reading.channels[0].true_range_m for frame in made]
-
-
-def test_every_model_that_a_scenario_may_name_is_there() -> None:
-    assert list(build.RECEIVER_MODELS) == RECEIVER_MODELS
 
 
 def test_the_papers_model_looks_when_a_frame_is_due_and_only_then(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -29,7 +29,7 @@ from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from arva_hil.vehicle.session import Session
-from firmware_proto import DECODERS, INNER, MID, Channel, Frame, encode
+from firmware_proto import INNER, MID, Channel, Decoder, Frame, encode
 
 HOME = (46.0123, 7.7456, 1650.0)
 VICTIM = (8.0, 3.0)  # north, east of home
@@ -102,7 +102,7 @@ class World:
             self.session,
             self.autopilot,
             self.receiver,
-            DECODERS["binary"](),
+            Decoder(),
             start=0.0,
             emit=self.events.append,
             log=self.rows.append,

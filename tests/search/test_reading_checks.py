@@ -7,7 +7,7 @@ import pytest
 from arva_hil.links import memory
 from arva_hil.search.reading_checks import Fresh, Standstill
 from arva_hil.search.receiver_link import Receiver
-from firmware_proto import DECODERS, MID, Channel, Frame, encode
+from firmware_proto import MID, Channel, Decoder, Frame, TextDecoder, encode
 
 
 def frame(sequence: int, *channels: Channel) -> Frame:
@@ -33,7 +33,7 @@ def test_a_frame_is_new_once(came: list[int], new: list[int]) -> None:
 
 def test_a_receiver_that_repeats_one_frame_is_silent_and_that_is_explained() -> None:
     near, far = memory.pair()
-    receiver = Receiver(near, DECODERS["binary"](), emit=lambda event: None)
+    receiver = Receiver(near, Decoder(), emit=lambda event: None)
     for n in range(50):
         far.write(encode(frame(42)))
         assert len(receiver.read(100.0 + n * 0.1)) == (n == 0)
@@ -43,7 +43,7 @@ def test_a_receiver_that_repeats_one_frame_is_silent_and_that_is_explained() -> 
 
 def test_lines_of_text_have_no_number_and_are_all_new() -> None:
     near, far = memory.pair()
-    receiver = Receiver(near, DECODERS["text"](), emit=lambda event: None)
+    receiver = Receiver(near, TextDecoder(), emit=lambda event: None)
     for n in range(5):
         far.write(b"900,20\r\n")
         assert len(receiver.read(100.0 + n)) == 1

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from arva_hil.cli import options as opt
-from arva_hil.config.words import FORMATS
 
 
 def add_options(parser: opt.Parser) -> None:
     opt.add_autopilot(parser)
     parser.option("--port", type=opt.address, metavar="URL", help="where frames go; without it that side is left out")
-    parser.option("--format", choices=FORMATS, default="binary", help="of the frames; default binary")
+    opt.add_format(parser, default="binary")
     opt.add_target(parser)
     opt.add_signing(parser)
     parser.option(

@@ -14,18 +14,15 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import Final
 
 from arva_hil.cli import options as opt
-from arva_hil.config.words import WIRE_FORMATS
-
-STRATEGIES: Final = ("estimate", "extremum", "flux")
+from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 
 def add_options(parser: opt.Parser) -> None:
     parser.option("--autopilot", "--master", type=opt.address, metavar="URL", help="where the autopilot is")
     parser.option("--receiver", type=opt.address, metavar="URL", help="the receiver's port")
-    parser.option("--format", choices=WIRE_FORMATS, default="binary", help="of the frames; default binary")
+    opt.add_format(parser, default="binary", without=MAVLINK_FORMATS)
     add_plan(parser)
     parser.option("--end", choices=("land", "hover"), default="land", help="what to do at the end; default land")
     seconds = opt.number(0.1, math.inf, " of s")
@@ -66,7 +63,13 @@ def add_options(parser: opt.Parser) -> None:
 
 def add_plan(parser: opt.Parser) -> None:
     """Options that say how is searched."""
-    parser.option("--strategy", choices=STRATEGIES, default="estimate", help="default estimate")
+    parser.option(
+        "--strategy",
+        type=opt.kind(STRATEGIES),
+        default="estimate",
+        metavar="NAME",
+        help=f"{', '.join(STRATEGIES)}, or MODULE:CLASS of your own; default estimate",
+    )
     parser.option(
         "--max-speed", type=opt.number(0.2, 10, " of m/s"), default=1.0, metavar="M/S", help="horizontal; default 1"
     )

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 import firmware_proto
-from arva_hil.emulator.ports import MavlinkDecoder, MavlinkPort, named_values
-from arva_hil.links import memory
+from arva_hil.emulator.formats import MavlinkDecoder, encoder, named_values
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from arva_hil.vehicle.session import Session
@@ -45,9 +44,8 @@ def test_the_named_values_are_those_of_the_vectors(value: Any) -> None:
 def test_a_frame_goes_out_as_these_messages_and_is_read_back(format: str, value: Any) -> None:
     session, vehicle = Session(), SimulatedVehicle(HOME)
     session.feed(vehicle.poll(0.0), 0.0)
-    link, _ = memory.pair()
     frame = as_frame(value)
-    raw = MavlinkPort(link, session, format).encode(frame, 5)
+    raw = encoder(format, session)(frame, 5)
     parser = Parser()
     messages = [parser.decode(packet) for packet in parser.feed(raw)]
     assert {message.get_type() for message in messages} == {MESSAGES[format]}

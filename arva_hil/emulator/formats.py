@@ -1,35 +1,31 @@
-"""The way out: a reading becomes a frame, the frame bytes on a wire or messages on the autopilot's own link."""
+"""A reading becomes a frame, the frame bytes on a wire or messages on the autopilot's own link."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from typing import Any, Final, Protocol
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any, Final, NamedTuple
 
 import firmware_proto
-from arva_hil.links import Link
 from arva_hil.mavlink.codec import Parser, dialect
 from arva_hil.receiver import Reading
+from arva_hil.registry import FORMATS, MAVLINK_FORMATS
+from arva_hil.vehicle.discovery import Vehicle
 from arva_hil.vehicle.session import Session
 from firmware_proto import Channel, Frame, FrameDecoder
 from firmware_proto.frame import check
 
-MAVLINK_FORMATS: Final = ("tunnel", "named", "named_float", "debug_vect")
 TUNNEL_TYPE: Final = 42071  # 0xA457, in MAVLink's private range
 
 
-class Port(Protocol):
-    """Where frames go."""
+class MavlinkFormat(NamedTuple):
+    """A format inside MAVLink: `encode` makes messages of a frame, its instant in ms on the vehicle's clock, and the
+    vehicle; `decoder` and `numbered` as in `firmware_proto.Format`."""
 
-    def encode(self, frame: Frame, boot_ms: int) -> bytes:
-        """The bytes of one frame, b"" while there is nobody to send it to. `boot_ms`: its instant, vehicle's clock."""
-
-    def write(self, data: bytes) -> bool:
-        """Send bytes; whether they were taken."""
-
-    @property
-    def away(self) -> bool:
-        """Whether they are not because the link is lost."""
+    encode: Callable[[Frame, int, Vehicle], Sequence[Any]]
+    decoder: Callable[[], FrameDecoder]
+    numbered: bool = False
 
 
 def frame_of(reading: Reading, sequence: int) -> Frame:
@@ -42,69 +38,32 @@ def frame_of(reading: Reading, sequence: int) -> Frame:
 
 
 def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:
-    """(frame, its instant in ms on the vehicle's clock) → its bytes in a format, b"" while nobody is there."""
+    """(frame, its instant in ms on the vehicle's clock) → its bytes in a format.
+
+    Inside MAVLink they are b"" while there is no vehicle. Raises KindError for a format that there is not.
+    """
+    encode = FORMATS[format].encode
     if format not in MAVLINK_FORMATS:
-        encode = firmware_proto.ENCODERS[format]
         return lambda frame, boot_ms: encode(frame)
-    return MavlinkPort(None, session, format).encode  # type: ignore[arg-type]
+
+    def packed(frame: Frame, boot_ms: int) -> bytes:
+        vehicle = session.vehicle
+        return b"".join(map(session.encoder.pack, encode(frame, boot_ms, vehicle))) if vehicle else b""
+
+    return packed
 
 
-class WirePort:
-    """A serial line, or what stands for one: `format` is binary, nmea or text."""
-
-    def __init__(self, link: Link, format: str) -> None:
-        self._link = link
-        self._encode = firmware_proto.ENCODERS[format]
-
-    def encode(self, frame: Frame, boot_ms: int) -> bytes:
-        return self._encode(frame)
-
-    def write(self, data: bytes) -> bool:
-        return self._link.write(data)
-
-    @property
-    def away(self) -> bool:
-        return self._link.away
+def _tunnel(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
+    payload = firmware_proto.encode(frame)
+    padded = list(payload.ljust(128, b"\0"))
+    return [dialect.MAVLink_tunnel_message(vehicle.system, vehicle.component, TUNNEL_TYPE, len(payload), padded)]
 
 
-class MavlinkPort:
-    """The autopilot's own link: `format` is one of MAVLINK_FORMATS. Silent until there is a vehicle."""
-
-    def __init__(self, link: Link, session: Session, format: str) -> None:
-        self._link = link
-        self._session = session
-        self._messages = {
-            "tunnel": self._tunnel,
-            "named": _named_int,
-            "named_float": _named_float,
-            "debug_vect": _debug_vect,
-        }[format]
-
-    def encode(self, frame: Frame, boot_ms: int) -> bytes:
-        if self._session.vehicle is None:
-            return b""
-        return b"".join(map(self._session.encoder.pack, self._messages(frame, boot_ms)))
-
-    def write(self, data: bytes) -> bool:
-        return self._link.write(data)
-
-    @property
-    def away(self) -> bool:
-        return self._link.away
-
-    def _tunnel(self, frame: Frame, boot_ms: int) -> list[Any]:
-        vehicle = self._session.vehicle
-        assert vehicle is not None
-        payload = firmware_proto.encode(frame)
-        padded = list(payload.ljust(128, b"\0"))
-        return [dialect.MAVLink_tunnel_message(vehicle.system, vehicle.component, TUNNEL_TYPE, len(payload), padded)]
-
-
-def _named_int(frame: Frame, boot_ms: int) -> list[Any]:
+def _named_int(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
     return [dialect.MAVLink_named_value_int_message(boot_ms, name, value) for name, value in named_values(frame)]
 
 
-def _named_float(frame: Frame, boot_ms: int) -> list[Any]:
+def _named_float(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
     return [dialect.MAVLink_named_value_float_message(boot_ms, name, value) for name, value in named_values(frame)]
 
 
@@ -118,7 +77,7 @@ def named_values(frame: Frame) -> Iterator[tuple[bytes, int]]:
             yield f"ARVA{slot}_{suffix}".encode(), value
 
 
-def _debug_vect(frame: Frame, boot_ms: int) -> list[Any]:
+def _debug_vect(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
     """Two vectors of two channels each; d goes into the unsigned time_usec as two's complement."""
     pairs = [(c.d, c.delta) for c in frame.channels[:4]]
     pairs += [(-1, -1)] * (4 - len(pairs))
@@ -130,7 +89,7 @@ def _debug_vect(frame: Frame, boot_ms: int) -> list[Any]:
 
 
 class MavlinkDecoder(FrameDecoder):
-    """What `MavlinkPort` sends, read back into frames; messages of every system count. `now` is not needed.
+    """What formats inside MAVLink send, read back into frames; messages of every system count. `now` is not needed.
 
     Only `tunnel` carries sequence and status: frames of the others are numbered as they come. A frame of theirs ends
     where the next begins, so it is delivered then.
@@ -217,3 +176,9 @@ def _zone(d: int, delta: int) -> int:
     if d < 0:
         return firmware_proto.OUTER
     return firmware_proto.INNER if d <= 300 and delta == 0 else firmware_proto.MID
+
+
+TUNNEL: Final = MavlinkFormat(_tunnel, partial(MavlinkDecoder, "tunnel"), numbered=True)
+NAMED: Final = MavlinkFormat(_named_int, partial(MavlinkDecoder, "named"))
+NAMED_FLOAT: Final = MavlinkFormat(_named_float, partial(MavlinkDecoder, "named_float"))
+DEBUG_VECT: Final = MavlinkFormat(_debug_vect, partial(MavlinkDecoder, "debug_vect"))

@@ -1,0 +1,210 @@
+"""What there may be more of, by name: receiver models, wire formats, links, faults, strategies and observers.
+
+Those built in are listed here, one line each, and imported when they are first asked for. Other packages add theirs by
+entry points, which are looked up only for a name that is not built in.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from arva_hil.errors import KindError, UnknownKindError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+
+class Registry:
+    """The kinds of one thing by name: remembers in `loaded` those that were asked for.
+
+    `what`: one of them, in words. `group`: the entry points of other packages. `built_in`: `module:attribute` by name,
+    which nobody can take over. `requires`: what each needs to have. `references`: `module:attribute` is a name too.
+    Of a class whose objects are `made_with` these arguments each object needs to have `attributes` besides.
+    Iterating gives the names built in.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        group: str,
+        built_in: Mapping[str, str],
+        requires: Sequence[str] = (),
+        *,
+        references: bool = False,
+        made_with: Sequence[Any] = (),
+        attributes: Sequence[str] = (),
+    ) -> None:
+        self.what = what
+        self.group = group
+        self.loaded: dict[str, Any] = {}
+        self._built_in = built_in
+        self._requires = requires
+        self._references = references
+        self._made_with = made_with
+        self._attributes = attributes
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._built_in)
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is one of that name, which may be broken."""
+        return name in self._built_in or name in self.loaded or bool(self._entries(str(name)))
+
+    def __getitem__(self, name: str) -> Any:
+        """The kind of that name. Raises KindError when there is none, there are two, or it cannot be used."""
+        if name not in self.loaded:
+            if name in self._built_in:
+                self.loaded[name] = _resolve(self._built_in[name])
+            elif self._references and ":" in name:
+                self.loaded[name] = self._reference(name)
+            else:
+                self.loaded[name] = self._plug_in(name)
+        return self.loaded[name]
+
+    def names(self) -> list[str]:
+        """All names: those built in, then those of other packages."""
+        return list(dict.fromkeys([*self._built_in, *sorted(entry.name for entry in self._entries())]))
+
+    def _entries(self, name: str | None = None) -> list[EntryPoint]:
+        from importlib.metadata import entry_points  # slow to import
+
+        found = entry_points(group=self.group)
+        return list(found if name is None else found.select(name=name))
+
+    def _plug_in(self, name: str) -> Any:
+        entries = self._entries(name)
+        if not entries:
+            raise self._unknown(name)
+        packages = [_package(entry) for entry in entries]
+        if len(entries) > 1:
+            raise KindError(
+                f"{self.what} {name!r} is in {len(entries)} packages, {' and '.join(packages)}", "uninstall one of them"
+            )
+        try:
+            thing = entries[0].load()
+        except (Exception, SystemExit) as error:
+            raise self._broken(name, packages[0], f"cannot be imported ({_said(error)})") from error
+        if why := self._unfit(thing):
+            raise self._broken(name, packages[0], why)
+        return thing
+
+    def _reference(self, name: str) -> Any:
+        """What `module:attribute` names; a module is looked for in the current folder too."""
+        module, _, attribute = name.partition(":")
+        if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
+            raise KindError(f"{self.what} {name!r} is no name of a class", "write MODULE:CLASS, e.g. my_search:Spiral")
+        try:
+            with _CurrentFolder():
+                thing = importlib.import_module(module)
+        except ModuleNotFoundError as error:
+            if error.name is not None and (module == error.name or module.startswith(error.name + ".")):
+                cure = "install it, or run this where the file is"
+                raise KindError(f"{self.what} {name!r}: there is no module {error.name}", cure) from None
+            raise KindError(f"{self.what} {name!r} cannot be imported ({_said(error)})", "mend it") from error
+        except (Exception, SystemExit) as error:
+            raise KindError(f"{self.what} {name!r} cannot be imported ({_said(error)})", "mend it") from error
+        for part in attribute.split("."):
+            if not hasattr(thing, part):
+                near = difflib.get_close_matches(part, dir(thing), 1)
+                raise KindError(f"{self.what} {name!r}: {module} has no {part}", "write MODULE:CLASS", *near)
+            thing = getattr(thing, part)
+        if why := self._unfit(thing):
+            raise KindError(f"{self.what} {name!r} {why}", "mend it")
+        return thing
+
+    def _unfit(self, thing: Any) -> str:
+        """Why it is none of these, "" if it is."""
+        missing = [name for name in self._requires if not _has(thing, name)]
+        if self._attributes and not missing:
+            try:
+                made = thing(*self._made_with)
+            except Exception as error:
+                return f"cannot be made ({_said(error)})"
+            missing = [name for name in self._attributes if not hasattr(made, name)]
+        return f"lacks {', '.join(missing)}" if missing else ""
+
+    def _unknown(self, name: str) -> UnknownKindError:
+        names = self.names()
+        near = difflib.get_close_matches(name.lower(), names, 1)
+        there = f"there {'are' if len(names) > 1 else 'is'} {', '.join(names) or 'none'}"
+        if self._references:
+            there += ", or MODULE:CLASS"
+        return UnknownKindError(f"no {self.what} {name!r}", there, *near)
+
+    def _broken(self, name: str, package: str, why: str) -> KindError:
+        cure = f"mend that package, or uninstall it: pip uninstall {package.partition(' ')[0]}"
+        return KindError(f"{self.what} {name!r} of the package {package} {why}", cure)
+
+
+class _CurrentFolder:
+    """Behind all other folders, the current one is searched for modules."""
+
+    def __enter__(self) -> None:
+        sys.path.append("")
+
+    def __exit__(self, *_: object) -> None:
+        sys.path.remove("")
+
+
+def _resolve(reference: str) -> Any:
+    module, _, attribute = reference.partition(":")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def _has(thing: Any, name: str) -> bool:
+    """Whether something has an attribute of its own: that of a protocol, or an abstract one, is only asked for."""
+    if not isinstance(thing, type):
+        return hasattr(thing, name)
+    owner = next((cls for cls in thing.__mro__ if name in {*vars(cls), *vars(cls).get("__annotations__", ())}), None)
+    abstract = name in getattr(thing, "__abstractmethods__", ())
+    return owner is not None and not abstract and not vars(owner).get("_is_protocol", False)
+
+
+def _package(entry: EntryPoint) -> str:
+    return f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.value
+
+
+def _said(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+RECEIVERS: Final = Registry(
+    "receiver model",
+    "arva_hil.receivers",
+    {"paper": "arva_hil.receiver.paper:PaperReceiver"},
+    ("from_settings", "next_look", "look", "show", "command"),
+)
+FORMATS: Final = Registry(
+    "format",
+    "arva_hil.formats",
+    {
+        "binary": "firmware_proto.binary:BINARY",
+        "nmea": "firmware_proto.nmea:NMEA",
+        "text": "firmware_proto.text:TEXT",
+        "tunnel": "arva_hil.emulator.formats:TUNNEL",
+        "named": "arva_hil.emulator.formats:NAMED",
+        "named_float": "arva_hil.emulator.formats:NAMED_FLOAT",
+        "debug_vect": "arva_hil.emulator.formats:DEBUG_VECT",
+    },
+    ("encode", "decoder", "numbered"),
+)
+MAVLINK_FORMATS: Final = ("tunnel", "named", "named_float", "debug_vect")
+"""They go over the autopilot's own link, all others to a port."""
+
+STRATEGIES: Final = Registry(
+    "strategy",
+    "arva_hil.strategies",
+    {
+        "flux": "arva_hil.search.flux:Flux",
+        "extremum": "arva_hil.search.extremum:Extremum",
+        "estimate": "arva_hil.search.estimate:Estimate",
+    },
+    ("hear", "velocity"),
+    references=True,
+    made_with=(1.0,),  # m/s
+    attributes=("found",),
+)
