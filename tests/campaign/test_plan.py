@@ -166,7 +166,7 @@ PATH = "path: {frame: ned, points: [[0, 20, 5, 0], [60, 26, 5, 0]]}"
 )
 def test_a_scenario_of_spec_2_is_flown_where_one_vehicle_can(tmp_path: Path, part: str) -> None:
     (tmp_path / "newer.yaml").write_text(f"spec: 2\n{part}\n")
-    plan = parse_plan("strategies: flux\nscenarios: newer.yaml\n", str(tmp_path / "p.yaml"), NAMES)
+    plan = parse_plan("strategies: flux\nscenarios: newer.yaml\n", str(tmp_path / "p.yaml"))
     assert list(plan.scenarios) == ["newer"]
 
 
