@@ -107,11 +107,11 @@ class SearchHeldUp(SearchEvent):
 
 @dataclass(frozen=True, slots=True)
 class SearchPaused(SearchEvent):
-    """It hovers. No frame came for `limit_s`, or the readings are the same over `limit_m` of flight."""
+    """It hovers. No frame came for `limit_s`, or the readings are the same over `moved_m` of flight."""
 
     reason: Literal["no frame", "same readings"]
     limit_s: float
-    limit_m: float
+    moved_m: float
 
 
 @dataclass(frozen=True, slots=True)

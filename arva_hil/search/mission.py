@@ -108,7 +108,9 @@ class Mission:
         """Take a new frame, and the receiver's pose when it came: NED and the matrix receiver FRD → NED."""
         self.frames += 1
         self._last_frame_s = time_s
-        self._standstill.hear(frame, position)
+        self._standstill.hear(frame, position, time_s)
+        if self._standstill.old:
+            return  # it says what it said elsewhere
         channels = nearest(frame)
         for id_, channel in channels.items():
             self._note(id_, Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER))
@@ -191,7 +193,7 @@ class Mission:
         self._hovering = why = "no frame" if silent > _SILENT_S else "same readings" if stuck else None
         if why and why != before:
             self._hovering_since = time_s
-            self._emit(SearchPaused(time_s, why, _SILENT_S, Standstill.METRES))
+            self._emit(SearchPaused(time_s, why, _SILENT_S, round(self._standstill.moved_m, 1)))
         elif before and not why:
             self._emit(SearchResumed(time_s, before))
         if why == "same readings" and time_s - self._hovering_since > self.plan.patience_s:

@@ -157,6 +157,26 @@ def test_what_is_found_lies_there_or_is_not_called_found(strategy: str, fault: s
         assert flight.outcome.kind in ("not sure", "failed", "not found")
 
 
+NEAR = (  # searches that end 20 to 22 s from the start of the vehicle
+    "{id: 1, ned: [-8.189, 10.766, 1.79], attitude: {roll: -51.283, pitch: 26.181, yaw: 134.321}}",
+    "{id: 1, ned: [12.114, -7.159, 1.839], attitude: {roll: 13.919, pitch: -63.731, yaw: -144.578}}",
+)
+
+
+@pytest.mark.parametrize("since", [18.0, 18.6, 19.2, 19.8])
+@pytest.mark.parametrize(("seed", "victim"), [(4, NEAR[0]), (12, NEAR[1])])
+def test_a_receiver_that_sticks_near_the_end_has_found_nothing_it_cannot_know(
+    seed: int, victim: str, since: float
+) -> None:
+    """The vehicle goes on for a metre or two: too little to be called stuck, enough to be that far off."""
+    flight = Flight("estimate", f"faults: [{{stuck: true, from_s: {since}}}]", victim=victim, seed=seed)
+    if flight.outcome.kind == "found":
+        assert flight.off is not None
+        assert flight.off < 1.0
+    else:
+        assert (flight.outcome.kind, flight.outcome.how) == ("failed", "the receiver says the same: it is stuck")
+
+
 def test_a_receiver_that_sticks_is_said_and_landed_on() -> None:
     flight = Flight("extremum", "faults: [{stuck: true, from_s: 20}]")
     assert (flight.outcome.kind, flight.outcome.how) == ("failed", "the receiver says the same: it is stuck")

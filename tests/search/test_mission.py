@@ -236,7 +236,7 @@ def test_without_frames_it_hovers_and_goes_on_when_they_are_back(strategy: type[
     assert m.fly(103.0, AT)[:2] == NORTH
     for now in (103.1, 105.0, 110.9):
         assert m.fly(now, AT)[:2] == STILL
-    assert m.news() == [SearchPaused(103.1, "no frame", 2.0, 3.0)]
+    assert m.news() == [SearchPaused(103.1, "no frame", 2.0, 0.0)]
     assert heard(m, beacon(1, 20), at_s=110.95) == NORTH
     assert m.news() == [SearchResumed(110.95, "no frame")]
     assert not m.ended
@@ -453,12 +453,27 @@ def test_a_reading_that_never_changes_is_not_flown_by(strategy: type[Scripted]) 
         assert heard(m, beacon(1, 9, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0)) == NORTH
     m.news()
     assert heard(m, beacon(1, 9, 20), at_s=105.0, position=(4.0, 0.0, -1.0)) == STILL
-    assert m.news() == [SearchPaused(105.0, "same readings", 2.0, 3.0)]
+    assert m.news() == [SearchPaused(105.0, "same readings", 2.0, 4.0)]
     assert heard(m, beacon(1, 8, 20), at_s=106.0, position=(4.0, 0.0, -1.0)) == NORTH
     assert m.news() == [SearchResumed(106.0, "same readings")]
     for k in range(20):
         heard(m, beacon(1, 8, 20), at_s=107.0 + k, position=(4.0 + min(k, 4), 0.0, -1.0))
     assert (m.ended, m.broken) == ("the receiver says the same: it is stuck", True)
+
+
+def test_what_the_receiver_says_again_elsewhere_tells_the_strategy_nothing(strategy: type[Scripted]) -> None:
+    """So nothing is found by it, and what was found is not judged by it."""
+    m = mission(strategy)
+    heard(m, beacon(1, 9, 20), at_s=101.0, position=(0.0, 0.0, -1.0))
+    strategy.finds = Found(3.0, 4.0)
+    for k in range(1, 3):
+        heard(m, beacon(1, 9, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0))
+    (told,) = strategy.made
+    assert [o.position[0] for o in told.heard] == [0.0]
+    assert m.found is None
+    heard(m, beacon(1, 8, 20), at_s=104.0, position=(3.0, 0.0, -1.0))
+    assert [o.position[0] for o in told.heard] == [0.0, 3.0]
+    assert m.found == Found(3.0, 4.0)
 
 
 def test_a_stuck_receiver_whose_frames_stop_too_has_no_frames(strategy: type[Scripted]) -> None:

@@ -49,26 +49,44 @@ def test_lines_of_text_have_no_number_and_are_all_new() -> None:
         assert len(receiver.read(100.0 + n)) == 1
 
 
-def stood(*frames: tuple[Frame, float]) -> bool:
-    """Whether it is stuck after those frames, heard so far north."""
+def after(*frames: tuple[Frame, float], every_s: float = 1.0) -> Standstill:
+    """What it knows after those frames, heard so far north."""
     standstill = Standstill()
-    for frame, north in frames:
-        standstill.hear(frame, (north, 0.0, -1.0))
-    return standstill.stuck
+    for n, (frame, north) in enumerate(frames):
+        standstill.hear(frame, (north, 0.0, -1.0), 100.0 + n * every_s)
+    return standstill
 
 
 def test_the_same_reading_over_some_metres_is_stuck() -> None:
-    assert stood(*((frame(n), 0.5 * n) for n in range(8)))
+    assert after(*((frame(n), 0.5 * n) for n in range(8)), every_s=0.1).stuck
+
+
+def test_the_same_reading_half_a_metre_farther_is_none_of_here() -> None:
+    assert not after((frame(0), 0.0), (frame(1), 0.4)).old
+    assert after((frame(0), 0.0), (frame(1), 0.6)).old
+    assert after((frame(0), 0.0), (frame(1), 0.6), (frame(2), 0.0)).old  # back again
+
+
+def test_the_same_reading_for_long_off_the_place_where_it_was_right_is_stuck() -> None:
+    """A search that believes itself above the transmitter hovers there."""
+    places = [0.0, 0.6, 1.2, 1.3, 1.3, 1.3, 1.3, 1.3]
+    assert not after(*((frame(n), north) for n, north in enumerate(places[:-1]))).stuck
+    assert after(*((frame(n), north) for n, north in enumerate(places))).stuck
 
 
 def test_it_is_not_while_the_vehicle_stands_or_anything_changes_or_nothing_is_heard() -> None:
-    assert not stood(*((frame(n), 0.01 * n) for n in range(200)))
-    assert not stood(*((frame(n, Channel(1, MID, 900 + n % 2, 20)), float(n)) for n in range(30)))
-    assert not stood(*((frame(n, Channel(1, MID, 900, n)), float(n)) for n in range(30)))
-    assert not stood(*((frame(n, Channel()), float(n)) for n in range(30)))
-    assert not stood((frame(0), 0.0), (frame(1), 50.0))
+    for standstill in (
+        after(*((frame(n), 0.002 * n) for n in range(200))),
+        after(*((frame(n, Channel(1, MID, 900 + n % 2, 20)), float(n)) for n in range(30))),
+        after(*((frame(n, Channel(1, MID, 900, n)), float(n)) for n in range(30))),
+        after(*((frame(n, Channel()), float(n)) for n in range(30))),
+    ):
+        assert not standstill.old
+        assert not standstill.stuck
+    assert not after((frame(0), 0.0), (frame(1), 50.0)).stuck
 
 
 def test_a_change_frees_it() -> None:
     same = [(frame(n), 1.0 * n) for n in range(8)]
-    assert not stood(*same, (frame(9, Channel(1, MID, 901, 20)), 8.0))
+    standstill = after(*same, (frame(9, Channel(1, MID, 901, 20)), 8.0))
+    assert (standstill.old, standstill.stuck, standstill.moved_m) == (False, False, 0.0)

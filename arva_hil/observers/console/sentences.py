@@ -112,7 +112,7 @@ def _count_down(event: searches.CountDown) -> Sentence:
 def _paused(event: searches.SearchPaused) -> Sentence:
     if event.reason == "no frame":
         return "warning", f"no frame for {event.limit_s:g} s: hovering"
-    return "warning", f"the receiver says the same over {event.limit_m:g} m of flight: hovering"
+    return "warning", f"the receiver says the same over {event.moved_m:g} m of flight: hovering"
 
 
 def _resumed(event: searches.SearchResumed) -> Sentence:
