@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint dist clean
 
 demo: $(VENV)/.run
 	$(BIN)/arva-hil demo
@@ -15,6 +15,19 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# the wheel and the source archive, tried in empty environments: the whole, and the codec alone; and what is in it
+dist: $(VENV)/.dist
+	rm -rf build dist
+	$(BIN)/python -m build
+	$(BIN)/twine check --strict dist/*
+	$(PYTHON) -m venv build/whole
+	build/whole/bin/python -m pip install --quiet dist/*.whl
+	cd build && whole/bin/arva-hil demo --speed max
+	$(PYTHON) -m venv build/codec
+	build/codec/bin/python -m pip install --quiet --no-deps dist/*.whl fastcrc
+	build/codec/bin/python -c "import firmware_proto as f; print(f.Decoder().feed(f.encode(f.Frame(1, 1, (f.Channel(1, 1, 1234, 17),))), 0.0))"
+	$(BIN)/cyclonedx-py environment --output-file dist/sbom.json build/whole/bin/python
+
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
@@ -25,6 +38,10 @@ $(VENV)/.run: pyproject.toml | $(VENV)/bin/python
 $(VENV)/.dev: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --editable '.[test,lint]'
 	touch $@ $(VENV)/.run
+
+$(VENV)/.dist: pyproject.toml | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet build cyclonedx-bom twine
+	touch $@
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .coverage .mypy_cache .pytest_cache .ruff_cache .hypothesis

@@ -10,6 +10,7 @@ from arva_hil.cli.terminal import show, tell
 
 def main(options: argparse.Namespace) -> int:
     from arva_hil.config import ScenarioError
+    from arva_hil.config.builtin import located
     from arva_hil.config.yaml_tree import read_text
 
     if options.schema:
@@ -23,7 +24,8 @@ def main(options: argparse.Namespace) -> int:
     code = OK
     for name in options.files:
         try:
-            _check(name, read_text(name, "a scenario file"))
+            path = located(name)
+            _check(path, read_text(path, "a scenario file"))
         except ScenarioError as error:
             for problem in error.problems:
                 tell(problem)

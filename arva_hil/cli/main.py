@@ -27,6 +27,7 @@ COMMANDS: Final = {
     "campaign": "fly a plan of many trials and compare the strategies",
     "listen": "decode and print frames, like a consumer",
     "check": "validate scenario files",
+    "scenarios": "which scenarios are built in",
     "ports": "what is plugged in",
     "doctor": "what is wrong, and the cure",
 }
@@ -97,7 +98,7 @@ def _guarded(arguments: list[str]) -> int:
 def _command(arguments: list[str]) -> int:
     if arguments[:1] in (["-h"], ["--help"], ["help"]):
         for line in HELP.format(
-            commands="\n".join(f"  {name:<8} {what}" for name, what in COMMANDS.items())
+            commands="\n".join(f"  {name:<9} {what}" for name, what in COMMANDS.items())
         ).splitlines():
             show(line)
         return OK

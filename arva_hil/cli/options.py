@@ -171,7 +171,11 @@ def add_format(parser: Parser, *, default: str | None = None, without: Collectio
 
 def add_scenario(parser: Parser) -> None:
     """Options that say what is emulated."""
-    parser.option("--scenario", metavar="FILE", help="scenario (YAML); default: one transmitter 20 m N, 5 m E of home")
+    parser.option(
+        "--scenario",
+        metavar="FILE",
+        help="scenario (YAML), or builtin:NAME; default: one transmitter 20 m N, 5 m E of home",
+    )
     add_format(parser)
     parser.option("--rate", type=number(*FRAMES_HZ, " of Hz"), metavar="HZ", help="of the frames, 0.1…50")
     parser.option("--seed", type=whole(0, LARGEST_SEED), metavar="N", help="of the noise and the faults")

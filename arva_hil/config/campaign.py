@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final, cast
 
 from arva_hil.config import yaml_tree
 from arva_hil.config.axes import MANY, Axis, ByStrategy, Seeds, Strategies, one_or_many, unique
+from arva_hil.config.builtin import located
 from arva_hil.config.kinds import NOISE_KINDS, SEED, NoiseKind
 from arva_hil.config.marks import Help
 from arva_hil.config.mistakes import read_mapping
@@ -124,7 +125,8 @@ class CampaignPlan:
 
 def load_plan(path: str | os.PathLike[str]) -> CampaignPlan:
     """The plan in a file. Raises ScenarioError with all mistakes, those in its scenario files too."""
-    return parse_plan(yaml_tree.read_text(path, "the plan of a campaign"), os.fspath(path))
+    path = located(path)
+    return parse_plan(yaml_tree.read_text(path, "the plan of a campaign"), path)
 
 
 def parse_plan(text: str, source: str) -> CampaignPlan:

@@ -10,6 +10,7 @@ from dataclasses import InitVar, asdict, astuple, field, replace
 from typing import Annotated, Any, Final, Literal, get_args
 
 from arva_hil.config import yaml_tree
+from arva_hil.config.builtin import located
 from arva_hil.config.faults import Fault, FaultItem, misfit, plain_fault
 from arva_hil.config.kinds import FORMAT, SEED, Pose, Triple
 from arva_hil.config.marks import Help, NotAKey, Since
@@ -143,8 +144,9 @@ DEFAULT: Final = Scenario((Transmitter(id=1, ned=(20.0, 5.0, 0.0)),))
 
 
 def load(path: str | os.PathLike[str]) -> Scenario:
-    """The scenario in a file. Raises ScenarioError, also when the file cannot be read."""
-    return parse(yaml_tree.read_text(path, "a scenario file"), os.fspath(path))
+    """The scenario in a file, or of a name as `builtin:default`. Raises ScenarioError, also when it cannot be read."""
+    path = located(path)
+    return parse(yaml_tree.read_text(path, "a scenario file"), path)
 
 
 def parse(text: str, source: str) -> Scenario:

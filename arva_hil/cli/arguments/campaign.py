@@ -13,7 +13,9 @@ from arva_hil.cli import options as opt
 
 
 def add_options(parser: opt.Parser) -> None:
-    parser.add_argument("plan", metavar="PLAN.yaml", help="what to try; configs/campaigns has some")
+    parser.add_argument(
+        "plan", metavar="PLAN.yaml", help="what to try; or builtin:campaigns/paper and others, see arva-hil scenarios"
+    )
     parser.option("--out", metavar="DIR", help="for the results and the report; default: PLAN-results")
     parser.option("--jobs", type=opt.whole(1, 1024), metavar="N", help="processes; default: one for each core")
     parser.option(

@@ -1,0 +1,31 @@
+"""`arva-hil scenarios`: lists what is built in."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+
+from arva_hil.cli.outcome import OK
+from arva_hil.cli.terminal import show, show_json
+
+
+def main(options: argparse.Namespace) -> int:
+    from arva_hil.config.builtin import PREFIX, builtin_files
+
+    for name, path in builtin_files().items():
+        if options.json:
+            show_json({"name": f"{PREFIX}{name}", "path": str(path), "about": _about(path)})
+        else:
+            show(f"{PREFIX}{name:<20} {_about(path)}")
+    return OK
+
+
+def _about(path: Path) -> str:
+    """The first sentence of the comment that a file begins with."""
+    comment: list[str] = []
+    for line in path.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            break
+        comment.append(line.removeprefix("#").strip())
+    return re.split(r"(?<=\.)\s", " ".join(comment))[0]
