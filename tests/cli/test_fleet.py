@@ -117,6 +117,7 @@ def test_two_vehicles_on_terminals_of_their_own_serve_four_ports(start: Start, k
         counters = run["vehicles"][vehicle_name]["receivers"][receiver]
         assert (counters["frames"], counters["dropped"]) == (len(frames), 0)
         assert (record / name / "readings.csv").read_text().count("\n") == 1 + 4 * len(frames)
+        assert (record / name / "frames.csv").read_text().count("\n") == 1 + len(frames)
     assert frames_in((record / "bravo/rear/frames.bin").read_bytes()) == kept["bravo/rear"]
     for name, system in (("alpha", 1), ("bravo", 2)):
         said = run["vehicles"][name]
@@ -220,6 +221,7 @@ def test_a_vehicle_without_a_link_of_its_own_has_the_command_lines(
     assert sorted(path.name for path in record.iterdir()) == [
         "autopilot.tlog",
         "frames.bin",
+        "frames.csv",
         "readings.csv",
         "run.json",
     ]

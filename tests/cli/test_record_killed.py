@@ -55,6 +55,7 @@ def test_a_frame_every_ten_seconds_and_killed_the_log_is_there_to_a_second_befor
     assert header == COLUMNS
     assert [row[0] for row in rows] == ["0"] * 4
     assert [frame.sequence for frame in frames_in((folder / "frames.bin").read_bytes())] == [0]
+    assert (folder / "frames.csv").read_text().count("\n") == 2
 
 
 @pytest.mark.parametrize("moment", range(2))
@@ -74,6 +75,11 @@ def test_frames_and_readings_that_a_killed_program_sent_are_recorded_to_a_second
         rows = list(csv.DictReader(file))
     assert len(rows) >= 4 * (len(frames) - LOST_S * rate_hz)
     assert [int(row["seq"]) for row in rows] == [n // 4 for n in range(len(rows))]
+    with (folder / "frames.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    assert len(table) >= len(frames) - LOST_S * rate_hz
+    assert [int(row["seq"]) for row in table] == list(range(len(table)))
+    assert all(None not in row.values() and None not in row for row in table)
 
 
 def test_a_killed_record_is_not_written_over_and_can_be_replayed(

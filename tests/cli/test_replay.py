@@ -36,7 +36,7 @@ def test_twice_the_same_gives_the_same_bytes_another_seed_others(arva: Arva, fli
     for folder, seed in ("first", 5), ("second", 5), ("other", 6):
         assert arva("replay", flight, "--seed", seed, "--record", tmp_path / folder).code == 0
     first, second, other = (contents(tmp_path / name) for name in ("first", "second", "other"))
-    for name in ("frames.bin", "readings.csv", "autopilot.tlog"):
+    for name in ("frames.bin", "frames.csv", "readings.csv", "autopilot.tlog"):
         assert first[name] == second[name]
     assert first["frames.bin"] != other["frames.bin"]
     assert first["autopilot.tlog"] == other["autopilot.tlog"]

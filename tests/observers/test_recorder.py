@@ -19,7 +19,7 @@ from arva_hil.observers.record import Recorder, RecordError
 from arva_hil.receiver import ChannelReading, Reading, Zone
 from arva_hil.runtime.clock import StepClock
 
-NAMES = ["autopilot.tlog", "frames.bin", "readings.csv", "run.json"]
+NAMES = ["autopilot.tlog", "frames.bin", "frames.csv", "readings.csv", "run.json"]
 STATUS = StatusReport(0.0, [])
 
 

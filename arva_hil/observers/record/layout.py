@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-TLOG, FRAMES, READINGS, RUN = FILES = ("autopilot.tlog", "frames.bin", "readings.csv", "run.json")
-_OF_RECEIVERS: Final = (FRAMES, READINGS)
+TLOG, FRAMES, TABLE, READINGS, RUN = FILES = ("autopilot.tlog", "frames.bin", "frames.csv", "readings.csv", "run.json")
+_OF_RECEIVERS: Final = (FRAMES, TABLE, READINGS)
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,14 @@ class Layout:
     @property
     def files(self) -> list[str]:
         """Every file but run.json."""
-        receivers = self.receivers if len(self.receivers) > 1 else [("", "")]
         logs = [self.tlog(link) for link in self.links] or [TLOG]
-        return logs + [self.of_receiver(*names, file) for names in receivers for file in _OF_RECEIVERS]
+        return logs + [self.of_receiver(*names, file) for names in self._receivers for file in _OF_RECEIVERS]
+
+    @property
+    def tables(self) -> list[str]:
+        """Each receiver's frames.csv."""
+        return [self.of_receiver(*names, TABLE) for names in self._receivers]
+
+    @property
+    def _receivers(self) -> Sequence[tuple[str, str]]:
+        return self.receivers if len(self.receivers) > 1 else [("", "")]

@@ -10,21 +10,15 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from arva_hil import files
 from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
-from arva_hil.field import rotation
 from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import dialect
-from arva_hil.observers.record.layout import FILES, FRAMES, READINGS, RUN, Layout
+from arva_hil.observers.record.layout import FILES, FRAMES, READINGS, RUN, TABLE, Layout
+from arva_hil.observers.record.tables import COLUMNS, header_of_frames, moment, rows
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.worker_thread import Background
 
-COLUMNS: Final = (
-    "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
-    "slot id zone d_cm delta_deg true_range_m faults reported_north_m reported_east_m reported_down_m"
-).split()
 NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # what run.json says until it ends
 _BATCH_BYTES: Final = 1 << 16
 _FLUSH_S: Final = 0.2  # with the status four times a second, what a killed program loses is less than half a second
@@ -38,8 +32,8 @@ class RecordError(Exception):
 
 
 class Recorder:
-    """Writes `autopilot.tlog`, `frames.bin`, `readings.csv` and `run.json` into a folder of its own, and with several
-    receivers or links into the files of `layout`.
+    """Writes `autopilot.tlog`, `frames.bin`, `frames.csv`, `readings.csv` and `run.json` into a folder of its own, and
+    with several receivers or links into the files of `layout`.
 
     `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: what is known of the run already; run.json says
     that, and that it has not ended, until `close`. `patient`: the loop may be held up while the disk catches up, as a
@@ -65,6 +59,7 @@ class Recorder:
         self._clock = clock or RealClock()
         self._next_flush = self._next_sync = self._clock.now()
         self._files: dict[str, FileIO] = {}
+        self._begun: set[str] = set()  # those frames.csv that have their header: the first frame says how many slots
         try:
             folder.mkdir(parents=True, exist_ok=True)
             refuse_old(folder, list(dict.fromkeys([*FILES, *self._layout.files, *self._layout.folders])), "a record")
@@ -96,14 +91,23 @@ class Recorder:
         if isinstance(event, PacketsReceived):
             self._on_packets(event)
         elif isinstance(event, FrameMade):
-            pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, READINGS)]
-            pending += rows(event).encode()
-            self._flush_now_and_then(full=len(pending) > _BATCH_BYTES)
+            self._on_frame(event)
         elif isinstance(event, BytesSent):
             pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, FRAMES)]
             pending += event.data
         elif isinstance(event, StatusReport):
             self._flush_now_and_then()
+
+    def _on_frame(self, event: FrameMade) -> None:
+        readings = self._layout.of_receiver(event.vehicle, event.receiver, READINGS)
+        table = self._layout.of_receiver(event.vehicle, event.receiver, TABLE)
+        if table not in self._begun:
+            self._begun.add(table)
+            self._pending[table] += header_of_frames(len(event.reading.channels)).encode()
+        of_slots, of_frame = rows(event)
+        self._pending[readings] += of_slots.encode()
+        self._pending[table] += (moment(event, self._epoch_us) + of_frame).encode()
+        self._flush_now_and_then(full=len(self._pending[readings]) > _BATCH_BYTES)
 
     def _on_packets(self, event: PacketsReceived) -> None:
         time_us = self._epoch_us + round(event.time_s * 1e6)
@@ -116,6 +120,9 @@ class Recorder:
 
     def close(self, run: Mapping[str, Any]) -> None:
         """Close all files and replace run.json by `run`, whatever went wrong before; RecordError when anything did."""
+        for table in self._layout.tables:
+            if table not in self._begun:
+                self._pending[table] += header_of_frames(0).encode()
         self._flush()
         finished = self._background.close(*(_closing(file) for file in self._files.values()))
         ending = Background("end of record")  # the other one may hang
@@ -164,25 +171,6 @@ def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:
     there = [name for name in names if files.there(folder / name)]
     if there:
         raise RecordError(f"{folder}: holds {what} already ({', '.join(there)}); name another folder")
-
-
-def rows(made: FrameMade) -> str:
-    """The lines of readings.csv for one frame, one a slot; what is unknown is empty."""
-    pose = [""] * 6
-    if made.pose is not None:
-        angles = np.degrees(rotation.to_euler(made.pose.rotation)).tolist()
-        pose = [repr(value) for value in (*made.pose.position.tolist(), *angles)]
-    boot_ms = "" if made.boot_s is None else repr(made.boot_s * 1e3)
-    age_ms = "" if made.age_s is None else repr(made.age_s * 1e3)
-    head = ",".join([str(made.frame.sequence), repr(made.instant_s), boot_ms, *pose, age_ms])
-    reported = "," * 2 if made.reported_pose is None else ",".join(map(repr, made.reported_pose.position.tolist()))
-    tail = f"{'+'.join(made.faults)},{reported}"
-    lines = []
-    for slot, c in enumerate(made.reading.channels, 1):
-        id_ = "" if c.id is None else str(c.id)
-        true_range = "" if c.true_range_m is None else repr(c.true_range_m)
-        lines.append(f"{head},{slot},{id_},{int(c.zone)},{c.d_cm},{c.delta_deg},{true_range},{tail}\n")
-    return "".join(lines)
 
 
 def _json(run: Mapping[str, Any]) -> bytes:

@@ -1,0 +1,61 @@
+"""The rows of a record's tables: one a reading and slot in readings.csv, one a frame in frames.csv.
+
+What is unknown is an empty cell. Numbers are at full precision. No cell holds text from outside.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from arva_hil.events import FrameMade
+from arva_hil.field import rotation
+from arva_hil.runtime.clock import utc
+
+COLUMNS: Final = (
+    "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
+    "slot id zone d_cm delta_deg true_range_m faults reported_north_m reported_east_m reported_down_m"
+).split()
+FRAME_COLUMNS: Final = "utc time_s seq north_m east_m down_m roll_deg pitch_deg yaw_deg".split()
+SLOT_COLUMNS: Final = ("id{}", "zone{}", "d{}_cm", "delta{}_deg", "range{}_m")  # of each slot, from 1
+
+
+def header_of_frames(slots: int) -> str:
+    """The first line of frames.csv."""
+    of_slots = [column.format(slot) for slot in range(1, slots + 1) for column in SLOT_COLUMNS]
+    return ",".join([*FRAME_COLUMNS, *of_slots]) + "\n"
+
+
+def rows(made: FrameMade) -> tuple[str, str]:
+    """The lines of readings.csv, and the one of frames.csv without its `utc`, which begins with a comma."""
+    pose = ",".join(_pose(made))
+    number, instant_s = str(made.frame.sequence), repr(made.instant_s)
+    boot_ms = "" if made.boot_s is None else repr(made.boot_s * 1e3)
+    age_ms = "" if made.age_s is None else repr(made.age_s * 1e3)
+    reported = "," * 2 if made.reported_pose is None else ",".join(map(repr, made.reported_pose.position.tolist()))
+    head, tail = f"{number},{instant_s},{boot_ms},{pose},{age_ms}", f"{'+'.join(made.faults)},{reported}"
+    slots = []
+    for c in made.reading.channels:
+        id_, true_range = ("" if value is None else repr(value) for value in (c.id, c.true_range_m))
+        slots.append(f"{id_},{int(c.zone)},{c.d_cm},{c.delta_deg},{true_range}")
+    lines = [f"{head},{number_of_slot},{slot},{tail}\n" for number_of_slot, slot in enumerate(slots, 1)]
+    return "".join(lines), ",".join(["", instant_s, number, pose, *slots]) + "\n"
+
+
+def moment(made: FrameMade, epoch_us: int) -> str:
+    """A frame's instant in UTC, to the millisecond; "" where it lies beyond the years 1 to 9999, as logs may say.
+
+    `epoch_us`: microseconds since 1970 at the loop's time 0.
+    """
+    try:
+        return utc(epoch_us + round((made.time_s - made.late_s) * 1e6))
+    except (ValueError, OverflowError, OSError):
+        return ""
+
+
+def _pose(made: FrameMade) -> list[str]:
+    if made.pose is None:
+        return [""] * 6
+    angles = np.degrees(rotation.to_euler(made.pose.rotation)).tolist()
+    return [repr(value) for value in (*made.pose.position.tolist(), *angles)]
