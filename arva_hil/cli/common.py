@@ -123,6 +123,7 @@ def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_
 class Run:
     """One run's surroundings: guard, printer, lines on stdout and recorder, around the loop and gone after it.
 
+    To be entered as a context: in it signals are for the loop, and after it handlers are as they were, whatever raised.
     `patient`: a replay, which may wait for a slow disk or terminal, and shows a progress bar for a status.
     `lines`: print a line a frame on stdout, unless JSON is wanted there. `live`: a live status line, on a terminal.
     `record_links`: the engine's names of the autopilots' links, where there are several.
@@ -164,7 +165,16 @@ class Run:
         self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and what was heard instead
         for line in describe(chosen):
             self.printer.say(line)
-        self._guard.__enter__()  # until the end of `drive`
+        for patient_one in (self._recorder, self._lines):
+            if patient and patient_one:
+                patient_one.give_up = self._is_broken_off
+
+    def __enter__(self) -> Run:
+        self._guard.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._guard.__exit__()
 
     @functools.cached_property
     def audience(self) -> Audience:
@@ -180,9 +190,10 @@ class Run:
         if self._recorder and self._recorder.error and not self._record_failed:
             self._record_failed = True
             self.printer.notice(Notice("error", f"{self._recorder.error}; frames go on"))
-        return bool(
-            self._guard.caught or self._guard.error or (self._lines and self._lines.error) or self._none_appeared
-        )
+        return bool(self._is_broken_off() or (self._lines and self._lines.error) or self._none_appeared)
+
+    def _is_broken_off(self) -> bool:
+        return self._guard.caught is not None or self._guard.error is not None
 
     @property
     def _none_appeared(self) -> bool:
@@ -210,10 +221,7 @@ class Run:
                 for line in story(error):
                     self.printer.say(line)
         self._guard.ending = True
-        try:
-            return self._finish(emulator, failure, links)
-        finally:
-            self._guard.__exit__()
+        return self._finish(emulator, failure, links)
 
     def _finish(self, emulator: Emulator, failure: Failure | None, links: Tally | None) -> int:
         caught = self._guard.caught

@@ -35,7 +35,7 @@ def main(options: argparse.Namespace) -> int:
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
         autopilot, port = (memory.pair(), memory.pair()) if fast else _ptys(stack, clock)
-        surroundings = common.Run(options, chosen, clock.epoch_us, live=not options.headless)
+        surroundings = stack.enter_context(common.Run(options, chosen, clock.epoch_us, live=not options.headless))
         log = search_report.open_log(Path(options.record))
         loop = ClosedLoop(
             chosen,

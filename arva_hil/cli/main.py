@@ -16,7 +16,7 @@ from arva_hil.cli.environment import strangers
 from arva_hil.cli.options import Parser
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, USAGE, Failure, UsageError
 from arva_hil.cli.standard_streams import abandon, refuse_closed, reserve
-from arva_hil.cli.terminal import show, tell
+from arva_hil.cli.terminal import StdoutError, flush, show, tell
 from arva_hil.errors import KindError
 
 COMMANDS: Final = {
@@ -71,7 +71,7 @@ def _guarded(arguments: list[str]) -> int:
     try:
         with interrupting():
             code = _command(arguments)
-            sys.stdout.flush()
+            flush()
         return code
     except Failure as failure:
         first, *rest = failure.lines
@@ -81,8 +81,8 @@ def _guarded(arguments: list[str]) -> int:
     except KindError as error:
         tell(f"arva-hil: {error}")
         return USAGE
-    except OSError as error:  # links and files have their own: this is stdout, its reader gone or its disk full
-        tell(f"arva-hil: stdout: {error}")
+    except StdoutError as error:
+        tell(f"arva-hil: {error}")
         abandon(sys.stdout)
         return FAILED
     except KeyboardInterrupt:

@@ -35,7 +35,9 @@ def main(options: argparse.Namespace) -> int:
     clock = RealClock()
     with ExitStack() as stack:
         sides = (_fleet if chosen.vehicles else _one)(options, chosen, clock, stack)
-        surroundings = common.Run(options, chosen, clock.epoch_us, record_links=list(sides.autopilots))
+        surroundings = stack.enter_context(
+            common.Run(options, chosen, clock.epoch_us, record_links=list(sides.autopilots))
+        )
         watchdog = Watchdog(os.environ)
         surroundings.observers.append(watchdog)
         start = clock.now()

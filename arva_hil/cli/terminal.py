@@ -13,6 +13,10 @@ from arva_hil.cli.standard_streams import abandon
 from arva_hil.safe_text import one_line
 
 
+class StdoutError(Exception):
+    """Standard output takes nothing: its reader has gone, or its disk is full."""
+
+
 def tell(line: object) -> None:
     """A line for a person, on stderr."""
     try:
@@ -22,10 +26,22 @@ def tell(line: object) -> None:
 
 
 def show(line: object, *, mark: str = "") -> None:
-    """A line of data on stdout, at once. `mark` goes before it as it is, colours and all."""
-    print(mark + one_line(line), flush=True)
+    """A line of data on stdout, at once. `mark` goes before it as it is, colours and all. Raises StdoutError."""
+    _print(mark + one_line(line))
 
 
 def show_json(value: Any) -> None:
-    """A JSON object on a line of its own on stdout, at once; ASCII without control characters."""
-    print(json.dumps(value).replace("\x7f", "\\u007f"), flush=True)
+    """A JSON object on a line of its own on stdout, at once; ASCII without control characters. Raises StdoutError."""
+    _print(json.dumps(value).replace("\x7f", "\\u007f"))
+
+
+def flush() -> None:
+    """Have on stdout what others have printed there, too. Raises StdoutError."""
+    _print("", end="")
+
+
+def _print(text: str, end: str = "\n") -> None:
+    try:
+        print(text, end=end, flush=True)
+    except OSError as error:
+        raise StdoutError(f"stdout: {error}") from None

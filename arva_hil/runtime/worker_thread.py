@@ -10,6 +10,7 @@ from typing import Final
 Job = Callable[[], object]
 
 _MOST_JOBS: Final = 10_000
+_ASK_S: Final = 0.1  # how often it is asked whether to give up
 
 
 class Background:
@@ -30,14 +31,17 @@ class Background:
         self._thread = threading.Thread(target=self._work, name=name, daemon=True)
         self._thread.start()
 
-    def put(self, job: Job, *, wait: bool = False) -> bool:
-        """Queue a job; with `wait`, until there is room. False: refused and counted, the work is too slow."""
-        if self.error is None:
+    def put(self, job: Job, give_up: Callable[[], bool] = lambda: True) -> bool:
+        """Queue a job; wait for room until `give_up` says no. False: refused and counted, the work is too slow."""
+        timeout_s = 0.0
+        while self.error is None:
             try:
-                self._jobs.put(job, block=wait)
+                self._jobs.put(job, timeout=timeout_s)
                 return True
             except queue.Full:
-                pass
+                if give_up():
+                    break
+                timeout_s = _ASK_S
         self.refused += 1
         return False
 

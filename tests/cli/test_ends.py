@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
+import importlib
 import json
 import os
+import re
 import select
 import signal
 import socket
+import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,6 +20,7 @@ from typing import Any
 import pytest
 
 from arva_hil.cli.endings import Guard, interrupting, unforeseen
+from arva_hil.cli.options import Parser
 from arva_hil.emulator.engine import Emulator
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
@@ -248,3 +254,42 @@ def test_a_broken_pipe_of_frames_ends_the_run_and_its_record_is_whole(
     run = json.loads((record / "run.json").read_bytes())
     assert (run["exit_code"], run["ended"]) == (1, "-: the reader of this pipe went away")
     assert len(frames_in((record / "frames.bin").read_bytes())) == run["counters"]["frames"] - 1
+
+
+# -- what is left behind ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", ["run", "replay", "demo"])
+def test_whatever_raises_between_start_and_loop_handlers_of_signals_and_threads_are_as_before(
+    command: str, tmp_path: Path, keep: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise ZeroDivisionError("in the middle")
+
+    module = importlib.import_module(f"arva_hil.cli.{command}")
+    monkeypatch.setattr(module, "ClosedLoop" if command == "demo" else "Emulator", fail)
+    arguments = {
+        "run": ["--autopilot", keep(PtyLink()).path, "--port", "pty"],
+        "replay": [str(DATA / "px4.tlog")],
+        "demo": ["--speed", "max", "--record", str(tmp_path / "record")],
+    }[command]
+    parser = Parser(prog=command)
+    importlib.import_module(f"arva_hil.cli.arguments.{command}").add_options(parser)
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [*map(signal.getsignal, numbers), threading.excepthook]
+    with pytest.raises(ZeroDivisionError):
+        module.main(parser.parse(arguments))
+    assert [*map(signal.getsignal, numbers), threading.excepthook] == before
+
+
+def test_an_error_of_the_system_that_nobody_foresaw_is_not_laid_to_stdout(
+    arva: Arva, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(**_: object) -> str:
+        raise OSError(errno.ENOSPC, "No space left on device", "/tmp/arva-demo-x")
+
+    monkeypatch.setattr(tempfile, "mkdtemp", full)
+    code, _, err = arva("demo", "--speed", "max")
+    assert code == 1
+    assert "stdout" not in err
+    assert re.search(r"unforeseen OSError: .*No space left on device: '/tmp/arva-demo-x' \(cli/demo.py:\d+\)", err)

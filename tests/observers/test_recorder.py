@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import resource
@@ -16,8 +17,11 @@ from arva_hil.events import FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import read_tlog
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.observers.record import Recorder, RecordError
+from arva_hil.observers.record import recorder as module
 from arva_hil.receiver import ChannelReading, Reading, Zone
+from arva_hil.runtime import worker_thread
 from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.worker_thread import Background
 
 NAMES = ["autopilot.tlog", "frames.bin", "frames.csv", "readings.csv", "run.json"]
 STATUS = StatusReport(0.0, [])
@@ -69,6 +73,38 @@ def test_packets_are_on_the_disk_with_the_next_status_though_no_frame_is_made(tm
         recorder.observe(STATUS)
         Writes(tmp_path).until(lambda folder, n=n: in_tlog(folder) == 3 + n)  # type: ignore[misc]
     recorder.close({})
+
+
+def test_a_disk_that_hangs_holds_a_patient_record_only_until_it_is_broken_off_and_its_end_not_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate, jobs = threading.Event(), 0
+
+    def hanging(file: object, data: object) -> Callable[[], object]:
+        nonlocal jobs
+        jobs += 1
+        return lambda: gate.wait(60)
+
+    monkeypatch.setattr(module, "_writing", hanging)
+    monkeypatch.setattr(module, "_LAST_S", 0.0)
+    monkeypatch.setattr(worker_thread, "_ASK_S", 0.001)
+    recorder = Recorder(tmp_path, 10**15, patient=True)
+    monkeypatch.setattr(recorder, "_background", Background("hanging", most_jobs=1))
+    closing = functools.partial(recorder._background.close, timeout_s=0.01)
+    monkeypatch.setattr(recorder._background, "close", closing)
+    signal = iter([False, False, True])
+    recorder.give_up = lambda: next(signal, True)
+    monkeypatch.setattr(module, "_FLUSH_S", 0.0)
+    for n in range(5):
+        recorder.observe(made(n))
+    assert jobs > 2
+    assert next(signal, None) is None  # it has waited
+    recorder.give_up = lambda: False
+    recorder.observe(PacketsReceived(1.0, "autopilot", packets(1)))
+    with pytest.raises(RecordError, match="the disk is too slow, the record has"):
+        recorder.close({"ended": "finished"})
+    assert json.loads((tmp_path / "run.json").read_bytes())["ended"] == "finished"
+    gate.set()
 
 
 def test_frames_are_written_a_few_times_a_second_and_not_one_by_one(tmp_path: Path) -> None:

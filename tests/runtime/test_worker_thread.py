@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import threading
 
+import pytest
+
+from arva_hil.runtime import worker_thread
 from arva_hil.runtime.worker_thread import Background
 
 
@@ -32,12 +35,33 @@ def test_after_an_error_nothing_more_is_done_but_the_last_jobs() -> None:
     assert background.refused == 1
 
 
+def full(gate: threading.Event) -> Background:
+    """One that works until the gate is open, and has no room for more."""
+    begun = threading.Event()
+    background = Background("test", most_jobs=1)
+    background.put(lambda: begun.set() or gate.wait(60))  # type: ignore[func-returns-value]
+    assert begun.wait(60)
+    assert background.put(lambda: None)
+    return background
+
+
 def test_the_end_does_not_wait_for_ever_for_a_job_that_hangs() -> None:
     gate = threading.Event()
-    background = Background("test", most_jobs=1)
-    background.put(lambda: gate.wait(60), wait=True)
-    background.put(lambda: None, wait=True)  # the queue is full from here on, or almost
+    background = full(gate)
     try:
         assert not background.close(lambda: None, timeout_s=0.05)
     finally:
         gate.set()
+
+
+def test_who_waits_for_room_behind_a_job_that_hangs_waits_until_he_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker_thread, "_ASK_S", 0.001)
+    gate = threading.Event()
+    background, asked = full(gate), iter([False, False, True])
+    assert not background.put(lambda: None)  # who does not wait
+    assert not background.put(lambda: None, lambda: next(asked))
+    assert next(asked, "no more") == "no more"
+    assert background.refused == 2
+    gate.set()
+    assert background.put(lambda: None, lambda: False)  # there is room again, in a moment
+    assert background.close()

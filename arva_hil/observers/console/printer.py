@@ -85,18 +85,21 @@ class Printer:
 
 
 class Lines:
-    """Prints a line for each event on `link` of which `render` makes one. `patient`: rather wait than leave one out."""
+    """Prints a line for each event on `link` of which `render` makes one.
+
+    `patient`: rather wait than leave one out, until `give_up` says so.
+    """
 
     def __init__(self, link: Link, render: Callable[[Event], str | None], *, patient: bool) -> None:
         self._link = link
         self._render = render
-        self._patient = patient
+        self.give_up: Callable[[], bool] = lambda: not patient
         self._background = Background("lines", (OSError, LinkError))
 
     def observe(self, event: Event) -> None:
         if (text := self._render(event)) is not None:
             line = (text + "\n").encode()
-            self._background.put(lambda: self._link.write(line), wait=self._patient)
+            self._background.put(lambda: self._link.write(line), self.give_up)
 
     @property
     def error(self) -> Exception | None:

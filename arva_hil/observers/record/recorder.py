@@ -23,6 +23,7 @@ NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # what
 _BATCH_BYTES: Final = 1 << 16
 _FLUSH_S: Final = 0.2  # with the status four times a second, what a killed program loses is less than half a second
 _SYNC_S: Final = 1.0  # what is lost besides when the power fails
+_LAST_S: Final = 5.0  # for the disk to take what is left at the end
 _FEW_JOBS: Final = 8  # a batch each: who can wait for the disk does so rather than keep it all in memory
 _MANY_JOBS: Final = 10_000  # a batch each, of 0.2 s
 
@@ -56,6 +57,7 @@ class Recorder:
         self._folders: list[Path] = []
         self._epoch_us = epoch_us
         self._patient = patient
+        self.give_up: Callable[[], bool] = lambda: not patient
         self._clock = clock or RealClock()
         self._next_flush = self._next_sync = self._clock.now()
         self._files: dict[str, FileIO] = {}
@@ -123,6 +125,8 @@ class Recorder:
         for table in self._layout.tables:
             if table not in self._begun:
                 self._pending[table] += header_of_frames(0).encode()
+        give_up, until = self.give_up, self._clock.now() + _LAST_S
+        self.give_up = lambda: give_up() or self._clock.now() >= until
         self._flush()
         finished = self._background.close(*(_closing(file) for file in self._files.values()))
         ending = Background("end of record")  # the other one may hang
@@ -149,7 +153,7 @@ class Recorder:
         for name, pending in self._pending.items():
             if pending:
                 self._pending[name] = bytearray()
-                self._background.put(_writing(self._files[name], pending), wait=self._patient)
+                self._background.put(_writing(self._files[name], pending), self.give_up)
 
     def _sync(self) -> None:
         for file in self._files.values():
