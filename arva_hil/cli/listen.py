@@ -13,6 +13,7 @@ from typing import Final
 
 from arva_hil.cli import common
 from arva_hil.cli.endings import Guard
+from arva_hil.cli.format_guess import SAMPLE_BYTES, looks_like
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.links import AddressError, Link, LinkError, parse
@@ -33,13 +34,12 @@ _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the
 def main(options: argparse.Namespace) -> int:
     decoder = FORMATS[options.format].decoder()
     hello = Encoder(1, _COMPONENT) if options.format in MAVLINK_FORMATS else None
-    listener = Listener(decoder, hello, as_json=options.json, count=options.count)
+    listener = Listener(decoder, hello, options.format, as_json=options.json, count=options.count)
     path = Path(options.url)
     if os.path.isfile(path) and path.suffix != ".tlog":
         listener.take(_contents(path), 0.0)
-        listener.take(b"", PAUSE_S * 2)  # what is not whole by now never will be
         listener.finish()
-        return OK
+        return listener.verdict()
     try:
         parse(options.url)
     except AddressError as error:
@@ -51,7 +51,7 @@ def main(options: argparse.Namespace) -> int:
         while not listener.enough and (chunk := os.read(sys.stdin.fileno(), 4096)):
             listener.take(chunk, clock.now())
         listener.finish()
-        return OK
+        return listener.verdict()
     with closing(common.open_or_fail(options.url, clock)) as link, guard:
         tell(f"listening at {link.name}")
         listener.links = [link]
@@ -62,19 +62,23 @@ def main(options: argparse.Namespace) -> int:
             listener.finish()
             raise Failure(FAILED, error) from None
     listener.finish()
-    return INTERRUPTED if guard.caught else OK
+    return INTERRUPTED if guard.caught else listener.verdict()
 
 
 class Listener:
-    """A consumer: remembers its decoder, how many frames came and when the last did.
+    """A consumer: remembers its decoder, how many frames came and when the last did, and how the stream begins.
 
     Over MAVLink it says `hello` with a heartbeat a second: autopilots forward nothing to a link that is silent.
     """
 
-    def __init__(self, decoder: FrameDecoder, hello: Encoder | None, *, as_json: bool, count: float) -> None:
+    def __init__(
+        self, decoder: FrameDecoder, hello: Encoder | None, format: str, *, as_json: bool, count: float
+    ) -> None:
         self.links: Sequence[Link] = []
         self.enough = False
         self._decoder = decoder
+        self._format = format
+        self._sample = b""  # of a stream that has brought no frame yet
         self._as_json = as_json
         self._left = count
         self._alive_until = _WATCHDOG_S
@@ -92,12 +96,17 @@ class Listener:
                 link.write(self._hello.pack(heartbeat()))
         if now > self._alive_until:
             self._alive_until = math.inf
-            tell(f"no frame for {_WATCHDOG_S:g} s")
+            tell(f"no frame for {_WATCHDOG_S:g} s" + (f": {self._doubt()}" if self._sample else ""))
         return now + PAUSE_S
 
     def take(self, chunk: bytes, now: float) -> None:
         """Decode and print."""
-        for frame in self._decoder.feed(chunk, now):
+        frames = self._decoder.feed(chunk, now)
+        if not self._decoder.good:
+            self._sample += chunk[: SAMPLE_BYTES - len(self._sample)]
+        elif self._sample:
+            self._sample = b""
+        for frame in frames:
             if self._left > 0:
                 self._show(frame)
             self._left -= 1
@@ -105,9 +114,19 @@ class Listener:
         self.enough = self._left <= 0
 
     def finish(self) -> None:
-        """The sum."""
+        """The frames that are whole now that nothing more comes, and the sum."""
+        self.take(b"", math.inf)
         d = self._decoder
         tell(f"{d.good} frames, {d.lost} lost, {d.bad_crc} bad checksums, {d.dropped} bytes dropped")
+
+    def verdict(self) -> int:
+        """The exit code. Raises Failure when something came, and no frame was in it."""
+        if self._sample:
+            raise Failure(FAILED, self._doubt())
+        return OK
+
+    def _doubt(self) -> str:
+        return f"no {self._format} frame in {len(self._sample)} bytes: {looks_like(self._sample, self._format)}"
 
     def _show(self, frame: Frame) -> None:
         if self._as_json:

@@ -17,6 +17,7 @@ from firmware_proto import Channel, Frame, FrameDecoder
 from firmware_proto.frame import check
 
 TUNNEL_TYPE: Final = 42071  # 0xA457, in MAVLink's private range
+_SILENCE_S: Final = 1.0  # longer than any link takes from one value of a frame to the next
 
 
 class MavlinkFormat(NamedTuple):
@@ -91,8 +92,8 @@ def _debug_vect(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
 class MavlinkDecoder(FrameDecoder):
     """What formats inside MAVLink send, read back into frames; messages of every system count. `now` is not needed.
 
-    Only `tunnel` carries sequence and status: frames of the others are numbered as they come. A frame of theirs ends
-    where the next begins, so it is delivered then.
+    Only `tunnel` carries sequence and status: frames of the others are numbered as they come. A frame of named values
+    ends where the next begins, or when no more of its values came for 1 s; an empty `feed` tells the time.
     """
 
     def __init__(self, format: str) -> None:
@@ -106,13 +107,16 @@ class MavlinkDecoder(FrameDecoder):
         }[format]
         self._frames: list[Frame] = []
         self._binary = firmware_proto.Decoder()
-        self._values: dict[str, int] = {}
+        self._values: dict[str, int] = {}  # of the frame that is not whole
+        self._since = 0.0  # and when the last one came
         self._slots: list[Channel] = []
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
         for packet in self._parser.feed(chunk):
             if (message := self._parser.decode(packet)) is not None:
                 self._read(message, now)
+        if self._values and now - self._since >= _SILENCE_S:
+            self._end_named()
         self.bad_crc, self.dropped = self._parser.bad_crc, self._parser.skipped
         frames, self._frames = self._frames, []
         return frames
@@ -125,26 +129,30 @@ class MavlinkDecoder(FrameDecoder):
 
     def _on_int(self, message: Any, now: float) -> None:
         if message.get_type() == "NAMED_VALUE_INT":
-            self._on_named(message.name, message.value)
+            self._on_named(message.name, message.value, now)
 
     def _on_float(self, message: Any, now: float) -> None:
         if message.get_type() == "NAMED_VALUE_FLOAT" and message.value.is_integer():  # neither NaN nor infinite
-            self._on_named(message.name, int(message.value))
+            self._on_named(message.name, int(message.value), now)
 
-    def _on_named(self, name: str, value: int) -> None:
+    def _on_named(self, name: str, value: int, now: float) -> None:
         if not name.startswith("ARVA"):
             return
-        if name == "ARVA1_D":
-            channels = []
-            for slot in range(1, firmware_proto.MAX_CHANNELS + 1):
-                if (d := self._values.get(f"ARVA{slot}_D")) is not None:
-                    id_ = self._values.get(f"ARVA{slot}_ID", 255)
-                    delta = self._values.get(f"ARVA{slot}_DIR", -1)
-                    channels.append(Channel(None if id_ == 255 else id_, _zone(d, delta), d, delta))
-            self._deliver(channels)
-            self._values.clear()
-        if len(self._values) < 3 * firmware_proto.MAX_CHANNELS:
+        if name == "ARVA1_D" and self._values:
+            self._end_named()
+        if (self._values or name == "ARVA1_D") and len(self._values) < 3 * firmware_proto.MAX_CHANNELS:
             self._values[name] = value
+            self._since = now
+
+    def _end_named(self) -> None:
+        channels = []
+        for slot in range(1, firmware_proto.MAX_CHANNELS + 1):
+            if (d := self._values.get(f"ARVA{slot}_D")) is not None:
+                id_ = self._values.get(f"ARVA{slot}_ID", 255)
+                delta = self._values.get(f"ARVA{slot}_DIR", -1)
+                channels.append(Channel(None if id_ == 255 else id_, _zone(d, delta), d, delta))
+        self._deliver(channels)
+        self._values.clear()
 
     def _on_vector(self, message: Any, now: float) -> None:
         if message.get_type() != "DEBUG_VECT" or message.name not in ("a", "b"):

@@ -346,7 +346,8 @@ def test_one_port_frames_travel_inside_mavlink_on_the_autopilots_own_link(format
     assert decoder.bad_crc == 0
     sent = [s.frame for s in diary.frames if s.sent]
     assert len(sent) >= 20
-    assert len(frames) in (len(sent), len(sent) - 1)  # a named frame ends where the next begins
+    frames += decoder.feed(b"", 1.0)  # a named frame ends where the next begins, or in silence
+    assert len(frames) == len(sent)
     for frame, made in zip(frames, sent, strict=False):
         wanted = [c for c in made.channels if c.valid] or [made.channels[0]]
         read = [c for c in frame.channels if c.valid] or [frame.channels[0]]

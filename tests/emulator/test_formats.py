@@ -79,3 +79,18 @@ def test_integers_are_not_floats_and_names_of_others_are_nobodys() -> None:
     assert MavlinkDecoder("named_float").feed(ints, 0.0) == []
     assert len(MavlinkDecoder("named").feed(ints, 0.0)) == 2
     assert MavlinkDecoder("named_float").feed(floats(*[("BARVA1_D", 700.0)] * 3), 0.0) == []
+
+
+def test_the_last_frame_of_named_values_comes_when_it_is_followed_by_silence() -> None:
+    decoder = MavlinkDecoder("named_float")
+    assert decoder.feed(floats(("ARVA1_D", 1234), ("ARVA1_DIR", -17), ("ARVA1_ID", 3)), 5.0) == []
+    assert decoder.feed(b"", 5.9) == []  # a slow link may still bring more of it
+    (frame,) = decoder.feed(b"", 6.1)
+    assert frame.channels == (Channel(3, 1, 1234, -17),)
+    assert decoder.feed(b"", 99.0) == []
+
+
+def test_values_of_a_frame_whose_beginning_was_not_heard_are_no_frame() -> None:
+    decoder = MavlinkDecoder("named_float")
+    rest = floats(("ARVA1_DIR", -17), ("ARVA1_ID", 3), ("ARVA2_D", 700), ("ARVA2_DIR", 5))
+    assert decoder.feed(rest + floats(("ARVA1_D", 900)), 0.0) == []
