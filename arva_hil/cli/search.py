@@ -51,6 +51,7 @@ def plan_of(options: argparse.Namespace) -> Plan:
         speed=options.max_speed,
         height=options.height,
         take_off=options.take_off,
+        trust_gps=options.trust_height,
         area=options.area,
         strip_width=options.strip_width,
         patience_s=options.patience,

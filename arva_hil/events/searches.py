@@ -174,7 +174,9 @@ class HeightSource(SearchEvent):
     """What the height above the ground comes from now.
 
     "rangefinder"; "estimate": none is heard, it is above the take-off point; "highest ground": the rangefinder has
-    nothing of use to say any more, it is above the highest ground that it has seen.
+    nothing of use to say any more, it is above the highest ground that it has seen; "GPS": neither it nor a barometer
+    is there, and it is held `margin_m` higher than was asked for.
     """
 
-    source: Literal["rangefinder", "estimate", "highest ground"]
+    source: Literal["rangefinder", "estimate", "highest ground", "GPS"]
+    margin_m: float = 0.0

@@ -83,7 +83,7 @@ class SearchClient:
             take_over=take_over,
             countdown_s=countdown_s,
         )
-        self._ground = Ground(session)
+        self._ground = Ground(session, trust_gps=plan.trust_gps)
         self._flight = Flight(plan, session, self._commander, self._ground, start=start, land=land, log=log)
         self._emit = emit
         self._next_step = self._now_s = start

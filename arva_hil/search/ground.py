@@ -2,7 +2,8 @@
 
 Messages, https://mavlink.io/en/messages/common.html: DISTANCE_SENSOR or ArduPilot's RANGEFINDER measure the height.
 ALTITUDE.bottom_clearance, TERRAIN_REPORT and SCALED_PRESSURE do not, but may say that it is less than the estimate of
-the position says.
+the position says. A vehicle that has neither a rangefinder nor a barometer (SYS_STATUS, and no SCALED_PRESSURE) knows
+its height from GPS alone: GPS_RAW_INT.v_acc says how well.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ EXTRAS: Final[Mapping[int, float]] = {  # Hz, to be asked for
     dialect.MAVLINK_MSG_ID_RANGEFINDER: 10.0,
     dialect.MAVLINK_MSG_ID_ALTITUDE: 5.0,
     dialect.MAVLINK_MSG_ID_TERRAIN_REPORT: 2.0,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
 }
 _FRESH_S: Final = 1.0
 _SURVEY_FRESH_S: Final = 3.0  # of the terrain database
@@ -37,20 +40,33 @@ _MOST_M: Final = 5.0  # of it: weather is no height
 _STEADY: Final = 0.1  # the weight of one pressure more on the ground
 _SCALE_M: Final = 29.27 * 273.0  # of the air: height by the logarithm of pressure
 
-_Source = Literal["rangefinder", "estimate", "highest ground"]
+_BAROMETER: Final = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+_HAS_ONE_S: Final = 10.0  # who has told a pressure has a barometer
+_SIGMAS: Final = 3.0  # of GPS's height, which is added to the height that is held
+_GPS_SIGMA_M: Final = 2.0  # where it does not say so
+_MARGIN_M: Final = (1.5, 15.0)  # at least, at most
+
+_Source = Literal["rangefinder", "estimate", "highest ground", "GPS"]
 
 
 class Height(NamedTuple):
-    """Above the ground, m. `measured`: by a rangefinder; else the least that is to be feared."""
+    """Above the ground, m. `measured`: by a rangefinder; else the least that is to be feared.
+
+    `margin`: m by which it may be less all the same, where nothing but GPS tells it.
+    """
 
     metres: float
     measured: bool
+    margin: float = 0.0
 
 
 class Ground:
-    """Remembers what the autopilot's sensors said of the height last, m, and the highest ground they have seen."""
+    """Remembers what the autopilot's sensors said of the height last, m, and the highest ground they have seen.
 
-    def __init__(self, session: Session) -> None:
+    `trust_gps`: a height of GPS alone needs no margin.
+    """
+
+    def __init__(self, session: Session, *, trust_gps: bool = False) -> None:
         self._session = session
         self._range: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)  # when, m
         self._own_kind = False  # DISTANCE_SENSOR is heard, which knows its limits
@@ -59,6 +75,9 @@ class Ground:
         self._clearance = (-math.inf, 0.0)
         self._survey = (-math.inf, 0.0)
         self._pressure = (-math.inf, 0.0)
+        self._barometer: bool | None = None  # it says that it has one, and that it works; None: it says nothing
+        self._gps_sigma = _GPS_SIGMA_M
+        self._trust_gps = trust_gps
         self._standing: tuple[float, float] | None = None  # pressure and height in the survey, on the ground
         self._offset = 0.0  # of the barometer from the estimate
         self._offset_s = -math.inf
@@ -82,8 +101,14 @@ class Ground:
             self._highest = max(self._highest, above - measured)
             self._tell("rangefinder", now)
             return Height(measured, True)
-        self._tell("highest ground" if self._source in ("rangefinder", "highest ground") else "estimate", now)
-        return Height(min([above - self._highest, *self._fears(now, above)]), False)
+        margin = 0.0
+        if self._barometer is False and now - self._pressure[0] > _HAS_ONE_S:
+            low, high = _MARGIN_M
+            margin = 0.0 if self._trust_gps else max(low, min(_SIGMAS * self._gps_sigma, high))
+            self._tell("GPS", now, margin)
+        else:
+            self._tell("highest ground" if self._source in ("rangefinder", "highest ground") else "estimate", now)
+        return Height(min([above - self._highest, *self._fears(now, above)]), False, margin)
 
     def _measured(self, now: float, level: float, sunk: float) -> float | None:
         """What the rangefinder says, None when that is nothing, or the same however the vehicle climbs or sinks."""
@@ -138,6 +163,14 @@ class Ground:
             self._pressure = now, message.press_abs
             self._stand(now)
 
+    def _on_status(self, message: Any, now: float) -> None:
+        works = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled
+        self._barometer = bool(works & message.onboard_control_sensors_health & _BAROMETER)
+
+    def _on_gps(self, message: Any, now: float) -> None:
+        if message.v_acc > 0:
+            self._gps_sigma = message.v_acc / 1e3
+
     def _stand(self, now: float) -> None:
         """What the sensors say on the ground, disarmed, stands for height 0."""
         vehicle = self._session.vehicle
@@ -149,10 +182,10 @@ class Ground:
             before = self._standing[0] if self._standing else hpa
             self._standing = before + _STEADY * (hpa - before), ground
 
-    def _tell(self, source: _Source, now: float) -> None:
+    def _tell(self, source: _Source, now: float, margin: float = 0.0) -> None:
         if source != self._source:
             self._source = source
-            self._session.news.emit(HeightSource(now, source))
+            self._session.news.emit(HeightSource(now, source, margin))
 
 
 _HEARD: Final = {
@@ -161,4 +194,6 @@ _HEARD: Final = {
     dialect.MAVLINK_MSG_ID_ALTITUDE: Ground._on_altitude,
     dialect.MAVLINK_MSG_ID_TERRAIN_REPORT: Ground._on_terrain,
     dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: Ground._on_pressure,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: Ground._on_status,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: Ground._on_gps,
 }

@@ -16,7 +16,7 @@ _CLIMB: Final = 1.0  # m/s
 _SINK: Final = 0.5
 _LEAST: Final = 0.5  # of the height wanted: below, nothing matters but to climb,
 _CLEAR: Final = 0.75  # until this
-_RECOVERY_S: Final = 10.0  # for that
+_RECOVERY_S: Final = 10.0  # for that, and for a margin more
 
 _LAND_M: Final = (0.5, 1.5)  # where landing is left to the autopilot, with a rangefinder and without
 _ABOVE_M: Final = 0.4  # from the place: so near is above it; farther off it does not sink
@@ -28,28 +28,32 @@ _LIMIT_S: Final = 30.0  # and 5 s more a metre, then it lands wherever it is
 
 
 class HeightKeeper:
-    """Remembers whether the vehicle is too low. `too_low`: nothing is flown but up. `failed`: it does not get up."""
+    """Remembers whether the vehicle is too low. `too_low`: nothing is flown but up. `failed`: it does not get up.
+
+    `wanted`: m above the ground, with the margin of a height that is not sure.
+    """
 
     def __init__(self, wanted: float, emit: Callable[[Event], None]) -> None:
         self.too_low = False
         self.failed = False
-        self._wanted = wanted
+        self.wanted = self._asked = wanted
         self._reached = False  # the height was reached once; before, it climbs from the take-off
-        self._since = math.inf
+        self._late_s = math.inf
         self._emit = emit
 
-    def velocity(self, time_s: float, height: float) -> float:
+    def velocity(self, time_s: float, height: Height) -> float:
         """The vertical velocity, down, m/s; at a height that is no number it climbs."""
-        enough = (_CLEAR if self.too_low else _LEAST) * self._wanted
-        self._reached = self._reached or height >= _CLEAR * self._wanted
-        if height >= enough:
-            self.too_low, self._since = False, math.inf
-            return max(-_CLIMB, min(_GAIN * (height - self._wanted), _SINK))
+        metres, self.wanted = height.metres, self._asked + height.margin
+        enough = (_CLEAR if self.too_low else _LEAST) * self.wanted
+        self._reached = self._reached or metres >= _CLEAR * self.wanted
+        if metres >= enough:
+            self.too_low, self._late_s = False, math.inf
+            return max(-_CLIMB, min(_GAIN * (metres - self.wanted), _SINK))
         if not self.too_low:
-            self.too_low, self._since = True, time_s
+            self.too_low, self._late_s = True, time_s + _RECOVERY_S + height.margin / _CLIMB
             if self._reached:
-                self._emit(TooLow(time_s, height, self._wanted))
-        self.failed = time_s - self._since > _RECOVERY_S
+                self._emit(TooLow(time_s, metres, self.wanted))
+        self.failed = time_s > self._late_s
         return -_CLIMB
 
 
@@ -70,7 +74,7 @@ class Descent:
     def velocity(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
         """NED, m/s."""
         off = math.dist(position[:2], self._place)
-        floor = _LAND_M[not height.measured]
+        floor = _LAND_M[not height.measured] + height.margin
         if height.metres <= floor + 0.1:
             self._low_s = min(self._low_s, time_s)
         settled = off < _SETTLED_M or time_s - self._low_s > _WAIT_S

@@ -61,6 +61,7 @@ class Plan:
     patience_s: float = 10.0  # without frames, hovering, before it ends
     limit_s: float = 900.0  # from the end of the take-off
     mount: Mount = field(default_factory=Mount)
+    trust_gps: bool = False  # `height` is held even where nothing but GPS tells it
 
 
 class Mission:
@@ -134,7 +135,7 @@ class Mission:
         height = height or Height(-position[2], False)
         if self.ended and self.found is not None and self._land:
             return self._come_down(self.found, time_s, position, height)
-        down = self._keeper.velocity(time_s, height.metres)
+        down = self._keeper.velocity(time_s, height)
         if self._keeper.failed and not self.ended:
             self._end(f"it does not get higher than {height.metres:.1f} m", broken=True)
         north, east = self._bounded(self._horizontal(time_s, position, receiver or position))
@@ -265,7 +266,7 @@ class Mission:
     def _agrees(self, heard: Heard, found: Found) -> bool:
         """Whatever strategy has found it: what was heard is what is heard of a transmitter there."""
         judgement = heard.evidence.judge((found.north, found.east))
-        return judgement is not None and judgement.agrees(self.plan.height)
+        return judgement is not None and judgement.agrees(self._keeper.wanted)
 
     @contextmanager
     def _failing(self) -> Iterator[None]:

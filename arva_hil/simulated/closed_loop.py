@@ -17,6 +17,7 @@ from arva_hil.runtime.drivers import Live
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.mission import Plan
 from arva_hil.search.outcome import Row
+from arva_hil.simulated.messages import SENSORS
 from arva_hil.simulated.multirotor import Vector
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
@@ -33,7 +34,8 @@ class ClosedLoop:
     The receiver hears where the vehicle truly is, the search flies by what the vehicle reports.
 
     `autopilot`, `commands`, `port`: the emulator's link to the vehicle, the search's link to it, and the receiver's
-    port (the search's end, the emulator's end). `stream_hz`: of the pose, on both links. `start`: s.
+    port (the search's end, the emulator's end). `stream_hz`: of the pose, on both links. `start`: s. `sensors`: of the
+    vehicle, beside its GPS.
     """
 
     def __init__(
@@ -47,13 +49,16 @@ class ClosedLoop:
         start: float,
         wind: Vector = (0.0, 0.0, 0.0),
         gps_noise_m: float = 0.0,
+        sensors: int = SENSORS,
         stream_hz: float = 50.0,
         observers: Sequence[Observer] = (),
         log: Callable[[Row], None] = lambda _: None,
     ) -> None:
         format = scenario.output_format
         self._scenario = scenario
-        self.vehicle = SimulatedVehicle(HOME, wind=wind, gps_noise_m=gps_noise_m, seed=scenario.seed, boot_time=start)
+        self.vehicle = SimulatedVehicle(
+            HOME, wind=wind, gps_noise_m=gps_noise_m, seed=scenario.seed, boot_time=start, sensors=sensors
+        )
         audience = Audience(observers)
         if gps_noise_m:  # else what the vehicle reports is the truth, at less cost
             scenario = replace(scenario, pose="truth", navigation_error=None)

@@ -15,7 +15,7 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.simulated.autopilot import Mode, Pilot, SetPoint
 from arva_hil.simulated.multirotor import Motion, Multirotor, Vector
 
-__all__ = ["BUILDERS", "GROUPS", "PARAMETERS", "Home", "PositionError", "Report", "read_set_point"]
+__all__ = ["BUILDERS", "GROUPS", "PARAMETERS", "SENSORS", "Home", "PositionError", "Report", "read_set_point"]
 
 Message = Any  # pymavlink's generated classes carry no types
 
@@ -25,6 +25,7 @@ _SLOW: Final = math.exp(-_NODE_US / 5e6)  # of the smoothed one
 _SMOOTHED: Final = math.sqrt((1 - _SLOW) / (1 + _SLOW) * (1 + _SLOW * _REMEMBERED) / (1 - _SLOW * _REMEMBERED))
 # by which smoothing lessens the standard deviation
 _RANGE_CM: Final = 4000
+SENSORS: Final = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE | dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION
 
 
 class Home:
@@ -100,6 +101,7 @@ class Report(NamedTuple):
     position: Vector  # NED from home, as the estimator has it
     pilot: Pilot
     home: Home
+    sensors: int  # of `SENSORS`
 
 
 def read_set_point(m: Message, motion: Multirotor) -> SetPoint | None:
@@ -146,8 +148,8 @@ def _heartbeat(r: Report) -> Message:
 
 
 def _sys_status(r: Report) -> Message:
-    present = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_PREARM_CHECK
-    health = present if r.pilot.ready else 0
+    present = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_PREARM_CHECK | r.sensors
+    health = present if r.pilot.ready else r.sensors
     return dialect.MAVLink_sys_status_message(present, present, health, 100, 16000, -1, -1, 0, 0, 0, 0, 0, 0)
 
 
@@ -195,15 +197,19 @@ def _global_position_int(r: Report) -> Message:
     )
 
 
-def _scaled_pressure(r: Report) -> Message:
+def _scaled_pressure(r: Report) -> Message | None:
     """Of the standard atmosphere at the true altitude."""
+    if not r.sensors & dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE:
+        return None
     altitude = r.home.alt_m - r.motion.position[2]
     hpa = 1013.25 * max(1 - 2.25577e-5 * altitude, 1e-3) ** 5.25588
     return dialect.MAVLink_scaled_pressure_message(r.boot_ms, hpa, 0.0, 2000)
 
 
-def _distance_sensor(r: Report) -> Message:
+def _distance_sensor(r: Report) -> Message | None:
     """Height above the ground, not along the leaning body."""
+    if not r.sensors & dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION:
+        return None
     height = min(round(-r.motion.position[2] * 100), _RANGE_CM)
     down = dialect.MAV_SENSOR_ROTATION_PITCH_270
     return dialect.MAVLink_distance_sensor_message(r.boot_ms, 0, _RANGE_CM, height, 0, 0, down, 0)

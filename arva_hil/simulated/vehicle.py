@@ -18,6 +18,7 @@ from arva_hil.simulated.messages import (
     BUILDERS,
     GROUPS,
     PARAMETERS,
+    SENSORS,
     Home,
     PositionError,
     Report,
@@ -58,6 +59,7 @@ class SimulatedVehicle:
     on flat ground. `wind`: NED, m/s. `gps_noise_m`: sigma on each axis of the slow error of reported positions.
     `boot_time`: when it is switched on. `fix_after`: seconds from boot until it knows where it is. `streams`: message
     id → Hz, sent unasked. `version`: of MAVLink, 1 or 2. `signing`: sign, and obey only what is signed.
+    `sensors`: beside GPS, bits of MAV_SYS_STATUS_SENSOR: barometer, rangefinder.
     Raises ValueError for a stream it does not have.
     """
 
@@ -74,10 +76,12 @@ class SimulatedVehicle:
         streams: Mapping[int, float] | None = None,
         version: int = 2,
         signing: Signing | None = None,
+        sensors: int = SENSORS,
     ) -> None:
         self.system = system
         self.version = version
         self._signing = signing
+        self._sensors = sensors
         self._home = Home(*home)
         self._pilot = Pilot(wind)
         self._error = PositionError(gps_noise_m, seed)
@@ -190,7 +194,7 @@ class SimulatedVehicle:
         motion = self._pilot.motion.at(at)
         north, east, down = self._error.at(at)
         n, e, d = motion.position
-        return Report(boot_ms, motion, (n + north, e + east, d + down), self._pilot, self._home)
+        return Report(boot_ms, motion, (n + north, e + east, d + down), self._pilot, self._home, self._sensors)
 
     def _send(self, message: Message | None) -> None:
         if message is not None:

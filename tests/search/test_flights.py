@@ -20,7 +20,7 @@ from arva_hil.runtime.loop import run
 from arva_hil.search import STRATEGIES
 from arva_hil.search.mission import NOT_SURE, Plan
 from arva_hil.simulated.closed_loop import ClosedLoop
-from arva_hil.simulated.messages import BUILDERS
+from arva_hil.simulated.messages import SENSORS
 
 VICTIM = "{id: 1, ned: [14, 9, 1], attitude: {pitch: 20, yaw: 70}}"
 MOUNTED = "receiver: {mount: {position: [0.5, -0.2, 0.1], attitude: {roll: 5, yaw: 90}}}"
@@ -37,6 +37,7 @@ class Flight:
         gps_noise_m: float = 0.0,
         wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
         seed: int = 1,
+        sensors: int = SENSORS,
         **plan: Any,
     ) -> None:
         clock = StepClock()
@@ -53,6 +54,7 @@ class Flight:
             stream_hz=10.0,
             wind=wind,
             gps_noise_m=gps_noise_m,
+            sensors=sensors,
             observers=[self],
             log=lambda row: self._note(row.phase, clock.now()),
         )
@@ -98,12 +100,25 @@ def test_the_ground_is_not_touched_though_the_position_wanders(height: float, se
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_without_a_rangefinder_the_barometer_keeps_it_up(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(BUILDERS, dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR, lambda report: None)
-    flight = Flight("estimate", gps_noise_m=1.5, seed=seed)
+def test_without_a_rangefinder_the_barometer_keeps_it_up(seed: int) -> None:
+    flight = Flight("estimate", gps_noise_m=1.5, seed=seed, sensors=dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE)
     assert flight.outcome.kind == "found"
     assert flight.lowest > 1.5
     assert "estimate" in flight.height_sources
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_with_gps_alone_it_flies_higher(seed: int) -> None:
+    flight = Flight("estimate", gps_noise_m=1.5, seed=seed, sensors=0)
+    assert flight.lowest > 1.5
+    assert flight.height_sources == ["GPS"]
+    assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
+
+
+def test_who_insists_flies_as_low_as_asked_for_by_gps_alone() -> None:
+    flight = Flight("estimate", sensors=0, trust_gps=True)
+    assert max(flight.heights) < 3.5
+    assert flight.height_sources == ["GPS"]
 
 
 # -- where it lands ----------------------------------------------------------------------------------------

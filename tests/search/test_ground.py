@@ -22,9 +22,9 @@ QUAD, ARDUPILOT = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEG
 class Vehicle:
     """A session with a vehicle that says what a test wants, and the ground that is made of it."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, trust_gps: bool = False) -> None:
         self.session = Session()
-        self.ground = Ground(self.session)
+        self.ground = Ground(self.session, trust_gps=trust_gps)
         self._encoder = Encoder(1, 1)
         self.arm(False)
 
@@ -168,6 +168,47 @@ def test_the_terrain_database_counts_from_the_take_off_and_may_only_say_less(veh
 def test_the_estimate_of_the_clearance_may_say_less(vehicle: Vehicle, clearance: float, height: float) -> None:
     vehicle.says(1.0, altitude(clearance))
     assert vehicle.height(1.1, 3.0) == Height(pytest.approx(height), False)
+
+
+BAROMETER = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+
+
+def status(present: int, enabled: int | None = None, health: int | None = None) -> Any:
+    """Enabled and healthy is what is present, when nothing is said."""
+    bits = present, present if enabled is None else enabled, present if health is None else health
+    return dialect.MAVLink_sys_status_message(*bits, 0, 0, -1, -1, 0, 0, 0, 0, 0, 0)
+
+
+def gps(v_acc_mm: int) -> Any:
+    return dialect.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0, v_acc_mm)
+
+
+@pytest.mark.parametrize("words", [status(0), status(BAROMETER, 0), status(BAROMETER, health=0)])
+def test_without_rangefinder_and_barometer_gps_may_be_far_off(vehicle: Vehicle, words: Any) -> None:
+    vehicle.says(1.0, words)
+    assert vehicle.height(1.1, 7.0) == Height(7.0, False, 6.0)
+    (event,) = [event for event in vehicle.session.take_events() if isinstance(event, HeightSource)]
+    assert (event.source, event.margin_m) == ("GPS", 6.0)
+
+
+@pytest.mark.parametrize(("v_acc_mm", "margin"), [(1200, 3.6), (20, 1.5), (90_000, 15.0), (0, 6.0)])
+def test_how_far_is_what_it_says_of_its_accuracy(vehicle: Vehicle, v_acc_mm: int, margin: float) -> None:
+    vehicle.says(1.0, status(0), gps(v_acc_mm))
+    assert vehicle.height(1.1, 7.0).margin == pytest.approx(margin)
+
+
+@pytest.mark.parametrize("words", [[], [status(BAROMETER)], [status(0), pressure(0.0)], [status(0), distance(700)]])
+def test_a_barometer_a_rangefinder_or_no_word_of_them_needs_no_margin(vehicle: Vehicle, words: list[Any]) -> None:
+    vehicle.says(1.0, *words)
+    assert vehicle.height(1.1, 7.0).margin == 0.0
+    assert "GPS" not in vehicle.height_sources()
+
+
+def test_who_trusts_gps_gets_no_margin() -> None:
+    vehicle = Vehicle(trust_gps=True)
+    vehicle.says(1.0, status(0))
+    assert vehicle.height(1.1, 7.0) == Height(7.0, False, 0.0)
+    assert vehicle.height_sources() == ["GPS"]
 
 
 def test_what_is_old_says_nothing(vehicle: Vehicle) -> None:

@@ -19,28 +19,48 @@ PLACE = (5.0, -3.0)
 def ignored(event: Event) -> None: ...
 
 
+def test_a_margin_is_flown_higher_and_has_time_to_be_climbed() -> None:
+    keeper = HeightKeeper(3.0, ignored)
+    assert keeper.velocity(0.0, Height(9.0, False, 6.0)) == 0.0
+    assert keeper.wanted == 9.0
+    assert keeper.velocity(1.0, Height(3.0, False, 6.0)) == -1.0
+    assert keeper.too_low
+    for time_s in (12.0, 16.9):
+        keeper.velocity(time_s, Height(3.0, False, 6.0))
+        assert not keeper.failed
+    keeper.velocity(17.1, Height(3.0, False, 6.0))
+    assert keeper.failed
+
+
+def test_landing_is_left_to_the_autopilot_above_the_margin() -> None:
+    descent = Descent((0.0, 0.0), 1.0, 0.0, 9.0)
+    assert descent.velocity(0.0, (0.0, 0.0, -9.0), Height(9.0, False, 6.0))[2] > 0
+    assert descent.velocity(1.0, (0.0, 0.0, -7.5), Height(7.5, False, 6.0)) == (0.0, 0.0, 0.0)
+    assert descent.done
+
+
 @given(st.floats(0.3, 100), st.floats(-100, 300), st.floats(0, 100))
 def test_below_half_the_height_wanted_nothing_points_down(wanted: float, height: float, time_s: float) -> None:
-    down = HeightKeeper(wanted, ignored).velocity(time_s, height)
+    down = HeightKeeper(wanted, ignored).velocity(time_s, Height(height, False))
     assert -1.0 <= down <= 0.5
     if height < wanted / 2:
         assert down == -1.0
 
 
 def test_a_height_that_is_no_number_is_climbed_from() -> None:
-    assert HeightKeeper(3.0, ignored).velocity(0.0, math.nan) == -1.0
+    assert HeightKeeper(3.0, ignored).velocity(0.0, Height(math.nan, False)) == -1.0
 
 
 def test_too_low_is_said_once_and_holds_until_it_is_clear() -> None:
     events: list[Event] = []
     keeper = HeightKeeper(4.0, events.append)
-    keeper.velocity(0.0, 4.0)
+    keeper.velocity(0.0, Height(4.0, False))
     assert not keeper.too_low
-    assert keeper.velocity(1.0, 1.9) == -1.0
-    assert keeper.velocity(2.0, 2.5) == -1.0
+    assert keeper.velocity(1.0, Height(1.9, False)) == -1.0
+    assert keeper.velocity(2.0, Height(2.5, False)) == -1.0
     assert keeper.too_low
     assert events == [TooLow(1.0, 1.9, 4.0)]
-    keeper.velocity(3.0, 3.0)
+    keeper.velocity(3.0, Height(3.0, False))
     assert not keeper.too_low
     assert not keeper.failed
 
@@ -48,7 +68,7 @@ def test_too_low_is_said_once_and_holds_until_it_is_clear() -> None:
 def test_on_the_way_up_from_the_take_off_there_is_nothing_to_say() -> None:
     events: list[Event] = []
     keeper = HeightKeeper(4.0, events.append)
-    assert keeper.velocity(0.0, 1.0) == -1.0
+    assert keeper.velocity(0.0, Height(1.0, False)) == -1.0
     assert keeper.too_low
     assert events == []
 
@@ -56,9 +76,9 @@ def test_on_the_way_up_from_the_take_off_there_is_nothing_to_say() -> None:
 def test_what_does_not_get_up_has_failed() -> None:
     keeper = HeightKeeper(4.0, ignored)
     for time_s in range(11):
-        keeper.velocity(time_s, 1.0)
+        keeper.velocity(time_s, Height(1.0, False))
         assert not keeper.failed
-    keeper.velocity(10.5, 1.0)
+    keeper.velocity(10.5, Height(1.0, False))
     assert keeper.failed
 
 

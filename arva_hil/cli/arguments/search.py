@@ -75,6 +75,11 @@ def add_plan(parser: opt.Parser) -> None:
     )
     metres = opt.number(0.3, 100, " of m")
     parser.option("--height", type=metres, default=3.0, metavar="M", help="held above the ground; default 3")
+    parser.option(
+        "--trust-height",
+        action="store_true",
+        help="hold --height as it is where neither rangefinder nor barometer tells it: not 3 sigma of GPS higher",
+    )
     parser.option("--take-off", type=metres, default=3.0, metavar="M", help="height of the take-off; default 3")
     parser.option(
         "--mount",

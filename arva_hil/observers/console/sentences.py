@@ -115,6 +115,11 @@ def _paused(event: searches.SearchPaused) -> Sentence:
     return "warning", f"the receiver says the same over {event.moved_m:g} m of flight: hovering"
 
 
+def _gps_alone(margin_m: float) -> Sentence:
+    held = f"{margin_m:g} m are added (--trust-height: none)" if margin_m else "nothing is added (--trust-height)"
+    return "warning", f"neither rangefinder nor barometer: GPS alone tells the height; to what is held {held}"
+
+
 def _resumed(event: searches.SearchResumed) -> Sentence:
     back = "frames are back" if event.reason == "no frame" else "the readings change again"
     return "info", f"{back}: the search goes on"
@@ -249,5 +254,5 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
         "warning",
         f"only {e.height_m:.1f} m above the ground, {e.wanted_m:g} m are wanted: climbing",
     ),
-    searches.HeightSource: lambda e: _HEIGHTS[e.source],
+    searches.HeightSource: lambda e: _gps_alone(e.margin_m) if e.source == "GPS" else _HEIGHTS[e.source],
 }
