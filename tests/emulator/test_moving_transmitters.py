@@ -97,7 +97,14 @@ def test_between_waypoints_it_goes_straight_before_the_first_and_behind_the_last
 def test_a_loop_begins_anew_at_the_time_of_its_last_point() -> None:
     path = Waypoints(np.array([0.0, 10.0]), np.array([[0.0, 0, 0], [10, 0, 0]]), "loop")
     assert [path.at(t)[0] for t in (5, 10, 15, 27)] == pytest.approx([5, 10, 5, 7])
+    later = Waypoints(np.array([2.0, 12.0]), np.array([[0.0, 0, 0], [10, 0, 0]]), "loop")
+    assert [later.at(t)[0] for t in (0, 5, 12, 13, 25, 38)] == pytest.approx([0, 3, 10, 1, 3, 6])
     assert Waypoints(np.array([3.0]), np.array([[1.0, 2, 3]]), "loop").at(50.0) == pytest.approx([1, 2, 3])
+
+
+def test_waypoints_may_be_as_close_in_time_as_wanted() -> None:
+    path = Waypoints(np.array([0.0, 0.001]), np.array([[0.0, 0, 0], [1, 0, 0]]))
+    assert path.at(0.0005) == pytest.approx([0.5, 0, 0])
 
 
 @pytest.mark.parametrize("times", [[], [1.0, 1.0], [2.0, 1.0]])

@@ -133,6 +133,30 @@ def test_nmea_sentences_of_a_frame_come_without_a_pause(pause, frames):
     assert decoder.lost == 0
 
 
+def test_a_pause_of_100_ms_is_one():
+    nmea, text = NmeaDecoder(), TextDecoder()
+    nmea.feed(FIRST, 0.0)
+    assert nmea.feed(SECOND, 0.1) == []
+    text.feed(b"12", 0.0)
+    assert text.feed(b"34,5\r\n", 0.1) == []
+
+
+def test_nmea_a_frame_that_is_given_up_costs_all_its_sentences():
+    whole = encode_nmea(Frame(9, 1, (Channel(), Channel(), Channel())))
+    first, second, third = whole.splitlines(keepends=True)
+    decoder = NmeaDecoder()
+    decoder.feed(first + second, 0.0)
+    assert decoder.feed(third, 9.0) == []
+    assert decoder.dropped == len(whole)
+
+
+def test_nmea_every_wrong_checksum_is_counted():
+    decoder = NmeaDecoder()
+    for count in range(1, 4):
+        decoder.feed(ONE_NMEA.replace(b"67", b"66"), 0.0)
+        assert decoder.bad_crc == count
+
+
 def test_nmea_line_end_and_checksum_in_either_case():
     marked = sentence(b"PARVA,1,1,1,1,,128,-1,-1")
     assert marked.endswith(b"*6F\r\n")
@@ -172,6 +196,11 @@ def test_text_round_trip_cut_anywhere(frames, size):
     assert b"".join(map(encode_text, heard)) == data
     assert [frame.sequence for frame in heard] == list(range(len(frames)))
     assert decoder.dropped == 0
+
+
+def test_text_frames_are_numbered_as_they_come_and_begin_anew_after_255():
+    frames = feed(TextDecoder(), b"12,5\r\n" * 600, 100)
+    assert [frame.sequence for frame in frames] == [n % 256 for n in range(600)]
 
 
 def test_text_says_nothing_of_id_zone_and_status():

@@ -93,6 +93,16 @@ def test_table(h: list[float], expected: tuple[int, int, int]) -> None:
     assert out(h) == expected
 
 
+@pytest.mark.parametrize(("d", "expected"), [(3.0, (300, 0, Zone.INNER)), (50.0, (5000, 0, Zone.MID))])
+def test_what_lies_on_the_border_of_two_zones_belongs_to_the_nearer_one(
+    d: float, expected: tuple[int, int, int]
+) -> None:
+    kappa_eq = 4 * math.pi  # a field of 1 reads 1 m, and no rounding is in the way
+    h = np.array([1 / d**3, 0, 0])
+    assert 1 / np.cbrt(h[0]) == d
+    assert tuple(int(column) for column in outputs(h, kappa_eq)) == expected
+
+
 def test_rounding_half_away_from_zero_is_exact() -> None:
     x = np.array([0.5, -0.5, 1.5, 2.5, -2.5, np.nextafter(0.5, 0), np.nextafter(2.5, 0), -0.2, 4999.5])
     assert _rounded(x).tolist() == [1, -1, 2, 3, -3, 0, 2, 0, 5000]
@@ -243,13 +253,17 @@ def test_noise_from_the_ends_of_the_generator(kind: NoiseKind) -> None:
         ({"sensitivity": (1.0, 0.8, 0.0)}, "sensitivity"),
         ({"sensitivity": (1.1, 0.8, 0.6)}, "sensitivity"),
         ({"sensitivity": (1.0, 0.8)}, "sensitivity"),
-        ({"kappa_eq": 0.0}, "kappa_eq"),
-        ({"kappa_eq": math.nan}, "kappa_eq"),
-        ({"floor_range_m": -1.0}, "floor_range_m"),
-        ({"floor_range_m": math.inf}, "floor_range_m"),
         ({"noise": "pink"}, "noise 'pink': expected one of uniform, gaussian, off"),
     ],
 )
 def test_antennas_out_of_range(values: dict[str, object], match: str) -> None:
     with pytest.raises(ValueError, match=match):
         Antennas(**values)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["kappa_eq", "floor_range_m"])
+def test_antennas_take_any_finite_number_above_0(name: str) -> None:
+    assert getattr(Antennas(**{name: 0.001}), name) == 0.001  # type: ignore[arg-type]
+    for wrong in (0.0, -1.0, math.inf, math.nan):
+        with pytest.raises(ValueError, match=f"{name} {wrong}: expected above 0"):
+            Antennas(**{name: wrong})  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from arva_hil.field import Mount, Transmitters
-from arva_hil.receiver import Antennas, ChannelReading, Reading, Zone
+from arva_hil.receiver import Antennas, ChannelReading, PaperReceiver, Reading, Zone
 from arva_hil.receiver.paper import NoiseKind, NoiseSource, noise_bound
 
 QUIET = Antennas(noise="off")
@@ -231,6 +231,20 @@ def test_the_true_ranges_of_what_is_not_heard_are_in_the_empty_slots_nearest_fir
         (None, 114_000),
         (None, None),
     ]
+
+
+def test_before_its_first_look_it_shows_empty_slots_and_no_warning() -> None:
+    empty = ChannelReading(None, Zone.OUTER, 0, 1, None)
+    assert PaperReceiver(QUIET, 2, (0, 1)).show(0.0) == Reading((empty, empty), False, False)
+
+
+def test_the_seed_is_0_unless_it_is_given() -> None:
+    t = transmitters((30, 10, 0), (40, 0, 1))
+    readings = [
+        [here(receiver) for _ in range(5)] for receiver in (Receiver(t, Antennas()), Receiver(t, Antennas(), seed=0))
+    ]
+    assert readings[0] == readings[1]
+    assert readings[0] != [here(Receiver(t, Antennas(), seed=1)) for _ in range(5)]
 
 
 def test_noise_from_elsewhere_is_heard_instead_of_its_own() -> None:
