@@ -21,7 +21,7 @@ import yaml
 
 from arva_hil import __version__
 from arva_hil.cli.endings import Guard, story, unforeseen
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, NO_READER, OK, Failure, UsageError
 from arva_hil.cli.summary import Tally, as_dict, sums
 from arva_hil.cli.terminal import tell
 from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, to_dict
@@ -29,7 +29,7 @@ from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.fleet import receivers_of
 from arva_hil.events import Event, HeartbeatMissing
 from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
-from arva_hil.links.stdout import open_stdout
+from arva_hil.links.stdout import ReaderGone, open_stdout
 from arva_hil.observers.audience import Audience, Observer
 from arva_hil.observers.console import Lines, Printer, as_json, plain
 from arva_hil.observers.console.notice import Notice
@@ -212,7 +212,7 @@ class Run:
         except LinkEnded as error:
             self.printer.say(str(error))
         except LinkError as error:
-            failure = Failure(FAILED, error)
+            failure = Failure(NO_READER if isinstance(error, ReaderGone) else FAILED, error)
         except KeyboardInterrupt:  # a loop that was stuck
             pass
         except Exception as error:
@@ -226,10 +226,10 @@ class Run:
     def _finish(self, emulator: Emulator, failure: Failure | None, links: Tally | None) -> int:
         caught = self._guard.caught
         if self._lines and (why := self._lines.close()) and not failure and not caught:
-            failure = Failure(FAILED, why)
+            failure = Failure(NO_READER if isinstance(self._lines.error, ReaderGone) else FAILED, why)
         code = failure.code if failure else INTERRUPTED if caught else OK
         how = str(failure) if failure else caught.name if caught else "finished"
-        said = [Notice("error", how)] if failure else []
+        said = [Notice("error", how)] if failure and code != NO_READER else []
         if self._recorder:
             if code == OK and self._recorder.error:
                 code, how = FAILED, self._recorder.error

@@ -14,9 +14,9 @@ from arva_hil import __version__
 from arva_hil.cli.endings import interrupting, story, unforeseen
 from arva_hil.cli.environment import strangers
 from arva_hil.cli.options import Parser
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, USAGE, Failure, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_READER, OK, USAGE, Failure, UsageError
 from arva_hil.cli.standard_streams import abandon, refuse_closed, reserve
-from arva_hil.cli.terminal import StdoutError, flush, show, tell
+from arva_hil.cli.terminal import ReaderGone, StdoutError, flush, show, tell
 from arva_hil.errors import KindError
 
 COMMANDS: Final = {
@@ -81,6 +81,9 @@ def _guarded(arguments: list[str]) -> int:
     except KindError as error:
         tell(f"arva-hil: {error}")
         return USAGE
+    except ReaderGone:
+        abandon(sys.stdout)
+        return NO_READER
     except StdoutError as error:
         tell(f"arva-hil: {error}")
         abandon(sys.stdout)
@@ -96,6 +99,7 @@ def _guarded(arguments: list[str]) -> int:
 
 
 def _command(arguments: list[str]) -> int:
+    arguments = ["--help" if argument in ("-help", "-?", "/?") else argument for argument in arguments]
     if arguments[:1] in (["-h"], ["--help"], ["help"]):
         for line in HELP.format(
             commands="\n".join(f"  {name:<9} {what}" for name, what in COMMANDS.items())

@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.terminal import show
 from arva_hil.config.words import FRAMES_HZ, LARGEST_SEED
 from arva_hil.errors import KindError
 from arva_hil.links import AddressError, parse
@@ -72,6 +73,11 @@ class Parser(argparse.ArgumentParser):
         except argparse.ArgumentError as error:
             raise UsageError(f"{name}={value}: {error.message}") from None
         return [f"{flag}={one}" for one in values]
+
+    def _print_message(self, message: str, file: object = None) -> None:
+        """The help, on stdout; argparse itself would not tell that nobody takes it."""
+        for line in message.splitlines():
+            show(line)
 
     def error(self, message: str) -> NoReturn:
         hint = ""

@@ -11,6 +11,7 @@ FAILED: Final = 1  # while running
 USAGE: Final = 2  # or configuration
 NO_LINK: Final = 3  # or no heartbeat in time
 INTERRUPTED: Final = 130
+NO_READER: Final = 141  # any more at the pipe that stdout is, as `| head`: as of a program that SIGPIPE has ended
 
 
 class Failure(Exception):

@@ -14,7 +14,11 @@ from arva_hil.safe_text import one_line
 
 
 class StdoutError(Exception):
-    """Standard output takes nothing: its reader has gone, or its disk is full."""
+    """Standard output takes nothing: its disk is full."""
+
+
+class ReaderGone(StdoutError):
+    """Nobody reads the pipe that stdout is any more, as after `| head`."""
 
 
 def tell(line: object) -> None:
@@ -43,5 +47,7 @@ def flush() -> None:
 def _print(text: str, end: str = "\n") -> None:
     try:
         print(text, end=end, flush=True)
+    except BrokenPipeError as error:
+        raise ReaderGone(f"stdout: {error}") from None
     except OSError as error:
         raise StdoutError(f"stdout: {error}") from None

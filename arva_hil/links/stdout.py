@@ -18,12 +18,16 @@ _AT_ONCE: Final = getattr(select, "PIPE_BUF", 512)  # bytes that a pipe takes wi
 _ASK_S: Final = 0.1  # how often it is asked whether to give up
 
 
+class ReaderGone(LinkError):
+    """Nobody reads the pipe any more: there is no use in going on, and nothing that is wrong."""
+
+
 class StdoutLink(Link):
     """Writes whole to `file`. It reads nothing.
 
-    This one link waits for a slow reader, until `give_up` says to drop the write instead. `write` raises LinkError
-    when the reader went away or the disk is full; then the file ends where the write before it did. `close` leaves
-    `file` open.
+    This one link waits for a slow reader, until `give_up` says to drop the write instead. `write` raises ReaderGone
+    when the reader went away, LinkError when the disk is full; then the file ends where the write before it did.
+    `close` leaves `file` open.
     """
 
     def __init__(self, file: BinaryIO, name: str = "-") -> None:
@@ -50,7 +54,7 @@ class StdoutLink(Link):
                 left = left[sent or 0 :]
             self._file.flush()
         except BrokenPipeError as error:
-            raise LinkError(self.name, "the reader of this pipe went away") from error
+            raise ReaderGone(self.name, "the reader of this pipe went away") from error
         except OSError as error:
             self._cut(self._file, len(data) - len(left))
             raise LinkError(self.name, f"cannot be written: {error.strerror or error}") from error

@@ -128,7 +128,7 @@ def test_ports_lists_what_there_is(arva: Arva) -> None:
     assert all(device in out for device in devices) if devices else "no serial ports" in out
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["help"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["help"], ["-help"]])
 def test_help_names_every_command(arva: Arva, arguments: list[str]) -> None:
     code, out, err = arva(*arguments)
     assert (code, err) == (0, "")
@@ -145,6 +145,10 @@ def test_every_command_has_help(arva: Arva, command: str) -> None:
 
 def test_run_is_the_default_command(arva: Arva) -> None:
     assert arva("--port", "pty", "--help").out == arva("run", "--help").out
+
+
+def test_help_with_one_dash_is_understood_behind_a_command_too(arva: Arva) -> None:
+    assert arva("replay", "-help") == arva("replay", "--help")
 
 
 def test_version_is_that_of_the_package() -> None:
@@ -171,10 +175,13 @@ def into_nothing(why: str) -> int:
     return writer
 
 
-@pytest.mark.parametrize("why", ["No space left on device", "Broken pipe"])
-@pytest.mark.parametrize("command", ["--help", "listen"])
-def test_stdout_that_takes_nothing_is_an_error_with_a_message(
-    start: Start, tmp_path: Path, command: str, why: str
+@pytest.mark.parametrize(
+    ("why", "code", "said"),
+    [("No space left on device", 1, r"stdout: .*No space left on device\n$"), ("Broken pipe", 141, r"^$")],
+)
+@pytest.mark.parametrize("command", ["--help", "run --help", "listen", "check --schema"])
+def test_stdout_that_takes_nothing_is_an_error_with_a_message_and_a_reader_that_has_gone_is_none(
+    start: Start, tmp_path: Path, command: str, why: str, code: int, said: str
 ) -> None:
     arguments = command.split()
     if command == "listen":
@@ -183,24 +190,28 @@ def test_stdout_that_takes_nothing_is_an_error_with_a_message(
     stdout = into_nothing(why)
     program = start(*arguments, stdout=stdout)
     os.close(stdout)
-    assert program.ends() == 1
-    assert re.search(rf"stdout: .*{why}\n$", program.err)
+    assert program.ends() == code
+    assert re.search(said, program.err)
 
 
 @pytest.mark.parametrize(
-    ("why", "message"),
-    [("No space left on device", "cannot be written: No space"), ("Broken pipe", "the reader of this pipe went away")],
+    ("why", "code", "message"),
+    [
+        ("No space left on device", 1, "-: cannot be written: No space left on device"),
+        ("Broken pipe", 141, "-: the reader of this pipe went away"),
+    ],
 )
 @pytest.mark.parametrize("option", ["--out=-", "--json"])
-def test_frames_that_stdout_does_not_take_are_an_error_with_a_message(
-    start: Start, option: str, why: str, message: str, tmp_path: Path
+def test_frames_that_stdout_does_not_take_end_a_replay_and_its_record_says_why(
+    start: Start, option: str, why: str, code: int, message: str, tmp_path: Path
 ) -> None:
     stdout = into_nothing(why)
     program = start("replay", LOG, option, "--record", tmp_path / "record", stdout=stdout)
     os.close(stdout)
-    assert program.ends() == 1
-    assert f"error: -: {message}" in program.err
-    assert json.loads((tmp_path / "record" / "run.json").read_bytes())["exit_code"] == 1
+    assert program.ends() == code
+    assert (f"error: {message}" in program.err) is (code == 1)
+    run = json.loads((tmp_path / "record" / "run.json").read_bytes())
+    assert (run["ended"], run["exit_code"]) == (message, code)
 
 
 def test_listen_into_head_prints_one_line_and_no_traceback(tmp_path: Path) -> None:
@@ -210,7 +221,7 @@ def test_listen_into_head_prints_one_line_and_no_traceback(tmp_path: Path) -> No
         f"{shlex.join(PROGRAM)} listen {file} | head -n 1", shell=True, capture_output=True, text=True, timeout=20
     )
     assert done.stdout == "  0  no signal\n"
-    assert done.stderr == "arva-hil: stdout: [Errno 32] Broken pipe\n"
+    assert done.stderr == ""
 
 
 def test_frames_of_a_record_are_what_listen_reads(arva: Arva, tmp_path: Path) -> None:
