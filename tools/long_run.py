@@ -76,7 +76,7 @@ def long_run(options: argparse.Namespace, folder: Path) -> bool:
         live = Live(emulator, {"autopilot": autopilot}, {"port": port}, Audience([recorder, watch]))
         consumer = Consumer(reader, scenario.output_format)
         gc.freeze()  # as the commands do
-        run([Simulator(vehicle, [far]), Pilot(vehicle), live, consumer, Memory(watch)], clock, until=until)
+        run([Simulator([vehicle], [far]), Pilot(vehicle), live, consumer, Memory(watch)], clock, until=until)
         run([consumer], clock, until=clock.now() + 0.5)  # what is still on its way
     took = wall.now()
     counts = counters(emulator)

@@ -84,7 +84,7 @@ def flying(system: int) -> Iterator[str]:
 def fly(system: int, said: Any) -> None:
     with closing(PtyLink()) as link:
         said.put(link.path)
-        run([Simulator(SimulatedVehicle(HOME, system), [link])], RealClock())
+        run([Simulator([SimulatedVehicle(HOME, system)], [link])], RealClock())
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ COMMANDS: Final = {
     "campaign": "fly a plan of many trials and compare the strategies",
     "listen": "decode and print frames, like a consumer",
     "check": "validate scenario files",
+    "vehicle": "the built-in vehicle alone, on as many links as wanted",
     "scenarios": "which scenarios are built in",
     "ports": "what is plugged in",
     "doctor": "what is wrong, and the cure",

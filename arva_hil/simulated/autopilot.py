@@ -54,6 +54,7 @@ class Pilot:
         self.armed = False
         self.landed = True
         self.taking_off = False
+        self.empty = False  # its battery
         self.sticks = (1500, 1500, 1500, 1500)  # roll, pitch, throttle, yaw, µs; said, and in GUIDED not obeyed
         self._set_point = SetPoint()
         self._set_at = 0  # step

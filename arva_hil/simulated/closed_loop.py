@@ -75,7 +75,7 @@ class ClosedLoop:
             log=log,
         )
         self.tasks: list[Simulator | Live | SearchClient] = [
-            Simulator(self.vehicle, [autopilot[1], commands[1]]),
+            Simulator([self.vehicle], [autopilot[1], commands[1]]),
             live,
             self.search,
         ]

@@ -150,7 +150,8 @@ def _heartbeat(r: Report) -> Message:
 def _sys_status(r: Report) -> Message:
     present = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_PREARM_CHECK | r.sensors
     health = present if r.pilot.ready else r.sensors
-    return dialect.MAVLink_sys_status_message(present, present, health, 100, 16000, -1, -1, 0, 0, 0, 0, 0, 0)
+    millivolts, percent = (14000, 10) if r.pilot.empty else (16000, -1)
+    return dialect.MAVLink_sys_status_message(present, present, health, 100, millivolts, -1, percent, 0, 0, 0, 0, 0, 0)
 
 
 def _gps_raw_int(r: Report) -> Message:

@@ -10,18 +10,20 @@ from arva_hil.simulated.vehicle import SimulatedVehicle
 
 
 class Simulator:
-    """A simulated vehicle that hears and speaks on every one of `links`; served by the loop as an emulator is."""
+    """Simulated vehicles that all hear and speak on every one of `links`; served by the loop as an emulator is."""
 
-    def __init__(self, vehicle: SimulatedVehicle, links: Sequence[Link]) -> None:
-        self.vehicle = vehicle
+    def __init__(self, vehicles: Sequence[SimulatedVehicle], links: Sequence[Link]) -> None:
+        self.vehicles = vehicles
         self.links = links
 
     def service(self, clock: Clock) -> float:
         now = clock.now()
-        for link in self.links:
+        for number, link in enumerate(self.links):
             if chunk := link.read():
-                self.vehicle.feed(chunk, now)
-        if said := self.vehicle.poll(now):
-            for link in self.links:
-                link.write(said)
-        return self.vehicle.next_due
+                for vehicle in self.vehicles:
+                    vehicle.feed(chunk, now, number)
+        for vehicle in self.vehicles:
+            if said := vehicle.poll(now):
+                for link in self.links:
+                    link.write(said)
+        return min(vehicle.next_due for vehicle in self.vehicles)

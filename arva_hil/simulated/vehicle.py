@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing
 from arva_hil.simulated.autopilot import Mode, Pilot
+from arva_hil.simulated.failsafes import Failsafe
 from arva_hil.simulated.messages import (
     BUILDERS,
     GROUPS,
@@ -97,7 +98,7 @@ class SimulatedVehicle:
     def _boot(self, at: int) -> None:
         self._boot_at = at
         self._encoder = Encoder(self.system, _COMPONENT, self.version, self._signing)
-        self._parser = Parser()
+        self._parsers: dict[int, Parser] = {}  # by link: what comes on two is cut anywhere, on each by itself
         self._heard = False  # events are only for a link on which somebody has spoken
         self._was_armed = False
         self._pilot.disarm(force=True)
@@ -107,16 +108,17 @@ class SimulatedVehicle:
         self._due = {msgid: at + interval for msgid, interval in self._intervals.items()}
         self._due[_HEARTBEAT] = at
 
-    def feed(self, chunk: bytes, now: float) -> None:
-        """Take bytes, cut anywhere, that have arrived by `now`."""
+    def feed(self, chunk: bytes, now: float, link: int = 0) -> None:
+        """Take bytes, cut anywhere, that have arrived on a link by `now`."""
         self._advance(self._us(now))
         if self._signing:
             self._signing.advance(now)
-        for packet in self._parser.feed(chunk):
+        parser = self._parsers.setdefault(link, Parser())
+        for packet in parser.feed(chunk):
             if self._signing and self._signing.judge(packet):
                 continue
             self._heard = True
-            message = self._parser.decode(packet)
+            message = parser.decode(packet)
             handler = _HANDLERS.get(packet.msgid)
             if (
                 message is not None
@@ -140,6 +142,17 @@ class SimulatedVehicle:
         due = self._now if self._outbox else min(self._due.values())
         return self._origin + due * 1e-6
 
+    @property
+    def flying(self) -> bool:
+        """Whether it is in the air."""
+        return not self._pilot.landed
+
+    @property
+    def state(self) -> str:
+        """Mode, and whether it is armed and in the air, for a person."""
+        armed = "armed" if self._pilot.armed else "disarmed"
+        return f"{self._pilot.mode.name}, {armed}, {'in the air' if self.flying else 'on the ground'}"
+
     def truth(self, now: float) -> Truth:
         """The exact motion at `now`, or up to 9 s back. Raises ValueError for a time before that."""
         us = self._us(now)
@@ -151,6 +164,14 @@ class SimulatedVehicle:
         """Start again: disarmed (in the air it falls), STABILIZE, no fix, no streams, `time_boot_ms` 0."""
         self._advance(self._us(now))
         self._boot(self._now)
+
+    def trigger(self, failsafe: Failsafe, now: float) -> None:
+        """A failsafe strikes now. On the ground it only says so."""
+        self._advance(self._us(now))
+        self._send(dialect.MAVLink_statustext_message(failsafe.severity, failsafe.text))
+        self._pilot.empty |= failsafe.empty
+        if self._pilot.armed:
+            self._pilot.set_mode(failsafe.mode)
 
     def _us(self, now: float) -> int:
         return round((now - self._origin) * 1e6)
@@ -244,9 +265,25 @@ class SimulatedVehicle:
             self._send(dialect.MAVLink_timesync_message(boot_ns, message.ts1))
 
     def _on_parameter(self, message: Message, _: Packet) -> None:
-        if message.param_id in PARAMETERS:
-            name, kind = message.param_id.encode(), dialect.MAV_PARAM_TYPE_REAL32
-            self._send(dialect.MAVLink_param_value_message(name, PARAMETERS[message.param_id], kind, 0, 0xFFFF))
+        names = list(PARAMETERS)
+        if message.param_index == -1 and message.param_id in PARAMETERS:
+            self._tell_parameter(names.index(message.param_id))
+        elif 0 <= message.param_index < len(names):
+            self._tell_parameter(message.param_index)
+
+    def _on_parameter_list(self, _: Message, __: Packet) -> None:
+        for index in range(len(PARAMETERS)):
+            self._tell_parameter(index)
+
+    def _tell_parameter(self, index: int) -> None:
+        name, value = list(PARAMETERS.items())[index]
+        kind = dialect.MAV_PARAM_TYPE_REAL32
+        self._send(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(PARAMETERS), index))
+
+    def _on_mission_list(self, message: Message, packet: Packet) -> None:
+        """It has no mission; ground stations ask."""
+        kind = getattr(message, "mission_type", 0)
+        self._send(dialect.MAVLink_mission_count_message(packet.system, packet.component, 0, kind))
 
     def _on_set_point(self, message: Message, _: Packet) -> None:
         set_point = read_set_point(message, self._pilot.motion)
@@ -314,6 +351,8 @@ _HANDLERS: Final = {
     dialect.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: SimulatedVehicle._on_data_stream,
     dialect.MAVLINK_MSG_ID_TIMESYNC: SimulatedVehicle._on_timesync,
     dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ: SimulatedVehicle._on_parameter,
+    dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: SimulatedVehicle._on_parameter_list,
+    dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: SimulatedVehicle._on_mission_list,
     dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: SimulatedVehicle._on_set_point,
 }
 

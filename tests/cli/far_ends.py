@@ -117,7 +117,7 @@ class Autopilot:
         signing = Signing(self._key, clock.epoch_us) if self._key else None
         vehicle = SimulatedVehicle(HOME, self._system, boot_time=clock.now(), signing=signing)
         with contextlib.suppress(LinkError):  # the program has ended
-            run([Simulator(vehicle, [self.link])], clock, stopped=self._stop.is_set)
+            run([Simulator([vehicle], [self.link])], clock, stopped=self._stop.is_set)
 
     def pause(self) -> None:
         """Say no more."""

@@ -452,7 +452,7 @@ def test_a_rate_that_is_never_reached_is_not_asked_for_again(
 
 
 def test_a_vehicle_without_a_fix(examine: Examine, serve: Callable[[Task], None], line: PtyLink) -> None:
-    serve(Simulator(SimulatedVehicle(HOME, fix_after=1e6), [line]))
+    serve(Simulator([SimulatedVehicle(HOME, fix_after=1e6)], [line]))
     said = examine("--autopilot", line.path, "--port", "pty", listen=HEALTHY_S)
     assert (said.code, failed(said)) == (1, {"position", "pose"})
     assert "no GPS fix yet" in said["position"]["found"]

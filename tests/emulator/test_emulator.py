@@ -46,7 +46,7 @@ class Bench:
         self.vehicle = vehicle or SimulatedVehicle(HOME)
         autopilot, self.far = memory.pair()
         port, self.consumer = memory.pair()
-        self.simulator = Simulator(self.vehicle, [self.far])
+        self.simulator = Simulator([self.vehicle], [self.far])
         self.diary = Diary()
         self.emulator = OneReceiver(scenario, Session(), autopilot, port, start=0.0, observers=[self.diary], **options)
 
@@ -228,7 +228,7 @@ def test_a_vehicle_that_comes_back_elsewhere_finds_the_transmitters_around_its_n
     bench.run(10.0)
     assert bench.diary.frames[-1].frame.channels[0].id == 7
     bench.run(20.0, with_vehicle=False)
-    bench.simulator = Simulator(SimulatedVehicle(ELSEWHERE, boot_time=boot_time), [bench.far])
+    bench.simulator = Simulator([SimulatedVehicle(ELSEWHERE, boot_time=boot_time)], [bench.far])
     bench.run(40.0)
     (channel, *_) = bench.diary.frames[-1].reading.channels
     assert channel.id == 7
@@ -287,7 +287,7 @@ def test_a_port_that_nobody_empties_drops_whole_frames_and_holds_nothing_up() ->
     autopilot, far = memory.pair()
     port, consumer = memory.pair(capacity=100)  # three frames of four channels
     emulator = OneReceiver(quiet(10), Session(), autopilot, port, start=0.0, observers=[diary])
-    simulator = Simulator(SimulatedVehicle(HOME), [far])
+    simulator = Simulator([SimulatedVehicle(HOME)], [far])
     run([simulator, emulator], clock, until=5.0)
     assert (emulator.counters.frames, emulator.counters.delivered, emulator.counters.dropped) == (51, 3, 48)
     assert [s.sent for s in diary.frames] == [True] * 3 + [False] * 48
@@ -307,7 +307,7 @@ def test_every_wire_format_carries_the_nearest_reading(format: str) -> None:
     emulator = OneReceiver(
         replace(quiet(2), output_format=format), Session(), autopilot, port, start=0.0, observers=[diary]
     )
-    run([Simulator(SimulatedVehicle(HOME), [far]), emulator], clock, until=6.0)
+    run([Simulator([SimulatedVehicle(HOME)], [far]), emulator], clock, until=6.0)
     frames = FORMATS[format].decoder().feed(consumer.read(), 6.0)
     assert len(frames) == 13
     for frame, snapshot in zip(frames, diary.frames, strict=True):
@@ -431,7 +431,7 @@ def test_the_whole_chain_over_every_kind_of_link(autopilot: str, receiver: str) 
                 return now + 0.1
 
         enough = lambda: len(frames) > 20 and frames[-1].channels[0].id == 7  # noqa: E731
-        simulator = Simulator(SimulatedVehicle(HOME, boot_time=clock.now()), [far])
+        simulator = Simulator([SimulatedVehicle(HOME, boot_time=clock.now())], [far])
         run([simulator, emulator, Consumer()], clock, until=clock.now() + 20, stopped=enough)
     assert enough()
     assert decoder.bad_crc == decoder.dropped == 0

@@ -86,7 +86,7 @@ class Bench:
         self.emulator = OneReceiver(
             self.scenario, Session(rate_hz=10), autopilot, self.wire, start=0.0, observers=[self.diary]
         )
-        self.tasks: list[Task] = [Simulator(SimulatedVehicle(HOME), [far]), self.emulator]
+        self.tasks: list[Task] = [Simulator([SimulatedVehicle(HOME)], [far]), self.emulator]
         self.run(seconds)
         self.snapshots = self.diary.frames
 
@@ -218,7 +218,7 @@ def test_nobody_takes_the_frames_and_they_are_accounted_for_all_the_same() -> No
     autopilot, far = memory.pair()
     port, _ = memory.pair(capacity=500)
     emulator = OneReceiver(chosen, Session(), autopilot, port, start=0.0)
-    run([Simulator(SimulatedVehicle(HOME), [far]), emulator], clock, until=20.0)
+    run([Simulator([SimulatedVehicle(HOME)], [far]), emulator], clock, until=20.0)
     c = emulator.counters
     assert c.dropped > 100
     assert min(c.delivered, c.damaged, c.withheld, c.duplicated, c.waiting) > 0

@@ -48,7 +48,7 @@ class Bench:
         port, _ = memory.pair()
         self.session = Session()
         self.emulator = OneReceiver(scenario, self.session, autopilot, port, start=0.0, observers=[self.diary])
-        self._tasks = [Simulator(self.vehicle, [far]), self.emulator]
+        self._tasks = [Simulator([self.vehicle], [far]), self.emulator]
         self.run(seconds)
 
     def run(self, seconds: float) -> None:

@@ -109,7 +109,7 @@ class World:
             **(client or {}),
         )
         self._tap()
-        self._tasks = [Simulator(vehicle, [self.far, others]), self.port, self.client]  # type: ignore[arg-type]
+        self._tasks = [Simulator([vehicle], [self.far, others]), self.port, self.client]  # type: ignore[arg-type]
 
     def _cables(self) -> tuple[tuple[Link, Link], tuple[Link, Link]]:
         """Both ends of the autopilot's link and of the receiver's."""
