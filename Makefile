@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test lint dist clean
+.PHONY: demo test lint docs dist clean
 
 demo: $(VENV)/.run
 	$(BIN)/arva-hil demo
@@ -14,6 +14,11 @@ lint: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+# the pages, without a warning, and their examples as tests; nothing is fetched
+docs: $(VENV)/.dev
+	$(BIN)/python -m sphinx -q -W --keep-going -n -b html docs build/docs
+	$(BIN)/python -m sphinx -q -W --keep-going -n -b doctest docs build/doctest
 
 # the wheel and the source archive, tried in empty environments: the whole, and the codec alone; and what is in it
 dist: $(VENV)/.dist

@@ -1,0 +1,35 @@
+"""How Sphinx builds these pages: `make docs`. Nothing is fetched, neither for the build nor by a reader's browser."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
+
+import arva_hil  # noqa: E402
+
+project = "arva-hil"
+author = "The arva-hil authors"
+copyright = "The arva-hil authors"
+release = version = arva_hil.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.doctest", "sphinx_pages"]
+exclude_patterns = ["examples/**"]
+nitpicky = True
+nitpick_ignore_regex = [("py:.*", r"(numpy|collections|typing|types|np|NDArray|ArrayLike|Path|pathlib)\b.*")]
+
+myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_heading_anchors = 4
+myst_links_external_new_tab = False
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_preserve_defaults = True
+doctest_global_setup = "import math\nimport arva_hil"
+
+html_theme = "furo"
+html_title = f"arva-hil {release}"
+html_copy_source = False
+html_show_sphinx = False
+html_math_renderer = "mathml"

@@ -1,0 +1,111 @@
+"""What Sphinx needs for these pages: documents that lie elsewhere, the commands' options, equations as MathML."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from docutils import nodes
+from latex2mathml.converter import convert
+from sphinx.application import Sphinx
+
+from arva_hil.cli.main import COMMANDS
+from arva_hil.cli.options import Parser
+
+HERE: Final = Path(__file__).parent
+ROOT: Final = HERE.parent
+ELSEWHERE: Final = {  # a page here → the document that is its text
+    "reference/protocol": "firmware_proto/PROTOCOL.md",
+    "reference/c": "firmware_proto/c/README.md",
+    "reference/ardupilot-driver": "firmware_proto/ardupilot/arva_receiver.md",
+    "reference/ardupilot-search": "firmware_proto/ardupilot/arva_search.md",
+    "reference/px4-driver": "firmware_proto/px4/README.md",
+    "contributing": "CONTRIBUTING.md",
+}
+_PAGES: Final = {ROOT / text: HERE / f"{page}.md" for page, text in ELSEWHERE.items()}
+_LINK: Final = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^()\s#]+)(#[^()\s]*)?(?=\))")
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    app.connect("source-read", read)
+    app.connect("autodoc-process-docstring", literals)
+    app.add_html_math_renderer("mathml", (_mathml("inline"), None), (_mathml("block"), None))
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def read(app: Sphinx, page: str, source: list[str]) -> None:
+    """The text of a page, with its links as they are seen from there."""
+    text, at = source[0], HERE / page
+    if page in ELSEWHERE:
+        at = ROOT / ELSEWHERE[page]
+        text = at.read_text(encoding="utf-8")
+        app.env.note_dependency(str(at))
+    if page == "reference/commands":
+        text += "\n" + "\n\n".join(command_page(name, what) for name, what in COMMANDS.items())
+
+    def link(match: re.Match[str]) -> str:
+        target = Path(os.path.normpath(at.parent / match[1]))
+        target = target / "README.md" if target.is_dir() else target
+        path = os.path.relpath(_PAGES.get(target, target), (HERE / page).parent)
+        no_page = target.suffix == ".md" and target not in _PAGES and HERE not in target.parents
+        return ("path:" if no_page else "") + path + (match[2] or "")
+
+    source[0] = _LINK.sub(link, text.replace("```nmea", "```text"))
+
+
+def literals(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
+    """`Code` of a docstring, which reStructuredText marks by two backticks."""
+    lines[:] = [re.sub(r"(?<![`:\w])`([^`]+)`(?!`)", r"``\1``", line) for line in lines]
+
+
+def command_page(name: str, what: str) -> str:
+    """A command's section: its description and its options, from its parser."""
+    arguments = importlib.import_module(f"arva_hil.cli.arguments.{name}")
+    parser = Parser(prog=f"arva-hil {name}")
+    arguments.add_options(parser)
+    variables = {variable.removeprefix("ARVA_HIL_") for variable in parser.variables}
+    rows = "\n".join(_rows(parser, variables))
+    usage = " ".join(parser.format_usage().removeprefix("usage: ").split())
+    return (
+        f"## {name}\n\n{what[0].upper()}{what[1:]}.\n\n```text\n{usage}\n```\n\n{_prose(arguments.__doc__ or '')}\n\n"
+        f"| option | what it is | environment |\n|---|---|---|\n{rows}"
+    )
+
+
+def _rows(parser: argparse.ArgumentParser, variables: set[str]) -> Iterator[str]:
+    for action in parser._actions:
+        if isinstance(action, argparse._HelpAction):
+            continue
+        value = action.metavar or (action.choices and "{" + ",".join(map(str, action.choices)) + "}") or ""
+        value = "" if action.nargs == 0 else str(value)
+        names = [f"{flag} {value}".strip() for flag in action.option_strings] or [value or action.dest]
+        variable = f"`ARVA_HIL_{action.dest.upper()}`" if action.dest.upper() in variables else ""
+        help_text = (action.help or "") % {**vars(action), "prog": parser.prog}
+        yield f"| {', '.join(f'`{_cell(n)}`' for n in names)} | {_cell(_escaped(help_text))} | {variable} |"
+
+
+def _prose(text: str) -> str:
+    """A parser's description, whose lines end where sentences of their own begin."""
+    return "\n".join(_escaped(line) for line in text.strip().splitlines())
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([*_<>\[\]#$])", r"\\\1", text)
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", r"\|")
+
+
+def _mathml(display: str) -> Callable[[Any, nodes.Element], None]:
+    def visit(translator: Any, node: nodes.Element) -> None:
+        formula = convert(node.astext(), display=display)
+        translator.body.append(formula if display == "inline" else f'<div class="math">{formula}</div>')
+        raise nodes.SkipNode
+
+    return visit
