@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 _EVERY_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops after 3 s
-_RARE_S: Final = 0.5  # apart: PX4 asks for 2 Hz
+_LONG_S: Final = 0.8  # PX4's COM_OF_LOSS_T is 1 s
 _OF_LATE_S: Final = 5.0
 
 
@@ -35,4 +35,4 @@ class Pace:
         """The longest time of late in which none left; 0 when they left often enough."""
         gap, until = self._longest
         worst = max(gap if now - until <= _OF_LATE_S else 0.0, now - self._last if self._last > -math.inf else 0.0)
-        return worst if worst > _RARE_S else 0.0
+        return worst if worst > _LONG_S else 0.0
