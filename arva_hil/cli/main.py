@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import difflib
+import gc
 import importlib
 import io
 import os
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 from typing import Final
 
 from arva_hil import __version__
@@ -133,4 +135,18 @@ def _command(arguments: list[str]) -> int:
     for line in strangers(os.environ, parser, COMMANDS):
         tell(f"warning: {line}")
     refuse_closed(options)
-    return int(importlib.import_module(f"arva_hil.cli.{name}").main(options))
+    return int(_imported(f"arva_hil.cli.{name}").main(options))
+
+
+def _imported(name: str) -> ModuleType:
+    """A module and all that it needs, at less cost than by itself.
+
+    The collector would walk again and again what is being made, and numpy's library would start a thread for each
+    core, of which matrices of 3 × 3 make no use.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.disable()
+    try:
+        return importlib.import_module(name)
+    finally:
+        gc.enable()

@@ -8,22 +8,20 @@ whoever drives the engine.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
+from arva_hil.events.frozen import Frozen
 from arva_hil.mavlink.codec import Packet
 from arva_hil.receiver import Pose, Reading
 from arva_hil.vehicle.reasons import NoPose, NoVehicle
 from firmware_proto import Frame
 
 
-@dataclass(frozen=True, slots=True)
-class Event:
+class Event(Frozen):
     """Something that happened at `time_s`."""
 
     time_s: float
 
 
-@dataclass(frozen=True, slots=True)
 class ObserverFailed(Event):
     """An observer raised `error` and is switched off."""
 
@@ -34,14 +32,12 @@ class ObserverFailed(Event):
 # -- links -------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class LinkEvent(Event):
     """`link`: its name in the engine."""
 
     link: str
 
 
-@dataclass(frozen=True, slots=True)
 class LinkLost(LinkEvent):
     """`address`: its connection string. `reason`: the error of the link, with its cure."""
 
@@ -49,7 +45,6 @@ class LinkLost(LinkEvent):
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
 class LinkBlocked(LinkEvent):
     """It is there again and cannot be opened, or there is another reason why it is not back."""
 
@@ -57,14 +52,12 @@ class LinkBlocked(LinkEvent):
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
 class LinkThere(LinkEvent):
     """What was not there yet when the run began is there now."""
 
     address: str
 
 
-@dataclass(frozen=True, slots=True)
 class LinkBack(LinkEvent):
     """`away_s`: how long it was lost."""
 
@@ -72,7 +65,6 @@ class LinkBack(LinkEvent):
     away_s: float
 
 
-@dataclass(frozen=True, slots=True)
 class StrangersIgnored(LinkEvent):
     """Others than the link's peer have sent something, `stranger` the first of them. Once a link."""
 
@@ -80,14 +72,12 @@ class StrangersIgnored(LinkEvent):
     stranger: str
 
 
-@dataclass(frozen=True, slots=True)
 class PacketsReceived(LinkEvent):
     """Every packet of one chunk, whoever sent it, believed or not."""
 
     packets: Sequence[Packet]
 
 
-@dataclass(frozen=True, slots=True)
 class LogLayout(Event):
     """A log is not laid out as usual: `layout` says how, "" when it has no times at all."""
 
@@ -95,7 +85,6 @@ class LogLayout(Event):
     layout: str
 
 
-@dataclass(frozen=True, slots=True)
 class LogClockSet(Event):
     """The clock of whoever wrote the log was set meanwhile: time goes on by the vehicles' own clocks."""
 
@@ -105,7 +94,6 @@ class LogClockSet(Event):
 # -- systems that transmitters follow ----------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class FollowedSystemSilent(Event):
     """No pose of MAVLink system `system` is heard on any link: the transmitters that follow it are silent.
 
@@ -116,7 +104,6 @@ class FollowedSystemSilent(Event):
     was_heard: bool
 
 
-@dataclass(frozen=True, slots=True)
 class FollowedSystemHeard(Event):
     """Its pose is heard, after it was not: the transmitters that follow it are where it is."""
 
@@ -126,7 +113,6 @@ class FollowedSystemHeard(Event):
 # -- receivers ---------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class ReceiverEvent(Event):
     """`vehicle` and `receiver` are names in the scenario."""
 
@@ -134,7 +120,6 @@ class ReceiverEvent(Event):
     receiver: str
 
 
-@dataclass(frozen=True, slots=True)
 class FrameMade(ReceiverEvent):
     """One frame: its instant, what the receiver shows then, the pose that this was heard at, and what the frame says.
 
@@ -155,31 +140,26 @@ class FrameMade(ReceiverEvent):
     reported_pose: Pose | None = None  # None: no report, or one too old
 
 
-@dataclass(frozen=True, slots=True)
 class BytesSent(ReceiverEvent):
     """What a port took: a frame, or what faults left of it."""
 
     data: bytes
 
 
-@dataclass(frozen=True, slots=True)
 class FramesRefused(ReceiverEvent):
     """Nobody takes the frames: they are dropped until somebody does."""
 
 
-@dataclass(frozen=True, slots=True)
 class FramesTaken(ReceiverEvent):
     """Somebody takes the frames again. `dropped`: how many were dropped so far."""
 
     dropped: int
 
 
-@dataclass(frozen=True, slots=True)
 class PoseFound(ReceiverEvent):
     """Readings are real from here on."""
 
 
-@dataclass(frozen=True, slots=True)
 class PoseLost(ReceiverEvent):
     """Frames say no signal. `age_s`: of the newest pose, None when there is none; `lacking`: why there is none."""
 
@@ -187,14 +167,12 @@ class PoseLost(ReceiverEvent):
     lacking: NoPose
 
 
-@dataclass(frozen=True, slots=True)
 class PoseMissing(ReceiverEvent):
     """There is a vehicle for some time, and still no pose."""
 
     lacking: NoPose
 
 
-@dataclass(frozen=True, slots=True)
 class TooFar(ReceiverEvent):
     """No transmitter can be heard from here. Once for each datum.
 
@@ -209,14 +187,12 @@ class TooFar(ReceiverEvent):
 # -- vehicles ----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class VehicleEvent(Event):
     """`vehicle`: its name in the scenario."""
 
     vehicle: str
 
 
-@dataclass(frozen=True, slots=True)
 class DatumSet(VehicleEvent):
     """Where this vehicle's scenario has its origin now: degrees, degrees, metres AMSL.
 
@@ -229,22 +205,19 @@ class DatumSet(VehicleEvent):
     reason: str
 
 
-@dataclass(frozen=True, slots=True)
 class HeartbeatMissing(VehicleEvent):
     """No autopilot was heard in time; `heard` is what was heard instead."""
 
     heard: NoVehicle
 
 
-@dataclass(frozen=True, slots=True)
 class StatusReport(Event):
     """How things stand, a few times a second: one entry a vehicle."""
 
     vehicles: Sequence[VehicleStatus]
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleStatus:
+class VehicleStatus(Frozen):
     """`label`: what it is, "" before there is one. `rates`: Hz by message name. `receivers`: one entry each."""
 
     name: str
@@ -253,8 +226,7 @@ class VehicleStatus:
     receivers: Sequence[ReceiverStatus]
 
 
-@dataclass(frozen=True, slots=True)
-class ReceiverStatus:
+class ReceiverStatus(Frozen):
     """`frames`: that were to be sent; `dropped` of them nobody took. `last`: the newest, None before the first."""
 
     name: str

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 from arva_hil.events import Event
 
 
-@dataclass(frozen=True, slots=True)
 class FromSearch(Event):
     """What the search tells where an emulator runs beside it in one program."""
 
     event: Event
 
 
-@dataclass(frozen=True, slots=True)
 class SearchEvent(Event):
     """`time_s` is on the clock of the program that searches."""
 
@@ -24,14 +21,12 @@ class SearchEvent(Event):
 # -- on the ground -----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class WaitingFor(SearchEvent):
     """What is lacking before the vehicle can be launched."""
 
     what: Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
 
 
-@dataclass(frozen=True, slots=True)
 class FailsafesKnown(SearchEvent):
     """What the vehicle does when it is left alone follows from its `parameters`: (name, value) each.
 
@@ -42,7 +37,6 @@ class FailsafesKnown(SearchEvent):
     parameters: Sequence[tuple[str, float]]
 
 
-@dataclass(frozen=True, slots=True)
 class SimulatorRecognized(SearchEvent):
     """The vehicle answers with the `message` that only simulators send: it may be armed."""
 
@@ -50,14 +44,12 @@ class SimulatorRecognized(SearchEvent):
     message: str
 
 
-@dataclass(frozen=True, slots=True)
 class ArmingAllowed(SearchEvent):
     """The vehicle is not known to be a simulator, and was allowed to be armed beforehand, by --yes."""
 
     label: str
 
 
-@dataclass(frozen=True, slots=True)
 class CountDown(SearchEvent):
     """So many seconds until the vehicle is armed, or taken over."""
 
@@ -65,7 +57,6 @@ class CountDown(SearchEvent):
     take_over: bool
 
 
-@dataclass(frozen=True, slots=True)
 class Launched(SearchEvent):
     """The vehicle is being armed, or taken over."""
 
@@ -76,14 +67,12 @@ class Launched(SearchEvent):
 # -- in the air --------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class SearchBegun(SearchEvent):
     """The take-off has ended, `height_m` above the take-off point."""
 
     height_m: float
 
 
-@dataclass(frozen=True, slots=True)
 class SearchEnded(SearchEvent):
     """Nothing more is looked for. `how`: as in the outcome; `landing`: it lands, else it hovers."""
 
@@ -91,21 +80,18 @@ class SearchEnded(SearchEvent):
     landing: bool
 
 
-@dataclass(frozen=True, slots=True)
 class SearchInterrupted(SearchEvent):
     """Somebody has broken it off, in this phase of the flight, e.g. "flying"."""
 
     phase: str
 
 
-@dataclass(frozen=True, slots=True)
 class SearchHeldUp(SearchEvent):
     """The program did nothing for `gap_s`: before anything is ordered it is seen who has the vehicle."""
 
     gap_s: float
 
 
-@dataclass(frozen=True, slots=True)
 class SearchPaused(SearchEvent):
     """It hovers. No frame came for `limit_s`, or the readings are the same over `moved_m` of flight."""
 
@@ -114,28 +100,24 @@ class SearchPaused(SearchEvent):
     moved_m: float
 
 
-@dataclass(frozen=True, slots=True)
 class SearchResumed(SearchEvent):
     """`reason`: why it hovered."""
 
     reason: Literal["no frame", "same readings"]
 
 
-@dataclass(frozen=True, slots=True)
 class ReceiverGone(SearchEvent):
     """The receiver's link is gone for good. `error`: the link's."""
 
     error: str
 
 
-@dataclass(frozen=True, slots=True)
 class TransmitterEvent(SearchEvent):
     """`transmitter`: its id, None when the frames carry none."""
 
     transmitter: int | None
 
 
-@dataclass(frozen=True, slots=True)
 class TransmitterHeard(TransmitterEvent):
     """For the first time, `distance_m` away by the reading; `north_m`, `east_m`: where the receiver is."""
 
@@ -144,24 +126,20 @@ class TransmitterHeard(TransmitterEvent):
     east_m: float
 
 
-@dataclass(frozen=True, slots=True)
 class TransmitterChosen(TransmitterEvent):
     """It is gone for from here on, `distance_m` away by the reading."""
 
     distance_m: float
 
 
-@dataclass(frozen=True, slots=True)
 class TransmitterFaded(TransmitterEvent):
     """It is not heard any more: strips are flown again."""
 
 
-@dataclass(frozen=True, slots=True)
 class DescentBegun(SearchEvent):
     """It comes down onto the place reported."""
 
 
-@dataclass(frozen=True, slots=True)
 class TooLow(SearchEvent):
     """Only `height_m` above the ground where `wanted_m` are wanted: nothing is flown but up."""
 
@@ -169,7 +147,6 @@ class TooLow(SearchEvent):
     wanted_m: float
 
 
-@dataclass(frozen=True, slots=True)
 class HeightSource(SearchEvent):
     """What the height above the ground comes from now.
 

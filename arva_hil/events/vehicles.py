@@ -6,12 +6,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from arva_hil.events import VehicleEvent
 
 
-@dataclass(frozen=True, slots=True)
 class VehicleFound(VehicleEvent):
     """A vehicle is followed from here on. `version`: of MAVLink; `signed`: its packets are."""
 
@@ -20,12 +17,10 @@ class VehicleFound(VehicleEvent):
     signed: bool
 
 
-@dataclass(frozen=True, slots=True)
 class SignaturesUnchecked(VehicleEvent):
     """The vehicle signs its packets, and there is no key to check them by, or to sign requests with."""
 
 
-@dataclass(frozen=True, slots=True)
 class VehicleLost(VehicleEvent):
     """There was no heartbeat for `silent_s`."""
 
@@ -33,21 +28,18 @@ class VehicleLost(VehicleEvent):
     silent_s: float
 
 
-@dataclass(frozen=True, slots=True)
 class VehicleBack(VehicleEvent):
     """The vehicle that was lost is heard again."""
 
     label: str
 
 
-@dataclass(frozen=True, slots=True)
 class VehicleRebooted(VehicleEvent):
     """Its boot time has gone back: all that was known of it is forgotten."""
 
     label: str
 
 
-@dataclass(frozen=True, slots=True)
 class OtherAutopilotIgnored(VehicleEvent):
     """Another autopilot speaks on the link, once for each. `same_ids`: with the ids of the vehicle."""
 
@@ -56,7 +48,6 @@ class OtherAutopilotIgnored(VehicleEvent):
     same_ids: bool
 
 
-@dataclass(frozen=True, slots=True)
 class SignatureRefused(VehicleEvent):
     """Packets are ignored for their signature, once for each `verdict`: "unsigned", "forged" or "replayed".
 
@@ -68,21 +59,18 @@ class SignatureRefused(VehicleEvent):
     verdict: str
 
 
-@dataclass(frozen=True, slots=True)
 class ClockLeapt(VehicleEvent):
     """The vehicle's clock is ahead of what it was by `ahead_s`: what came before was late."""
 
     ahead_s: float
 
 
-@dataclass(frozen=True, slots=True)
 class PositionJumped(VehicleEvent):
     """Its position is `by_m` away from where it was, and stays there."""
 
     by_m: float
 
 
-@dataclass(frozen=True, slots=True)
 class StreamEvent(VehicleEvent):
     """`stream`: the message's name. `command`, `asked_hz`: the last request for it; `result`: of it, "" for none."""
 
@@ -92,14 +80,12 @@ class StreamEvent(VehicleEvent):
     result: str
 
 
-@dataclass(frozen=True, slots=True)
 class StreamRateLowered(StreamEvent):
     """The rate was denied: `next_hz` are asked for from here on."""
 
     next_hz: float
 
 
-@dataclass(frozen=True, slots=True)
 class StreamAskedOtherwise(StreamEvent):
     """It is slower than the `wanted_hz`: REQUEST_DATA_STREAM is tried."""
 
@@ -109,14 +95,12 @@ class StreamAskedOtherwise(StreamEvent):
 # -- while it is commanded ---------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
 class AutopilotText(VehicleEvent):
     """A STATUSTEXT of warning or worse, whole, in the autopilot's own words."""
 
     text: str
 
 
-@dataclass(frozen=True, slots=True)
 class ArmingTried(VehicleEvent):
     """An order to arm goes out, the `number`th, and another one `again_s` later.
 
@@ -129,7 +113,6 @@ class ArmingTried(VehicleEvent):
     refused_result: str
 
 
-@dataclass(frozen=True, slots=True)
 class ThrottleAwaited(VehicleEvent):
     """The pilot is to have the vehicle, and gets it when the throttle stick is in the middle.
 
