@@ -186,9 +186,11 @@ class Emulator:
             self._events.append(PacketsReceived(now, link, packets))
         for vehicle in vehicles:
             vehicle.true_state.hear(now)
-            moves_datum = any(packet.msgid in MOVE_DATUM for packet in vehicle.session.own)
-            if moves_datum and vehicle.datum.update(vehicle.session, now):
-                self._events.append(vehicle.place(now))
+            for packet in vehicle.session.own:
+                if packet.msgid in MOVE_DATUM:
+                    if vehicle.datum.update(vehicle.session, now):
+                        self._events.append(vehicle.place(now))
+                    break
 
     def link_lost(self, link: str, why: str, now: float) -> None:
         """A link is lost: nothing can be sent there, and silence is nobody's fault, until `link_back`."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import Final, NamedTuple
 
 from arva_hil.mavlink.codec import Packet, Parser
 from arva_hil.mavlink.signing import Signing, Verdict
@@ -40,6 +41,9 @@ def _by_system(packets: Sequence[Packet], systems: Sequence[int | None]) -> list
     return [parts[system] for system in systems]
 
 
+_packets: Final = partial(tuple.__new__, Packets)  # from the tuple of its fields, in a third of the time
+
+
 class PacketReader:
     """Remembers the parser of one link, how many bytes it was given, and with `signing` whom to believe."""
 
@@ -53,7 +57,7 @@ class PacketReader:
         self.bytes += len(chunk)
         packets = self.parser.feed(chunk, sender, whole=whole)
         if self.signing is None:
-            return Packets(packets, packets)
+            return _packets((packets, packets, ()))
         self.signing.advance(now)
         verdicts = [(packet, self.signing.judge(packet)) for packet in packets]
         believed = [packet for packet, why in verdicts if not why]

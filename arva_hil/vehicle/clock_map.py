@@ -32,11 +32,13 @@ class ClockMap:
     def add(self, host: float, boot: float) -> None:
         """One sample received; both in seconds."""
         offset = host - boot
-        self._first = self._first or (host, boot)
+        if self._first is None:
+            self._first = host, boot
         samples = self._samples
         if _STALL_S < (silence := host - self._newest) <= _LONGEST_STALL_S:
             samples = self._samples = deque((at + silence - _STALL_S, least) for at, least in samples)
-        self._newest = max(self._newest, host)
+        if host > self._newest:
+            self._newest = host
         while samples and samples[-1][1] >= offset:
             samples.pop()
         samples.append((host, offset))

@@ -24,6 +24,8 @@ _ALTITUDES_M: Final = (-1_000.0, 100_000.0)
 _LARGEST_ANGLES: Final = 8.0  # radians, the root of the sum of squares; yaw comes as 0…2π or as ±π
 _LARGEST_RATES: Final = 100.0  # rad/s, likewise
 _M_PER_DEG: Final = 111_320.0
+_HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
+_POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 
 
 class Navigation:
@@ -48,11 +50,11 @@ class Navigation:
         self._place = Doubt(_place_follows)
         self._reorder_s = _REORDER_S
         self._stamped: dict[int, Callable[[Any, float, float], None]] = {
-            dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._on_position,
+            _POSITION: self._on_position,
             dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
             dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._on_quaternion,
         }
-        self.handles = frozenset({*self._stamped, dialect.MAVLINK_MSG_ID_HOME_POSITION})
+        self.handles = frozenset({*self._stamped, _HOME})
 
     @property
     def stray_times(self) -> int:
@@ -64,7 +66,7 @@ class Navigation:
 
     def hear(self, message: Any, now: float) -> Judgement:
         """One of the messages it `handles`: "anew" when its boot time has gone back: the vehicle has rebooted."""
-        if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
+        if message.id == _HOME:
             self._on_home(message)
             return "follows"
         boot = message.time_boot_ms / 1e3
@@ -158,7 +160,7 @@ def _square(x: float, y: float, z: float) -> float:
 
 def is_zero(message: Any) -> bool:
     """Whether it is a position at 0° north, 0° east, which means that there is none."""
-    return bool(message.id == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT and message.lat == message.lon == 0)
+    return bool(message.id == _POSITION and message.lat == message.lon == 0)
 
 
 def _is_place(place: Place) -> bool:

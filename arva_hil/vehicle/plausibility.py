@@ -20,9 +20,7 @@ class Doubt(Generic[T]):
     is what is remembered of two values that follow: the new one, unless it says else.
     """
 
-    def __init__(
-        self, follows: Callable[[T, T, float], bool], best: Callable[[T, T], T] = lambda old, new: new
-    ) -> None:
+    def __init__(self, follows: Callable[[T, T, float], bool], best: Callable[[T, T], T] | None = None) -> None:
         self.strays = 0
         self.replaced: T | None = None  # what was believed before all began anew the last time
         self._follows = follows
@@ -34,7 +32,8 @@ class Doubt(Generic[T]):
         """What to make of a value heard at `now` [s]."""
         believed, doubted = self._believed, self._doubted
         if believed is None or self._follows(believed[0], value, now - believed[1]):
-            self._believed, self._doubted = (self._best(believed[0], value) if believed else value, now), None
+            best = self._best
+            self._believed, self._doubted = (best(believed[0], value) if best and believed else value, now), None
             return "follows"
         if doubted and now - believed[1] >= _SETTLE_S and self._follows(doubted[0], value, now - doubted[1]):
             self.replaced = believed[0]

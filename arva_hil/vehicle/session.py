@@ -38,6 +38,8 @@ _GAP_S: Final = 2.5  # between heartbeats: who was away for so long may have for
 _POLL_S: Final = 0.1  # how often requests and time-outs are looked at
 
 _ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
+_HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
 
 
 def heartbeat() -> Any:
@@ -98,7 +100,7 @@ class Session:
 
     # -- bytes in ------------------------------------------------------------------------------------------
 
-    def feed(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> list[Packet]:
+    def feed(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> Sequence[Packet]:
         """Take what came at `now`; gives back every packet in it, whatever system sent it. Never raises.
 
         `sender`: which of several on the link it came from. Of others than the vehicle's nothing is given back.
@@ -109,7 +111,7 @@ class Session:
             return []
         packets = self.reader.read(chunk, now, sender, whole=whole)
         self._take_all(packets, now, sender)
-        return list(packets.every) if self.vehicle is None or sender == self.senders.vehicle else []
+        return packets.every if self.vehicle is None or sender == self.senders.vehicle else []
 
     def hear(self, packets: Packets, now: float, sender: Hashable = None) -> bool:
         """As `feed`, of what the link's `reader` has read; whether this sender may be the vehicle's."""
@@ -301,19 +303,22 @@ class Session:
         self.own.clear()
         if sender is not None:
             self.senders.look(now)
-        return sender == self.senders.vehicle or self.vehicle is None or self.senders.believes(sender, now)
+        return self.vehicle is None or sender == self.senders.vehicle or self.senders.believes(sender, now)
 
     def _take_all(self, packets: Packets, now: float, sender: Hashable) -> None:
         for packet, why in packets.doubted:
             self._disbelieve(packet, why, now)
+        own, wanted = self.own, self._wanted
         for packet in packets.believed:
-            vehicle = self.vehicle
-            if vehicle is None or packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            vehicle, msgid = self.vehicle, packet.msgid
+            if vehicle is None or msgid == _HEARTBEAT:
                 self._look_around(packet, now, sender)
             elif sender != self.senders.vehicle or not vehicle.sent(packet):
                 self.ignored += 1
             else:
-                self._take(packet, now)
+                own.append(packet)
+                if msgid in wanted and (message := self.parser.decode(packet)) is not None:
+                    self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)
         if sender is not None and self.own:
             self.senders.hear(sender, now)
         if self._extras and self._streams:
@@ -323,7 +328,7 @@ class Session:
 
     def _look_around(self, packet: Packet, now: float, sender: Hashable) -> None:
         """A heartbeat, or any packet before the vehicle is known."""
-        if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT:
+        if packet.msgid != _HEARTBEAT:
             self._finder.note(packet, "packets")
             self.senders.meet(sender, candidate=True)
             return
@@ -351,7 +356,7 @@ class Session:
     def _look_beside(self, packets: Sequence[Packet], now: float) -> None:
         """What another sender than the vehicle's sent changes nothing; but another autopilot is news."""
         for packet in packets:
-            if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT or self._signing:
+            if packet.msgid != _HEARTBEAT or self._signing:
                 continue
             message = self._strangers.decode(packet)
             if message is not None and (found := self._finder.vehicle(packet, message)):
@@ -393,12 +398,6 @@ class Session:
             self._lost = True
             self.news.emit(VehicleLost(now, self.news.name, str(self.vehicle), _LOST_S))
 
-    def _take(self, packet: Packet, now: float) -> None:
-        """One of the vehicle's own, other than a heartbeat."""
-        self.own.append(packet)
-        if packet.msgid in self._wanted and (message := self.parser.decode(packet)) is not None:
-            self._on_ack(message, now) if packet.msgid == _ACK else self._navigate(message, now)
-
     def _navigate(self, message: Any, now: float) -> None:
         assert self._streams is not None
         if self._identity and not self._identity.owns(message, now):
@@ -407,7 +406,7 @@ class Session:
         if judgement == "anew":
             self._streams = Streams(self.rate_hz, now, self._extras, self.news)
             self.news.emit(VehicleRebooted(now, self.news.name, str(self.vehicle)))
-        if judgement != "stray" and message.id != dialect.MAVLINK_MSG_ID_HOME_POSITION:
+        if judgement != "stray" and message.id != _HOME:
             self._streams.note(message.id, now)
 
     def _on_ack(self, message: Any, now: float) -> None:
