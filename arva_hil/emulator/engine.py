@@ -149,6 +149,7 @@ class Emulator:
     ) -> None:
         scenarios = (receiver.scenario for setup in vehicles for receiver in setup.receivers)
         self._followed = FollowedSystems(scenarios, start)
+        self._follows_none = not self._followed
         self.vehicles = [EmulatedVehicle(setup, self._followed, start=start, max_age_s=max_age_s) for setup in vehicles]
         self._on_link: dict[str, list[EmulatedVehicle]] = {}
         for vehicle in self.vehicles:
@@ -176,7 +177,7 @@ class Emulator:
         `sender`: which of several on the link they came from. `whole`: no packet goes on in the next bytes.
         """
         vehicles = self._on_link[link]
-        if len(vehicles) == 1 and not self._followed:
+        if self._follows_none and len(vehicles) == 1:
             packets: Sequence[Packet] = vehicles[0].session.feed(data, now, sender, whole=whole)
         else:
             read = vehicles[0].session.reader.read(data, now, sender, whole=whole)

@@ -29,6 +29,10 @@ _MAGIC_V2: Final = 0xFD
 _MAGIC: Final = re.compile(b"[\xfd\xfe]")
 _SIGNED: Final = 0x01  # the one incompatibility flag there is; a packet with another must be dropped
 _SIGNATURE_BYTES: Final = 13
+_HEAD_V2: Final = struct.Struct(
+    "<BBBxxBBI"
+)  # magic, length, incompatibility flags, system, component, message id + 1 byte
+_U16: Final = struct.Struct("<H")
 _BYTES: Final = {"char": 1, "float": 4, "double": 8} | {
     f"{u}int{n}_t": n // 8 for u in ("", "u") for n in (8, 16, 32, 64)
 }
@@ -84,6 +88,17 @@ class Parser:
         at, end = 0, len(data)
         self._good_at = -1
         while at < end:
+            if end - at >= _HEAD_V2.size:  # of MAVLink 2, whole, known and right are nearly all
+                magic, length, flags, system, component, msgid = _HEAD_V2.unpack_from(data, at)
+                seed = _CRC_EXTRA.get(msgid & 0xFFFFFF)
+                if magic == _MAGIC_V2 and seed is not None and flags <= _SIGNED:
+                    crc_at = at + 10 + length
+                    stop = crc_at + (2 + _SIGNATURE_BYTES if flags else 2)
+                    if stop <= end and crc16.mcrf4xx(data[at + 1 : crc_at] + seed) == _U16.unpack_from(data, crc_at)[0]:
+                        signed = flags == _SIGNED
+                        packets.append(_packet((data[at:stop], 2, signed, system, component, msgid & 0xFFFFFF, True)))
+                        at = stop
+                        continue
             size = _size(data, at)
             if at + size <= end:
                 packet = self._packet(data, at, size) if size else None

@@ -308,16 +308,20 @@ class Session:
     def _take_all(self, packets: Packets, now: float, sender: Hashable) -> None:
         for packet, why in packets.doubted:
             self._disbelieve(packet, why, now)
-        own, wanted = self.own, self._wanted
+        own, wanted, decode = self.own, self._wanted, self.reader.parser.decode
         for packet in packets.believed:
             vehicle, msgid = self.vehicle, packet.msgid
             if vehicle is None or msgid == _HEARTBEAT:
                 self._look_around(packet, now, sender)
-            elif sender != self.senders.vehicle or not vehicle.sent(packet):
+            elif (
+                packet.system != vehicle.system
+                or packet.component != vehicle.component
+                or sender != self.senders.vehicle
+            ):
                 self.ignored += 1
             else:
                 own.append(packet)
-                if msgid in wanted and (message := self.parser.decode(packet)) is not None:
+                if msgid in wanted and (message := decode(packet)) is not None:
                     self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)
         if sender is not None and self.own:
             self.senders.hear(sender, now)
