@@ -1,30 +1,27 @@
-"""`arva-hil`, which is `python -m arva_hil` too. It imports next to nothing before Ctrl-C is answered."""
+"""`arva-hil`, which is `python -m arva_hil` too. Next to nothing is imported before Ctrl-C is answered."""
 
-from __future__ import annotations
-
+import os
 import sys
 
 INTERRUPTED = 130  # as in cli/outcome.py, which is not imported yet
 
 
 def main() -> int:
-    """Run the command that the command line names; gives back the exit code. Ctrl-C is no traceback at any time."""
+    """Run the command that the command line names; gives back the exit code.
+
+    While a command is imported, and when it is over, Ctrl-C ends the process at once. An exception would not do: in the
+    middle of an import it may come out as another one.
+    """
     try:
-        from arva_hil.cli.main import main as run
+        import signal  # takes a few milliseconds
 
-        code = run()
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
     except KeyboardInterrupt:
-        code = INTERRUPTED
-    _die_quietly()
-    return code
+        return INTERRUPTED
+    from arva_hil.cli.main import main as run
 
-
-def _die_quietly() -> None:
-    """A signal that comes while Python itself ends makes no traceback: from here on it ends the process at once."""
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    return run()
 
 
 if __name__ == "__main__":
