@@ -19,12 +19,13 @@ from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.doctor import diagnosis as look
 from arva_hil.doctor import port_diagnosis as port_look
 from arva_hil.doctor.examination import Ear, Mouth
+from arva_hil.doctor.held import held
 from arva_hil.doctor.tcp_server import accepted
 from arva_hil.doctor.values import Finding, Position
 from arva_hil.emulator.formats import encoder
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.serial_ports import Port as SerialPort
-from arva_hil.links.serial_ports import list_ports
+from arva_hil.links.serial_ports import far_program, list_ports
 from arva_hil.mavlink.signing import Signing
 from arva_hil.observers.console.text import wants_colour
 from arva_hil.registry import MAVLINK_FORMATS
@@ -133,11 +134,16 @@ class Doctor:
 
     def _open(self, address: Address, check: str, *, answered: bool = False) -> Link | None:
         """A link, which is a finding; None, which is another."""
+        far = far_program(address.path) if check == "port" and address.kind == "serial" else ""
+        if finding := held(check, str(address), far):
+            self._report.add(finding)
+            return None
         try:
             link = self._stack.enter_context(closing(open_link(address, clock=self._clock, answered=answered)))
         except LinkError as error:
-            self._report.add(Finding(check, "fail", f"{error.link}: {error.what}", error.hint))
-            if not any(cause in error.what for cause in _STAYS):
+            ours = held(check, error.link, error.what)
+            self._report.add(ours or Finding(check, "fail", f"{error.link}: {error.what}", error.hint))
+            if not ours and not any(cause in error.what for cause in _STAYS):
                 self._right["port" if check == "port" else "autopilot"] = "URL"
             return None
         self._report.add(Finding(check, "ok", f"{link.name} is open"))

@@ -253,6 +253,24 @@ def test_what_is_cured_elsewhere_stays_in_the_command(examine: Examine, line: Pt
     assert f"--autopilot {tcp} --port {line.path}" in said["verdict"]["cure"]
 
 
+def test_a_port_that_a_running_run_holds_is_no_fault_of_the_port(start: Start, line: PtyLink, arva: Arva) -> None:
+    program = start("run", "--autopilot", "pty", "--port", line.path, "--timeout", 60)
+    program.says("frames to")
+    _, out, _ = arva("doctor", "--autopilot", "pty", "--port", line.path, "--listen", 0.2)
+    (said,) = [text for text in out.splitlines() if text.startswith("FAIL  port")]
+    assert f"{line.path}: held by a running arva-hil run (process {program.process.pid})" in said
+    assert f"kill -INT {program.process.pid}" in said
+
+
+def test_a_runs_own_pseudo_terminal_is_not_taken_for_an_adapter(start: Start, arva: Arva, tmp_path: Path) -> None:
+    """Its consumer may open it; whoever examines it would take frames from it and send it others."""
+    program = start("--autopilot", "pty", "--port", f"pty:{tmp_path / 'arva0'}", "--timeout", 60)
+    program.says("frames to")
+    _, out, _ = arva("doctor", "--autopilot", "pty", "--port", tmp_path / "arva0", "--listen", 0.2)
+    assert f"{tmp_path / 'arva0'}: held by a running arva-hil run" in out
+    assert "frames were taken" not in out
+
+
 @pytest.mark.parametrize("other", [False, True])
 def test_a_tcp_port_that_is_silent_is_told_from_one_that_another_client_has(
     examine: Examine, keep: Keep, other: bool
