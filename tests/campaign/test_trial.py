@@ -10,7 +10,6 @@ from arva_hil.campaign.plan import trials
 from arva_hil.campaign.results import row
 from arva_hil.campaign.trial import fly
 from arva_hil.config.campaign import parse_plan
-from arva_hil.search import STRATEGIES
 
 PLAN = "strategies: estimate\nscenarios: moving.yaml\nnoise: off\nlimit_s: 300\n"
 
@@ -20,7 +19,7 @@ def test_a_transmitter_on_a_path_is_found_where_it_is_at_the_end(tmp_path: Path)
     (tmp_path / "moving.yaml").write_text(
         "spec: 2\ntransmitters: [{id: 1, path: {frame: ned, points: [[0, 12, 0, 0], [15, 24, 0, 0]]}}]\n"
     )
-    (planned,) = trials(parse_plan(PLAN, str(tmp_path / "plan.yaml"), list(STRATEGIES)))
+    (planned,) = trials(parse_plan(PLAN, str(tmp_path / "plan.yaml")))
     one = row(planned, fly(planned.trial))
     assert (one.outcome, one.distance_m) == ("found", 12.0)
     assert one.error_m == pytest.approx(0, abs=0.5)

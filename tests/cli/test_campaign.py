@@ -250,8 +250,8 @@ def test_a_reader_that_goes_ends_it_and_its_results_are_whole(start: Start, plan
     program.process.stdout.readline()
     program.process.stdout.close()
     (gate / "open").touch()
-    assert program.ends() == 1
-    assert "arva-hil: stdout: [Errno 32] Broken pipe" in program.err
+    assert program.ends() == 141
+    assert "stdout" not in program.err
     assert 1 <= rows(out) < TRIALS
 
 
