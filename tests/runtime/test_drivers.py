@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,6 +12,7 @@ from one_receiver import Diary, OneReceiver
 
 from arva_hil.config import parse
 from arva_hil.links import Link, LinkError
+from arva_hil.links.base import Sender
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.reconnecting import Reopening
 from arva_hil.links.serial_opener import Barred
@@ -290,6 +292,28 @@ def test_a_vehicle_that_was_silent_for_some_seconds_is_asked_again_at_once(
     assert bench.asked(at, SET_INTERVAL)[0] < 0.3
     assert bench.posed
     assert bench.session.navigation.reboots == 1
+
+
+def test_after_a_stall_all_that_waits_is_read_before_a_frame_is_made(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that was stopped for some seconds finds them in its link, a piece at a read, the oldest first."""
+    link = bench.autopilot.link
+    take, pieces = link.receive, deque[tuple[Sender, bytes]]()
+
+    def receive() -> list[tuple[Sender, bytes]]:
+        for sender, data in take():
+            pieces.extend((sender, data[at : at + 4096]) for at in range(0, len(data), 4096))
+        return [pieces.popleft()] if pieces else []
+
+    monkeypatch.setattr(link, "receive", receive)
+    stopped = bench.clock.now()
+    run([bench], bench.clock, until=stopped + 3.0)  # the vehicle goes on, the emulator does not
+    made = len(bench.diary.frames)
+    bench.emulator.service(bench.clock)
+    late = bench.diary.frames[made:]
+    assert late
+    assert all(frame.age_s is not None and frame.age_s < 0.2 for frame in late)
 
 
 class Still(Link):
