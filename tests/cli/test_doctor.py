@@ -546,7 +546,7 @@ def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink
     mouth.service(clock)
     assert mouth.way().seen == []
     until(lambda: mouth.way().unread == 33)  # the kernel hands bytes over on a thread of its own
-    program = start("listen", line.path)
+    program = start("listen", line.path, fresh=True)
     program.says("listening at")
     mouth.service(clock)
     (who,) = mouth.way().seen

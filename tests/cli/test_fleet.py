@@ -22,7 +22,7 @@ from arva_hil.registry import FORMATS
 from firmware_proto import Frame
 
 from .conftest import Ended
-from .far_ends import Autopilot, Consumer, Program, frames_in, free_port, hears, read_frames, until
+from .far_ends import Autopilot, Consumer, Program, frames_in, free_port, hears, read_frames, read_until_heard, until
 
 Start = Callable[..., Program]
 Keep = Callable[[Any], Any]
@@ -92,30 +92,31 @@ def test_two_vehicles_on_terminals_of_their_own_serve_four_ports(start: Start, k
     lines, record = ports(keep, 4), tmp_path / "record"
     pilots = [keep(Autopilot(keep(PtyLink()), system=system)) for system in (1, 2)]
     path = fleet_file(tmp_path, four_receivers((pilots[0].address, pilots[1].address), lines))
-    program = start("run", "--scenario", path, "--duration", 3, "--record", record)
-    assert program.ends() == 0
+    program = start("run", "--scenario", path, "--record", record)
+    for name in ("alpha/front", "alpha/rear", "bravo/front", "bravo/rear"):
+        program.says(f"{name}: there is a pose")
+    last = Consumer(lines[3])
+    frames = last.read(0) + last.read(20)  # by then each has made some more
+    program.stops()
     kept = {
         "alpha/front": frames_in(lines[0].read()),
         "alpha/rear": decoded(lines[1], "nmea"),
         "bravo/front": decoded(lines[2], "text"),
-        "bravo/rear": frames_in(lines[3].read()),
+        "bravo/rear": frames + last.read(0),
     }
-    assert {name: len(frames) for name, frames in kept.items()} == {
-        "alpha/front": 61,
-        "alpha/rear": 31,
-        "bravo/front": 16,
-        "bravo/rear": 76,
-    }
+    run = json.loads((record / "run.json").read_text())
+    counters = {name: run["vehicles"][name.split("/")[0]]["receivers"][name.split("/")[1]] for name in kept}
+    made = {name: counted["frames"] + counted["skipped"] for name, counted in counters.items()}
+    rates = {"alpha/front": 20, "alpha/rear": 10, "bravo/front": 5, "bravo/rear": 25}
+    earliest = max((made[name] - 1) / hz for name, hz in rates.items())
+    assert earliest < min(made[name] / hz for name, hz in rates.items())  # when it ended, by each one's frames
     assert all(hears(frames[-1]) for name, frames in kept.items() if name != "bravo/front")  # text rounds
     assert len({frames[-1].channels[0].d for frames in kept.values()}) == 4  # each hears at its own place
     assert "alpha: vehicle ardupilotmega quadrotor 1/1" in program.err
     assert "bravo: vehicle ardupilotmega quadrotor 2/1" in program.err
     assert "bravo/rear: there is a pose" in program.err
-    run = json.loads((record / "run.json").read_text())
     for name, frames in kept.items():
-        vehicle_name, receiver = name.split("/")
-        counters = run["vehicles"][vehicle_name]["receivers"][receiver]
-        assert (counters["frames"], counters["dropped"]) == (len(frames), 0)
+        assert (counters[name]["frames"], counters[name]["dropped"]) == (len(frames), 0)
         assert (record / name / "readings.csv").read_text().count("\n") == 1 + 4 * len(frames)
         assert (record / name / "frames.csv").read_text().count("\n") == 1 + len(frames)
     assert frames_in((record / "bravo/rear/frames.bin").read_bytes()) == kept["bravo/rear"]
@@ -123,7 +124,7 @@ def test_two_vehicles_on_terminals_of_their_own_serve_four_ports(start: Start, k
         said = run["vehicles"][name]
         assert said["vehicle"]["system"] == system
         packets = list(read_tlog(record / said["tlog"]))
-        assert len(packets) == said["counters"]["packets_received"] > 100
+        assert len(packets) == said["counters"]["packets_received"] > 0
     assert sorted(path.name for path in record.iterdir()) == [
         "alpha",
         "autopilot-1.tlog",
@@ -145,8 +146,7 @@ def test_two_vehicles_behind_one_udp_port_are_told_apart_by_system_id(start: Sta
     for name in ("alpha/front", "alpha/rear", "bravo/front", "bravo/rear"):
         program.says(f"{name}: there is a pose")
     last = [read_frames(line, 30)[-1] for line in (lines[0], lines[3])]
-    program.process.terminate()
-    assert program.ends() == 130
+    program.stops()
     assert all(map(hears, last))
     run = json.loads((record / "run.json").read_text())
     assert [run["vehicles"][name]["vehicle"]["system"] for name in ("alpha", "bravo")] == [1, 2]
@@ -159,12 +159,14 @@ def test_a_vehicle_that_never_appears_is_said_once_while_the_other_flies(
 ) -> None:
     lines, nobody = ports(keep, 4), keep(PtyLink())
     path = fleet_file(tmp_path, four_receivers((autopilot.address, nobody.path), lines))
-    program = start("run", "--scenario", path, "--timeout", 1, "--duration", 4)
-    assert program.ends() == 0
+    program = start("run", "--scenario", path, "--timeout", 1)
+    program.says("bravo: nothing was heard at all")
+    program.says("alpha/front: there is a pose")
+    consumer = Consumer(lines[3])
+    frames = consumer.read(0) + consumer.read(20)
+    program.stops()
     assert program.err.count("bravo: nothing was heard at all") == 1
     assert hears(frames_in(lines[0].read())[-1])
-    frames = frames_in(lines[3].read())
-    assert len(frames) == 101
     assert not any(frame.channels[0].valid for frame in frames)
 
 
@@ -189,8 +191,7 @@ def test_a_consumer_that_reads_nothing_holds_up_no_other(
     consumer = Consumer(heard)
     consumer.read(0)
     consumer.read(100)  # they were made while the other port was full
-    program.process.terminate()
-    assert program.ends() == 130
+    program.stops()
     receivers_ran = json.loads((record / "run.json").read_text())["vehicles"]["alpha"]["receivers"]
     assert receivers_ran["deaf"]["dropped"] > 0
     assert receivers_ran["heard"]["dropped"] == 0
@@ -206,7 +207,7 @@ def test_json_frames_name_vehicle_and_receiver(start: Start, keep: Keep, autopil
     assert program.ends() == 0
     objects = [json.loads(line) for line in program.out.decode().splitlines()]
     named = [(o["vehicle"], o["receiver"]) for o in objects if "ned_m" in o]
-    assert named.count(("alpha", "a")) == named.count(("alpha", "b")) == 11
+    assert named.count(("alpha", "a")) == named.count(("alpha", "b")) > 0
 
 
 def test_a_vehicle_without_a_link_of_its_own_has_the_command_lines(
@@ -215,9 +216,10 @@ def test_a_vehicle_without_a_link_of_its_own_has_the_command_lines(
     """With one receiver the record is the usual one."""
     path = fleet_file(tmp_path, f"- {{name: alpha, receivers: [{{name: front, port: '{line.path}', rate_hz: 20}}]}}\n")
     record = tmp_path / "record"
-    program = start("run", "--scenario", path, "--autopilot", autopilot.address, "--record", record, "--duration", 1.5)
-    assert program.ends() == 0
-    assert hears(frames_in(line.read())[-1])
+    program = start("run", "--scenario", path, "--autopilot", autopilot.address, "--record", record)
+    frames = read_until_heard(line)
+    program.stops()
+    frames += frames_in(line.read())
     assert sorted(path.name for path in record.iterdir()) == [
         "autopilot.tlog",
         "frames.bin",
@@ -225,7 +227,7 @@ def test_a_vehicle_without_a_link_of_its_own_has_the_command_lines(
         "readings.csv",
         "run.json",
     ]
-    assert json.loads((record / "run.json").read_text())["counters"]["frames"] == 31
+    assert json.loads((record / "run.json").read_text())["counters"]["frames"] == len(frames)
 
 
 TWO = "- {{name: a, {a} receivers: [{{name: r, port: {p}}}]}}\n- {{name: b, {b} receivers: [{{name: r, port: {q}}}]}}\n"

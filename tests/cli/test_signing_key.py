@@ -13,7 +13,7 @@ import pytest
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
 
-from .far_ends import Autopilot, Program, hears, read_frames
+from .far_ends import Autopilot, Program, hears, read_frames, read_until_heard
 
 Start = Callable[..., Program]
 Keep = Callable[[Any], Any]
@@ -80,10 +80,9 @@ def test_what_is_no_file_is_refused(arva: Arva, tmp_path: Path) -> None:
 def test_with_the_vehicles_key_all_is_as_without(start: Start, keep: Keep, line: PtyLink, tmp_path: Path) -> None:
     vehicle = keep(Autopilot(keep(PtyLink()), key=bytes.fromhex(KEY)))
     options = ["--signing-key", key_file(tmp_path, KEY.encode()), "--record", tmp_path / "record", "--rate", 20]
-    program = start("--port", line.path, "--autopilot", vehicle.address, *options, "--duration", 1.5)
-    frames = read_frames(line, 28)
-    assert program.ends() == 0
-    assert hears(frames[-1])
+    program = start("--port", line.path, "--autopilot", vehicle.address, *options)
+    read_until_heard(line)
+    program.stops()
     assert "MAVLink 2, signed" in program.err
     counters = json.loads((tmp_path / "record" / "run.json").read_text())["counters"]
     assert {name: counters[f"packets_{name}"] for name in ("unsigned", "forged", "replayed")} == {
@@ -101,9 +100,10 @@ def test_what_one_run_has_heard_the_next_one_does_not_believe(
     vehicle = keep(Autopilot(keep(PtyLink()), key=bytes.fromhex(KEY)))
     first = start(
         *("--port", line.path, "--autopilot", vehicle.address, "--signing-key", key),
-        *("--record", tmp_path / "record", "--duration", 1.5),
+        *("--record", tmp_path / "record"),
     )
-    assert first.ends() == 0
+    first.says("there is a pose")
+    first.stops()
     heard = [record.raw for record in read_tlog(str(tmp_path / "record" / "autopilot.tlog"))]
     replayer = keep(PtyLink())
     second = start("--port", line.path, "--autopilot", replayer.path, "--signing-key", key, "--timeout", 1)
@@ -135,8 +135,8 @@ def test_with_another_key_no_autopilot_is_heard(start: Start, keep: Keep, line: 
 
 def test_without_a_key_a_vehicle_that_signs_takes_no_request(start: Start, keep: Keep, line: PtyLink) -> None:
     vehicle = keep(Autopilot(keep(PtyLink()), key=bytes(32)))
-    program = start("--port", line.path, "--autopilot", vehicle.address, "--duration", 1.5)
-    assert program.ends() == 0
-    assert "its packets are signed, which nobody checks" in program.err
+    program = start("--port", line.path, "--autopilot", vehicle.address)
+    program.says("its packets are signed, which nobody checks")
+    program.stops()
     assert "--signing-key FILE" in program.err
     assert not hears(read_frames(line, 1)[-1])
