@@ -2,13 +2,23 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-.PHONY: demo test lint docs dist clean
+WORKERS := $(shell expr 2 '*' $$(nproc))
+
+export PYTHONDONTWRITEBYTECODE :=
+
+.PHONY: demo test test-fast lint docs dist clean
 
 demo: $(VENV)/.run
 	$(BIN)/arva-hil demo
 
+# everything; twice as many workers as cores, for many tests wait. Coverage is counted where it costs little: not in the
+# slow tests
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest --numprocesses auto --cov
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --cov
+
+# what runs in seconds: at each save
+test-fast: $(VENV)/.dev
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal -m 'not slow'
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

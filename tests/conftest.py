@@ -8,12 +8,24 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
+import slow
 from hypothesis import settings
 
-DATA = Path(__file__).parent / "data"
+TESTS = Path(__file__).parent
+DATA = TESTS / "data"
 
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the slow ones (slow.py), and count no coverage in them: that takes half as much time again."""
+    for item in items:
+        name = getattr(item, "originalname", item.name)
+        why = slow.reason(item.path.relative_to(TESTS).as_posix(), name, getattr(item, "fixturenames", []))
+        if why:
+            item.add_marker(pytest.mark.slow(why))
+            item.add_marker(pytest.mark.no_cover)
 
 
 @pytest.fixture(params=["arducopter", "px4"])

@@ -1,0 +1,87 @@
+"""Which tests are slow, and why: what `make test-fast` leaves out, and where no coverage is counted.
+
+A test of the command line that starts the program as a process is slow by itself. The others are named here: a whole
+file or one test of it, from the folder of the tests.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+PROCESS: Final = "starts processes"
+REAL_TIME: Final = "waits in real time"
+FLIGHTS: Final = "whole searches are flown"
+REPLAYS: Final = "whole flights are replayed, many times"
+EXAMPLES: Final = "hundreds of examples of something long"
+SLOW_FIXTURES: Final = {"start": PROCESS, "autopilot": REAL_TIME, "examine": REAL_TIME}
+
+SLOW: Final = {
+    "campaign/test_report.py": EXAMPLES,
+    "campaign/test_results.py::test_every_row_is_one_line_and_is_read_as_it_was_written": EXAMPLES,
+    "campaign/test_runner.py": PROCESS,
+    "cli/test_broken.py::test_a_process_ends_with_2_and_no_traceback": PROCESS,
+    "cli/test_campaign.py": PROCESS,
+    "cli/test_commands.py": PROCESS,
+    "cli/test_demo.py": FLIGHTS,
+    "cli/test_doctor.py": REAL_TIME,
+    "cli/test_links_fail.py": REAL_TIME,
+    "cli/test_links_return.py": REAL_TIME,
+    "cli/test_replay.py": REPLAYS,
+    "cli/test_search.py": REAL_TIME,
+    "cli/test_search_permission.py": REAL_TIME,
+    "cli/test_standard_streams.py": PROCESS,
+    "cli/test_start_up.py": PROCESS,
+    "config/test_reference.py::test_the_schema_refuses_what_is_refused_for_its_keys_types_and_ranges": EXAMPLES,
+    "config/test_spec_2.py::test_written_and_read_back_it_is_equal": EXAMPLES,
+    "emulator/test_emulator.py::test_the_whole_chain_over_every_kind_of_link": REAL_TIME,
+    "emulator/test_faults.py::test_a_long_run_checks_out": REPLAYS,
+    "emulator/test_faults.py::test_before_and_after_a_fault_the_frames_are_what_they_would_be_without": REPLAYS,
+    "emulator/test_faults.py::test_every_frame_is_accounted_for_and_every_fault_counted_and_marked": REPLAYS,
+    "emulator/test_faults.py::test_the_same_faults_again_and_others_with_another_seed": REPLAYS,
+    "emulator/test_true_pose.py::test_a_walk_has_its_size_and_its_correlation_time": EXAMPLES,
+    "emulator/test_true_pose.py::test_the_noise_of_the_gps_is_an_error_of_what_a_search_reaches": FLIGHTS,
+    "firmware_proto/test_c_and_python.py": PROCESS,
+    "firmware_proto/test_c_codec.py": PROCESS,
+    "firmware_proto/test_lua_search.py": FLIGHTS,
+    "firmware_proto/test_px4_module.py": PROCESS,
+    "firmware_proto/test_stm32.py": PROCESS,
+    "firmware_proto/test_wire_binary.py::test_every_frame_among_garbage_is_delivered": EXAMPLES,
+    "firmware_proto/test_wire_lines.py::test_cutting_changes_nothing_and_nothing_raises": EXAMPLES,
+    "links/test_links_reconnecting.py::test_unplugged_and_plugged_again": REAL_TIME,
+    "pages/test_build.py": "all pages are built",
+    "receiver/test_paper.py::test_the_whole_chain_agrees_with_an_independent_one": EXAMPLES,
+    "runtime/test_replay.py": REPLAYS,
+    "search/test_agreement.py": FLIGHTS,
+    "search/test_extremum.py": FLIGHTS,
+    "search/test_flights.py": FLIGHTS,
+    "search/test_pilot.py::test_a_switch_just_before_the_search_ends_is_not_overridden": FLIGHTS,
+    "search/test_pilot.py::test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing": FLIGHTS,
+    "search/test_pilot.py::test_another_drone_with_the_same_ids_is_not_flown": FLIGHTS,
+    "simulated/test_simulated_vehicle.py::test_the_motion_is_one_motion": EXAMPLES,
+    "sitl/test_search_flies.py": REAL_TIME,
+    "test_fuzz_python.py": PROCESS,
+    "test_golden_frames.py": REPLAYS,
+    "test_log_clocks.py": REPLAYS,
+    "test_paper_figures.py": "figures are drawn",
+    "test_pilot_authority.py": REAL_TIME,
+    "vehicle/test_session.py::test_a_hostile_link_does_not_fill_the_memory": EXAMPLES,
+}
+
+
+def reason(path: str, name: str, fixtures: list[str]) -> str | None:
+    """Why a test is slow, None if it is not. `path`: of its file, from the folder of the tests."""
+    for fixture in fixtures:
+        if path.startswith("cli/") and fixture in SLOW_FIXTURES:
+            return SLOW_FIXTURES[fixture]
+    return SLOW.get(path) or SLOW.get(f"{path}::{name}")
+
+
+def strangers(tests: Path) -> list[str]:
+    """Those of `SLOW` that are no file or no test any more."""
+    kept = {entry: (tests / entry.partition("::")[0], entry.partition("::")[2]) for entry in SLOW}
+    return [
+        entry
+        for entry, (file, name) in kept.items()
+        if not file.exists() or (name and f"def {name}(" not in file.read_text())
+    ]
