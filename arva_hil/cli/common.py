@@ -27,7 +27,7 @@ from arva_hil.cli.terminal import tell
 from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, to_dict
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.fleet import receivers_of
-from arva_hil.events import Event, HeartbeatMissing
+from arva_hil.events import Event, HeartbeatMissing, StatusReport
 from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import ReaderGone, open_stdout
 from arva_hil.observers.audience import Audience, Observer
@@ -150,6 +150,7 @@ class Run:
         self._traceback = options.verbose > 0
         self._recorder: Recorder | None = None
         self._record_failed = False
+        self._now = 0.0  # when the newest event was
         if options.record:
             try:
                 self._recorder = Recorder(
@@ -182,6 +183,7 @@ class Run:
         return Audience(self.observers)
 
     def observe(self, event: Event) -> None:
+        self._now = event.time_s
         if isinstance(event, HeartbeatMissing):
             self._missing[event.vehicle] = no_vehicle(event.heard)
 
@@ -225,6 +227,7 @@ class Run:
 
     def _finish(self, emulator: Emulator, failure: Failure | None, links: Tally | None) -> int:
         caught = self._guard.caught
+        self.printer.settle(StatusReport(self._now, [vehicle.status(self._now) for vehicle in emulator.vehicles]))
         if self._lines and (why := self._lines.close()) and not failure and not caught:
             failure = Failure(NO_READER if isinstance(self._lines.error, ReaderGone) else FAILED, why)
         code = failure.code if failure else INTERRUPTED if caught else OK

@@ -27,7 +27,7 @@ from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.serial_ports import Port as SerialPort
 from arva_hil.links.serial_ports import far_program, list_ports
 from arva_hil.mavlink.signing import Signing
-from arva_hil.observers.console.text import wants_colour
+from arva_hil.observers.console.text import BAD, DOUBTFUL, GOOD, coloured, wants_colour
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.loop import run
@@ -37,7 +37,7 @@ BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
 _TRY_S: Final = 1.3  # for each baud rate: a heartbeat comes within
 _ANSWER_S: Final = 2.0  # for a vehicle to stream what it is asked for
 _STAYS: Final = ("permission denied", "busy", "refused")  # cured elsewhere: the option is right
-_COLOURS: Final = {"ok": "\x1b[32m", "note": "\x1b[33m", "fail": "\x1b[31m"}
+_COLOURS: Final = {"ok": GOOD, "note": DOUBTFUL, "fail": BAD}
 
 
 def main(options: argparse.Namespace) -> int:
@@ -69,7 +69,7 @@ class Report:
             return
         state = f"{'FAIL' if finding.state == 'fail' else finding.state:<4}"
         if self._colour:
-            state = f"{_COLOURS[finding.state]}{state}\x1b[0m"
+            state = coloured(state, _COLOURS[finding.state])
         show(f"  {finding.check:<19}  {finding.found}" + (f" → {finding.cure}" if finding.cure else ""), mark=state)
 
 

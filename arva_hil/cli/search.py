@@ -147,8 +147,8 @@ def rows_to(printer: Printer, log: SearchLog | None) -> Callable[[Row], None]:
         if log is not None:
             log.row(row)
         if row.d_cm is not None:
-            d = f"d {row.d_cm} cm {row.delta_deg:+d}°" if row.d_cm > 0 else "no signal"
+            d = f"{row.d_cm} cm {row.delta_deg:+d}°" if row.d_cm > 0 else "no signal"
             place = f"{row.north_m:z.1f} m N, {row.east_m:z.1f} m E, {-row.down_m:z.1f} m high"
-            printer.show(row.time_s, f"{row.phase} | {place} | {d}")
+            printer.show(row.time_s, [d, row.phase, place])
 
     return take

@@ -26,6 +26,7 @@ from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.signing import Signing
+from arva_hil.observers.console.text import BAD
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated.simulator import Simulator
@@ -590,7 +591,7 @@ def test_states_are_coloured_on_a_terminal(start: Start, no_color: str, coloured
     assert program.ends() == 3
     shown = os.read(master, 65536).decode()
     os.close(master)
-    assert ("\x1b[31mFAIL\x1b[0m" in shown) == coloured
+    assert (f"\x1b[38;5;{BAD}mFAIL\x1b[0m" in shown) == coloured
     assert ("\x1b" in shown) == coloured
 
 

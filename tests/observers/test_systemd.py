@@ -171,4 +171,4 @@ def test_the_status_is_one_line_now_and_then(manager: Manager) -> None:
         for n in range(41):
             watchdog.observe(status(n / 4, "px4 1/1"))
     lines = manager.heard()[:-1]
-    assert lines == ["STATUS=px4 1/1 | att 50 Hz | 5 sent, 2 dropped"] * 3  # 0, 5 and 10 s
+    assert lines == ["STATUS=no frame yet | 5 sent, 2 dropped | att 50 Hz | px4 1/1"] * 3  # 0, 5 and 10 s

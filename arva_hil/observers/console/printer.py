@@ -4,27 +4,28 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, TextIO
 
-from arva_hil.events import Event, FrameMade, StatusReport, VehicleStatus
+from arva_hil.events import Event, FrameMade, StatusReport
 from arva_hil.links import Link, LinkError
 from arva_hil.observers.console import text
 from arva_hil.observers.console.event_json import event_json
 from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.sentences import sentence
+from arva_hil.observers.console.status import BETWEEN, fit, status_line, status_table
 from arva_hil.runtime.worker_thread import Background
 from arva_hil.safe_text import one_line
 
 _PLAIN_S: Final = 5.0  # between the status lines of a pipe
 _CLEAR: Final = "\r\x1b[K"
-_SHORT: Final = {"GLOBAL_POSITION_INT": "pos", "ATTITUDE": "att"}
+_UP: Final = "\x1b[A"
 
 
 class Printer:
     """Prints what events say and the status on `stream`, from a thread of its own: a stopped terminal stops nothing.
 
-    On a terminal the status is one line that is written over; elsewhere it is a line now and then. `frames`:
+    On a terminal the status is a small table that is written over; elsewhere it is a line now and then. `frames`:
     print a line for every frame too. `status`: whether there is one. `named`: say of which vehicle and receiver.
     """
 
@@ -32,12 +33,12 @@ class Printer:
         self, stream: TextIO, *, frames: bool = False, status: bool = True, live: bool = True, named: bool = False
     ) -> None:
         self._stream = stream
-        self._live = live and stream.isatty()
+        self._live = live and text.is_screen(stream)
         self._colour = text.wants_colour(stream)
         self._frames = frames
         self._status = status
         self._named = named
-        self._shown = ""
+        self._shown: list[str] = []  # the status, as it is on the terminal now
         self._next_plain = _PLAIN_S
         self._background = Background("console")
 
@@ -47,34 +48,65 @@ class Printer:
                 self.say(f"{_name(event) if self._named else ''}{event.frame.sequence:3d} {_words(event)}")
         elif isinstance(event, StatusReport):
             if self._status:
-                self.show(event.time_s, status_line(event, named=self._named))
+                self._show(event)
         elif (notice := sentence(event, named=self._named)) is not None:
             self.notice(notice)
 
     def notice(self, notice: Notice) -> None:
         self._put(text.notice(notice, self._colour))
 
-    def show(self, time_s: float, line: str) -> None:
-        """The status as it is at `time_s`."""
-        line = one_line(line)
-        if self._live:
-            self._shown = line[: _columns(self._stream) - 1]
-            self._write(_CLEAR + self._shown)
-        elif time_s >= self._next_plain:
-            self._next_plain = time_s + _PLAIN_S
-            self._write(line + "\n")
-
     def say(self, line: str) -> None:
         """One line that stays."""
         self._put(one_line(line))
 
-    def _put(self, line: str) -> None:
-        self._write(f"{_CLEAR}{line}\n{self._shown}" if self._live else line + "\n")
-
-    def close(self) -> None:
+    def settle(self, report: StatusReport | None = None) -> None:
+        """Let the status stay as it is, or as in a last `report`; what is said from now on comes below."""
+        if report is not None and self._shown:
+            self._show(report)
         if self._shown:
             self._write("\n")
+        self._status, self._shown = False, []
+
+    def close(self) -> None:
+        self.settle()
         self._background.close()
+
+    def show(self, time_s: float, parts: Sequence[str]) -> None:
+        """A status in one line, the most important part first, as it is at `time_s`."""
+        parts = [one_line(part) for part in parts]
+        self._display(time_s, lambda columns, _: [fit(parts, columns)], lambda: BETWEEN.join(parts))
+
+    def _show(self, report: StatusReport) -> None:
+        named = self._named
+        self._display(
+            report.time_s,
+            lambda columns, lines: status_table(report, columns, lines, named=named),
+            lambda: status_line(report, named=named),
+        )
+
+    def _display(self, time_s: float, table: Callable[[int, int], list[str]], line: Callable[[], str]) -> None:
+        """On a screen a table of at most so many columns and lines, elsewhere a line when it is time for one."""
+        if self._live:
+            columns, lines = _size(self._stream)
+            over, self._shown = self._over(), table(columns - 1, max(1, lines - 2))
+            self._write(over + self._drawn())
+        elif time_s >= self._next_plain:
+            self._next_plain = time_s + _PLAIN_S
+            self._write(line() + "\n")
+
+    def _put(self, line: str) -> None:
+        self._write(f"{self._over()}{line}\n{self._drawn()}" if self._live else line + "\n")
+
+    def _over(self) -> str:
+        """To the beginning of the status, and nothing of it left; also of lines that a smaller terminal has wrapped."""
+        columns, _ = _size(self._stream)
+        rows = sum(max(1, -(-len(line) // columns)) for line in self._shown)
+        return _CLEAR + (_UP + _CLEAR) * max(0, rows - 1)
+
+    def _drawn(self) -> str:
+        bold, plain = ("\x1b[1m", "\x1b[0m") if self._colour else ("", "")
+        lines = (line.partition(BETWEEN) for line in self._shown)
+        return "\n".join(f"{bold}{reading}{plain}{between}{rest}" for reading, between, rest in lines)
 
     def _write(self, what: str) -> None:
         def write() -> None:
@@ -140,27 +172,6 @@ def as_json(made: Event, *, named: bool = False) -> str | None:
     )
 
 
-def status_line(report: StatusReport, *, named: bool = False) -> str:
-    """Of each vehicle: what it is, stream rates, pose age, the channels, frames sent and dropped: one line."""
-    return " || ".join(_status(vehicle, named) for vehicle in report.vehicles)
-
-
-def _status(vehicle: VehicleStatus, named: bool) -> str:
-    parts = [(f"{vehicle.name}: " if named else "") + (one_line(vehicle.label) or "no vehicle yet")]
-    parts += [" ".join(f"{_SHORT[name]} {rate:.0f} Hz" for name, rate in vehicle.rates.items() if name in _SHORT)]
-    for receiver in vehicle.receivers:
-        made = receiver.last
-        if named:
-            parts.append(f"{receiver.name}:")
-        if made:
-            age = made.age_s
-            parts.append("no pose" if made.pose is None or age is None else f"pose {age * 1e3:.0f} ms")
-        parts.append(f"{receiver.frames - receiver.dropped} sent, {receiver.dropped} dropped")
-        if made:  # the longest comes last, to be cut on a narrow terminal
-            parts.append(text.reading(made.frame.channels))
-    return " | ".join(part for part in parts if part)
-
-
 def _name(made: FrameMade) -> str:
     return f"{made.vehicle}/{made.receiver} "
 
@@ -171,8 +182,10 @@ def _words(made: FrameMade) -> str:
     return text.reading(made.frame.channels) + met
 
 
-def _columns(terminal: TextIO) -> int:
+def _size(terminal: TextIO) -> tuple[int, int]:
+    """Columns and lines."""
     try:
-        return os.get_terminal_size(terminal.fileno()).columns or 80
+        columns, lines = os.get_terminal_size(terminal.fileno())
     except OSError:  # it has hung up
-        return 80
+        columns, lines = 0, 0
+    return columns or 80, lines or 24

@@ -11,7 +11,12 @@ from arva_hil.safe_text import one_line
 from firmware_proto import INNER, OUTER, Channel, Frame
 
 ZONES: Final = ("outer", "mid", "inner")
-_COLOURS: Final = {"warning": "\x1b[33m", "error": "\x1b[31m"}
+WIDTH: Final = len("#254 inner 32767 cm -180°")  # of a channel that is aligned
+
+# Colours of xterm's 256. They differ to eyes without red, green or blue cones too, and stand out from black and from
+# white. Nothing is said by a colour alone.
+GOOD, DOUBTFUL, BAD = 30, 129, 202
+_COLOURS: Final = {"warning": DOUBTFUL, "error": BAD}
 
 
 def reading(channels: Iterable[Channel]) -> str:
@@ -26,6 +31,19 @@ def _channel(c: Channel) -> str:
     zone = f" {_zone(c.zone)}" if c.zone != OUTER else ""
     direction = f" {c.delta:+d}°" if c.zone != INNER else ""
     return f"#{'?' if c.id is None else c.id}{zone} {c.d} cm{direction}"
+
+
+def aligned(c: Channel) -> str:
+    """A channel as in `reading`, each part in its own columns; WIDTH characters."""
+    id_ = "#?" if c.id is None else f"#{c.id}"
+    zone = "" if c.zone == OUTER else _zone(c.zone)
+    delta = "" if c.zone == INNER else f"{c.delta:+d}°"
+    return f"{id_:<4} {zone:<5} {c.d:>5} cm {delta:>5}"
+
+
+def coloured(line: str, colour: int) -> str:
+    """A line in one of the colours above."""
+    return f"\x1b[38;5;{colour}m{line}\x1b[0m"
 
 
 def frame_json(frame: Frame) -> dict[str, Any]:
@@ -45,12 +63,17 @@ def notice(said: Notice, colour: bool) -> str:
     if said.level == "info":
         return one_line(said.text)
     line = one_line(f"{said.level}: {said.text}")
-    return f"{_COLOURS[said.level]}{line}\x1b[0m" if colour else line
+    return coloured(line, _COLOURS[said.level]) if colour else line
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """A terminal, and no NO_COLOR (https://no-color.org)."""
-    return stream.isatty() and not os.environ.get("NO_COLOR")
+    """A terminal that knows colours, and no NO_COLOR (https://no-color.org)."""
+    return is_screen(stream) and not os.environ.get("NO_COLOR")
+
+
+def is_screen(stream: TextIO) -> bool:
+    """A terminal on which what was written can be written over."""
+    return stream.isatty() and os.environ.get("TERM") != "dumb"
 
 
 def _zone(zone: int) -> str:
