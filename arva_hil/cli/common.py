@@ -13,12 +13,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import fastcrc
-import numpy
-import pymavlink
-import serial
-import yaml
-
 from arva_hil import __version__
 from arva_hil.cli.endings import Guard, story, unforeseen
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, NO_READER, OK, Failure, UsageError
@@ -146,7 +140,7 @@ class Run:
         self._vehicles = len(chosen.vehicles) or 1
         several = len(names) > 1
         self._layout = Layout(tuple(names), tuple(record_links))
-        self._known = _known(chosen)
+        self._known = _known(chosen) if options.record else {}
         self._traceback = options.verbose > 0
         self._recorder: Recorder | None = None
         self._record_failed = False
@@ -254,6 +248,12 @@ class Run:
 
 def _known(chosen: Scenario) -> dict[str, Any]:
     """What run.json says from the start."""
+    import fastcrc
+    import numpy
+    import pymavlink
+    import serial
+    import yaml
+
     return {
         "started": utc(RealClock().epoch_us),
         "command": sys.argv,

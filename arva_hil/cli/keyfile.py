@@ -9,7 +9,6 @@ from typing import Final
 
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
-from arva_hil.config.yaml_tree import open_at_once
 from arva_hil.mavlink.signing import Signing, key_of
 from arva_hil.runtime.signing_state import LastingSigning, state_file
 
@@ -28,6 +27,8 @@ def signing(path: str | None, epoch_us: int, stack: ExitStack, link: int = 0) ->
 
 
 def _key(path: str) -> bytes:
+    from arva_hil.config.yaml_tree import open_at_once  # slow to import
+
     wanted = "expected 64 hexadecimal digits (the key) or a passphrase, on one line"
     try:
         with open(path, "rb", opener=open_at_once) as file:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from arva_hil.config.receiver import Mount, Noise, Receiver
     from arva_hil.config.scenario import DEFAULT, Datum, Scenario, load, parse, parts_of_spec_2, to_dict
     from arva_hil.config.transmitter import Follows, Lla, Path, Transmitter
+    from arva_hil.config.tree import Problem, ScenarioError
     from arva_hil.config.vehicles import NavigationError, ReceiverConfig, VehicleConfig
-    from arva_hil.config.yaml_tree import Problem, ScenarioError
 
 _MODULES: Final = {
     "faults": "KINDS Fault Kind misfit parse_fault plain_fault",
@@ -24,7 +24,7 @@ _MODULES: Final = {
     "scenario": "DEFAULT Datum Scenario load parse parts_of_spec_2 to_dict",
     "transmitter": "Follows Lla Path Transmitter",
     "vehicles": "NavigationError ReceiverConfig VehicleConfig",
-    "yaml_tree": "Problem ScenarioError",
+    "tree": "Problem ScenarioError",
 }
 _HOMES: Final = {name: module for module, names in _MODULES.items() for name in names.split()}
 

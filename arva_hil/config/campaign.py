@@ -19,6 +19,7 @@ from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
 from arva_hil.config.sorts import Number, Numbers, Sort, Spec, list_of, read_list
 from arva_hil.config.tables import help_of, right, sort_of, table, validate
 from arva_hil.config.text import Named, Text, Word
+from arva_hil.config.tree import Problem, ScenarioError, Tree, nearest, tree
 from arva_hil.config.wrong import SeveralWrong, Wrong, below
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
@@ -138,8 +139,8 @@ def parse_plan(text: str, source: str) -> CampaignPlan:
 def is_plan(text: str) -> bool:
     """Whether a text looks like a plan and not like a scenario."""
     try:
-        root = yaml_tree.tree(yaml_tree.Notes("").compose(text, ""))
-    except yaml_tree.ScenarioError:
+        root = tree(yaml_tree.Notes("").compose(text, ""))
+    except ScenarioError:
         return False
     return isinstance(root, dict) and "transmitters" not in root and bool(root.keys() & {"strategies", "scenarios"})
 
@@ -150,9 +151,9 @@ class _PlanReader:
     def __init__(self, folder: str) -> None:
         self._folder = folder
         self._wrong: list[Wrong] = []
-        self._problems: list[yaml_tree.Problem] = []
+        self._problems: list[Problem] = []
 
-    def read(self, tree: yaml_tree.Tree) -> CampaignPlan:
+    def read(self, tree: Tree) -> CampaignPlan:
         """Raises SeveralWrong."""
         plan = self._try("", lambda: read_by(partial(validate, PlanFile), tree))
         top: Mapping[str, Any] = tree if isinstance(tree, dict) else {}
@@ -223,12 +224,12 @@ class _PlanReader:
             folder = os.path.dirname(path) or "."
             names = os.listdir(folder) if os.path.isdir(folder) else []
             files = [file for file in names if file.endswith((".yaml", ".yml"))]
-            close = yaml_tree.nearest(os.path.basename(path), files)
+            close = nearest(os.path.basename(path), files)
             hint = close and os.path.join(os.path.dirname(name), close)
             raise Wrong(str(Scenarios.one), f"no file {path}", hint)
         try:
             scenario = load(path)
-        except yaml_tree.ScenarioError as error:
+        except ScenarioError as error:
             self._problems += error.problems
             return Scenario((), source=path)
         unserved = [part for part, there in parts_of_spec_2(scenario).items() if there and part in _NOT_FLOWN]

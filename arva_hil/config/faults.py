@@ -9,12 +9,11 @@ from typing import Annotated, Any, Final, Literal, NamedTuple
 from arva_hil.config.kinds import SPAN, TRANSMITTER_ID, WORLD_POINT, Triple
 from arva_hil.config.marks import Help, NotAKey
 from arva_hil.config.mistakes import read_mapping, unknown, validator
-from arva_hil.config.reading import read
 from arva_hil.config.sorts import Anything, Number, Sort, Whole
 from arva_hil.config.tables import help_of, sort_of, table
 from arva_hil.config.text import Word, Yes
+from arva_hil.config.tree import ScenarioError
 from arva_hil.config.wrong import SeveralWrong, Wrong
-from arva_hil.config.yaml_tree import ScenarioError
 from arva_hil.registry import FORMATS, MAVLINK_FORMATS
 
 Stage = Literal["heard", "sent", "wire"]
@@ -213,6 +212,8 @@ def parse_fault(text: str) -> Fault:
     pairs = [item.partition("=") for item in re.split(r",(?![^\[]*\])", keys)]
     pairs += [(key, "=", time) for key, time in (("from_s", start), ("until_s", end)) if time]
     file = "{" + ", ".join(f"{key}: {value if equals else 'true'}" for key, equals, value in pairs) + "}"
+    from arva_hil.config.reading import read  # slow to import
+
     try:
         return read(file, text, "a fault", FaultItem().read)
     except ScenarioError as error:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final, TypeVar
-
-from pydantic_core import InitErrorDetails, PydanticCustomError, ValidationError
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from arva_hil.config.sorts import Sort
 from arva_hil.config.wrong import SeveralWrong, Wrong, below
+
+if TYPE_CHECKING:
+    from pydantic_core import InitErrorDetails, ValidationError
 
 _T = TypeVar("_T")
 
@@ -31,6 +32,8 @@ def validator(read: Callable[[Any], _T]) -> Callable[[Any], _T]:
 
 def as_validation_error(title: str, mistakes: Iterable[Wrong]) -> ValidationError:
     """Mistakes as pydantic has them."""
+    from pydantic_core import PydanticCustomError, ValidationError  # slow to import
+
     every: list[InitErrorDetails] = [
         {"type": PydanticCustomError("wrong", "{wrong}", {"wrong": one}), "loc": one.where, "input": one.value}
         for one in mistakes

@@ -6,16 +6,15 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
-from pydantic_core import CoreSchema, ValidationError, core_schema
-
 from arva_hil.config.mistakes import mistakes_of, validator
 from arva_hil.config.sorts import Numbers, Sort, list_of, read_list
 from arva_hil.config.tables import is_table, keys, validate
-from arva_hil.config.wrong import SeveralWrong
+from arva_hil.config.wrong import SeveralWrong, Wrong
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
     from pydantic.json_schema import JsonSchemaValue
+    from pydantic_core import CoreSchema
 
 _T = TypeVar("_T")
 
@@ -35,7 +34,14 @@ class Tables(Sort):
     def __str__(self) -> str:
         return list_of(self.low, self.high, self.what)
 
+    def from_python(self, value: Any, source: Any) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple) or not all(isinstance(item, get_args(source)[0]) for item in value):
+            raise Wrong(str(self))
+        return tuple(value)
+
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        from pydantic_core import core_schema  # slow to import
+
         cls = get_args(source)[0]
 
         def item_of(item: Any, one: Callable[[Any], Any]) -> Any:
@@ -67,7 +73,14 @@ class Reshaped(Sort):
         """From Python."""
         return self.sort.read(value)
 
+    def from_python(self, value: Any, source: Any) -> Any:
+        if not isinstance(value, tuple):
+            raise Wrong(str(self))
+        return self.read(value)
+
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        from pydantic_core import core_schema  # slow to import
+
         def read(value: Any, one: Callable[[Any], Any]) -> tuple[Any, ...]:
             return validator(self.read)(value) if isinstance(value, tuple) else self._tuple_of(one(value))
 
@@ -86,7 +99,12 @@ class Either(Sort):
     def __str__(self) -> str:
         return self.expected
 
+    def from_python(self, value: Any, source: Any) -> Any:
+        return self.other.read(value)
+
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        from pydantic_core import core_schema  # slow to import
+
         (cls,) = (one for one in get_args(source) if is_table(one))
 
         def read(value: Any, one: Callable[[Any], Any]) -> Any:
@@ -110,6 +128,8 @@ class TableSort(Sort):
 
 def read_by(one: Callable[[Any], Any], value: Any) -> Any:
     """What a pydantic validator makes of a value. Raises SeveralWrong."""
+    from pydantic_core import ValidationError  # slow to import
+
     try:
         return one(value)
     except ValidationError as error:

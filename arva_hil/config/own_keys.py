@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final, NamedTuple
-
-from pydantic_core import ValidationError
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from arva_hil.config.mistakes import missing
 from arva_hil.config.sorts import FLOAT, WHOLE
+from arva_hil.config.tree import Scalar
 from arva_hil.config.wrong import Wrong
-from arva_hil.config.yaml_tree import Scalar
 from arva_hil.errors import KindError
 from arva_hil.registry import RECEIVERS
+
+if TYPE_CHECKING:
+    from pydantic_core import ValidationError
 
 PAPER: Final = "paper"  # it has no keys of its own; a scenario without another model imports none
 
@@ -36,6 +37,8 @@ def own_keys(model: str | None, mapping: Mapping[str, Any]) -> OwnKeys:
         return OwnKeys()
     names = {field.name: 1 for field in dataclasses.fields(cls)}
     given = {name: _plain(value) for name, value in mapping.items() if name in names}
+    from pydantic_core import ValidationError  # slow to import
+
     try:
         return OwnKeys(names, _validated(cls, given))
     except ValidationError as error:

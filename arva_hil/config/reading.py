@@ -10,8 +10,9 @@ from pydantic_core import ValidationError
 
 from arva_hil.config.mistakes import UNKNOWN, mistakes_of
 from arva_hil.config.sorts import whole
+from arva_hil.config.tree import Items, Mapping, Scalar, Tree, any_of, nearest, tree
 from arva_hil.config.wrong import SeveralWrong, Wrong
-from arva_hil.config.yaml_tree import Items, Mapping, Notes, Scalar, Tree, any_of, describe, nearest, tree
+from arva_hil.config.yaml_tree import Notes, describe
 
 _T = TypeVar("_T")
 

@@ -9,13 +9,12 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import InitVar, asdict, astuple, field, replace
 from typing import Annotated, Any, Final, Literal, get_args
 
-from arva_hil.config import yaml_tree
+from arva_hil.config import tree
 from arva_hil.config.builtin import located
 from arva_hil.config.faults import Fault, FaultItem, misfit, plain_fault
 from arva_hil.config.kinds import FORMAT, SEED, Pose, Triple
 from arva_hil.config.marks import Help, NotAKey, Since
 from arva_hil.config.nested import Either, Tables
-from arva_hil.config.reading import read
 from arva_hil.config.receiver import Receiver
 from arva_hil.config.sorts import Listed, Spec
 from arva_hil.config.tables import NEWER, keys, right, table, validate
@@ -146,34 +145,38 @@ DEFAULT: Final = Scenario((Transmitter(id=1, ned=(20.0, 5.0, 0.0)),))
 def load(path: str | os.PathLike[str]) -> Scenario:
     """The scenario in a file, or of a name as `builtin:default`. Raises ScenarioError, also when it cannot be read."""
     path = located(path)
-    return parse(yaml_tree.read_text(path, "a scenario file"), path)
+    from arva_hil.config.yaml_tree import read_text  # slow to import
+
+    return parse(read_text(path, "a scenario file"), path)
 
 
 def parse(text: str, source: str) -> Scenario:
     """The scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
+    from arva_hil.config.reading import read  # slow to import
+
     scenario = read(text, source, WHAT, _read, SPEC, lambda spec: NEWER if spec == 1 else ())
     return replace(scenario, source=source)
 
 
-def _read(tree: yaml_tree.Tree) -> Scenario:
-    if isinstance(tree, yaml_tree.Mapping):
-        _inherit(tree)
-    return validate(Scenario, tree)
+def _read(top: tree.Tree) -> Scenario:
+    if isinstance(top, tree.Mapping):
+        _inherit(top)
+    return validate(Scenario, top)
 
 
-def _inherit(top: yaml_tree.Mapping) -> None:
+def _inherit(top: tree.Mapping) -> None:
     """Give each receiver of a vehicle what it has not of its own: the keys of `receiver`, the format, and a seed, the
     n-th one (from 0) the scenario's plus n, so that no two hear the same noise."""
     receiver, output = top.get("receiver"), top.get("output")
     seed = right(Scenario, top, "seed") or 0
     entries = [r for v in _list(top, "vehicles") if isinstance(v, Mapping) for r in _list(v, "receivers")]
     for number, entry in enumerate(entries):
-        if isinstance(entry, yaml_tree.Mapping):
-            if isinstance(receiver, yaml_tree.Mapping):
+        if isinstance(entry, tree.Mapping):
+            if isinstance(receiver, tree.Mapping):
                 of_all = keys(Receiver)
                 same = entry.get("model", receiver.get("model")) == receiver.get("model")
                 entry.inherit(receiver, [name for name in receiver if same or name in of_all])
-            if isinstance(output, yaml_tree.Mapping):
+            if isinstance(output, tree.Mapping):
                 entry.inherit(output, ["format"])
             entry.setdefault("seed", (seed + number) % (SEED.high + 1))
 

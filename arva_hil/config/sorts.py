@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, get_args
 
+from arva_hil.config.tree import Items, Scalar
 from arva_hil.config.wrong import Wrong, each
-from arva_hil.config.yaml_tree import Items, Scalar
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -35,6 +35,10 @@ class Sort:
     def read(self, value: Any) -> Any:
         """The value, from a file or Python. Raises Wrong or SeveralWrong."""
         raise NotImplementedError
+
+    def from_python(self, value: Any, source: Any) -> Any:
+        """The value from Python alone, where it is that already; `source`: the field's type. Raises as `read`."""
+        return self.read(value)
 
     def json(self) -> dict[str, Any]:
         """The JSON Schema of it."""

@@ -1,26 +1,24 @@
 """Tables: frozen dataclasses that pydantic validates, and that are the mappings of a file too.
 
-A table needs no more than pydantic's core to be read, which is quick to import; pydantic itself, which makes the JSON
-Schema, takes tables as types of its own.
+pydantic takes tables as types of its own. It is imported when a file is read, or when Python gives values that are not
+all of their sorts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, InitVar, dataclass, field
-from functools import partial, wraps
+from functools import wraps
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, dataclass_transform, get_args
 
-from pydantic_core import ArgsKwargs, CoreSchema, SchemaValidator, ValidationError, core_schema
-
 from arva_hil.config.marks import Help, NotAKey, Since
-from arva_hil.config.mistakes import as_validation_error, missing, mistakes_of, needed, unknown
 from arva_hil.config.sorts import Sort
 from arva_hil.config.wrong import SeveralWrong, Wrong
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
     from pydantic.json_schema import JsonSchemaValue
+    from pydantic_core import CoreSchema
 
 _T = TypeVar("_T")
 
@@ -59,7 +57,12 @@ def table(*need: str) -> Callable[[type[_T]], type[_T]]:
 
         @wraps(original)
         def initialise(self: Any, *args: Any, **kwargs: Any) -> None:
-            _validator(made).validate_python(ArgsKwargs(args, kwargs), self_instance=self)
+            if not _made_at_once(made, self, args, kwargs):
+                from pydantic_core import ArgsKwargs  # slow to import
+
+                from arva_hil.config.validation import validator_of
+
+                validator_of(made).validate_python(ArgsKwargs(args, kwargs), self_instance=self)
 
         made.__init__ = initialise
         made.__fields__ = {name: _declared(field) for name, field in made.__dataclass_fields__.items()}
@@ -74,7 +77,9 @@ def table(*need: str) -> Callable[[type[_T]], type[_T]]:
 
 def validate(cls: type[_T], value: Any) -> _T:
     """A table from a mapping. Raises ValidationError."""
-    made: _T = _validator(cls).validate_python(value)
+    from arva_hil.config.validation import validator_of  # slow to import
+
+    made: _T = validator_of(cls).validate_python(value)
     return made
 
 
@@ -96,58 +101,51 @@ def _declared(field: Any) -> Field:
     return Field(annotation, base, marks, field.default, isinstance(field.type, InitVar), field.kw_only)
 
 
-def _validator(cls: Any) -> SchemaValidator:
-    """Made when it is needed."""
-    if "__validator__" not in cls.__dict__:
-        cls.__validator__ = SchemaValidator(_core_schema(cls, cls, _Quick), {"title": cls.__name__})
-    made: SchemaValidator = cls.__validator__
-    return made
+def _made_at_once(cls: Any, made: Any, args: tuple[Any, ...], named: dict[str, Any]) -> bool:
+    """Fill a table from Python's values if all are there and of their sorts, as nearly always; or else False."""
+    fields = fields_of(cls)
+    given = dict(zip((name for name, one in fields.items() if not one.keyword_only), args, strict=False))
+    if len(given) != len(args) or given.keys() & named or named.keys() - fields:
+        return False
+    given |= named
+    for_init = []
+    try:
+        for name, one in fields.items():
+            value = _from_python(one, given[name]) if name in given else one.default
+            if value is MISSING:
+                return False
+            if one.file_only:
+                for_init.append(value)
+            else:
+                object.__setattr__(made, name, value)
+        if hasattr(cls, "__post_init__"):
+            made.__post_init__(*for_init)
+    except (Wrong, SeveralWrong, ValueError):
+        return False
+    return True
 
 
-class _Quick:
-    """Makes the schemas of what is in a table, as pydantic would."""
-
-    @staticmethod
-    def generate_schema(annotation: Any) -> CoreSchema:
-        marks = getattr(annotation, "__metadata__", ())
-        base = annotation.__origin__ if marks else annotation
-        for sort in marks:
-            if isinstance(sort, Sort):
-                return sort.__get_pydantic_core_schema__(base, _Quick)  # type: ignore[arg-type]
-        (cls,) = (one for one in (base, *get_args(base)) if is_table(one))
-        schema = _core_schema(cls, cls, _Quick)
-        return schema if cls is base else core_schema.nullable_schema(schema)
+def _from_python(field: Field, value: Any) -> Any:
+    """A value that is of the field's sort, or the table that it is. Raises Wrong or SeveralWrong."""
+    types = (field.type, *get_args(field.type))
+    if (value is None and type(None) in types) or any(is_table(one) and isinstance(value, one) for one in types):
+        return value
+    sort = field.mark(Sort)
+    if sort is None:
+        raise Wrong("a table")
+    return sort.from_python(value, field.type)
 
 
-def _core_schema(cls: Any, source: Any, handler: type[_Quick] | GetCoreSchemaHandler) -> CoreSchema:
-    every = []
-    for name, one in sorted(fields_of(cls).items(), key=lambda item: item[1].keyword_only):
-        schema = handler.generate_schema(one.annotation)
-        if one.default is not MISSING:
-            schema = core_schema.with_default_schema(schema, default=one.default)
-        every.append(
-            core_schema.dataclass_field(name, schema, kw_only=one.keyword_only, init_only=one.file_only or None)
-        )
-    initial = any(one.file_only for one in fields_of(cls).values())
-    arguments = core_schema.dataclass_args_schema(
-        cls.__name__, every, collect_init_only=initial or None, extra_behavior="forbid"
-    )
-    names = [name for name, one in fields_of(cls).items() if not one.file_only]
-    schema = core_schema.dataclass_schema(cls, arguments, names, post_init=hasattr(cls, "__post_init__"))
-    return core_schema.no_info_wrap_validator_function(partial(_read, cls), schema)
+def _core_schema(cls: Any, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    from arva_hil.config.validation import core_schema_of  # slow to import
+
+    return core_schema_of(cls, handler)
 
 
 def _json_schema(cls: Any, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-    made = handler(schema) | {"additionalProperties": False}
-    if hasattr(cls, "own_schemas"):
-        made["properties"] = cls.own_schemas() | made["properties"]
-    required = [*made.get("required", ()), *(group for group in cls.__need__ if " " not in group)]
-    if required:
-        made["required"] = required
-    for group in cls.__need__:
-        if " " in group:
-            made["oneOf"] = [{"required": [name]} for name in group.split()]
-    return made
+    from arva_hil.config.validation import json_schema_of  # slow to import
+
+    return json_schema_of(cls, schema, handler)
 
 
 def keys(cls: Any) -> dict[str, int]:
@@ -175,40 +173,3 @@ def right(cls: Any, mapping: Mapping[str, Any], name: str) -> Any:
         return sort_of(cls, name).read(mapping[name])
     except (Wrong, SeveralWrong):
         return None
-
-
-def _read(cls: Any, value: Any, handler: Callable[[Any], Any]) -> Any:
-    if isinstance(value, ArgsKwargs):
-        return handler(value)
-    if not isinstance(value, dict):
-        try:
-            return handler(value)
-        except ValidationError as error:
-            raise as_validation_error(cls.__name__, _translated(error, cls)) from None
-    others = cls.own_keys(value) if hasattr(cls, "own_keys") else None
-    valid = keys(cls) | dict(others.names if others else {})
-    mistakes = [unknown(name, valid) for name in value if name not in valid]
-    own: list[Wrong] = []  # of the whole, said only if nothing else is wrong
-    try:
-        declared = {name: item for name, item in value.items() if name in keys(cls)}
-        result = handler(declared | ({"options": others.options} if others else {}))
-    except ValidationError as error:
-        for wrong in _translated(error, cls):
-            (own if wrong.native and not wrong.where else mistakes).append(wrong)
-    mistakes += needed(value, cls.__need__, valid)
-    mistakes += others.mistakes if others else ()
-    mistakes += cls.misfits(value) if hasattr(cls, "misfits") else ()
-    if mistakes or own:
-        raise as_validation_error(cls.__name__, mistakes or own)
-    return result
-
-
-def _translated(error: ValidationError, cls: Any) -> Iterator[Wrong]:
-    """The mistakes in a table, pydantic's own in our words."""
-    for one, wrong in zip(error.errors(include_url=False, include_input=False), mistakes_of(error), strict=True):
-        if one["type"] == "missing" and len(one["loc"]) == 1:
-            yield missing(str(one["loc"][0]), keys(cls))
-        elif one["type"] == "dataclass_type" and not one["loc"]:
-            yield Wrong("a mapping with {keys}", keys=keys(cls), value=wrong.value)
-        else:
-            yield wrong

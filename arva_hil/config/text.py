@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from arva_hil.config.sorts import Sort
+from arva_hil.config.tree import Scalar, any_of, nearest
 from arva_hil.config.wrong import Wrong
-from arva_hil.config.yaml_tree import Scalar, any_of, nearest
 from arva_hil.errors import KindError, UnknownKindError
 from arva_hil.registry import Registry
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from arva_hil.config.yaml_tree import Problem, any_of
+from arva_hil.config.tree import Problem, any_of
 
 
 @dataclass(eq=False)

@@ -1,108 +1,20 @@
-"""YAML read with positions: plain data that knows where it was, and every mistake met on the way.
-
-Scalars keep the text as written, so `off` is a word and `1e3` a number, whatever YAML 1.1 says.
-"""
+"""YAML read with positions, and every mistake met on the way."""
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
-from typing import Any, Final, NoReturn
+from typing import Final, NoReturn
 
 import yaml
+
+from arva_hil.config.tree import Problem, ScenarioError, short
 
 _LARGEST_FILE: Final = 1 << 20  # bytes
 _DEEPEST: Final = 20
 _REFUSED: Final = "refused"  # the tag of a node that stands for one already complained about
 _START: Final = yaml.Mark("", 0, 0, 0, None, 0)
 _BREAK: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
-_NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_.:-]*")
-
-
-@dataclass(frozen=True, order=True)
-class Problem:
-    """One mistake in a file. Lines and columns count from 1; 1:1 when it concerns the whole file."""
-
-    source: str
-    line: int
-    column: int
-    found: str
-    expected: str
-    nearest: str | None = None
-
-    def __str__(self) -> str:
-        hint = "" if self.nearest is None else f", did you mean {self.nearest!r}?"
-        return f"{self.source}:{self.line}:{self.column}: {self.found}, expected {self.expected}{hint}"
-
-
-class ScenarioError(Exception):
-    """A scenario or a plan that cannot be used. `problems` are sorted by place; `str()` is one line for each."""
-
-    def __init__(self, problems: Sequence[Problem]) -> None:
-        self.problems = tuple(sorted(problems, key=lambda p: (p.source, p.line, p.column)))
-        super().__init__(self.problems)
-
-    def __str__(self) -> str:
-        return "\n".join(map(str, self.problems))
-
-
-class Scalar(str):
-    """A scalar's text as written. `plain` is that text without quotes, and "" when there were quotes."""
-
-    node: yaml.Node
-    plain: str
-
-    def __new__(cls, node: yaml.Node) -> Scalar:
-        scalar = super().__new__(cls, node.value if isinstance(node, yaml.ScalarNode) else "")
-        scalar.node = node
-        scalar.plain = str(node.value) if isinstance(node, yaml.ScalarNode) and node.style is None else ""
-        return scalar
-
-
-class Items(list["Tree"]):
-    """A sequence."""
-
-    def __init__(self, node: yaml.SequenceNode, hidden: Collection[str]) -> None:
-        super().__init__(tree(item, hidden) for item in node.value)
-        self.node = node
-
-
-class Mapping(dict[str, Any]):
-    """A mapping. A key that no mapping can have, or that was there already, stands under a name that begins with `?`.
-
-    `key_nodes` are the keys by that name.
-    """
-
-    def __init__(self, node: yaml.MappingNode, hidden: Collection[str]) -> None:
-        super().__init__()
-        self.node = node
-        self.key_nodes: dict[str, yaml.Node] = {}
-        for number, (key, value) in enumerate(node.value):
-            name = str(key.value) if isinstance(key, yaml.ScalarNode) else ""
-            if name in self or name in hidden or not _NAME.fullmatch(name):
-                name = f"?{number}"
-            self.key_nodes[name] = key
-            self[name] = tree(value, hidden)
-
-    def inherit(self, other: Mapping, names: Sequence[str]) -> None:
-        """Take over those keys of another mapping that are not here."""
-        for name in names:
-            if name in other and name not in self:
-                self.key_nodes[name] = other.key_nodes[name]
-                self[name] = other[name]
-
-
-Tree = Scalar | Items | Mapping
-
-
-def tree(node: yaml.Node, hidden: Collection[str] = ()) -> Tree:
-    """A node as plain data that knows where it was. Keys in `hidden` are unknown keys wherever they are."""
-    if isinstance(node, yaml.MappingNode):
-        return Mapping(node, hidden)
-    return Items(node, hidden) if isinstance(node, yaml.SequenceNode) else Scalar(node)
 
 
 class Notes:
@@ -246,17 +158,3 @@ def describe(node: yaml.Node) -> str:
     if isinstance(node, yaml.ScalarNode) and node.style is not None:
         return f"the text {short(text)!r}"
     return repr(short(text)) if text else "nothing"
-
-
-def short(text: str) -> str:
-    return text if len(text) <= 40 else text[:39] + "…"
-
-
-def any_of(names: Sequence[str]) -> str:
-    """What was expected, where one of some names is."""
-    return names[0] if len(names) == 1 else f"one of {', '.join(names)}"
-
-
-def nearest(text: str, names: Sequence[str]) -> str | None:
-    """The name most like a text, None when none is."""
-    return next(iter(difflib.get_close_matches(text, names, 1)), None)

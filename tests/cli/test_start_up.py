@@ -6,10 +6,13 @@ import importlib
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from arva_hil.cli.main import COMMANDS
+from arva_hil.links.tlog import tlog_record
+from arva_hil.mavlink.codec import Encoder, dialect
 
 SLOW = ["dask", "importlib.metadata", "jinja2", "matplotlib", "numpy", "pydantic", "pydantic_core", "pymavlink", "yaml"]
 PROGRAM = """
@@ -56,3 +59,13 @@ def test_every_command_has_its_arguments_and_what_it_does(command: str) -> None:
     assert arguments.__doc__
     assert callable(arguments.add_options)
     assert callable(importlib.import_module(f"arva_hil.cli.{command}").main)
+
+
+def test_a_scenario_that_is_no_file_needs_neither_yaml_nor_pydantic(tmp_path: Path) -> None:
+    log = tmp_path / "one.tlog"
+    log.write_bytes(
+        tlog_record(1_700_000_000_000_000, Encoder(1, 1).pack(dialect.MAVLink_heartbeat_message(2, 3, 0x81, 4, 4, 3)))
+    )
+    codes, imported = start([["replay", str(log), "--out", str(tmp_path / "out"), "--rate", "5", "--seed", "7"]], {})
+    assert codes == [0]
+    assert not {"yaml", "pydantic", "pydantic_core"} & set(imported)
