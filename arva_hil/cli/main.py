@@ -33,6 +33,7 @@ COMMANDS: Final = {
     "scenarios": "which scenarios are built in",
     "ports": "what is plugged in",
     "doctor": "what is wrong, and the cure",
+    "completion": "a script that completes command lines in bash, zsh or fish",
 }
 HELP: Final = """\
 usage: arva-hil [COMMAND] [OPTIONS]
@@ -105,7 +106,7 @@ def _command(arguments: list[str]) -> int:
     arguments = ["--help" if argument in ("-help", "-?", "/?") else argument for argument in arguments]
     if arguments[:1] in (["-h"], ["--help"], ["help"]):
         for line in HELP.format(
-            commands="\n".join(f"  {name:<9} {what}" for name, what in COMMANDS.items())
+            commands="\n".join(f"  {name:<10} {what}" for name, what in COMMANDS.items())
         ).splitlines():
             show(line)
         return OK

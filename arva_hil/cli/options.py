@@ -46,6 +46,11 @@ class Parser(argparse.ArgumentParser):
         self.typed_only.append(flag)
 
     @property
+    def arguments(self) -> Sequence[argparse.Action]:
+        """All that it takes, positional or not."""
+        return self._actions
+
+    @property
     def variables(self) -> list[str]:
         """The names of the twins in the environment."""
         return list(self._environment)

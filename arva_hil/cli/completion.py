@@ -1,0 +1,46 @@
+"""`arva-hil completion`: prints a script that completes command lines in a shell, made of the commands' own options."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from typing import Final
+
+from arva_hil.cli.options import Parser
+from arva_hil.cli.outcome import OK
+from arva_hil.cli.terminal import show
+from arva_hil.registry import FORMATS, STRATEGIES
+
+_FILES: Final = ("FILE", "FILE…", "LOG.tlog", "PLAN.yaml", "URL")  # a URL may be a device or a file of frames
+_FOLDERS: Final = ("DIR", "RUN")
+_KINDS: Final = {"format": FORMATS, "strategy": STRATEGIES}
+
+
+def main(options: argparse.Namespace) -> int:
+    import shtab
+
+    from arva_hil.cli.main import COMMANDS
+
+    root = Parser(prog="arva-hil")
+    _add_options(root, "run")  # the default command
+    root.add_argument("--version", action="store_true", help="print the version")
+    commands = root.add_subparsers()
+    for name, what in COMMANDS.items():
+        _add_options(commands.add_parser(name, help=what), name)
+    for line in shtab.complete(root, options.shell).expandtabs().splitlines():
+        show(line)
+    return OK
+
+
+def _add_options(parser: Parser, command: str) -> None:
+    """The options of a command, and which of them take names of files."""
+    import shtab
+
+    importlib.import_module(f"arva_hil.cli.arguments.{command}").add_options(parser)
+    for action in parser.arguments:
+        if action.metavar in _FILES:
+            action.complete = shtab.FILE  # type: ignore[attr-defined]
+        elif action.metavar in _FOLDERS:
+            action.complete = shtab.DIRECTORY  # type: ignore[attr-defined]
+        elif action.dest in _KINDS:
+            action.choices = list(_KINDS[action.dest])
