@@ -195,6 +195,32 @@ FORMATS: Final = Registry(
 MAVLINK_FORMATS: Final = ("tunnel", "named", "named_float", "debug_vect")
 """They go over the autopilot's own link, all others to a port."""
 
+FAULTS: Final = Registry(
+    "fault",
+    "arva_hil.faults",
+    {  # in the order in which they strike; those of other packages behind them
+        "transmitter_off": "arva_hil.faults.hearing:OFF",
+        "transmitter_moved": "arva_hil.faults.hearing:MOVED",
+        "transmitter_fading": "arva_hil.faults.hearing:FADING",
+        "interference": "arva_hil.faults.hearing:INTERFERENCE",
+        "stuck": "arva_hil.faults.hearing:STUCK",
+        "silence": "arva_hil.faults.sending:SILENCE",
+        "drop": "arva_hil.faults.sending:DROP",
+        "self_test": "arva_hil.faults.sending:SELF_TEST",
+        "sequence": "arva_hil.faults.sending:SEQUENCE",
+        "duplicate": "arva_hil.faults.sending:DUPLICATE",
+        "delay_s": "arva_hil.faults.sending:DELAY",
+        "jitter_s": "arva_hil.faults.sending:JITTER",
+        "reorder": "arva_hil.faults.sending:REORDER",
+        "truncate": "arva_hil.faults.wire:TRUNCATE",
+        "corrupt": "arva_hil.faults.wire:CORRUPT",
+        "drop_bytes": "arva_hil.faults.wire:DROP_BYTES",
+        "insert_bytes": "arva_hil.faults.wire:INSERT_BYTES",
+        "flip_bytes": "arva_hil.faults.wire:FLIP_BYTES",
+        "baud_ratio": "arva_hil.faults.wire:BAUD_RATIO",
+    },
+    ("stage", "valid", "help", "strike", "needs"),
+)
 STRATEGIES: Final = Registry(
     "strategy",
     "arva_hil.strategies",

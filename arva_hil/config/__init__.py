@@ -9,7 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from arva_hil.config.faults import KINDS, Fault, Kind, misfit, parse_fault, plain_fault
+    from arva_hil.config.faults import Fault, FaultKind, misfit, parse_fault, plain_fault
     from arva_hil.config.kinds import NOISE_KINDS, RATE_HZ, SEED, NoiseKind, Pose, Triple
     from arva_hil.config.receiver import Mount, Noise, Receiver
     from arva_hil.config.scenario import DEFAULT, Datum, Scenario, load, parse, parts_of_spec_2, to_dict
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from arva_hil.config.vehicles import NavigationError, ReceiverConfig, VehicleConfig
 
 _MODULES: Final = {
-    "faults": "KINDS Fault Kind misfit parse_fault plain_fault",
+    "faults": "Fault FaultKind misfit parse_fault plain_fault",
     "kinds": "NOISE_KINDS RATE_HZ SEED NoiseKind Pose Triple",
     "receiver": "Mount Noise Receiver",
     "scenario": "DEFAULT Datum Scenario load parse parts_of_spec_2 to_dict",
@@ -30,14 +30,13 @@ _HOMES: Final = {name: module for module, names in _MODULES.items() for name in 
 
 __all__ = [
     "DEFAULT",
-    "KINDS",
     "NOISE_KINDS",
     "RATE_HZ",
     "SEED",
     "Datum",
     "Fault",
+    "FaultKind",
     "Follows",
-    "Kind",
     "Lla",
     "Mount",
     "NavigationError",

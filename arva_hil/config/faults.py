@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
@@ -11,54 +11,39 @@ from arva_hil.config.marks import Help, NotAKey
 from arva_hil.config.mistakes import read_mapping, unknown, validator
 from arva_hil.config.sorts import Anything, Number, Sort, Whole
 from arva_hil.config.tables import help_of, sort_of, table
-from arva_hil.config.text import Word, Yes
+from arva_hil.config.text import Named, Yes
 from arva_hil.config.tree import ScenarioError
 from arva_hil.config.wrong import SeveralWrong, Wrong
-from arva_hil.registry import FORMATS, MAVLINK_FORMATS
+from arva_hil.errors import KindError
+from arva_hil.registry import FAULTS, FORMATS, MAVLINK_FORMATS
 
 Stage = Literal["heard", "sent", "wire"]
 
-_SHARE: Final = Number(0, 1, "a probability", above=True)
-_SECONDS: Final = Number(0, 60, "seconds", above=True, unit="s")
-_TRANSMITTER: Final = Whole(TRANSMITTER_ID.low, TRANSMITTER_ID.high, "a transmitter's id, a whole number")
+SHARE: Final = Number(0, 1, "a probability", above=True)
+SECONDS: Final = Number(0, 60, "seconds", above=True, unit="s")
+TRANSMITTER: Final = Whole(TRANSMITTER_ID.low, TRANSMITTER_ID.high, "a transmitter's id, a whole number")
 _TIME: Final = Number(0, 1_000_000, "seconds", unit="s", endless=True)
 _SCHEDULE: Final = ("from_s", "until_s", "every_s", "for_s")
+_NEEDS: Final = ("by_ned", "over_s")
 
 
-class Kind(NamedTuple):
-    """A sort of fault: where it strikes, which values it takes (None: only `true`), which keys it needs besides."""
+class FaultKind(NamedTuple):
+    """A sort of fault: where it strikes, which values it takes (None: only `true`), which keys it needs besides.
+
+    `strike` depends on the stage. `heard`: `(look, switch)` gives another look. `sent`: `(sending, value, random)`
+    changes how a frame is sent; whether it did. `wire`: `(bytes of a frame, value, random)` gives what is left of them,
+    and how many were hit. None: the room `faults` knows it by name.
+    """
 
     stage: Stage
     valid: Number | Whole | None
     help: str
+    strike: Callable[..., Any] | None
     needs: tuple[str, ...] = ()
 
     @property
     def sort(self) -> Sort:
         return self.valid or Yes()
-
-
-KINDS: Final = {  # in the order in which they strike
-    "transmitter_off": Kind("heard", _TRANSMITTER, "it sends nothing"),
-    "transmitter_moved": Kind("heard", _TRANSMITTER, "it is elsewhere, then back again", ("by_ned",)),
-    "transmitter_fading": Kind("heard", _TRANSMITTER, "its field falls evenly to nothing", ("over_s",)),
-    "interference": Kind("heard", Number(1, 1_000_000, above=True), "noise, times the most it is made for"),
-    "stuck": Kind("heard", None, "the same reading over and over"),
-    "silence": Kind("sent", None, "no frames"),
-    "drop": Kind("sent", _SHARE, "probability a frame that it is lost"),
-    "self_test": Kind("sent", None, "the status bit"),
-    "sequence": Kind("sent", _SHARE, "probability a frame that its number is wrong"),
-    "duplicate": Kind("sent", _SHARE, "probability a frame that it is sent again"),
-    "delay_s": Kind("sent", _SECONDS, "frames are late, those behind them too"),
-    "jitter_s": Kind("sent", _SECONDS, "frames are up to this late"),
-    "reorder": Kind("sent", _SHARE, "probability a frame that it changes places with the next"),
-    "truncate": Kind("wire", _SHARE, "probability a frame that only its beginning is sent"),
-    "corrupt": Kind("wire", _SHARE, "probability a frame that one byte is another"),
-    "drop_bytes": Kind("wire", _SHARE, "probability a byte that it is lost"),
-    "insert_bytes": Kind("wire", _SHARE, "probability a byte that another one comes before it"),
-    "flip_bytes": Kind("wire", _SHARE, "probability a byte that one bit is another"),
-    "baud_ratio": Kind("wire", Number(0.1, 10, above=True), "the receiver's baud rate to the host's: garble"),
-}
 
 
 @table()
@@ -70,7 +55,7 @@ class Fault:
     Raises ValueError for a name, value or schedule that no fault has.
     """
 
-    name: Annotated[str, Word(tuple(KINDS)), NotAKey()]
+    name: Annotated[str, Named(FAULTS), NotAKey()]
     value: Annotated[float, Anything(), NotAKey()]
     from_s: Annotated[float, _TIME, Help("on from this time of the run")] = 0.0
     until_s: Annotated[float, _TIME, Help("off from this time of the run; without it never")] = math.inf
@@ -80,7 +65,7 @@ class Fault:
     over_s: Annotated[float | None, SPAN, Help("of transmitter_fading: until nothing is left")] = None
 
     def __post_init__(self) -> None:
-        kind = KINDS[self.name]
+        kind: FaultKind = FAULTS[self.name]
         object.__setattr__(self, "value", validator(kind.sort.read)(self.value))
         lacking = [key for key in kind.needs if getattr(self, key) is None]
         mistakes = [Wrong(f"a fault with {key}", f"{self.name} without {key}") for key in lacking]
@@ -128,11 +113,14 @@ class FaultItem(Sort):
     def read(self, value: Any) -> Fault:
         if isinstance(value, Fault):
             return value
-        named = [name for name in value if name in KINDS] if isinstance(value, dict) else []
+        named = [name for name in value if _is_fault(name)] if isinstance(value, dict) else []
         if len(named) != 1:
             raise SeveralWrong(list(_not_one(value, named)))
         (name,) = named
-        kind = KINDS[name]
+        try:
+            kind: FaultKind = FAULTS[name]
+        except KindError as error:
+            raise Wrong(f"one that works: {error.cure}", error.found, where=(name,), at_key=True) from None
         values = read_mapping(value, _sorts(name), [name, *kind.needs])
         if mistakes := list(_misscheduled(values)):
             raise SeveralWrong(mistakes)
@@ -140,7 +128,8 @@ class FaultItem(Sort):
 
     def json(self) -> dict[str, Any]:
         every = []
-        for name, kind in KINDS.items():
+        for name in FAULTS.names():
+            kind: FaultKind = FAULTS[name]
             helps = {key: help_of(Fault, key) for key in (*kind.needs, *_SCHEDULE)} | {name: kind.help}
             properties = {key: sort.json() | {"description": helps[key]} for key, sort in _sorts(name).items()}
             required = [name, *kind.needs]
@@ -150,16 +139,20 @@ class FaultItem(Sort):
         return {"oneOf": every}
 
 
+def _is_fault(key: str) -> bool:
+    """Whether a key is the name of a fault; other packages are asked only for what no fault of ours has."""
+    return key in list(FAULTS) or (key not in _SCHEDULE and key not in _NEEDS and key in FAULTS)
+
+
 def _sorts(name: str) -> dict[str, Sort]:
     """The keys of a fault of this name."""
-    kind = KINDS[name]
+    kind: FaultKind = FAULTS[name]
     return {name: kind.sort} | {key: sort_of(Fault, key) for key in (*kind.needs, *_SCHEDULE)}
 
 
 def _not_one(value: Any, named: list[str]) -> Iterator[Wrong]:
     """What is wrong with what is not one fault."""
-    needs = (key for kind in KINDS.values() for key in kind.needs)
-    every = dict.fromkeys([*KINDS, *needs, *_SCHEDULE], 1)
+    every = dict.fromkeys([*FAULTS, *_NEEDS, *_SCHEDULE], 1)
     if not isinstance(value, dict):
         yield Wrong("a mapping with {keys}", keys=every)
         return
@@ -168,13 +161,13 @@ def _not_one(value: Any, named: list[str]) -> Iterator[Wrong]:
     if len(named) > 1:
         yield Wrong("one fault an item", f"both {named[0]} and {named[1]}", where=(named[1],), at_key=True)
     elif not strangers:
-        yield Wrong(f"one of {', '.join(KINDS)}", "no fault")
+        yield Wrong(f"one of {', '.join(FAULTS)}", "no fault")
 
 
 def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] | None:
     """What was found and what was expected, when a scenario with these transmitters and this format cannot have it."""
-    kind = KINDS[fault.name]
-    if kind.valid is _TRANSMITTER and fault.value not in ids:
+    kind: FaultKind = FAULTS[fault.name]
+    if kind.valid is TRANSMITTER and fault.value not in ids:
         return f"{fault.name} of transmitter {fault.value:g}", f"one of {', '.join(map(str, sorted(ids)))}"
     if kind.stage == "wire" and format in MAVLINK_FORMATS:
         wire = [name for name in FORMATS if name not in MAVLINK_FORMATS]
@@ -190,7 +183,7 @@ def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] |
 
 def plain_fault(fault: Fault) -> dict[str, Any]:
     """The fault as plain JSON types; a file reads it back equal."""
-    plain: dict[str, Any] = {fault.name: True if KINDS[fault.name].valid is None else fault.value}
+    plain: dict[str, Any] = {fault.name: True if FAULTS[fault.name].valid is None else fault.value}
     for key in fields(fault):
         value = getattr(fault, key.name)
         if key.name not in ("name", "value") and value != key.default:

@@ -12,13 +12,14 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 
 from arva_hil.config.campaign import PlanFile, Random
-from arva_hil.config.faults import KINDS, Fault
+from arva_hil.config.faults import Fault
 from arva_hil.config.nested import Either, Reshaped, Tables
 from arva_hil.config.receiver import Receiver
 from arva_hil.config.scenario import Scenario
 from arva_hil.config.sorts import Sort
 from arva_hil.config.tables import fields_of, help_of, is_table, keys
 from arva_hil.config.vehicles import ReceiverEntry
+from arva_hil.registry import FAULTS
 
 SchemaKind = Literal["scenario", "campaign"]
 FILES: Final[Mapping[SchemaKind, tuple[Any, str]]] = {
@@ -159,7 +160,8 @@ def plain(value: Any) -> str:
 
 
 def _fault_rows() -> Iterator[tuple[str, ...]]:
-    for name, kind in KINDS.items():
+    for name in FAULTS:
+        kind = FAULTS[name]
         sort = kind.sort
         needs = f"; needs {', '.join(f'`{key}`' for key in kind.needs)}" if kind.needs else ""
         yield f"`{name}`", sort.kind, sort.range, sort.unit, "", kind.help + needs

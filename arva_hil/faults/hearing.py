@@ -8,15 +8,16 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from arva_hil.config import Scenario
+from arva_hil.config import FaultKind, Scenario
+from arva_hil.config.faults import TRANSMITTER
+from arva_hil.config.sorts import Number
 from arva_hil.faults.switch import Switch
-from arva_hil.field import Transmitters
 from arva_hil.receiver import Answer, Antennas, Look, Reading, ReceiverModel, with_true_ranges
 from arva_hil.receiver.paper import NoiseSource, noise_bound
+from arva_hil.registry import FAULTS
 
-Array = NDArray[np.float64]
+Strike = Callable[[Look, Switch], Look]
 
 _LIMIT_RANGE_M: Final = Antennas().floor_range_m  # the noise a receiver is made for is a transmitter's field from there
 
@@ -29,7 +30,7 @@ class FaultyReceiver:
 
     def __init__(self, model: ReceiverModel, scenario: Scenario, switches: Sequence[Switch]) -> None:
         self._model = model
-        self._transmitters = [s for s in switches if s.fault.name in _CHANGES]
+        self._changes = [(s, strike) for s in switches if (strike := _strike(s))]
         self._stuck = [s for s in switches if s.fault.name == "stuck"]
         self._loud = [(s, _interference(scenario, s)) for s in switches if s.fault.name == "interference"]
         self._shown: Reading | None = None
@@ -42,8 +43,9 @@ class FaultyReceiver:
     def look(self, look: Look) -> None:
         """See `ReceiverModel`."""
         time_us = round(look.time_s * 1e6)
-        if on := [switch for switch in self._transmitters if switch.turn(time_us)]:
-            look = replace(look, transmitters=_changed(look.transmitters, on))
+        for switch, strike in self._changes:
+            if switch.turn(time_us):
+                look = strike(look, switch)
         m = len(look.transmitters.ids)
         if loud := [noise.draw(m) for switch, noise in self._loud if switch.turn(time_us)]:
             look = replace(look, noise=sum(loud[1:], loud[0]))
@@ -74,31 +76,42 @@ def _interference(scenario: Scenario, switch: Switch) -> NoiseSource:
     return NoiseSource(kind, noise_bound(scenario.receiver.sensitivity, bound_m), seed)
 
 
-def _changed(there: Transmitters, switches: Sequence[Switch]) -> Transmitters:
-    """The transmitters as faults that are on leave them."""
-    changed = replace(there, positions=there.positions.copy(), strengths=there.strengths.copy())
-    for switch in switches:
-        _CHANGES[switch.fault.name](changed, there.ids.index(int(switch.fault.value)), switch)
-    return changed
+def _strike(switch: Switch) -> Strike | None:
+    """How a fault changes a look, None if it does not."""
+    kind: FaultKind = FAULTS[switch.fault.name]
+    return kind.strike if kind.stage == "heard" else None
 
 
-def _off(t: Transmitters, index: int, switch: Switch) -> None:
-    t.strengths[index] = 0.0
+def _off(look: Look, switch: Switch) -> Look:
+    return _weakened(look, switch, 0.0)
 
 
-def _moved(t: Transmitters, index: int, switch: Switch) -> None:
-    t.positions[index] += np.array(switch.fault.by_ned)
+def _moved(look: Look, switch: Switch) -> Look:
+    there = look.transmitters
+    positions = there.positions.copy()
+    positions[_index(look, switch)] += np.array(switch.fault.by_ned)
+    return replace(look, transmitters=replace(there, positions=positions))
 
 
-def _fading(t: Transmitters, index: int, switch: Switch) -> None:
+def _fading(look: Look, switch: Switch) -> Look:
     """Its field falls evenly to nothing."""
     assert switch.since_s is not None
     assert switch.fault.over_s is not None
-    t.strengths[index] *= max(0.0, 1 - switch.since_s / switch.fault.over_s)
+    return _weakened(look, switch, max(0.0, 1 - switch.since_s / switch.fault.over_s))
 
 
-_CHANGES: Final[dict[str, Callable[[Transmitters, int, Switch], None]]] = {
-    "transmitter_off": _off,
-    "transmitter_moved": _moved,
-    "transmitter_fading": _fading,
-}
+def _weakened(look: Look, switch: Switch, factor: float) -> Look:
+    strengths = look.transmitters.strengths.copy()
+    strengths[_index(look, switch)] *= factor
+    return replace(look, transmitters=replace(look.transmitters, strengths=strengths))
+
+
+def _index(look: Look, switch: Switch) -> int:
+    return look.transmitters.ids.index(int(switch.fault.value))
+
+
+OFF: Final = FaultKind("heard", TRANSMITTER, "it sends nothing", _off)
+MOVED: Final = FaultKind("heard", TRANSMITTER, "it is elsewhere, then back again", _moved, ("by_ned",))
+FADING: Final = FaultKind("heard", TRANSMITTER, "its field falls evenly to nothing", _fading, ("over_s",))
+INTERFERENCE: Final = FaultKind("heard", Number(1, 1_000_000, above=True), "noise, times the most it is made for", None)
+STUCK: Final = FaultKind("heard", None, "the same reading over and over", None)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from typing import Any
 
-from arva_hil.config import KINDS, Scenario
+from arva_hil.config import FaultKind, Scenario
 from arva_hil.faults.hearing import FaultyReceiver
-from arva_hil.faults.sending import SENDERS, Outbox, QueuedFrame, Sending
+from arva_hil.faults.sending import Outbox, QueuedFrame, Sending
 from arva_hil.faults.switch import Switch
-from arva_hil.faults.wire import GARBLERS
 from arva_hil.receiver import ReceiverModel
+from arva_hil.registry import FAULTS
 from firmware_proto import Frame
 
 
@@ -22,9 +23,10 @@ class Faults:
     """
 
     def __init__(self, scenario: Scenario, model: ReceiverModel) -> None:
-        order = list(KINDS)
+        order = [*FAULTS, *(fault.name for fault in scenario.faults)]  # in which they strike
         seen: Counter[str] = Counter()
         self._switches = []
+        self._kinds: dict[str, FaultKind] = {fault.name: FAULTS[fault.name] for fault in scenario.faults}
         for fault in sorted(scenario.faults, key=lambda fault: order.index(fault.name)):
             seen[fault.name] += 1
             self._switches.append(Switch(fault, f"{scenario.seed} {fault.name} {seen[fault.name]}"))
@@ -43,7 +45,7 @@ class Faults:
         self._number = number
         self.met = ()
         for switch in self._on:
-            if KINDS[switch.fault.name].stage == "heard":
+            if self._kinds[switch.fault.name].stage == "heard":
                 self._meet(switch)
 
     def send(self, frame: Frame, t: float, boot_ms: int, encode: Callable[[Frame, int], bytes]) -> tuple[Frame, int]:
@@ -53,12 +55,12 @@ class Faults:
         are faults on the wire.
         """
         sending = Sending(frame, may_wait=not self.outbox.holds)
-        for switch in self._on:
-            sender = SENDERS.get(switch.fault.name)
-            if sender and sending.copies and sender(sending, switch.fault.value, switch.random(self._number)):
+        for switch in self._of_stage("sent"):
+            strike = self._strike(switch)
+            if sending.copies and strike(sending, switch.fault.value, switch.random(self._number)):
                 self._meet(switch)
         queued = [QueuedFrame(sending.frame, boot_ms)] * sending.copies
-        if queued and (garblers := [s for s in self._on if s.fault.name in GARBLERS]):
+        if queued and (garblers := self._of_stage("wire")):
             queued = self._garble(queued, encode(sending.frame, boot_ms), garblers)
         self.outbox.put(queued, t + sending.late_s, sending.overtaken)
         return sending.frame, len(queued)
@@ -67,7 +69,8 @@ class Faults:
         """By name: how many frames met it, and how many bytes it hit."""
         names = dict.fromkeys(switch.fault.name for switch in self._switches)
         return {
-            name: {"frames": self._frames[name]} | ({"bytes": self._bytes[name]} if name in GARBLERS else {})
+            name: {"frames": self._frames[name]}
+            | ({"bytes": self._bytes[name]} if self._kinds[name].stage == "wire" else {})
             for name in names
         }
 
@@ -77,12 +80,20 @@ class Faults:
         for switch in switches:
             random, hits = switch.random(self._number), 0
             for n, copy in enumerate(left):
-                left[n], hit = GARBLERS[switch.fault.name](copy, switch.fault.value, random)
+                left[n], hit = self._strike(switch)(copy, switch.fault.value, random)
                 hits += hit
             if hits:
                 self._bytes[switch.fault.name] += hits
                 self._meet(switch)
         return [one._replace(data=copy, whole=data in copy) for one, copy in zip(queued, left, strict=True) if copy]
+
+    def _of_stage(self, stage: str) -> list[Switch]:
+        return [switch for switch in self._on if self._kinds[switch.fault.name].stage == stage]
+
+    def _strike(self, switch: Switch) -> Callable[..., Any]:
+        strike = self._kinds[switch.fault.name].strike
+        assert strike is not None
+        return strike
 
     def _meet(self, switch: Switch) -> None:
         name = switch.fault.name

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
 from random import Random
 from typing import Final, NamedTuple
 
 import firmware_proto
+from arva_hil.config import FaultKind
+from arva_hil.config.faults import SECONDS, SHARE
 from firmware_proto import Frame
-
-__all__ = ["SENDERS", "Outbox", "QueuedFrame", "Sending"]
 
 
 class QueuedFrame(NamedTuple):
@@ -73,10 +72,6 @@ class Outbox:
         return self._line.popleft()[1] if self.next_due <= now else None
 
 
-Sender = Callable[[Sending, float, Random], bool]
-"""(how a frame is sent, the fault's value, its random numbers): changes the first; whether it did."""
-
-
 def _withhold(sending: Sending, share: float, random: Random) -> bool:
     if random.random() < share:
         sending.copies = 0
@@ -121,13 +116,11 @@ def _reorder(sending: Sending, share: float, random: Random) -> bool:
     return sending.overtaken
 
 
-SENDERS: Final[dict[str, Sender]] = {
-    "silence": _withhold,
-    "drop": _withhold,
-    "self_test": _self_test,
-    "sequence": _sequence,
-    "duplicate": _duplicate,
-    "delay_s": _delay,
-    "jitter_s": _jitter,
-    "reorder": _reorder,
-}
+SILENCE: Final = FaultKind("sent", None, "no frames", _withhold)
+DROP: Final = FaultKind("sent", SHARE, "probability a frame that it is lost", _withhold)
+SELF_TEST: Final = FaultKind("sent", None, "the status bit", _self_test)
+SEQUENCE: Final = FaultKind("sent", SHARE, "probability a frame that its number is wrong", _sequence)
+DUPLICATE: Final = FaultKind("sent", SHARE, "probability a frame that it is sent again", _duplicate)
+DELAY: Final = FaultKind("sent", SECONDS, "frames are late, those behind them too", _delay)
+JITTER: Final = FaultKind("sent", SECONDS, "frames are up to this late", _jitter)
+REORDER: Final = FaultKind("sent", SHARE, "probability a frame that it changes places with the next", _reorder)

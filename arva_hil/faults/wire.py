@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from random import Random
 from typing import Final
 
-__all__ = ["GARBLERS", "Garbler", "resample"]
-
-Garbler = Callable[[bytes, float, Random], tuple[bytes, int]]
-"""(the bytes of one frame, the fault's value, its random numbers) → (what is left of them, how many were hit)."""
+from arva_hil.config import FaultKind
+from arva_hil.config.faults import SHARE
+from arva_hil.config.sorts import Number
 
 
 def _truncate(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
@@ -85,11 +83,11 @@ def resample(data: bytes, ratio: float) -> bytes:
     return bytes(heard)
 
 
-GARBLERS: Final[dict[str, Garbler]] = {
-    "truncate": _truncate,
-    "corrupt": _corrupt,
-    "drop_bytes": _drop_bytes,
-    "insert_bytes": _insert_bytes,
-    "flip_bytes": _flip_bytes,
-    "baud_ratio": _baud_ratio,
-}
+TRUNCATE: Final = FaultKind("wire", SHARE, "probability a frame that only its beginning is sent", _truncate)
+CORRUPT: Final = FaultKind("wire", SHARE, "probability a frame that one byte is another", _corrupt)
+DROP_BYTES: Final = FaultKind("wire", SHARE, "probability a byte that it is lost", _drop_bytes)
+INSERT_BYTES: Final = FaultKind("wire", SHARE, "probability a byte that another one comes before it", _insert_bytes)
+FLIP_BYTES: Final = FaultKind("wire", SHARE, "probability a byte that one bit is another", _flip_bytes)
+BAUD_RATIO: Final = FaultKind(
+    "wire", Number(0.1, 10, above=True), "the receiver's baud rate to the host's: garble", _baud_ratio
+)

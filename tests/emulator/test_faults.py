@@ -21,16 +21,17 @@ from hypothesis import strategies as st
 from one_receiver import Diary, OneReceiver
 
 from arva_hil.cli.main import main
-from arva_hil.config import KINDS, Fault, Scenario, ScenarioError, load, parse, parse_fault, to_dict
+from arva_hil.config import Fault, Scenario, ScenarioError, load, parse, parse_fault, to_dict
 from arva_hil.config.sorts import Number
 from arva_hil.emulator.engine import Emulator, one_vehicle
 from arva_hil.emulator.formats import MavlinkDecoder
 from arva_hil.events import FrameMade
-from arva_hil.faults.wire import GARBLERS, resample
+from arva_hil.faults.wire import resample
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.tlog import read_tlog
 from arva_hil.mavlink.codec import Parser
 from arva_hil.observers.audience import Audience
+from arva_hil.registry import FAULTS
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay
 from arva_hil.runtime.loop import Task, run
@@ -140,7 +141,7 @@ def harmless() -> Bench:
 # -- whatever the fault ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", FAULTS)
 def test_every_frame_is_accounted_for_and_every_fault_counted_and_marked(name: str) -> None:
     bench = Bench(fault(name))
     c = bench.emulator.counters
@@ -152,11 +153,11 @@ def test_every_frame_is_accounted_for_and_every_fault_counted_and_marked(name: s
     assert {s.faults for s in bench.snapshots} <= {(), (name,)}
     count = bench.emulator.fault_counts()
     assert count[name]["frames"] == len(bench.met(name)) > 0
-    assert (count[name].get("bytes", 0) > 0) == (name in GARBLERS)
+    assert (count[name].get("bytes", 0) > 0) == (FAULTS[name].stage == "wire")
     assert list(count) == [name]
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", FAULTS)
 def test_before_and_after_a_fault_the_frames_are_what_they_would_be_without(name: str) -> None:
     without, bench = harmless(), Bench(fault(name, ", from_s: 8, until_s: 12"))
     times = [s.instant_s for s in bench.snapshots if s.faults]
@@ -171,12 +172,12 @@ def test_before_and_after_a_fault_the_frames_are_what_they_would_be_without(name
     assert [data for _, data in bench.wire.writes[-len(after) :]] == after
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", FAULTS)
 def test_the_same_faults_again_and_others_with_another_seed(name: str) -> None:
     one, again, other = (Bench(fault(name), seconds=10.0, seed=seed) for seed in ("5", "5", "6"))
     assert one.wire.writes == again.wire.writes
     assert one.met(name) == again.met(name)
-    if KINDS[name].valid and KINDS[name].stage != "heard" and name not in ("delay_s", "jitter_s", "baud_ratio"):
+    if FAULTS[name].valid and FAULTS[name].stage != "heard" and name not in ("delay_s", "jitter_s", "baud_ratio"):
         assert one.met(name) != other.met(name)
 
 
@@ -206,7 +207,7 @@ def test_two_of_a_kind_strike_differently_and_a_frame_that_meets_both_is_counted
 
 
 def test_a_fault_that_is_never_on_leaves_every_byte_as_it_was() -> None:
-    never = [fault(name, ", from_s: 1000") for name in KINDS]
+    never = [fault(name, ", from_s: 1000") for name in FAULTS]
     bench = Bench(*never)
     assert bench.data == harmless().data
     assert all(count["frames"] == 0 for count in bench.emulator.fault_counts().values())
@@ -496,14 +497,14 @@ def test_corrupt_frames_have_one_byte_wrong() -> None:
 
 @given(data=st.binary(max_size=60), share=st.floats(0, 1), random=st.randoms(use_true_random=False))
 def test_bytes_flip_vanish_and_come_and_their_number_is_told(data: bytes, share: float, random: Any) -> None:
-    flipped, hits = GARBLERS["flip_bytes"](data, share, random)
+    flipped, hits = FAULTS["flip_bytes"].strike(data, share, random)
     bits = differences(flipped, data)
     assert len(bits) == hits
     assert all(bit.bit_count() == 1 for bit in bits)
-    fewer, hits = GARBLERS["drop_bytes"](data, share, random)
+    fewer, hits = FAULTS["drop_bytes"].strike(data, share, random)
     assert len(fewer) == len(data) - hits
     assert within(fewer, data)
-    more, hits = GARBLERS["insert_bytes"](data, share, random)
+    more, hits = FAULTS["insert_bytes"].strike(data, share, random)
     assert len(more) == len(data) + hits
     assert within(data, more)
     assert (more[:1], more[-1:]) == (data[:1], data[-1:])
@@ -595,7 +596,7 @@ def test_frames_inside_mavlink_meet_what_is_sent_and_the_link_stays_whole(format
 
 
 ONE = "transmitters: [{id: 1, ned: [1, 2, 3]}, {id: 9, ned: [1, 2, 3]}]\n"
-NAMES = ", ".join(KINDS)
+NAMES = ", ".join(FAULTS)
 KEYS = f"{NAMES}, by_ned, over_s, from_s, until_s, every_s, for_s"
 
 
@@ -665,8 +666,8 @@ spans = st.floats(0.001, 1e6)
 
 @st.composite
 def any_fault(draw: st.DrawFn) -> Fault:
-    name = draw(st.sampled_from(list(KINDS)))
-    valid = KINDS[name].valid
+    name = draw(st.sampled_from(list(FAULTS)))
+    valid = FAULTS[name].valid
     from_s, every = draw(times), draw(st.none() | st.tuples(spans, spans).filter(lambda pair: pair[0] > pair[1]))
     return Fault(
         name,
@@ -748,7 +749,9 @@ def test_bytes_inside_mavlink_are_left_alone_whoever_chose_the_format(capsys: py
 
 
 @settings(max_examples=50)
-@given(st.text(max_size=30) | st.lists(st.sampled_from([*"=@-,[]{}: .1\n", *KINDS, "from_s"]), max_size=8).map("".join))
+@given(
+    st.text(max_size=30) | st.lists(st.sampled_from([*"=@-,[]{}: .1\n", *FAULTS, "from_s"]), max_size=8).map("".join)
+)
 def test_any_option_is_a_fault_or_a_value_error(text: str) -> None:
     try:
         fault = parse_fault(text)
@@ -756,7 +759,7 @@ def test_any_option_is_a_fault_or_a_value_error(text: str) -> None:
         said = str(error)
     else:
         said = f"{fault.name}, expected"
-        assert fault.name in KINDS
+        assert fault.name in FAULTS
     assert "expected" in said
 
 
@@ -832,7 +835,7 @@ def test_a_replay_sends_what_is_due_before_the_log_ends() -> None:
 
 def test_every_fault_is_in_the_scenario_that_shows_them() -> None:
     shown = load(ROOT / "configs" / "faults.yaml").faults
-    assert {fault.name for fault in shown} == set(KINDS)
+    assert {fault.name for fault in shown} == set(FAULTS)
 
 
 def test_a_long_run_checks_out() -> None:
