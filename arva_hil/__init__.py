@@ -1,3 +1,118 @@
-"""Hardware-in-the-loop emulator of an avalanche transceiver (ARVA) receiver."""
+"""Hardware-in-the-loop emulator of an avalanche transceiver (ARVA) receiver.
+
+What is named in `__all__` is public, and so are the events in `arva_hil.events`; all else may change at any time.
+Names are imported when they are first used. `docs/howto/python.md` shows them at work.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from arva_hil.api import load_scenario, replay, run_live
+    from arva_hil.config import FaultKind, Scenario, ScenarioError
+    from arva_hil.config.sorts import Number, Whole
+    from arva_hil.emulator.engine import Emulator, ReceiverSetup, VehicleSetup, one_vehicle
+    from arva_hil.emulator.frame_source import Output
+    from arva_hil.errors import ArvaError, KindError, UnknownKindError
+    from arva_hil.events import Event, FrameMade
+    from arva_hil.field import LocalFrame, Transmitters, dipole_field
+    from arva_hil.links import Address, AddressError, Link, LinkEnded, LinkError, Opening
+    from arva_hil.observers.audience import Observer
+    from arva_hil.observers.record import RecordError
+    from arva_hil.receiver import (
+        Answer,
+        Antennas,
+        ChannelReading,
+        Look,
+        PaperReceiver,
+        Pose,
+        Reading,
+        ReceiverModel,
+        ReceiverSettings,
+        Zone,
+    )
+    from arva_hil.search.strategy import Found, Observation, Strategy
+    from arva_hil.simulated.vehicle import SimulatedVehicle
+    from arva_hil.vehicle.session import Session
 
 __version__ = "0.1.0"
+
+_MODULES: Final = {
+    "api": "load_scenario replay run_live",
+    "config": "FaultKind Scenario ScenarioError",
+    "config.sorts": "Number Whole",
+    "emulator.engine": "Emulator ReceiverSetup VehicleSetup one_vehicle",
+    "emulator.frame_source": "Output",
+    "errors": "ArvaError KindError UnknownKindError",
+    "events": "Event FrameMade",
+    "field": "LocalFrame Transmitters dipole_field",
+    "links": "Address AddressError Link LinkEnded LinkError Opening",
+    "observers.audience": "Observer",
+    "observers.record": "RecordError",
+    "receiver": "Answer Antennas ChannelReading Look PaperReceiver Pose Reading ReceiverModel ReceiverSettings Zone",
+    "search.strategy": "Found Observation Strategy",
+    "simulated.vehicle": "SimulatedVehicle",
+    "vehicle.session": "Session",
+}
+_HOMES: Final = {name: module for module, names in _MODULES.items() for name in names.split()}
+
+__all__ = [
+    "Address",
+    "AddressError",
+    "Answer",
+    "Antennas",
+    "ArvaError",
+    "ChannelReading",
+    "Emulator",
+    "Event",
+    "FaultKind",
+    "Found",
+    "FrameMade",
+    "KindError",
+    "Link",
+    "LinkEnded",
+    "LinkError",
+    "LocalFrame",
+    "Look",
+    "Number",
+    "Observation",
+    "Observer",
+    "Opening",
+    "Output",
+    "PaperReceiver",
+    "Pose",
+    "Reading",
+    "ReceiverModel",
+    "ReceiverSettings",
+    "ReceiverSetup",
+    "RecordError",
+    "Scenario",
+    "ScenarioError",
+    "Session",
+    "SimulatedVehicle",
+    "Strategy",
+    "Transmitters",
+    "UnknownKindError",
+    "VehicleSetup",
+    "Whole",
+    "Zone",
+    "dipole_field",
+    "load_scenario",
+    "one_vehicle",
+    "replay",
+    "run_live",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -20,6 +20,7 @@ from typing import Any, Final
 from arva_hil import files
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.trial import FOUND, Result
+from arva_hil.errors import ArvaError
 from arva_hil.safe_text import cell, one_line
 
 __all__ = ["FAILED", "NAME", "REPORT", "TABLE", "Results", "ResultsError", "Row", "flown", "opened", "replace", "row"]
@@ -35,7 +36,7 @@ _WAIT_S: Final = 1.0  # for who has the database to end
 _ELSEWHERE: Final = "it is left as it is; name another folder with --out"
 
 
-class ResultsError(Exception):
+class ResultsError(ArvaError):
     """The results cannot be read or written; `str()` says where and why."""
 
 

@@ -18,6 +18,7 @@ from typing import Any, Final
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.results import FAILED
 from arva_hil.campaign.trial import Result, Trial
+from arva_hil.errors import ArvaError
 
 __all__ = ["Crew", "CrewError", "Fly", "MissingExtra", "Unreachable", "cluster", "processes"]
 
@@ -31,7 +32,7 @@ _ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "
 _SIGNALS: Final = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
 
-class CrewError(Exception):
+class CrewError(ArvaError):
     """No more trials can be run; `str()` says why."""
 
 

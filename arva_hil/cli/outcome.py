@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from arva_hil.errors import ArvaError
 from arva_hil.safe_text import one_line
 
 OK: Final = 0
@@ -14,7 +15,7 @@ INTERRUPTED: Final = 130
 NO_READER: Final = 141  # any more at the pipe that stdout is, as `| head`: as of a program that SIGPIPE has ended
 
 
-class Failure(Exception):
+class Failure(ArvaError):
     """The end of a command: `str()` says what was wrong, where, and what to do, a line for each of `lines`."""
 
     def __init__(self, code: int, *lines: object) -> None:

@@ -10,10 +10,11 @@ import sys
 from typing import Any
 
 from arva_hil.cli.standard_streams import abandon
+from arva_hil.errors import ArvaError
 from arva_hil.safe_text import one_line
 
 
-class StdoutError(Exception):
+class StdoutError(ArvaError):
     """Standard output takes nothing: its disk is full."""
 
 

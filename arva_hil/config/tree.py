@@ -11,6 +11,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from arva_hil.errors import ArvaError
+
 if TYPE_CHECKING:
     from yaml import Node
 
@@ -33,7 +35,7 @@ class Problem:
         return f"{self.source}:{self.line}:{self.column}: {self.found}, expected {self.expected}{hint}"
 
 
-class ScenarioError(Exception):
+class ScenarioError(ArvaError):
     """A scenario or a plan that cannot be used. `problems` are sorted by place; `str()` is one line for each."""
 
     def __init__(self, problems: Sequence[Problem]) -> None:

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from arva_hil.config.tree import Problem, any_of
+from arva_hil.errors import ArvaError
 
 
 @dataclass(eq=False)
-class Wrong(Exception):
+class Wrong(ArvaError):
     """A value that is not of its sort: what was `expected`; what was `found`, where describing the value is not enough;
     the `nearest` valid one. `where` is the way to its place from the value that was read, `at_key` if its key is meant.
 
@@ -44,7 +45,7 @@ class Wrong(Exception):
         return text
 
 
-class SeveralWrong(Exception):
+class SeveralWrong(ArvaError):
     """All that is wrong with a value, and the `problems` of other files that it names."""
 
     def __init__(self, every: Sequence[Wrong], problems: Sequence[Problem] = ()) -> None:

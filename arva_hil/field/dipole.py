@@ -6,20 +6,23 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-__all__ = ["Transmitters", "dipole_field"]
+from arva_hil.field.arrays import Array, floats, vector
 
-Array = NDArray[np.float64]
+__all__ = ["Transmitters", "dipole_field", "field_of"]
 
 _NEAREST_M = 0.01  # a receiver closer than this reads as if it were this far: the field stays finite
 
 
 @dataclass(frozen=True, eq=False)
 class Transmitters:
-    """M transmitters at one instant. Raises ValueError when the shapes do not agree.
+    """M transmitters at one instant. Lists are taken as arrays. Raises ValueError when the shapes do not agree.
 
     `unplaced`: ids of those whose place is not known. They are silent, and no range to them is true.
+
+    >>> Transmitters((1,), [[20, 5, 0]], [[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], [1.0]).ranges([20, 0, 0])
+    {1: 5.0}
     """
 
     ids: tuple[int, ...]
@@ -30,24 +33,40 @@ class Transmitters:
 
     def __post_init__(self) -> None:
         m = len(self.ids)
-        shapes = (self.positions.shape, self.rotations.shape, self.strengths.shape)
-        if shapes != ((m, 3), (m, 3, 3), (m,)):
-            raise ValueError(f"{m} transmitters with positions, rotations, strengths of shape {shapes}")
+        for name, shape in ("positions", (m, 3)), ("rotations", (m, 3, 3)), ("strengths", (m,)):
+            object.__setattr__(self, name, vector(name, getattr(self, name), *shape))
 
-    def ranges(self, point: Array) -> dict[int, float]:
+    def ranges(self, point: ArrayLike) -> dict[int, float]:
         """How far [m] each is from a point (3,) in NED, by id."""
-        at = point.tolist()
+        at = vector("point", point, 3).tolist()
         every = zip(self.ids, self.positions.tolist(), strict=True)
         return {id_: math.dist(at, place) for id_, place in every if id_ not in self.unplaced}
 
 
-def dipole_field(points: ArrayLike, positions: Array, rotations: Array, strengths: Array) -> Array:
+def dipole_field(points: ArrayLike, positions: ArrayLike, rotations: ArrayLike, strengths: ArrayLike) -> Array:
     """The field (..., M, 3) in NED of each of M dipoles at each of the points (..., 3) in NED, metres.
 
+    `positions` (M, 3) in NED, metres; `rotations` (M, 3, 3) transmitter → NED, the dipole along the transmitter's x;
+    `strengths` (M,) κ‖m‖, 1 for the reference transmitter. The field is in units of that: 1 / (2π) on the axis at 1 m.
     Eq. 1 and 2 with A(r) and R_t multiplied out: h = κ‖m‖ / (4π‖r‖³) · (3(a·n)n − a), where a is the dipole's
-    axis and n = r/‖r‖, both in NED. For the other arguments see `Transmitters`. Finite everywhere.
+    axis and n = r/‖r‖, both in NED. Finite everywhere: nearer than 1 cm it is as at 1 cm.
+    Lists are taken as arrays. Raises ValueError when a shape is not as said.
+
+    >>> field = dipole_field([[1, 0, 0], [0, 2, 0]], [[0, 0, 0]], [[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], [1])
+    >>> field.shape
+    (2, 1, 3)
+    >>> float(field[0, 0, 0]) == 1 / (2 * math.pi)
+    True
     """
-    r = np.asarray(points, float)[..., None, :] - positions
+    points, positions = floats("points", points, 3), floats("positions", positions, None, 3)
+    m = len(positions)
+    positions = vector("positions", positions, m, 3)
+    return field_of(points, positions, vector("rotations", rotations, m, 3, 3), vector("strengths", strengths, m))
+
+
+def field_of(points: Array, positions: Array, rotations: Array, strengths: Array) -> Array:
+    """The same as `dipole_field`, of arrays that are known to be right."""
+    r = points[..., None, :] - positions
     axis = rotations[..., 0]
     distance = np.hypot(np.hypot(r[..., 0], r[..., 1]), r[..., 2])[..., None]
     n = np.empty_like(r)

@@ -8,11 +8,11 @@ second order (at most 1 mm in 60 m).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from arva_hil.field.arrays import Array, floats, vector
 
 __all__ = ["LocalFrame", "to_ecef"]
-
-Array = NDArray[np.float64]
 
 _A = 6378137.0  # semi-major axis
 _F = 1 / 298.257223563  # flattening
@@ -45,10 +45,21 @@ def _from_ecef(ecef: Array) -> tuple[Array, Array, Array]:
 
 
 class LocalFrame:
-    """North, east, down, metres, in the plane that touches the ellipsoid's parallel surface at the datum."""
+    """North, east, down, metres, in the plane that touches the ellipsoid's parallel surface at the datum.
+
+    The datum is WGS-84 latitude and longitude in degrees, altitude in metres above mean sea level. Lists are taken as
+    arrays. Raises ValueError for what is no number, or has another shape.
+
+    >>> frame = LocalFrame(46.0, 7.0, 1650.0)
+    >>> frame.ned(46.001, 7.0, 1640.0).round(1)  # north, east, down
+    array([111.2,   0. ,  10. ])
+    >>> [round(float(value), 6) for value in frame.lla([0, 0, 10])]
+    [46.0, 7.0, 1640.0]
+    """
 
     def __init__(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
-        self._origin = to_ecef(lat_deg, lon_deg, alt_m)
+        lat_deg, lon_deg = float(vector("lat_deg", lat_deg)), float(vector("lon_deg", lon_deg))
+        self._origin = to_ecef(lat_deg, lon_deg, vector("alt_m", alt_m))
         lat, lon = np.radians(lat_deg), np.radians(lon_deg)
         sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
         self._ned_to_ecef = np.array(
@@ -60,10 +71,11 @@ class LocalFrame:
         )
 
     def ned(self, lat_deg: ArrayLike, lon_deg: ArrayLike, alt_m: ArrayLike) -> Array:
-        """Position (..., 3) in this frame."""
+        """Position (..., 3) in this frame of latitudes, longitudes and altitudes, each (...)."""
+        lat_deg, lon_deg, alt_m = floats("lat_deg", lat_deg), floats("lon_deg", lon_deg), floats("alt_m", alt_m)
         ned: Array = (to_ecef(lat_deg, lon_deg, alt_m) - self._origin) @ self._ned_to_ecef
         return ned
 
     def lla(self, ned: ArrayLike) -> tuple[Array, Array, Array]:
         """(lat_deg, lon_deg, alt_m), each (...), of positions (..., 3); to 1e-9 degrees and 1 µm."""
-        return _from_ecef(self._origin + np.asarray(ned, float) @ self._ned_to_ecef.T)
+        return _from_ecef(self._origin + floats("ned", ned, 3) @ self._ned_to_ecef.T)

@@ -7,6 +7,7 @@ import os
 from abc import abstractmethod
 from typing import Final
 
+from arva_hil.errors import ArvaError
 from arva_hil.links.base import Link, LinkError
 from arva_hil.runtime.clock import await_descriptors
 
@@ -14,7 +15,7 @@ CHUNK: Final = 65536  # bytes asked of the system at a time
 AT_ONCE: Final = 1 << 16  # bytes one `read` returns, give or take a chunk: a flood cannot hold the loop
 
 
-class EndOfStream(ConnectionError):
+class EndOfStream(ArvaError, ConnectionError):
     """The far end closed, in good order."""
 
 

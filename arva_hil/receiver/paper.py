@@ -11,7 +11,7 @@ from typing import Final, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from arva_hil.field.dipole import dipole_field
+from arva_hil.field.dipole import field_of
 from arva_hil.receiver.reading import ChannelReading, Reading, Zone, with_true_ranges
 from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
 
@@ -37,7 +37,11 @@ class Antennas:
     noise: NoiseKind = "uniform"
 
     def __post_init__(self) -> None:
-        if len(self.sensitivity) != 3 or not all(0 < q <= 1 for q in self.sensitivity):
+        try:
+            every = [float(q) for q in self.sensitivity]
+        except (TypeError, ValueError):
+            every = []
+        if len(every) != 3 or not all(0 < q <= 1 for q in every):
             raise ValueError(f"sensitivity {self.sensitivity}: expected three values in (0, 1]")
         if not 0 < self.kappa_eq < math.inf:
             raise ValueError(f"kappa_eq {self.kappa_eq}: expected above 0")
@@ -165,7 +169,7 @@ class PaperReceiver:
             self._reading = Reading(self._empty, interference, False)
             return
         p_r, R_r = look.pose.position, look.pose.rotation
-        h_r = receive(dipole_field(p_r, t.positions, t.rotations, t.strengths), R_r, self._q, w)
+        h_r = receive(field_of(p_r, t.positions, t.rotations, t.strengths), R_r, self._q, w)
         columns = (column.tolist() for column in outputs(h_r, self._kappa_eq))
         heard = [
             (d_cm, id_, delta_deg, zone) for id_, d_cm, delta_deg, zone in zip(t.ids, *columns, strict=True) if zone

@@ -10,23 +10,26 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from arva_hil.field.arrays import Array, vector
 from arva_hil.field.dipole import Transmitters
 from arva_hil.receiver.reading import Reading
 
 __all__ = ["Answer", "Look", "Pose", "ReceiverModel", "ReceiverSettings"]
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """The receiver's own pose, mount included: position (3,) NED [m] from the datum, rotation (3, 3) receiver → NED."""
+    """The receiver's own pose, mount included: position (3,) NED [m] from the datum, rotation (3, 3) receiver → NED.
+
+    Lists are taken as arrays. Raises ValueError for another shape.
+    """
 
     position: Array
     rotation: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", vector("position", self.position, 3))
+        object.__setattr__(self, "rotation", vector("rotation", self.rotation, 3, 3))
 
 
 @dataclass(frozen=True, slots=True)

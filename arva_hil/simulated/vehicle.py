@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
+from arva_hil.field.arrays import vector
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing
 from arva_hil.simulated.autopilot import Mode, Pilot
@@ -83,8 +84,9 @@ class SimulatedVehicle:
         self.version = version
         self._signing = signing
         self._sensors = sensors
-        self._home = Home(*home)
-        self._pilot = Pilot(wind)
+        self._home = Home(*vector("home", home, 3).tolist())
+        north, east, down = vector("wind", wind, 3).tolist()
+        self._pilot = Pilot((north, east, down))
         self._error = PositionError(gps_noise_m, seed)
         self._origin = boot_time
         self._fix_us = round(fix_after * 1e6)

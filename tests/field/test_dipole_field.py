@@ -85,5 +85,5 @@ def test_any_leading_shape_is_the_same_points_one_by_one() -> None:
 
 
 def test_transmitters_must_agree_in_number() -> None:
-    with pytest.raises(ValueError, match="2 transmitters"):
+    with pytest.raises(ValueError, match=r"strengths: the shape \(1,\), expected \(2,\)"):
         Transmitters((1, 2), np.zeros((2, 3)), np.zeros((2, 3, 3)), np.ones(1))

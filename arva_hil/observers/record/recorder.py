@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from arva_hil import files
+from arva_hil.errors import ArvaError
 from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import dialect
@@ -28,7 +29,7 @@ _FEW_JOBS: Final = 8  # a batch each: who can wait for the disk does so rather t
 _MANY_JOBS: Final = 10_000  # a batch each, of 0.2 s
 
 
-class RecordError(Exception):
+class RecordError(ArvaError):
     """The record could not be made or went wrong; `str()` says where and why."""
 
 

@@ -1,0 +1,164 @@
+"""A scenario from a file, and the emulator run with it: live, or by a recorded flight."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+
+from arva_hil.config import Scenario, load
+from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.events import Event, FrameMade, HeartbeatMissing
+from arva_hil.links import Link, LinkError, open_link
+from arva_hil.links.reconnecting import open_lasting
+from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog_timeline import Timeline
+from arva_hil.observers.audience import Audience
+from arva_hil.observers.console.reasons import no_vehicle
+from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.runtime import drivers
+from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.loop import run
+from arva_hil.vehicle.session import Session
+
+__all__ = ["load_scenario", "replay", "run_live"]
+
+
+def load_scenario(path: str | os.PathLike[str]) -> Scenario:
+    """The scenario in a file (YAML). Raises ScenarioError with every mistake, each with file, line and column.
+
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "one.yaml")
+    >>> _ = path.write_text("transmitters: [{id: 1, enu: [5, 20, 0]}]")
+    >>> load_scenario(path).transmitters[0].ned
+    (20.0, 5.0, 0.0)
+    """
+    return load(path)
+
+
+def run_live(
+    scenario: Scenario,
+    *,
+    autopilot: str,
+    port: str | None = None,
+    duration_s: float = math.inf,
+    timeout_s: float = 10.0,
+    max_age_s: float = 2.0,
+    stream_hz: float = 50.0,
+    target_system: int | None = None,
+    target_component: int | None = None,
+    on_event: Callable[[Event], object] = lambda event: None,
+    stopped: Callable[[], bool] = lambda: False,
+) -> None:
+    """Emulate the scenario's receiver until `duration_s` have passed or `stopped` says so, which is asked often.
+
+    `autopilot`, `port`: connection strings; a format inside MAVLink has no port. A link that is lost is opened again.
+    `timeout_s`: for the first heartbeat. `max_age_s`: older poses are no pose. `stream_hz`: of the pose that the
+    autopilot is asked for. `target_system`, `target_component`: follow only these. `on_event` gets every event, and has
+    to be quick: frames wait for it. What it raises ends the run.
+
+    Raises AddressError for a string that is no address, LinkError for a link that cannot be opened, is gone for good,
+    or on which no heartbeat comes in time, ValueError for arguments that do not fit together.
+    """
+    _check_single(scenario)
+    over_mavlink = scenario.output_format in MAVLINK_FORMATS
+    if over_mavlink is (port is not None):
+        what = "no port" if over_mavlink else "a port"
+        raise ValueError(f"port: {port!r}, expected {what} for frames of the format {scenario.output_format}")
+    clock, watcher = RealClock(), _Watcher(on_event)
+    with ExitStack() as stack:
+
+        def opened(address: str, *, answered: bool = False) -> Link:
+            return stack.enter_context(closing(open_lasting(address, clock=clock, answered=answered)))
+
+        session = Session(target_system=target_system, target_component=target_component, rate_hz=stream_hz)
+        autopilots = {"autopilot": opened(autopilot, answered=True)}
+        ports = {} if port is None else {"port": opened(port)}
+        start = clock.now()
+        emulator = Emulator(
+            [one_vehicle(scenario, session)],
+            start=start,
+            timeout_s=min(timeout_s, duration_s),
+            max_age_s=max_age_s,
+        )
+        live = drivers.Live(emulator, autopilots, ports, Audience([watcher]))
+        run([live], clock, until=start + duration_s, stopped=lambda: watcher.over or stopped())
+    watcher.finish(autopilot)
+
+
+def replay(
+    log: str | os.PathLike[str],
+    scenario: Scenario,
+    *,
+    max_age_s: float = 2.0,
+    target_system: int | None = None,
+    target_component: int | None = None,
+    port: str | None = None,
+    on_event: Callable[[Event], object] = lambda event: None,
+) -> list[FrameMade]:
+    """Every frame that the scenario's receiver would have sent on a recorded flight (.tlog), as fast as possible.
+
+    The same log and scenario give the same frames. `port`: a connection string to send them to, too. For the other
+    arguments see `run_live`. Raises LinkError for a file that cannot be read or is no log.
+    """
+    _check_single(scenario)
+    frames: list[FrameMade] = []
+
+    def keep(event: Event) -> None:
+        if isinstance(event, FrameMade):
+            frames.append(event)
+        on_event(event)
+
+    watcher = _Watcher(keep)
+    session = Session(target_system=target_system, target_component=target_component, passive=True)
+    emulator = Emulator(
+        [one_vehicle(scenario, session)], start=0.0, max_age_s=max_age_s, look_ahead_s=drivers.LOOK_AHEAD_S
+    )
+    with ExitStack() as stack:
+        reader = stack.enter_context(closing(read_tlog(log)))
+        out = stack.enter_context(closing(open_link(port, clock=RealClock()))) if port is not None else None
+        drivers.replay(
+            emulator,
+            Timeline(reader, stamped=reader.stamped),
+            "autopilot",
+            lambda output: out is None or out.write(output.data),
+            Audience([watcher]),
+            stopped=lambda: watcher.over,
+        )
+    watcher.finish()
+    return frames
+
+
+def _check_single(scenario: Scenario) -> None:
+    if scenario.vehicles:
+        raise ValueError(f"scenario: {scenario.source} has vehicles, expected one without: build an Emulator of them")
+
+
+class _Watcher:
+    """Remembers why the run has to end."""
+
+    def __init__(self, on_event: Callable[[Event], object]) -> None:
+        self._on_event = on_event
+        self._error: BaseException | None = None
+        self._missing = ""
+
+    @property
+    def over(self) -> bool:
+        return bool(self._error or self._missing)
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, HeartbeatMissing):
+            self._missing = no_vehicle(event.heard)
+        if self._error is None:
+            try:
+                self._on_event(event)
+            except Exception as error:
+                self._error = error
+
+    def finish(self, address: str = "") -> None:
+        """Raise what ended the run; that no vehicle was heard is an error where an `address` should have one."""
+        if self._error:
+            raise self._error
+        if self._missing and address:
+            raise LinkError(address, self._missing)

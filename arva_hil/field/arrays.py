@@ -1,0 +1,44 @@
+"""What callers give as arrays: lists of numbers are taken, everything else is refused by the argument's name."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Array", "floats", "vector"]
+
+Array = NDArray[np.float64]
+
+
+def floats(name: str, value: ArrayLike, *shape: int | None) -> Array:
+    """`value` as an array of floats, whose last dimensions are `shape`; None there is any length.
+
+    Raises ValueError that names the argument, what was found and what was expected.
+    """
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: {_short(value)}, expected numbers{_said(shape)}") from None
+    last = array.shape[max(0, array.ndim - len(shape)) :]
+    if len(last) != len(shape) or any(n not in (have, None) for have, n in zip(last, shape, strict=True)):
+        raise ValueError(f"{name}: the shape {array.shape}, expected numbers{_said(shape)}")
+    return array
+
+
+def vector(name: str, value: ArrayLike, *shape: int) -> Array:
+    """`value` as an array of floats of exactly this shape. Raises ValueError as `floats`."""
+    if isinstance(value, np.ndarray) and value.shape == shape and value.dtype == np.float64:
+        return value
+    array = floats(name, value)
+    if array.shape != shape:
+        raise ValueError(f"{name}: the shape {array.shape}, expected {shape}")
+    return array
+
+
+def _said(shape: tuple[int | None, ...]) -> str:
+    return f" of the shape (..., {', '.join('M' if n is None else str(n) for n in shape)})" if shape else ""
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:59] + "…"

@@ -1,0 +1,164 @@
+"""`import arva_hil`: what is public is there, documented and tried; mistakes are named; all errors have one root."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import inspect
+import pkgutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import arva_hil
+from arva_hil.links.pty import PtyLink
+from tests.cli.far_ends import Autopilot
+
+ROOT = Path(__file__).parent.parent
+PINNED = (  # in the order of the project's interface
+    "Scenario load_scenario Emulator run_live replay SimulatedVehicle Transmitters dipole_field ReceiverModel "
+    "PaperReceiver Reading LocalFrame Strategy ArvaError"
+).split()
+LEVEL = np.eye(3)
+ONE = arva_hil.Transmitters((1,), [[20, 5, 0]], [LEVEL], [1])  # type: ignore[arg-type, list-item]
+
+
+def test_every_pinned_name_is_public() -> None:
+    assert set(PINNED) <= set(arva_hil.__all__)
+    assert set(arva_hil.__all__) <= set(dir(arva_hil))
+
+
+def test_importing_the_package_imports_nothing_slow() -> None:
+    program = (
+        "import arva_hil, sys; print(sorted({'numpy', 'pydantic', 'pymavlink', 'yaml', 'serial'} & set(sys.modules)))"
+    )
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert ran.stdout == "[]\n"
+
+
+def test_a_name_that_is_not_public_is_not_there() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
+        arva_hil.Nothing  # type: ignore[attr-defined]  # noqa: B018
+
+
+@pytest.mark.parametrize("name", arva_hil.__all__)
+def test_every_public_name_is_documented_and_so_is_what_it_can_do(name: str) -> None:
+    thing = getattr(arva_hil, name)
+    assert inspect.getdoc(thing)
+    if inspect.isclass(thing):
+        own = {key: value for key, value in vars(thing).items() if not key.startswith("_")}
+        undocumented = [key for key, value in own.items() if inspect.isfunction(value) and not inspect.getdoc(value)]
+        assert undocumented == []
+
+
+@pytest.mark.parametrize("name", arva_hil.__all__)
+def test_the_examples_of_public_names_are_true(name: str) -> None:
+    thing = getattr(arva_hil, name)
+    home = importlib.import_module(thing.__module__)
+    runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
+    for example in doctest.DocTestFinder(recurse=False).find(thing, name, globs=vars(home) | {name: thing}):
+        assert runner.run(example).failed == 0
+
+
+def test_the_examples_of_the_page_are_true(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    line, port = PtyLink(), PtyLink()
+    autopilot = Autopilot(line)
+    text = (ROOT / "docs" / "howto" / "python.md").read_text(encoding="utf-8")
+    text = text.replace("udpin:127.0.0.1:14550", autopilot.address).replace("/dev/ttyUSB0", port.path)
+    text = text.replace("flight.tlog", str(ROOT / "tests" / "data" / "arducopter.tlog")).replace("```", "")
+    try:
+        examples = doctest.DocTestParser().get_doctest(text, {}, "docs/howto/python.md", None, None)
+        assert len(examples.examples) > 20
+        assert doctest.DocTestRunner().run(examples).failed == 0
+    finally:
+        for link in autopilot, line, port:
+            link.close()
+
+
+def test_every_error_of_the_package_has_the_one_root() -> None:
+    ours = set()
+    for module in pkgutil.walk_packages(arva_hil.__path__, "arva_hil."):
+        if module.name != "arva_hil.__main__":
+            every = vars(importlib.import_module(module.name)).values()
+            ours |= {x for x in every if inspect.isclass(x) and issubclass(x, BaseException)}
+    ours = {error for error in ours if error.__module__.startswith("arva_hil")}
+    assert len(ours) > 10
+    assert {error for error in ours if not issubclass(error, arva_hil.ArvaError)} == set()
+
+
+MISTAKES: list[tuple[Callable[[], Any], str]] = [
+    (lambda: arva_hil.dipole_field([1, 2], [[0, 0, 0]], [LEVEL], [1]), "points: the shape (2,), expected numbers"),
+    (lambda: arva_hil.dipole_field("here", [[0, 0, 0]], [LEVEL], [1]), "points: 'here', expected numbers"),
+    (lambda: arva_hil.dipole_field([0, 0, 0], [0, 0, 0], [LEVEL], [1]), "positions: the shape (3,), expected"),
+    (
+        lambda: arva_hil.dipole_field([0, 0, 0], [[0, 0, 0]], LEVEL, [1]),
+        "rotations: the shape (3, 3), expected (1, 3, 3)",
+    ),
+    (lambda: arva_hil.dipole_field([0, 0, 0], [[0, 0, 0]], [LEVEL], 1), "strengths: the shape (), expected (1,)"),
+    (lambda: arva_hil.Transmitters((1, 2), [[0, 0, 0]], [LEVEL], [1]), "positions: the shape (1, 3), expected (2, 3)"),
+    (lambda: ONE.ranges([1, 2]), "point: the shape (2,), expected (3,)"),
+    (lambda: arva_hil.Pose([0, 0], LEVEL), "position: the shape (2,), expected (3,)"),
+    (lambda: arva_hil.Pose([0, 0, 0], [1, 0, 0, 0]), "rotation: the shape (4,), expected (3, 3)"),
+    (lambda: arva_hil.LocalFrame("46 N", 7, 0), "lat_deg: '46 N', expected numbers"),
+    (lambda: arva_hil.LocalFrame(46, [7, 8], 0), "lon_deg: the shape (2,), expected ()"),
+    (lambda: arva_hil.LocalFrame(46, 7, 0).ned(46, None, "x"), "alt_m: 'x', expected numbers"),
+    (lambda: arva_hil.LocalFrame(46, 7, 0).lla([1, 2]), "ned: the shape (2,), expected numbers of the shape (..., 3)"),
+    (lambda: arva_hil.Antennas(sensitivity=1.0), "sensitivity 1.0: expected three values in (0, 1]"),
+    (lambda: arva_hil.Antennas(sensitivity=["a", "b", "c"]), "sensitivity ['a', 'b', 'c']: expected three values"),
+    (lambda: arva_hil.SimulatedVehicle((46.0, 7.7)), "home: the shape (2,), expected (3,)"),
+    (lambda: arva_hil.SimulatedVehicle("home"), "home: 'home', expected numbers"),
+    (lambda: arva_hil.SimulatedVehicle((46.0, 7.7, 0.0), wind=3.0), "wind: the shape (), expected (3,)"),
+    (lambda: arva_hil.run_live(_scenario(), autopilot="pty"), "port: None, expected a port for frames of the format"),
+    (lambda: arva_hil.run_live(_scenario(), autopilot="nonsense", port="pty"), "'nonsense' is no connection"),
+]
+
+
+def _scenario() -> arva_hil.Scenario:
+    from arva_hil.config import DEFAULT
+
+    return DEFAULT
+
+
+@pytest.mark.parametrize(("call", "said"), MISTAKES, ids=[said for _, said in MISTAKES])
+def test_a_caller_s_mistake_is_a_value_error_that_names_the_argument(call: Callable[[], Any], said: str) -> None:
+    with pytest.raises(ValueError) as error:  # noqa: PT011
+        call()
+    assert said in str(error.value)
+
+
+def test_lists_are_taken_as_arrays() -> None:
+    receiver = arva_hil.PaperReceiver(arva_hil.Antennas(sensitivity=[1.0, 0.8, 0.6]))  # type: ignore[arg-type]
+    receiver.look(arva_hil.Look(0.0, arva_hil.Pose([0, 0, 0], LEVEL.tolist()), ONE))  # type: ignore[arg-type]
+    assert receiver.show(0.0).channels[0].true_range_m == pytest.approx(20.6155, abs=1e-3)
+    assert arva_hil.SimulatedVehicle([46.0, 7.7, 1650.0], wind=[1, 2, 0]).poll(0.0)  # type: ignore[arg-type]
+
+
+def test_what_a_caller_s_function_raises_ends_a_replay_and_a_live_run() -> None:
+    def fail(event: arva_hil.Event) -> None:
+        raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        arva_hil.replay(ROOT / "tests" / "data" / "px4.tlog", _scenario(), on_event=fail)
+    line, port = PtyLink(), PtyLink()
+    try:
+        with pytest.raises(KeyError, match="mine"):
+            arva_hil.run_live(_scenario(), autopilot=line.path, port=port.path, on_event=fail)
+    finally:
+        line.close()
+        port.close()
+
+
+def test_a_live_run_without_a_heartbeat_is_a_link_error() -> None:
+    line, port = PtyLink(), PtyLink()
+    try:
+        with pytest.raises(arva_hil.LinkError, match=f"{line.path}: nothing was heard at all"):
+            arva_hil.run_live(_scenario(), autopilot=line.path, port=port.path, timeout_s=0.3)
+    finally:
+        line.close()
+        port.close()
