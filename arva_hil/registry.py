@@ -47,6 +47,9 @@ class Registry:
         self._made_with = made_with
         self._attributes = attributes
 
+    def __len__(self) -> int:
+        return len(self._built_in)
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._built_in)
 
@@ -221,6 +224,23 @@ FAULTS: Final = Registry(
     },
     ("stage", "valid", "help", "strike", "needs"),
 )
+LINKS: Final = Registry(  # by the kind of an address, which for those of other packages is its scheme
+    "kind of link",
+    "arva_hil.links",
+    {
+        "serial": "arva_hil.links.serial:SerialLink",
+        "pyserial": "arva_hil.links.serial:PyserialLink",
+        "pty": "arva_hil.links.pty:PtyLink",
+        "udpin": "arva_hil.links.udp:UdpInLink",
+        "udpout": "arva_hil.links.udp:UdpOutLink",
+        "tcp": "arva_hil.links.tcp:TcpLink",
+        "tcpin": "arva_hil.links.tcp_server:TcpServerLink",
+        "tlog": "arva_hil.links.tlog:TlogLink",
+        "stdout": "arva_hil.links.stdout:StdoutLink",
+    },
+    ("open", "read", "write", "close", "reopened"),
+)
+OBSERVERS: Final = Registry("observer", "arva_hil.observers", {}, ("observe",))  # for --observer
 STRATEGIES: Final = Registry(
     "strategy",
     "arva_hil.strategies",

@@ -21,6 +21,7 @@ from arva_hil.cli.terminal import tell
 from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, to_dict
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.fleet import receivers_of
+from arva_hil.errors import KindError
 from arva_hil.events import Event, HeartbeatMissing, StatusReport
 from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import ReaderGone, open_stdout
@@ -29,6 +30,7 @@ from arva_hil.observers.console import Lines, Printer, as_json, plain
 from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.reasons import no_vehicle
 from arva_hil.observers.record import Layout, Recorder, RecordError
+from arva_hil.registry import OBSERVERS
 from arva_hil.runtime.clock import Clock, RealClock, utc
 
 
@@ -136,6 +138,7 @@ class Run:
         record_links: Sequence[str] = (),
     ) -> None:
         self._guard = Guard()
+        self._plug_ins = [_observer(name) for name in options.observer or ()]
         names = receivers_of(chosen)
         self._vehicles = len(chosen.vehicles) or 1
         several = len(names) > 1
@@ -156,7 +159,11 @@ class Run:
         render = functools.partial(as_json, named=several) if options.json else plain if lines else None
         self._lines = Lines(open_stdout(), render, patient=patient) if render else None
         every = (self.printer, self._lines, self._recorder)
-        self.observers: list[Observer] = [self, *(observer for observer in every if observer is not None)]
+        self.observers: list[Observer] = [
+            self,
+            *(observer for observer in every if observer is not None),
+            *self._plug_ins,
+        ]
         self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and what was heard instead
         for line in describe(chosen):
             self.printer.say(line)
@@ -239,11 +246,30 @@ class Run:
             self.printer.say(line)
         for notice in said:
             self.printer.notice(notice)
+        self._close_plug_ins()
         self.printer.close()
         return code
 
+    def _close_plug_ins(self) -> None:
+        for observer in self._plug_ins:
+            try:
+                getattr(observer, "close", lambda: None)()
+            except Exception as error:
+                self.printer.notice(Notice("error", f"observer {type(observer).__name__}: its close failed: {error!r}"))
+
     def _as_dict(self, emulator: Emulator, links: Tally | None, how: str, code: int) -> dict[str, Any]:
         return {"ended": how, "exit_code": code, **self._known, **as_dict(emulator, links, self._layout)}
+
+
+def _observer(name: str) -> Observer:
+    """One that the command line names. Raises UsageError."""
+    try:
+        observer: Observer = OBSERVERS[name]()
+    except KindError as error:
+        raise UsageError(error) from None
+    except Exception as error:
+        raise UsageError(f"observer {name!r} cannot be made ({type(error).__name__}: {error})") from error
+    return observer
 
 
 def _known(chosen: Scenario) -> dict[str, Any]:

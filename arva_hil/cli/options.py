@@ -16,7 +16,7 @@ from arva_hil.cli.terminal import show
 from arva_hil.config.words import FRAMES_HZ, LARGEST_SEED
 from arva_hil.errors import KindError
 from arva_hil.links import AddressError, parse
-from arva_hil.registry import FORMATS, Registry
+from arva_hil.registry import FORMATS, OBSERVERS, Registry
 
 if TYPE_CHECKING:
     from arva_hil.config import Fault
@@ -135,7 +135,7 @@ def address(text: str) -> str:
     """A converter that refuses what is no connection string."""
     try:
         parse(text)
-    except AddressError as error:
+    except (AddressError, KindError) as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return text
 
@@ -250,4 +250,11 @@ def add_common(parser: Parser) -> None:
     """Options of nearly every command."""
     parser.option("--record", metavar="DIR", help="record what came in, what went out, what was read, into DIR")
     parser.option("--json", action="store_true", help="one JSON object a frame, and one an event, on stdout")
+    parser.option(
+        "--observer",
+        type=kind(OBSERVERS),
+        action="append",
+        metavar="NAME",
+        help="one more that is told every event, from an installed package",
+    )
     parser.option("-v", "--verbose", action="count", default=0, help="a line for every frame")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from arva_hil.config.mistakes import missing
 from arva_hil.config.sorts import FLOAT, WHOLE
-from arva_hil.config.tree import Scalar
+from arva_hil.config.tree import Scalar, any_of
 from arva_hil.config.wrong import Wrong
 from arva_hil.errors import KindError
 from arva_hil.registry import RECEIVERS
@@ -56,6 +56,9 @@ def checked_options(model: str, options: Any) -> Any:
         return options
     if not isinstance(options, Mapping | None):
         raise ValueError(f"options: {options!r}, expected {cls.__qualname__} or a mapping")
+    names = [field.name for field in dataclasses.fields(cls)]
+    if strangers := [name for name in options or () if name not in names]:
+        raise ValueError(f"options: {strangers[0]!r}, expected {any_of(names)}")
     return _validated(cls, dict(options or {}))
 
 
@@ -111,7 +114,8 @@ def _mistakes(error: ValidationError, model: str | None, names: Mapping[str, int
         if one["type"] == "missing" and len(where) == 1:
             yield missing(str(where[0]), names)
         elif message.startswith("Input should be "):
-            yield Wrong(message.removeprefix("Input should be "), where=where)
+            expected = message.removeprefix("Input should be ").partition(", unable to parse")[0]
+            yield Wrong(expected, where=where)
         else:
             found = message.removeprefix("Value error, ")
             yield Wrong(f"what the receiver model {model} takes", found, where=where)

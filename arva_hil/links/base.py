@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Hashable
+from typing import NamedTuple
 
-from arva_hil.runtime.clock import await_descriptors
+from arva_hil.errors import ArvaError
+from arva_hil.runtime.clock import Clock, await_descriptors
 
 Sender = Hashable  # one of several on a link; None where a link has but one
 
 
-class LinkError(Exception):
+class LinkError(ArvaError):
     """A link that could not be opened or was lost. `str()` is the whole message: what, where and the cure."""
 
     def __init__(self, link: str, what: str, hint: str = "") -> None:
@@ -28,8 +30,20 @@ class LinkEnded(LinkError):
     """A link that came to the end it was bound to have: a log that was played."""
 
 
+class Opening(NamedTuple):
+    """How a link is to be opened: see `open_link`."""
+
+    clock: Clock
+    baud: int = 115200
+    brief: bool = False
+    answered: bool = False
+
+
 class Link(ABC):
     """A two-way byte stream that never blocks.
+
+    A kind of link that a connection string can name has a class method `open(address: Address, how: Opening)`, which
+    gives a link or raises LinkError. `reopened`: one that is lost is to be opened again.
 
     `name` is the connection string a person knows it by. `dropped` counts the writes that were dropped whole
     because nobody empties the far end, `refusals` how often the far machine said that nobody listens there,
@@ -41,6 +55,7 @@ class Link(ABC):
     which put a new far end in the place of a lost one; and `returns`, the renewals that lasted.
     """
 
+    reopened: bool = False
     name: str
     dropped: int = 0
     refusals: int = 0

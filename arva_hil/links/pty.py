@@ -8,10 +8,11 @@ import selectors
 from typing import Any, Final
 
 from arva_hil.links import symlinks
-from arva_hil.links.base import LinkError
+from arva_hil.links.base import Link, LinkError, Opening
 from arva_hil.links.inotify import Closings
 from arva_hil.links.serial_ports import far_program
 from arva_hil.links.stream import FdLink
+from arva_hil.links.url import Address
 
 _TIOCGEXCL: Final = 0x80045440  # Linux: whether TIOCEXCL was set
 
@@ -25,6 +26,11 @@ class PtyLink(FdLink):
     (Linux tells of these, other systems do not).
     Raises LinkError where there are no pseudo-terminals and when the symlink's name is taken.
     """
+
+    @classmethod
+    def open(cls, address: Address, how: Opening) -> Link:
+        """See `Link`."""
+        return cls(address.path)
 
     def __init__(self, symlink: str = "") -> None:
         name = f"pty:{symlink}" if symlink else "pty"

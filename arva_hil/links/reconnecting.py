@@ -13,6 +13,7 @@ from typing import Final
 from arva_hil.links import Address, open_link, parse
 from arva_hil.links.base import Absent, Link, LinkEnded, LinkError
 from arva_hil.links.serial_opener import Barred, SerialOpener
+from arva_hil.registry import LINKS
 from arva_hil.runtime.clock import Clock
 
 Job = Callable[[], None]
@@ -223,8 +224,8 @@ def open_lasting(
     """Open a link that is opened again whenever it is lost and `wanted`; see `open_link` for what it raises.
 
     `patient`: one that is not there yet is no error but away, and looked for. A serial port is looked for by its stable
-    name. Other kinds than serial and TCP are as they were: what listens outlives its far ends by itself, and a log or a
-    pipe has nothing to come back.
+    name. Kinds that are not to be `reopened` are as they were: what listens outlives its far ends by itself, and a log
+    or a pipe has nothing to come back.
     """
     if isinstance(address, str):
         address = parse(address)
@@ -239,7 +240,7 @@ def open_lasting(
         again = SerialOpener(address, clock)
         sought = again.path if again.path != address.path else "it"
         return Reopening(link, again, clock, sought, wanted=wanted)
-    if address.kind in ("tcp", "pyserial"):
+    if LINKS[address.kind].reopened:
         opener = partial(open_link, address, clock=clock, brief=True, answered=answered)
         return Reopening(link, opener, clock, wanted=wanted)
     assert isinstance(link, Link)

@@ -10,9 +10,10 @@ import sys
 from typing import TYPE_CHECKING
 
 from arva_hil.links import symlinks
-from arva_hil.links.base import Absent, Link, LinkError
+from arva_hil.links.base import Absent, Link, LinkError, Opening
 from arva_hil.links.serial_ports import holders, list_ports
 from arva_hil.links.stream import CHUNK, FdLink, StreamLink
+from arva_hil.links.url import Address
 from arva_hil.runtime.clock import await_descriptors
 
 if TYPE_CHECKING:
@@ -63,6 +64,11 @@ class SerialLink(FdLink):
 
     hint = "was it unplugged, or did the program behind it end?"
 
+    @classmethod
+    def open(cls, address: Address, how: Opening) -> Link:
+        """See `Link`."""
+        return open_serial(address.path, address.baud or how.baud, brief=how.brief)
+
     def __init__(self, name: str, port: Serial) -> None:
         super().__init__(name, port.fileno())
         self._port = port
@@ -76,6 +82,13 @@ class PyserialLink(StreamLink):
     """What pyserial opened that is no POSIX device: a port on Windows, a URL. Polled where it must be."""
 
     hint = "was it unplugged, or did the program behind it end?"
+
+    reopened = True
+
+    @classmethod
+    def open(cls, address: Address, how: Opening) -> Link:
+        """See `Link`."""
+        return open_url(address.path, address.baud or how.baud)
 
     def __init__(self, name: str, port: Serial) -> None:
         super().__init__(name)

@@ -11,7 +11,8 @@ import sys
 from collections.abc import Callable
 from typing import BinaryIO, Final
 
-from arva_hil.links.base import Link, LinkError
+from arva_hil.links.base import Link, LinkError, Opening
+from arva_hil.links.url import Address
 from arva_hil.runtime.clock import await_descriptors
 
 _AT_ONCE: Final = getattr(select, "PIPE_BUF", 512)  # bytes that a pipe takes without waiting when it takes any
@@ -29,6 +30,11 @@ class StdoutLink(Link):
     when the reader went away, LinkError when the disk is full; then the file ends where the write before it did.
     `close` leaves `file` open.
     """
+
+    @classmethod
+    def open(cls, address: Address, how: Opening) -> Link:
+        """See `Link`."""
+        return open_stdout()
 
     def __init__(self, file: BinaryIO, name: str = "-") -> None:
         self.name = name

@@ -6,9 +6,10 @@ import errno
 import socket
 from typing import Any, Final, Literal
 
-from arva_hil.links.base import Absent, LinkError
+from arva_hil.links.base import Absent, Link, LinkError, Opening
 from arva_hil.links.serial_ports import listeners
 from arva_hil.links.stream import CHUNK, StreamLink
+from arva_hil.links.url import Address
 
 CONNECT_S: Final = 5.0  # for an answer to the first try to connect,
 BRIEF_S: Final = 0.5  # to one of many
@@ -47,6 +48,13 @@ class TcpLink(SocketLink):
     """
 
     hint = "is the autopilot running?"
+
+    reopened = True
+
+    @classmethod
+    def open(cls, address: Address, how: Opening) -> Link:
+        """See `Link`."""
+        return cls(address.host, address.port, BRIEF_S if how.brief else CONNECT_S, answered=how.answered)
 
     def __init__(self, host: str, port: int, timeout: float = CONNECT_S, *, answered: bool = False) -> None:
         name = f"tcp:{show(host, port)}"

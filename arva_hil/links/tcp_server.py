@@ -7,9 +7,10 @@ import socket
 from collections.abc import Collection
 from typing import Any, Final
 
-from arva_hil.links.base import Link, LinkError, Sender
+from arva_hil.links.base import Link, LinkError, Opening, Sender
 from arva_hil.links.stream import EndOfStream
 from arva_hil.links.tcp import SocketLink, listen_error, resolve, set_up, show
+from arva_hil.links.url import Address
 from arva_hil.runtime.clock import Clock, RealClock
 
 MOST_CLIENTS: Final = 8  # one more waits until there is room
@@ -26,6 +27,11 @@ class TcpServerLink(Link):
     for TcpLink. Port 0 takes a free one, see `port`. Raises LinkError when the address cannot be listened at; once
     pinned, also when the peer has left.
     """
+
+    @classmethod
+    def open(cls, address: Address, how: Opening) -> Link:
+        """See `Link`."""
+        return cls(address.host, address.port, how.clock, answered=how.answered)
 
     def __init__(
         self, host: str = "127.0.0.1", port: int = 0, clock: Clock | None = None, *, answered: bool = False

@@ -10,9 +10,10 @@ import stat
 from collections.abc import Generator, Iterator
 from typing import BinaryIO, Final
 
-from arva_hil.links.base import Link, LinkEnded, LinkError
+from arva_hil.links.base import Link, LinkEnded, LinkError, Opening
 from arva_hil.links.tlog_layout import BARE, DAY_US, LONGEST, find, follows, is_step, layout_of, look
 from arva_hil.links.tlog_timeline import Record, Timeline
+from arva_hil.links.url import Address
 from arva_hil.runtime.clock import Clock
 
 __all__ = ["Record", "TlogLink", "TlogReader", "read_tlog", "tlog_record"]
@@ -149,6 +150,11 @@ class TlogLink(Link):
     Where the log's clock was set, its `Timeline` goes on. Time is `clock`'s, counted from when the link was opened.
     Writes go nowhere. `read` raises LinkEnded behind the last record. `reader` has the counters.
     """
+
+    @classmethod
+    def open(cls, address: Address, how: Opening) -> Link:
+        """See `Link`."""
+        return cls(address.path, how.clock)
 
     def __init__(self, path: str | os.PathLike[str], clock: Clock) -> None:
         self.reader = read_tlog(path)

@@ -7,9 +7,10 @@ import socket
 from collections.abc import Collection, Iterator
 from typing import Any, Final
 
-from arva_hil.links.base import Link, LinkError, Sender
+from arva_hil.links.base import Link, LinkError, Opening, Sender
 from arva_hil.links.stream import AT_ONCE, CHUNK
 from arva_hil.links.tcp import listen_error, resolve, show
+from arva_hil.links.url import Address
 
 _MOST_SENDERS: Final = 8  # that get what is written, while none is the peer
 
@@ -79,6 +80,11 @@ class UdpOutLink(_UdpLink):
     Raises LinkError when the host is unknown or there is no route to it.
     """
 
+    @classmethod
+    def open(cls, address: Address, how: Opening) -> Link:
+        """See `Link`."""
+        return cls(address.host, address.port)
+
     def __init__(self, host: str, port: int) -> None:
         name = f"udpout:{show(host, port)}"
         family, address = resolve(name, host, port, socket.SOCK_DGRAM)
@@ -99,6 +105,11 @@ class UdpInLink(_UdpLink):
     Once pinned, only the peer is heard. A write without anybody to send it to is dropped and counted. Port 0 takes a
     free one, see `port`. Raises LinkError when the address cannot be listened at.
     """
+
+    @classmethod
+    def open(cls, address: Address, how: Opening) -> Link:
+        """See `Link`."""
+        return cls(address.host, address.port)
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
         name = f"udpin:{show(host, port)}"

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import re
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
-Kind = Literal["serial", "pty", "udpin", "udpout", "tcp", "tcpin", "tlog", "stdout", "pyserial"]
+from arva_hil.errors import ArvaError
+from arva_hil.registry import LINKS
 
 _LOOPBACK: Final = "127.0.0.1"
-_NETWORK: Final[dict[str, Kind]] = {
+_NETWORK: Final[dict[str, str]] = {
     "udpin": "udpin",
     "udpout": "udpout",
     "tcp": "tcp",
     "tcpout": "tcp",
     "tcpin": "tcpin",
 }
+_KINDS: Final = {*_NETWORK.values(), "serial", "pyserial", "pty", "tlog", "stdout"}  # with spellings of their own
 _USUAL_PORT: Final[dict[str, int]] = {"udpin": 14550, "udpout": 14550, "tcp": 5760, "tcpin": 5760}
 # Patterns are compiled when they are first used: it would take a third of this package's import time.
 _PYSERIAL: Final = r"(?i:rfc2217|socket|loop|spy|hwgrep|alt)://.*"
@@ -32,17 +34,18 @@ _EXAMPLES: Final = (
 )
 
 
-class AddressError(ValueError):
+class AddressError(ArvaError, ValueError):
     """A connection string that cannot be read; `str()` says what was found and what to write instead."""
 
 
 class Address(NamedTuple):
-    """Where a link goes. `path` is a device, a file, a symlink to make (pty) or one of pyserial's URLs.
+    """Where a link goes. `kind` is a name in the registry of links. `path` is a device, a file, a symlink to make
+    (pty), one of pyserial's URLs, or of a kind without a spelling of its own all that stands behind its scheme.
 
     `baud` (bit/s) is None when the string names none. `str()` is a spelling that `parse` reads back.
     """
 
-    kind: Kind
+    kind: str
     host: str = ""
     port: int = 0
     path: str = ""
@@ -57,6 +60,8 @@ class Address(NamedTuple):
             return f"pty:{self.path}" if self.path else "pty"
         if self.kind == "tlog" and not _is_log(self.path):
             return f"file:{self.path}"
+        if self.kind not in _KINDS:
+            return f"{self.kind}:{self.path}"
         return "-" if self.kind == "stdout" else self.path
 
 
@@ -87,6 +92,8 @@ def parse(text: str) -> Address:
         target = _target(text)
         examples = f"udpin:{target}", f"udpout:{target}", f"tcp:{target}"
         raise _refused(text, "could be UDP or TCP", *examples)
+    if scheme and scheme not in _KINDS and scheme in LINKS:
+        return Address(scheme, path=rest)
     if scheme:
         raise _refused(text, f"starts with {scheme!r}, which is no kind of link", *_EXAMPLES)
     if _is_log(text):

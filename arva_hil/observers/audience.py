@@ -9,7 +9,7 @@ from arva_hil.events import Event, ObserverFailed
 
 
 class Observer(Protocol):
-    """Whoever hears of every event, in order."""
+    """Whoever hears of every event, in order. A method `close` of one from another package is called at the end."""
 
     def observe(self, event: Event) -> None:
         """Take one event; it must not wait for anything."""

@@ -1,0 +1,300 @@
+"""Other people's packages: tests/plugins/example adds one of each kind from outside; broken ones are named."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import yaml
+
+from arva_hil import registry
+from arva_hil.registry import FAULTS, FORMATS, LINKS, OBSERVERS, RECEIVERS, STRATEGIES, Registry
+from firmware_proto import Decoder
+
+from .far_ends import Autopilot
+
+EXAMPLE = Path(__file__).parent.parent / "plugins" / "example"
+LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
+REGISTRIES = [RECEIVERS, FORMATS, LINKS, FAULTS, STRATEGIES, OBSERVERS]
+HOLD = "spec: 2\ntransmitters: [{id: 1, enu: [5, 20, 0]}]\nreceiver: {model: hold, %s}\n"
+
+Arva = Callable[..., Any]
+
+
+@pytest.fixture(autouse=True)
+def _forget(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """What a test imported by name is imported anew in the next."""
+    for of in REGISTRIES:
+        monkeypatch.setattr(of, "loaded", {})
+    before = set(sys.modules)
+    yield
+    for name in set(sys.modules) - before:
+        if name.partition(".")[0] in ("arva_example", "mine", "broken", "other"):
+            del sys.modules[name]
+
+
+@pytest.fixture
+def example(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The example package is installed."""
+    monkeypatch.syspath_prepend(str(EXAMPLE))
+
+
+@pytest.fixture
+def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, str, str, str], None]:
+    """`install(package, group, entry, code)`: a package with one module of the same name and one entry point."""
+
+    def add(package: str, group: str, entry: str, code: str) -> None:
+        folder = tmp_path / package
+        info = folder / f"{package}-2.0.dist-info"
+        info.mkdir(parents=True)
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 2.0\n")
+        (info / "entry_points.txt").write_text(f"[{group}]\n{entry}\n")
+        (folder / f"{package}.py").write_text(code)
+        monkeypatch.syspath_prepend(str(folder))
+
+    return add
+
+
+def scenario(folder: Path, own: str = "") -> Path:
+    path = folder / "hold.yaml"
+    path.write_text(HOLD % own)
+    return path
+
+
+# -- one of each ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("of", REGISTRIES, ids=lambda of: of.group)
+def test_the_example_adds_one_of_each_kind_and_it_has_what_it_needs(of: Registry, example: None) -> None:
+    (name,) = set(of.names()) - set(of)
+    assert name in of
+    assert of._unfit(of[name]) == ""
+
+
+@pytest.mark.usefixtures("example")
+def test_a_replay_with_another_s_model_format_fault_and_observer(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ARVA_EXAMPLE_COUNTS", str(tmp_path / "counts.json"))
+    file, out = scenario(tmp_path, "looks: 5"), tmp_path / "frames.hex"
+    options = ("--scenario", file, "--format", "hex", "--fault", "reversed=1@2-5", "--observer", "count")
+    ran = arva("replay", LOG, *options, "--out", out)
+    assert ran.code == 0, ran.err
+    lines = out.read_bytes()
+    assert lines.startswith(b"a457")
+    assert b"754a" in lines  # backwards
+    made = json.loads((tmp_path / "counts.json").read_text())["FrameMade"]
+    heard = arva("listen", out, "--format", "hex", "--json")
+    assert heard.code == 0
+    assert 0 < len(heard.out.splitlines()) < made
+
+
+@pytest.mark.usefixtures("example")
+def test_a_model_s_own_keys_change_what_it_does_and_are_in_the_record(arva: Arva, tmp_path: Path) -> None:
+    frames = []
+    for looks in 1, 100:
+        folder = tmp_path / str(looks)
+        ran = arva("replay", LOG, "--scenario", scenario(tmp_path, f"looks: {looks}"), "--record", folder)
+        assert ran.code == 0, ran.err
+        frames.append((folder / "frames.bin").read_bytes())
+        assert json.loads((folder / "run.json").read_text())["scenario"]["receiver"]["looks"] == looks
+    assert frames[0] != frames[1]
+
+
+@pytest.mark.usefixtures("example")
+def test_frames_go_to_a_link_of_another_package(arva: Arva, autopilot: Autopilot, tmp_path: Path) -> None:
+    out = tmp_path / "frames"
+    ran = arva("run", "--autopilot", autopilot.address, "--port", f"dump:{out}", "--duration", "1.2")
+    assert ran.code == 0, ran.err
+    assert f"frames to: dump:{out}" in ran.err
+    assert len(Decoder().feed(out.read_bytes(), 0.0)) == 2
+    refused = arva("run", "--autopilot", autopilot.address, "--port", "dump:")
+    assert (refused.code, "'dump:' has no path: write dump:/tmp/frames" in refused.err) == (2, True)
+    missing = arva("run", "--autopilot", autopilot.address, "--port", f"dump:{tmp_path}/no/such")
+    assert (missing.code, "cannot be written: No such file" in missing.err) == (3, True)
+
+
+@pytest.mark.usefixtures("example")
+@pytest.mark.parametrize("name", ["homing", "arva_example.strategy:Homing"])
+def test_a_demo_flies_by_another_s_strategy_by_its_name_or_its_place(arva: Arva, tmp_path: Path, name: str) -> None:
+    ran = arva("demo", "--speed", "max", "--strategy", name, "--record", tmp_path / "record")
+    assert ran.code == 0, ran.err
+    assert "found" in ran.err
+
+
+@pytest.mark.usefixtures("example")
+def test_a_campaign_s_plan_may_name_them_too(arva: Arva, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.yaml"
+    text = "strategies: [flux, homing, 'arva_example.strategy:Homing']\nscenarios: {random: {within_m: 10}}\n"
+    plan.write_text(text + "height_m: {arva_example.strategy:Homing: 5}\n")
+    ran = arva("check", plan)
+    assert (ran.code, "3 trials of flux, homing, arva_example.strategy:Homing" in ran.out) == (0, True)
+    plan.write_text(text.replace("homing,", "homming,"))
+    ran = arva("check", plan)
+    assert ran.code == 2
+    assert (
+        f"{plan}:1:20: 'homming', expected one of flux, extremum, estimate, homing, did you mean 'homing'?" in ran.err
+    )
+
+
+@pytest.mark.usefixtures("example")
+def test_a_file_may_name_another_s_fault_and_format(arva: Arva, tmp_path: Path) -> None:
+    file = tmp_path / "s.yaml"
+    text = "transmitters: [{id: 1, enu: [5, 20, 0]}]\noutput: {format: hex}\nfaults: [{reversed: %s, from_s: 3}]\n"
+    file.write_text(text % 0.5)
+    ran = arva("check", file)
+    assert (ran.code, "1 Hz, hex" in ran.out, "fault reversed=0.5@3" in ran.out) == (0, True, True)
+    file.write_text(text % 5)
+    ran = arva("check", file)
+    assert (ran.code, ran.err) == (2, f"{file}:3:21: '5', expected a probability above 0, at most 1\n")
+
+
+# -- own keys ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("example")
+@pytest.mark.parametrize(
+    ("own", "problems"),
+    [
+        ("looks: 0", ["3:32: '0', expected greater than or equal to 1"]),
+        ("looks: many", ["3:32: 'many', expected a valid integer\n"]),
+        ("lokos: 5", ["3:25: unknown key 'lokos', expected one of", "did you mean 'looks'?"]),
+        ("looks: 0, rate_hz: 99", ["3:32: '0'", "3:44: '99', expected a number from 0.1 to 50"]),
+        ("label: [1]", ["3:32: a list of 1, expected a valid string"]),
+    ],
+)
+def test_a_mistake_in_a_model_s_own_keys_is_found_at_its_place(
+    arva: Arva, tmp_path: Path, own: str, problems: list[str]
+) -> None:
+    ran = arva("check", scenario(tmp_path, own))
+    assert ran.code == 2
+    assert all(problem in ran.err for problem in problems), ran.err
+
+
+@pytest.mark.usefixtures("example")
+def test_a_vehicle_s_receiver_takes_over_the_own_keys_of_the_same_model_only(tmp_path: Path) -> None:
+    file = tmp_path / "fleet.yaml"
+    file.write_text(
+        HOLD % "looks: 7"
+        + "vehicles:\n- name: a\n  receivers:\n  - {name: same, port: pty}\n  - {name: own, port: pty, looks: 9}\n"
+        + "  - {name: other, port: pty, model: paper}\n"
+    )
+    from arva_hil.config import load, parse, to_dict
+
+    read = load(file)
+    same, own, other = read.vehicles[0].receivers
+    assert (same.receiver.options.looks, own.receiver.options.looks, other.receiver.options) == (7, 9, None)
+    assert parse(yaml.safe_dump(to_dict(read)), "again") == read
+
+
+@pytest.mark.usefixtures("example")
+def test_the_schema_knows_what_is_installed(arva: Arva) -> None:
+    schema = json.loads(arva("check", "--schema").out)
+    jsonschema.validate(yaml.safe_load(HOLD % "looks: 3"), schema)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(yaml.safe_load(HOLD % "looks: 0"), schema)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(yaml.safe_load(HOLD % "lokos: 3"), schema)
+
+
+@pytest.mark.usefixtures("example")
+def test_own_keys_in_python() -> None:
+    from arva_hil.config import Receiver
+
+    assert Receiver(model="hold").options.looks == 3
+    assert Receiver(model="hold", options={"looks": 5}).options.looks == 5
+    for options in {"looks": 0}, "five", {"lokos": 3}:
+        with pytest.raises(ValueError, match=r"options|looks|lokos"):
+            Receiver(model="hold", options=options)
+    with pytest.raises(ValueError, match="paper has no keys of its own"):
+        Receiver(options={"looks": 5})
+
+
+# -- what is broken ---------------------------------------------------------------------------------------------
+
+CASES = [
+    ("arva_hil.receivers", "raise RuntimeError('not today')\n", "replay {log} --scenario {scenario}"),
+    ("arva_hil.formats", "import no_such_thing\n", "listen pty --format bad"),
+    ("arva_hil.links", "def bad(:\n", "listen bad:there"),
+    ("arva_hil.faults", "raise SystemExit(3)\n", "replay {log} --fault bad=1"),
+    ("arva_hil.strategies", "raise RuntimeError('not today')\n", "demo --strategy bad"),
+    ("arva_hil.observers", "raise RuntimeError('not today')\n", "replay {log} --observer bad"),
+]
+
+
+@pytest.mark.parametrize(("group", "code", "command"), CASES)
+@pytest.mark.parametrize("how", ["cannot be imported", "lacks"])
+def test_a_package_that_cannot_be_used_is_named_with_the_cure(
+    install: Callable[..., None], arva: Arva, tmp_path: Path, group: str, code: str, command: str, how: str
+) -> None:
+    install("broken", group, "bad = broken:Bad", code if how != "lacks" else "class Bad: ...\n")
+    file = tmp_path / "s.yaml"
+    file.write_text("spec: 2\ntransmitters: [{id: 1, enu: [5, 20, 0]}]\nreceiver: {model: bad}\n")
+    ran = arva(*command.format(log=LOG, scenario=file).split())
+    assert ran.code == 2
+    assert f"'bad' of the package broken 2.0 {how}" in ran.err
+    assert "mend that package, or uninstall it: pip uninstall broken" in ran.err
+    assert "Traceback" not in ran.err
+
+
+def test_two_packages_with_one_name_are_refused_both(install: Callable[..., None], arva: Arva) -> None:
+    for package in "broken", "other":
+        install(package, "arva_hil.strategies", f"same = {package}:Same", "class Same: ...\n")
+    ran = arva("demo", "--strategy", "same")
+    assert ran.code == 2
+    assert "strategy 'same' is in 2 packages, " in ran.err
+    assert "broken 2.0" in ran.err
+    assert "other 2.0" in ran.err
+    assert "uninstall one of them" in ran.err
+
+
+def test_a_built_in_name_cannot_be_taken_over(install: Callable[..., None]) -> None:
+    install("broken", "arva_hil.strategies", "flux = broken:Flux", "class Flux: ...\n")
+    assert STRATEGIES["flux"].__module__ == "arva_hil.search.flux"
+    assert STRATEGIES.names() == ["flux", "extremum", "estimate"]
+
+
+@pytest.mark.parametrize(
+    ("code", "why"),
+    [
+        ("class Mine:\n    def hear(self, o): ...\n", "lacks velocity"),
+        ("class Mine:\n    def hear(self, o): ...\n    def velocity(self, t, p): ...\n", "cannot be made (TypeError"),
+        (
+            "class Mine:\n    def __init__(self, speed): ...\n"
+            "    def hear(self, o): ...\n    def velocity(self, t, p): ...\n",
+            "lacks found",
+        ),
+    ],
+)
+@pytest.mark.parametrize("command", ["demo", "search --autopilot pty --receiver pty"])
+def test_a_strategy_of_one_s_own_is_checked_before_anything_flies(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str, why: str, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(code)
+    ran = arva(*command.split(), "--strategy", "mine:Mine")
+    assert (ran.code, f"strategy 'mine:Mine' {why}" in ran.err) == (2, True), ran.err
+
+
+@pytest.mark.parametrize(
+    ("code", "said"),
+    [
+        ("class Bad:\n    def __init__(self, x): ...\n    def observe(self, e): ...\n", "cannot be made (TypeError"),
+        ("class Bad:\n    def observe(self, e): raise KeyError(5)\n", "Bad"),
+        ("class Bad:\n    def observe(self, e): ...\n    def close(self): raise KeyError(5)\n", "its close failed"),
+    ],
+)
+def test_an_observer_that_raises_stops_nothing(install: Callable[..., None], arva: Arva, code: str, said: str) -> None:
+    install("broken", "arva_hil.observers", "bad = broken:Bad", code)
+    ran = arva("replay", LOG, "--observer", "bad")
+    assert ran.code == (2 if "made" in said else 0)
+    assert said in ran.err
+
+
+def test_the_registry_lists_every_kind_of_the_map() -> None:
+    assert {of.group for of in vars(registry).values() if isinstance(of, Registry)} == {of.group for of in REGISTRIES}
