@@ -575,12 +575,13 @@ def test_frames_inside_mavlink_meet_what_is_sent_and_the_link_stays_whole(format
     class Ear(Simulator):
         def service(self, clock: Any) -> float:
             heard.extend(chunk := far.read())
-            self.vehicle.feed(chunk, clock.now())
-            far.write(self.vehicle.poll(clock.now()))
-            return self.vehicle.next_due
+            vehicle.feed(chunk, clock.now())
+            far.write(vehicle.poll(clock.now()))
+            return vehicle.next_due
 
     emulator = OneReceiver(parse(text, "test"), session, autopilot, None, start=0.0)
-    run([Ear(SimulatedVehicle(HOME), [far]), emulator], clock, until=30.0)
+    vehicle = SimulatedVehicle(HOME)
+    run([Ear([vehicle], [far]), emulator], clock, until=30.0)
     heard.extend(far.read())
     decoder = MavlinkDecoder(format)
     frames = decoder.feed(bytes(heard), 0.0)
