@@ -154,11 +154,7 @@ class Emulator:
         self._on_link: dict[str, list[EmulatedVehicle]] = {}
         for vehicle in self.vehicles:
             self._on_link.setdefault(vehicle.link, []).append(vehicle)
-        if any(
-            vehicle.session.reader is not every[0].session.reader
-            for every in self._on_link.values()
-            for vehicle in every
-        ):
+        if any(len({id(vehicle.session.reader) for vehicle in every}) > 1 for every in self._on_link.values()):
             raise ValueError("the sessions of vehicles on one link need the same reader")
         self._start = start
         self._timeout_s = timeout_s

@@ -7,17 +7,16 @@ layouts, checksum seeds and encoding are pymavlink's. Protocol: https://mavlink.
 from __future__ import annotations
 
 import functools
-import itertools
-import operator
 import re
 import struct
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Hashable
 from typing import Any, Final, NamedTuple
 
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from arva_hil.mavlink import dialect as _later  # noqa: F401, before the tables below
+from arva_hil.mavlink.layouts import layout, length_v1
 from arva_hil.mavlink.signing import Signing
 
 __all__ = ["RESULTS", "Encoder", "Packet", "Parser", "command", "dialect"]
@@ -29,13 +28,8 @@ _MAGIC_V2: Final = 0xFD
 _MAGIC: Final = re.compile(b"[\xfd\xfe]")
 _SIGNED: Final = 0x01  # the one incompatibility flag there is; a packet with another must be dropped
 _SIGNATURE_BYTES: Final = 13
-_HEAD_V2: Final = struct.Struct(
-    "<BBBxxBBI"
-)  # magic, length, incompatibility flags, system, component, message id + 1 byte
+_HEAD_V2: Final = struct.Struct("<BBBxxBBI")  # magic, length, incompatibility flags, ids, message id and a byte more
 _U16: Final = struct.Struct("<H")
-_BYTES: Final = {"char": 1, "float": 4, "double": 8} | {
-    f"{u}int{n}_t": n // 8 for u in ("", "u") for n in (8, 16, 32, 64)
-}
 _CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
 
 
@@ -176,10 +170,10 @@ class Parser:
         """The message in a packet; None when the dialect cannot read it."""
         if not packet.known:
             return None
-        if packet.version == 1 and packet.raw[1] < _length_v1(packet.msgid):
+        if packet.version == 1 and packet.raw[1] < length_v1(packet.msgid):
             self.malformed += 1
             return None
-        if numbers := _layout(packet.msgid):  # without pymavlink's second look at the checksum, most of its time
+        if numbers := layout(packet.msgid):  # without pymavlink's second look at the checksum, most of its time
             kind, packing, in_order = numbers
             raw, header = packet.raw, 10 if packet.version == 2 else 6
             if raw[1] >= packing.size:
@@ -273,39 +267,8 @@ def _crc(data: bytes, msgid: int) -> int:
 
 def _without_extensions(raw: bytes, msgid: int) -> bytes:
     """A MAVLink 1 packet as it has to be: pymavlink leaves MAVLink 2's extension fields in."""
-    length = _length_v1(msgid)
+    length = length_v1(msgid)
     if raw[1] == length:
         return raw
     body = bytes([length]) + raw[2 : 6 + length]
     return raw[:1] + body + _crc(body, msgid).to_bytes(2, "little")
-
-
-@functools.cache
-def _length_v1(msgid: int) -> int:
-    """Bytes of a message's payload without extension fields: they are the ones that its checksum seed leaves out.
-
-    https://mavlink.io/en/guide/serialization.html#crc_extra
-    """
-    kind = dialect.mavlink_map[msgid]
-    types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
-    crc, size, whole = crc16.mcrf4xx(f"{kind.msgname} ".encode()), 0, 0
-    for name, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True):
-        crc = crc16.mcrf4xx(f"{types[name]} {name} ".encode() + bytes([length] if length else []), crc)
-        size += _BYTES[types[name]] * (length or 1)
-        if (crc & 0xFF) ^ (crc >> 8) == kind.crc_extra:
-            whole = size
-    return whole
-
-
-@functools.cache
-def _layout(msgid: int) -> tuple[Any, Any, Callable[[Sequence[Any]], Iterable[Any]]] | None:
-    """The class of a message of numbers alone, how it is packed, and what puts the numbers into the fields' order."""
-    kind = dialect.mavlink_map[msgid]
-    if "char" in kind.fieldtypes:
-        return None
-    ends = list(itertools.accumulate(kind.lengths))
-    places = [slice(end - n, end) if n > 1 else end - 1 for end, n in zip(ends, kind.lengths, strict=True)]
-    ordered = [places[at] for at in kind.orders]
-    if len(ordered) > 1 and all(isinstance(at, int) for at in ordered):
-        return kind, kind.unpacker, operator.itemgetter(*ordered)
-    return kind, kind.unpacker, lambda values: [list(values[at]) if type(at) is slice else values[at] for at in ordered]
