@@ -33,6 +33,7 @@ COMMANDS: Final = {
     "scenarios": "which scenarios are built in",
     "ports": "what is plugged in",
     "doctor": "what is wrong, and the cure",
+    "config": "what holds for `run`, and where each value comes from",
     "completion": "a script that completes command lines in bash, zsh or fish",
 }
 HELP: Final = """\

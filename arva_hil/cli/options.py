@@ -34,6 +34,7 @@ class Parser(argparse.ArgumentParser):
         self._environment: dict[str, argparse.Action] = {}
         self.typed_only: list[str] = []  # flags without a twin in the environment
         self._given: Sequence[str] = ()
+        self.tells_sources = False  # whether `sources` of what is parsed says where each option was given
 
     def option(self, *flags: str, **kwargs: Any) -> None:
         """`add_argument` for an option, with its twin in the environment."""
@@ -63,7 +64,21 @@ class Parser(argparse.ArgumentParser):
         for name, action in self._environment.items():
             if value := environment.get(name):
                 weaker += self._from_environment(name, value, action)
-        return self.parse_args([*weaker, *arguments])
+        options = self.parse_args([*weaker, *arguments])
+        if self.tells_sources:
+            options.sources = self._sources(arguments, environment)
+        return options
+
+    def _sources(self, arguments: Sequence[str], environment: Mapping[str, str]) -> dict[str, str]:
+        """Where each option that was given comes from, by its name in the namespace."""
+        nothing = argparse.Namespace(**{action.dest: None for action in self._actions})
+        typed = vars(self.parse_args(arguments, nothing))
+        twins = {action.dest: name for name, action in self._environment.items() if environment.get(name)}
+        return {
+            dest: "command line" if value is not None else f"environment, {twins[dest]}"
+            for dest, value in typed.items()
+            if value is not None or dest in twins
+        }
 
     def _from_environment(self, name: str, value: str, action: argparse.Action) -> list[str]:
         flag = action.option_strings[0]
