@@ -17,7 +17,7 @@ release = version = arva_hil.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.doctest", "sphinx_pages"]
 exclude_patterns = ["examples/**"]
 nitpicky = True
-nitpick_ignore_regex = [("py:.*", r"(numpy|collections|typing|types|np|NDArray|ArrayLike|Path|pathlib)\b.*")]
+nitpick_ignore_regex = [("py:.*", r"(?!arva_hil\.\w+$).*")]  # types of others, and what of ours is not public
 
 myst_enable_extensions = ["dollarmath", "amsmath"]
 myst_heading_anchors = 4
@@ -26,7 +26,7 @@ myst_links_external_new_tab = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_preserve_defaults = True
-doctest_global_setup = "import math\nimport arva_hil"
+doctest_global_setup = "import math\nfrom arva_hil import *"
 
 html_theme = "furo"
 html_title = f"arva-hil {release}"
