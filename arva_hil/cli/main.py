@@ -151,4 +151,5 @@ def _imported(name: str) -> ModuleType:
     try:
         return importlib.import_module(name)
     finally:
+        gc.freeze()  # what is made by now stays
         gc.enable()
