@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
-import tempfile
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common, search, search_report
+from arva_hil.cli.demo_folder import KEPT_DAYS, new_folder
 from arva_hil.cli.outcome import FAILED, NO_LINK, Failure, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.links import LinkError, memory
@@ -29,7 +29,9 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
     if chosen.navigation_error:
         raise UsageError("navigation_error: the demo's vehicle tells where it truly is: leave it out")
-    options.record = options.record or tempfile.mkdtemp(prefix="arva-demo-")
+    if not options.record:
+        options.record = str(new_folder())
+        tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")
     search_report.refuse_log(Path(options.record))  # before the emulator's record is begun beside it
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)

@@ -292,4 +292,6 @@ def test_an_error_of_the_system_that_nobody_foresaw_is_not_laid_to_stdout(
     code, _, err = arva("demo", "--speed", "max")
     assert code == 1
     assert "stdout" not in err
-    assert re.search(r"unforeseen OSError: .*No space left on device: '/tmp/arva-demo-x' \(cli/demo.py:\d+\)", err)
+    assert re.search(
+        r"unforeseen OSError: .*No space left on device: '/tmp/arva-demo-x' \(cli/demo_folder.py:\d+\)", err
+    )
