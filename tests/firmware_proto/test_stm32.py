@@ -59,7 +59,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The example as its README has it built, for QEMU's clock."""
     built = tmp_path_factory.mktemp("stm32f405") / "arva.elf"
     page = (FOLDER / "README.md").read_text(encoding="utf-8")
-    (line,) = re.findall(r"(?m)^ +(arm-none-eabi-gcc (?:.*\\\n)*.*)", page)
+    (line,) = re.findall(r"(?m)^(arm-none-eabi-gcc (?:.*\\\n)*.*)", page)
     words = line.replace("\\\n", " ").split()
     words[words.index("-o") + 1] = str(built)
     subprocess.run([*words, "-Wextra", "-Werror", "-Wl,--fatal-warnings"], cwd=FOLDER, check=True, timeout=DEADLINE_S)

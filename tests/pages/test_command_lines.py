@@ -1,0 +1,215 @@
+"""Every shell line of README and the pages is run, or is named here with the reason why it is not.
+
+Serial ports are pseudo-terminals, addresses are free ones, the vehicle is the built-in one, and what runs until it is
+told to stop is told so once it does what it is there for.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from arva_hil.links.pty import PtyLink
+from tests.cli.far_ends import Program, free_port
+
+from .pages import ROOT, Typed, pages, shell_lines
+
+NOT_RUN = {  # what a line begins with → why it is not run here
+    r"make (demo|test|test-fast|lint|docs)$": "calls what other tests call, after an installation from the network",
+    r"python3 -m venv|\. |pip install": "installs from the network; `make dist` installs and tries the wheel",
+    r"sudo(edit)? ": "changes the system; tests/cli/test_service.py runs the unit's command",
+    r"docker ": "needs docker; tests/cli/test_service.py reads the Containerfile",
+    r"sim_vehicle\.py|make px4|ARVA_HIL_(ARDUCOPTER|PX4)=|PX4_PARAM|px4-": "needs a simulator: tests/sitl",
+    r"python tools/fly_simulators\.py": "needs a simulator",
+    r"cmake |ninja ": "needs PX4's sources; tests/firmware_proto/test_px4_module.py compiles the module",
+    r"arm-none-eabi-gcc|qemu-system-arm": "tests/firmware_proto/test_stm32.py runs it where they are installed",
+    r"python docs/examples/ros_node\.py": "needs ROS; tests/pages/test_examples.py runs it with a stand-in",
+    r"cc .*example_main\.c": "the tutorial's lines are the same and are typed in test_tutorial.py",
+}
+KEY = "11" * 32
+
+
+def reason(command: str) -> str | None:
+    """Why a line is not run."""
+    return next((why for begins, why in NOT_RUN.items() if re.match(begins, command)), None)
+
+
+PAGES = {str(page.relative_to(ROOT)): [*shell_lines(page)] for page in pages()}
+FIRST = {
+    typed.command: typed.place for lines in reversed(PAGES.values()) for typed in reversed(lines)
+}  # the rest repeat it
+
+
+def to_run(typed: Typed) -> bool:
+    return reason(typed.command) is None and FIRST[typed.command] == typed.place
+
+
+class Bench:
+    """A folder like this project's, a vehicle and what else a page's lines need. Remembers what is running."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._open: list[Program | PtyLink] = []
+        for name in ("configs", "docs", "firmware_proto", "tests", "tools"):
+            (folder / name).symlink_to(ROOT / name)
+        shutil.copy(ROOT / "tests/data/arducopter.tlog", folder / "flight.tlog")
+        (folder / ".arva-hil.key").write_text(KEY)
+        (folder / ".arva-hil.key").chmod(0o600)
+        self._vehicle = [f"pty:{folder}/vehicle-1", f"pty:{folder}/vehicle-2"]
+
+    def start(self, *words: str, **environment: str) -> Program:
+        """The program, in this folder, with nothing of the environment of whoever runs the tests."""
+        everything = {
+            "HOME": str(self.folder),
+            "XDG_STATE_HOME": str(self.folder),
+            "PATH": "/usr/bin:/bin",
+            **environment,
+        }
+        program = Program(*words, env=everything, cwd=self.folder)
+        self._open.append(program)
+        return program
+
+    def fly(self, *links: str) -> None:
+        """The vehicle, on two pseudo-terminals and on what is named."""
+        words = [word for link in (*self._vehicle, *links) for word in ("--link", link)]
+        self.start("vehicle", *words).says("on the ground")
+
+    def emulate(self) -> Program:
+        """An emulator whose frames are on the pseudo-terminal of the pages."""
+        emulator = self.start("--autopilot", f"{self.folder}/vehicle-2", "--port", f"pty:{self.folder}/arva0")
+        emulator.says("readings are real")
+        return emulator
+
+    def here(self, words: list[str]) -> list[str]:
+        """The words of a line with this bench's places, and the vehicle where the line looks for one."""
+        line = PtyLink()
+        self._open.append(line)
+        places = {"/tmp/": f"{self.folder}/", "/dev/ttyUSB0": line.path, "~/": f"{self.folder}/"}
+        places |= {
+            "/dev/ttyUSB1": f"{self.folder}/vehicle-1",
+            "/dev/serial/by-id/usb-AUTOPILOT": f"{self.folder}/vehicle-1",
+        }
+        result, links = [], []
+        for word in words:
+            for there, place in places.items():
+                word = word.replace(there, place)
+            if address := re.fullmatch(r"(tcp|tcpin|udpin|udpout):[0-9.]+:[0-9]+", word):
+                port = free_port(socket.SOCK_STREAM if "tcp" in word else socket.SOCK_DGRAM)
+                word = f"{address[1]}:127.0.0.1:{port}"
+                if result[-1] == "--autopilot":
+                    links.append({"tcp": "tcpin", "udpin": "udpout"}[address[1]] + f":127.0.0.1:{port}")
+            result.append(word)
+        self.fly(*links)
+        return result
+
+    def clear(self) -> None:
+        """Nothing runs any more."""
+        while self._open:
+            self._open.pop().close()
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    bench = Bench(tmp_path)
+    yield bench
+    bench.clear()
+
+
+@pytest.mark.parametrize("page", [page for page, lines in PAGES.items() if any(map(to_run, lines))])
+def test_the_lines_of_a_page_do_what_they_are_there_for(page: str, bench: Bench) -> None:
+    for typed in PAGES[page]:
+        if to_run(typed):
+            run(typed, bench)
+            bench.clear()
+
+
+def test_every_reason_is_that_of_a_line() -> None:
+    lines = [typed.command for page in PAGES.values() for typed in page]
+    assert [begins for begins in NOT_RUN if not any(re.match(begins, line) for line in lines)] == []
+
+
+def run(typed: Typed, bench: Bench) -> None:
+    """Run one line, and see that it does what it is there for."""
+    words = shlex.split(typed.command)
+    environment = dict(word.split("=", 1) for word in words if re.match(r"ARVA_HIL_\w+=", word))
+    words = words[len(environment) :]
+    if words[:1] == ["python"]:
+        answers_to_its_options(words[1:])
+        return
+    assert words[0] == "arva-hil", f"{typed.place}: {typed.command}: run it, or say in NOT_RUN why it is not"
+    command = "run" if words[1].startswith("-") and words[1] != "--help" else words[1]
+    ways: dict[str, Callable[[list[str], Bench, dict[str, str]], None]] = {
+        "run": runs,
+        "search": searches,
+        "listen": listens,
+        "doctor": examines,
+    }
+    try:
+        ways.get(command, ends)(words[1:], bench, environment)
+    except AssertionError as error:
+        raise AssertionError(f"{typed.place}: {typed.command}\n{error}") from error
+
+
+def answers_to_its_options(words: list[str]) -> None:
+    """A tool that runs for minutes or hours: it is there, and has these options."""
+    told = subprocess.run([sys.executable, words[0], "--help"], cwd=ROOT, capture_output=True, text=True)
+    assert told.returncode == 0, told.stderr
+    assert [word for word in words[1:] if word.startswith("-") and word not in told.stdout] == []
+
+
+def runs(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
+    words = bench.here(words)
+    if "--autopilot" not in words:
+        environment["ARVA_HIL_AUTOPILOT"] = f"{bench.folder}/vehicle-1"
+    program = bench.start(*words, **environment)
+    if "--signing-key" in words:
+        program.says("not signed|unsigned")  # the vehicle signs nothing, and so it is not believed
+        program.send(signal.SIGINT)
+        assert program.ends() in (3, 130)
+        return
+    program.says("readings are real")
+    program.stops()
+
+
+def searches(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
+    words = bench.here(words)
+    bench.emulate()
+    program = bench.start(*words, **environment)
+    program.says("arming")
+    program.stops()
+
+
+def listens(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
+    words = bench.here(words)
+    if (bench.folder / words[-1]).is_file():
+        ends(words, bench, environment)
+        return
+    bench.emulate()
+    program = bench.start(*words, **environment)
+    program.writes(20)
+    program.stops()
+
+
+def examines(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
+    """Nobody reads the frames on this bench, which is what `doctor` finds in the end."""
+    environment |= {"ARVA_HIL_LISTEN": "2", "ARVA_HIL_AUTOPILOT": f"{bench.folder}/vehicle-1"}
+    program = bench.start(*bench.here(words), **environment)
+    assert program.ends(60.0) in (0, 1)
+    assert b"position" in program.out
+
+
+def ends(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
+    """A command that ends by itself, and well. A campaign's trials are listed, not flown."""
+    found = [sorted(map(str, bench.folder.glob(word))) if "*" in word else [word] for word in words]
+    words = [word for several in found for word in several]
+    program = bench.start(*words, *(["--dry-run"] if words[0] == "campaign" else []), **environment)
+    assert program.ends(60.0) == 0, program.err
