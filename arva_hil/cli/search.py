@@ -34,6 +34,7 @@ from arva_hil.search.outcome import Row
 from arva_hil.search.permission import Permission
 from arva_hil.search.strips import Strips
 from arva_hil.vehicle.session import Session
+from firmware_proto import INNER
 
 _EXIT: Final = {
     "found": OK,
@@ -147,7 +148,8 @@ def rows_to(printer: Printer, log: SearchLog | None) -> Callable[[Row], None]:
         if log is not None:
             log.row(row)
         if row.d_cm is not None:
-            d = f"{row.d_cm} cm {row.delta_deg:+d}°" if row.d_cm > 0 else "no signal"
+            direction = "" if row.zone == INNER else f" {row.delta_deg:+d}°"
+            d = f"{row.d_cm} cm{direction}" if row.d_cm > 0 else "no signal"
             place = f"{row.north_m:z.1f} m N, {row.east_m:z.1f} m E, {-row.down_m:z.1f} m high"
             printer.show(row.time_s, [d, row.phase, place])
 

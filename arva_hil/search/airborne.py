@@ -121,7 +121,7 @@ class Flight:
         return state if state is not None and state.age_s < OLD_S else None
 
     def _note(self, now: float, phase: Phase, state: VehicleState, velocity: Position) -> None:
-        reading: tuple[int | None, ...] = (None, None, None)
+        reading: tuple[int | None, ...] = (None, None, None, None)
         if self._new_frame is not None:
             reading = _reading(self._new_frame, self.mission.target if self.mission else None)
             self._new_frame = None
@@ -133,10 +133,10 @@ class Flight:
         self._session.news.emit(replace(event, time_s=event.time_s + self._skipped_s))
 
 
-def _reading(frame: Frame, target: int | None) -> tuple[int | None, int, int]:
-    """Id, d and δ of the transmitter searched for, else of the first channel."""
+def _reading(frame: Frame, target: int | None) -> tuple[int | None, int, int, int]:
+    """Id, d, δ and zone of the transmitter searched for, else of the first channel."""
     channel = next((c for c in frame.channels if c.valid and c.id == target), frame.channels[0])
-    return channel.id, channel.d, channel.delta
+    return channel.id, channel.d, channel.delta, channel.zone
 
 
 def _position(state: VehicleState) -> Position:

@@ -38,7 +38,7 @@ class Outcome:
 
 
 class Row(NamedTuple):
-    """One step of the flight, for a log. The last three are those of the frame that came in it, else None."""
+    """One step of the flight, for a log. The last four are those of the frame that came in it, else None."""
 
     time_s: float
     phase: str
@@ -52,3 +52,4 @@ class Row(NamedTuple):
     id: int | None
     d_cm: int | None
     delta_deg: int | None
+    zone: int | None = None
