@@ -6,19 +6,22 @@ WORKERS := $(shell expr 2 '*' $$(nproc))
 
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test test-fast lint docs dist clean
+.PHONY: demo test test-fast coverage lint docs dist clean
 
 demo: $(VENV)/.run
 	$(BIN)/arva-hil demo
 
-# everything; twice as many workers as cores, for many tests wait. Coverage is counted where it costs little: not in the
-# slow tests
+# everything; twice as many workers as cores, for many tests wait
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --cov
+	$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal
 
 # what runs in seconds: at each save
 test-fast: $(VENV)/.dev
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal -m 'not slow'
+
+# of the tests that run the program in their own process; counted in all, it takes as long again as the tests
+coverage: $(VENV)/.dev
+	$(BIN)/python -m pytest --numprocesses auto --dist worksteal -m 'not slow or counted' --cov
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -19,13 +19,14 @@ settings.load_profile("repeatable")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the slow ones (slow.py), and count no coverage in them: that takes half as much time again."""
+    """Mark the slow ones (slow.py)."""
     for item in items:
         name = getattr(item, "originalname", item.name)
-        why = slow.reason(item.path.relative_to(TESTS).as_posix(), name, getattr(item, "fixturenames", []))
-        if why:
+        path, fixtures = item.path.relative_to(TESTS).as_posix(), getattr(item, "fixturenames", [])
+        if why := slow.reason(path, name, fixtures):
             item.add_marker(pytest.mark.slow(why))
-            item.add_marker(pytest.mark.no_cover)
+            if slow.counted(path, fixtures):
+                item.add_marker(pytest.mark.counted)
 
 
 @pytest.fixture(params=["arducopter", "px4"])

@@ -1,4 +1,5 @@
-"""Which tests are slow, and why: what `make test-fast` leaves out, and where no coverage is counted.
+"""Which tests are slow, and why: what `make test-fast` leaves out. `make coverage` leaves out those of them that run
+little of the program in this process, or what the fast ones run already.
 
 A test of the command line that starts the program as a process is slow by itself. The others are named here: a whole
 file or one test of it, from the folder of the tests.
@@ -16,9 +17,12 @@ REPLAYS: Final = "whole flights are replayed, many times"
 EXAMPLES: Final = "hundreds of examples of something long"
 SLOW_FIXTURES: Final = {"start": PROCESS, "autopilot": REAL_TIME, "examine": REAL_TIME}
 
+COUNTED: Final = ("campaign/", "cli/", "search/test_extremum.py", "search/test_take_over.py")
+
 SLOW: Final = {
     "campaign/test_report.py": EXAMPLES,
     "campaign/test_results.py::test_every_row_is_one_line_and_is_read_as_it_was_written": EXAMPLES,
+    "campaign/test_results.py::test_killed_in_the_middle_of_a_write_it_goes_on_without_loss_or_repetition": EXAMPLES,
     "campaign/test_runner.py": PROCESS,
     "cli/test_broken.py::test_a_process_ends_with_2_and_no_traceback": PROCESS,
     "cli/test_campaign.py": PROCESS,
@@ -33,12 +37,16 @@ SLOW: Final = {
     "cli/test_standard_streams.py": PROCESS,
     "cli/test_start_up.py": PROCESS,
     "config/test_reference.py::test_the_schema_refuses_what_is_refused_for_its_keys_types_and_ranges": EXAMPLES,
+    "config/test_scenario.py::test_written_and_read_back_it_is_equal": EXAMPLES,
     "config/test_spec_2.py::test_written_and_read_back_it_is_equal": EXAMPLES,
     "emulator/test_emulator.py::test_the_whole_chain_over_every_kind_of_link": REAL_TIME,
     "emulator/test_faults.py::test_a_long_run_checks_out": REPLAYS,
+    "emulator/test_faults.py::test_another_fault_does_not_change_whom_this_one_strikes": REPLAYS,
     "emulator/test_faults.py::test_before_and_after_a_fault_the_frames_are_what_they_would_be_without": REPLAYS,
+    "emulator/test_faults.py::test_bytes_are_hit_at_the_rate_asked_for": REPLAYS,
     "emulator/test_faults.py::test_every_frame_is_accounted_for_and_every_fault_counted_and_marked": REPLAYS,
     "emulator/test_faults.py::test_the_same_faults_again_and_others_with_another_seed": REPLAYS,
+    "emulator/test_faults.py::test_two_bursts_of_interference_at_once_add_up_whatever_their_order": REPLAYS,
     "emulator/test_true_pose.py::test_a_walk_has_its_size_and_its_correlation_time": EXAMPLES,
     "emulator/test_true_pose.py::test_the_noise_of_the_gps_is_an_error_of_what_a_search_reaches": FLIGHTS,
     "firmware_proto/test_c_and_python.py": PROCESS,
@@ -59,7 +67,9 @@ SLOW: Final = {
     "search/test_flights.py": FLIGHTS,
     "search/test_pilot.py::test_a_switch_just_before_the_search_ends_is_not_overridden": FLIGHTS,
     "search/test_pilot.py::test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing": FLIGHTS,
+    "search/test_pilot.py::test_a_battery_that_was_not_measured_yet_is_waited_for": FLIGHTS,
     "search/test_pilot.py::test_another_drone_with_the_same_ids_is_not_flown": FLIGHTS,
+    "search/test_take_over.py": FLIGHTS,
     "simulated/test_simulated_vehicle.py::test_the_motion_is_one_motion": EXAMPLES,
     "sitl/test_search_flies.py": REAL_TIME,
     "test_fuzz_python.py": PROCESS,
@@ -77,6 +87,11 @@ def reason(path: str, name: str, fixtures: list[str]) -> str | None:
         if path.startswith("cli/") and fixture in SLOW_FIXTURES:
             return SLOW_FIXTURES[fixture]
     return SLOW.get(path) or SLOW.get(f"{path}::{name}")
+
+
+def counted(path: str, fixtures: list[str]) -> bool:
+    """Whether a slow test counts for the coverage."""
+    return path.startswith(COUNTED) and not SLOW_FIXTURES.keys() & set(fixtures) - {"examine"}
 
 
 def strangers(tests: Path) -> list[str]:
