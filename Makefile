@@ -2,7 +2,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
-WORKERS := $(shell expr 2 '*' $$(nproc))
+WORKERS := $(shell expr 2 '*' $$(getconf _NPROCESSORS_ONLN))
 
 export PYTHONDONTWRITEBYTECODE :=
 

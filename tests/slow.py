@@ -91,7 +91,7 @@ def reason(path: str, name: str, fixtures: list[str]) -> str | None:
 
 def counted(path: str, fixtures: list[str]) -> bool:
     """Whether a slow test counts for the coverage."""
-    return path.startswith(COUNTED) and not SLOW_FIXTURES.keys() & set(fixtures) - {"examine"}
+    return path.startswith(COUNTED) and "start" not in fixtures
 
 
 def strangers(tests: Path) -> list[str]:

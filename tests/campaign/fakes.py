@@ -14,7 +14,7 @@ from arva_hil.runtime.clock import RealClock
 
 FOLDER = "FAKE_FLIGHTS"  # in the environment: where `gated` writes down what it flies, and looks for the gate
 FREE = 3  # seeds up to this one fly through a closed gate
-DEADLINE_S = 20.0
+DEADLINE_S = 90.0
 PLAN = "strategies: [flux, estimate]\nscenarios: {random: {within_m: 50}}\nseeds: 6\ntake_off_m: [1, 2]\n"
 
 

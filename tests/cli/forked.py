@@ -195,7 +195,7 @@ def _main() -> NoReturn:
         arguments = _serve(requests)
     except KeyboardInterrupt:  # typed at the terminal of the tests
         os._exit(130)
-    from arva_hil.cli.main import main
+    from arva_hil.__main__ import main
 
     sys.argv = ["arva_hil/__main__.py", *arguments]
     sys.exit(main())

@@ -33,7 +33,7 @@ from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Frame, encode
 
-from .far_ends import HOME, Autopilot, Denier, Program, free_port, heartbeat, until
+from .far_ends import DEADLINE_S, HOME, Autopilot, Denier, Program, free_port, heartbeat, until
 
 LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
 HEALTHY_S = 0.9  # as long after its first heartbeat a vehicle streams what it was asked for
@@ -83,7 +83,7 @@ def serve() -> Iterator[Callable[[Task], None]]:
     yield begin
     over.set()
     for thread in threads:
-        thread.join(20)
+        thread.join(DEADLINE_S)
 
 
 class Findings(dict[str, dict[str, str]]):
@@ -288,9 +288,9 @@ def test_a_tcp_port_that_is_silent_is_told_from_one_that_another_client_has(
         first.start()
         if other:
             stack.enter_context(socket.create_connection(server.getsockname()))
-            assert taken.wait(20)
+            assert taken.wait(DEADLINE_S)
         said = examine("--autopilot", address)
-        first.join(20)
+        first.join(DEADLINE_S)
     assert failed(said) == {"bytes"}
     assert ("another client has the port" in said["bytes"]["found"]) == other
     assert ("SERIALn_PROTOCOL 2" in said["bytes"]["cure"]) == (not other)

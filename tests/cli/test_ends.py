@@ -125,7 +125,6 @@ def test_ctrl_c_once_is_enough_when_stdout_is_not_read(
     assert program.ends() == 130
     counters = json.loads((record / "run.json").read_bytes())["counters"]
     assert counters["dropped"] == counters["frames"] > 0
-    assert counters["skipped"] == 0
 
 
 def test_ctrl_c_once_is_enough_for_a_replay_that_waits_for_its_reader(start: Start) -> None:

@@ -13,10 +13,6 @@ from typing import Any
 
 import pytest
 
-from arva_hil.campaign.plan import Planned
-from arva_hil.campaign.results import row
-from arva_hil.campaign.trial import Result, Trial
-from arva_hil.config import Scenario
 from arva_hil.events import StatusReport, VehicleStatus
 from arva_hil.links import serial_ports
 from arva_hil.links.pty import PtyLink
@@ -172,11 +168,3 @@ def test_what_a_service_manager_is_told() -> None:
     line = status_line(StatusReport(0.0, [VehicleStatus("vehicle", HOSTILE, {}, [])]))
     assert line.isprintable()
     assert SHOWN in line
-
-
-def test_texts_in_the_results_of_a_campaign_are_no_formulas() -> None:
-    planned = Planned("a key", Trial("flux", Scenario(())), "=HYPERLINK(1)", 0.0)
-    new = row(planned, Result("@" + HOSTILE, None, None, 0.0, 0.0, 0))
-    assert new.scenario == "'=HYPERLINK(1)"
-    assert new.outcome.startswith("'@")
-    assert new.outcome.isprintable()

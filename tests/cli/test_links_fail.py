@@ -20,6 +20,7 @@ from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
 
 from .far_ends import (
+    DEADLINE_S,
     ORDINARY,
     Autopilot,
     Consumer,
@@ -141,7 +142,7 @@ def denial(request: pytest.FixtureRequest, line: PtyLink) -> Iterator[str]:
     thread.start()
     yield request.param
     stop.set()
-    thread.join(20)
+    thread.join(DEADLINE_S)
 
 
 def test_a_denied_position_is_a_warning_and_frames_go_on_with_no_signal(

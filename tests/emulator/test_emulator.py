@@ -432,7 +432,7 @@ def test_the_whole_chain_over_every_kind_of_link(autopilot: str, receiver: str) 
 
         enough = lambda: len(frames) > 20 and frames[-1].channels[0].id == 7  # noqa: E731
         simulator = Simulator([SimulatedVehicle(HOME, boot_time=clock.now())], [far])
-        run([simulator, emulator, Consumer()], clock, until=clock.now() + 20, stopped=enough)
+        run([simulator, emulator, Consumer()], clock, until=clock.now() + 90, stopped=enough)
     assert enough()
     assert decoder.bad_crc == decoder.dropped == 0
     sent = {s.frame.sequence: s.frame for s in diary.frames}

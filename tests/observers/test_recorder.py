@@ -35,7 +35,7 @@ class Writes:
 
     def until(self, condition: Callable[[Path], bool]) -> None:
         over = threading.Event()
-        for _ in range(1000):
+        for _ in range(6000):
             if condition(self._folder):
                 return
             over.wait(0.01)

@@ -86,7 +86,7 @@ def test_rows_are_on_the_disk_soon_whatever_ends_the_program(tmp_path: Path) -> 
     for n in range(5):
         clock.wait(n * 0.25)
         log.row(row(n))
-        for _ in range(1000):
+        for _ in range(6000):
             if (tmp_path / "search.csv").read_bytes().count(b"\n") == n + 2:
                 break
             over.wait(0.01)
