@@ -39,7 +39,8 @@ ORDINARY = ["setpriv", "--bounding-set", "-dac_override,-dac_read_search"] if os
 class Program:
     """The program as a process. Its stdout goes to a file unless told otherwise, its stderr to `err`.
 
-    `fresh`: as `python -m arva_hil` for certain, for a test of its start; else it is forked where that is the same.
+    `fresh`: as `python -m arva_hil` for certain, where its start or its command line is what counts; else it is forked
+    if that is the same.
     """
 
     def __init__(self, *arguments: object, before: Sequence[str] = (), fresh: bool = False, **options: Any) -> None:

@@ -255,7 +255,7 @@ def test_what_is_cured_elsewhere_stays_in_the_command(examine: Examine, line: Pt
 
 
 def test_a_port_that_a_running_run_holds_is_no_fault_of_the_port(start: Start, line: PtyLink, arva: Arva) -> None:
-    program = start("run", "--autopilot", "pty", "--port", line.path, "--timeout", 60)
+    program = start("run", "--autopilot", "pty", "--port", line.path, "--timeout", 60, fresh=True)
     program.says("frames to")
     _, out, _ = arva("doctor", "--autopilot", "pty", "--port", line.path, "--listen", 0.2)
     (said,) = [text for text in out.splitlines() if text.startswith("FAIL  port")]
@@ -265,7 +265,7 @@ def test_a_port_that_a_running_run_holds_is_no_fault_of_the_port(start: Start, l
 
 def test_a_runs_own_pseudo_terminal_is_not_taken_for_an_adapter(start: Start, arva: Arva, tmp_path: Path) -> None:
     """Its consumer may open it; whoever examines it would take frames from it and send it others."""
-    program = start("--autopilot", "pty", "--port", f"pty:{tmp_path / 'arva0'}", "--timeout", 60)
+    program = start("--autopilot", "pty", "--port", f"pty:{tmp_path / 'arva0'}", "--timeout", 60, fresh=True)
     program.says("frames to")
     _, out, _ = arva("doctor", "--autopilot", "pty", "--port", tmp_path / "arva0", "--listen", 0.2)
     assert f"{tmp_path / 'arva0'}: held by a running arva-hil run" in out
