@@ -55,7 +55,7 @@ class Px4:
         self.mode = POSITION
         self._vehicle.reboot(now)
 
-    def feed(self, chunk: bytes, now: float) -> None:
+    def feed(self, chunk: bytes, now: float, link: int = 0) -> None:
         for packet in self._to.feed(chunk):
             message = self._to.decode(packet)
             if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG and message.command in _COMMANDS:

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.events import StatusReport, VehicleStatus
+from arva_hil.events import ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.links import serial_ports
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial_ports import Port
@@ -165,6 +165,8 @@ def test_what_a_vehicle_says(start: Start, keep: Keep, line: PtyLink) -> None:
 
 
 def test_what_a_service_manager_is_told() -> None:
-    line = status_line(StatusReport(0.0, [VehicleStatus("vehicle", HOSTILE, {}, [])]))
+    line = status_line(
+        StatusReport(0.0, [VehicleStatus("vehicle", HOSTILE, {}, [ReceiverStatus("receiver", None, 0, 0)])])
+    )
     assert line.isprintable()
     assert SHOWN in line

@@ -330,16 +330,17 @@ def test_one_port_frames_travel_inside_mavlink_on_the_autopilots_own_link(format
         def service(self, clock: Clock) -> float:
             now = clock.now()
             heard.extend(chunk := far.read())
-            self.vehicle.feed(chunk, now)
-            far.write(self.vehicle.poll(now))
-            return self.vehicle.next_due
+            (vehicle,) = self.vehicles
+            vehicle.feed(chunk, now)
+            far.write(vehicle.poll(now))
+            return vehicle.next_due
 
     session = Session()
     scenario = parse("receiver: {channels: 4, rate_hz: 2}\ntransmitters: [{id: 3, ned: [9, 5, 0]}, "
                      "{id: 9, ned: [-20, 5, 0]}]", "test")  # fmt: skip
     scenario = replace(scenario, output_format=format)
     emulator = OneReceiver(scenario, session, autopilot, None, start=0.0, observers=[diary])
-    run([Ear(SimulatedVehicle(HOME), [far]), emulator], clock, until=10.0)
+    run([Ear([SimulatedVehicle(HOME)], [far]), emulator], clock, until=10.0)
     heard.extend(far.read())
     decoder = MavlinkDecoder(format)
     frames = decoder.feed(bytes(heard), 0.0)

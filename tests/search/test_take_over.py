@@ -153,7 +153,7 @@ def test_a_vehicle_that_does_not_come_is_left_to_whoever_has_it(make: Callable[.
     vehicle = airborne(make)
     feed, parser = vehicle.feed, Parser()
 
-    def deaf(chunk: bytes, now: float) -> None:
+    def deaf(chunk: bytes, now: float, link: int = 0) -> None:
         """It carries out no order for another mode."""
         for packet in parser.feed(chunk):
             if getattr(parser.decode(packet), "command", None) != dialect.MAV_CMD_DO_SET_MODE:

@@ -288,10 +288,14 @@ def test_a_vehicle_of_mavlink_1() -> None:
     assert client.height() == pytest.approx(3.0, abs=0.2)
 
 
-def test_parameters_are_passed_over_in_silence() -> None:
+def test_all_its_parameters_are_told_to_who_asks_for_the_list() -> None:
     client = Client()
     client.run(0.5)
-    assert client.send(dialect.MAVLink_param_request_list_message(1, 1)) == []
+    told = client.send(dialect.MAVLink_param_request_list_message(1, 1))
+    assert [(p.get_type(), p.param_index, p.param_count) for p in told] == [
+        ("PARAM_VALUE", index, len(told)) for index in range(len(told))
+    ]
+    assert len({p.param_id for p in told}) == len(told) > 0
 
 
 # Whom it obeys
