@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 from arva_hil.cli.endings import Guard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
+from arva_hil.cli.progress import bar, time_left
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.runtime.clock import RealClock
 from arva_hil.safe_text import one_line
@@ -146,14 +147,12 @@ class _Progress:
     """How many trials are `done`: a bar on a terminal, a line now and then elsewhere; on stderr."""
 
     def __init__(self, total: int, done: int) -> None:
-        from tqdm import tqdm  # slow to import
-
-        self.done = done
+        self.done = self._before = done
         self._total = total
         self._clock = RealClock()
         self._live = sys.stderr.isatty()
         self._next = 0.0 if self._live else _PLAIN_S
-        self._bar = tqdm(total=total, initial=done, unit=" trials", leave=False, disable=not self._live)
+        self._bar = bar(total, " trials", done=done, shown=self._live)
 
     def show(self) -> None:
         """Called often; shows something when it is time to."""
@@ -165,7 +164,8 @@ class _Progress:
             with contextlib.suppress(OSError):
                 self._bar.refresh()
         else:
-            _say(f"{self.done} of {self._total} trials")
+            left = time_left(self.done - self._before, self._total - self.done, self._clock.now())
+            _say(f"{self.done} of {self._total} trials" + (f", {left}" if left else ""))
 
     def close(self) -> None:
         with contextlib.suppress(OSError):

@@ -12,6 +12,7 @@ from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
 from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.progress import bar
 from arva_hil.emulator.engine import Emulator, one_vehicle
 from arva_hil.events import LogClockSet, LogLayout
 from arva_hil.links import Link, LinkError
@@ -135,12 +136,10 @@ def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
 
 def _progress(log: TlogReader, records: Iterator[Record]) -> Iterator[Record]:
     """The log's records, with a progress bar."""
-    from tqdm import tqdm  # slow to import
-
-    with tqdm(total=log.size, unit="B", unit_scale=True, leave=False) as bar:
+    with bar(log.size, "B", scaled=True) as shown_bar:
         shown = 0
         for record in records:
             if log.consumed - shown > _BAR_STEP_BYTES:
-                bar.update(log.consumed - shown)
+                shown_bar.update(log.consumed - shown)
                 shown = log.consumed
             yield record

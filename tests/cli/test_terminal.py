@@ -90,9 +90,10 @@ def test_the_line_fits_the_terminal_that_it_is_on(start: Start, autopilot: Autop
 
 def test_a_replay_shows_a_progress_bar(start: Start, terminal: Terminal) -> None:
     program = start("replay", DATA / "px4.tlog", "--out", os.devnull, "--speed", 30, stderr=terminal.slave)
-    terminal.shows(r"(?s) 0%\|.*\| 0\.00/500k \[.* [5-9]\d%\|.*k/500k \[")
+    terminal.shows(r"(?s) 0 % \|.*\| 0\.00 of 500kB, .* [5-9]\d % \|.*k of 500kB, 00:0\d left")
     assert program.ends() == 0
     assert "26 frames: 26 sent" in terminal.rest()
+    assert "\n 100 %" not in terminal.shown  # the bar is gone at the end
     assert re.search(r"(^|\n|\x1b\[K)datum: 47.3977", terminal.shown)  # on a line of its own
 
 
