@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import importlib
 import os
 import re
@@ -34,6 +35,7 @@ _LINK: Final = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^()\s#]+)(#[^()\s]*)?(?=\))"
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("source-read", read)
     app.connect("autodoc-process-docstring", literals)
+    app.connect("autodoc-process-signature", signature)
     app.add_html_math_renderer("mathml", (_mathml("inline"), None), (_mathml("block"), None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
@@ -59,8 +61,23 @@ def read(app: Sphinx, page: str, source: list[str]) -> None:
 
 
 def literals(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
-    """`Code` of a docstring, which reStructuredText marks by two backticks."""
+    """`Code` of a docstring, which reStructuredText marks by two backticks. What a named tuple says by itself goes."""
+    if lines and lines[0].startswith("Alias for field number"):
+        lines.clear()
     lines[:] = [re.sub(r"(?<![`:\w])`([^`]+)`(?!`)", r"``\1``", line) for line in lines]
+
+
+def signature(
+    app: Sphinx, what: str, name: str, item: object, options: object, arguments: str | None, returns: str | None
+) -> tuple[str | None, str | None]:
+    """Of an event its fields. Of what a file may say the names alone: its types carry what the scenario's page has."""
+    if arguments is None or not dataclasses.is_dataclass(item):
+        return arguments, returns
+    if arguments.startswith("(*values"):
+        return "(" + ", ".join(f"{field.name}: {field.type}" for field in dataclasses.fields(item)) + ")", returns
+    if "Annotated" in arguments:
+        return "(" + ", ".join(field.name for field in dataclasses.fields(item)) + ")", returns
+    return arguments, returns
 
 
 def command_page(name: str, what: str) -> str:

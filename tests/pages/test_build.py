@@ -13,6 +13,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
+import arva_hil
 from arva_hil.cli.main import COMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -63,6 +64,9 @@ def test_the_pages_build_without_a_warning_and_lead_where_they_say(tmp_path: Pat
     assert remote == [], "a browser would fetch this"
     commands = pages[tmp_path / "reference/commands.html"]
     assert {*COMMANDS} - commands.anchors == set()
+    public = (tmp_path / "reference/python.html").read_text(encoding="utf-8")
+    assert [name for name in arva_hil.__all__ if f'id="arva_hil.{name}"' not in public] == []
+    assert " at 0x" not in public
     assert "ARVA_HIL_STREAM_RATE" in (tmp_path / "reference/commands.html").read_text(encoding="utf-8")
 
 
