@@ -97,6 +97,20 @@ def test_a_replay_shows_a_progress_bar(start: Start, terminal: Terminal) -> None
     assert re.search(r"(^|\n|\x1b\[K)datum: 47.3977", terminal.shown)  # on a line of its own
 
 
+def test_the_demos_last_status_stands_above_its_sums_and_agrees_with_them(start: Start, terminal: Terminal) -> None:
+    program = start("demo", "--speed", "max", stderr=terminal.slave)
+    terminal.shows(r"log: .*search.png")
+    assert program.ends() == 0
+    left = [re.sub(r"\x1b\[\d*m", "", line.split("\r\x1b[K")[-1]).strip() for line in terminal.rest().split("\n")]
+    (status,) = [number for number, line in enumerate(left) if re.search(r"\| \d+ sent, 0 dropped \|", line)]
+    (frames,) = [number for number, line in enumerate(left) if re.search(r"^\d+ frames: ", line)]
+    (found,) = [number for number, line in enumerate(left) if line.startswith("found transmitter")]
+    assert status < frames < found
+    count = re.search(r"\d+ sent", left[status])
+    assert count
+    assert count[0] in left[frames]
+
+
 def test_headless_is_plain_lines(start: Start, terminal: Terminal) -> None:
     program = start("demo", "--speed", "max", "--headless", stderr=terminal.slave)
     assert program.ends() == 0

@@ -13,7 +13,7 @@ import pytest
 
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events import FrameMade
-from arva_hil.field.rotation import from_euler
+from arva_hil.field.rotation import from_euler, to_matrix
 from arva_hil.observers.record import Layout, Recorder
 from arva_hil.receiver import ChannelReading, Reading, Zone
 from arva_hil.receiver.receiver_model import Pose
@@ -24,7 +24,7 @@ HEADER = (
 )
 HEARD = ChannelReading(7, Zone.MID, 1046, -12, 10.25)
 EMPTY = ChannelReading(None, Zone.OUTER, -1, -1, 31.5)
-POSE = Pose(np.array([1 / 3, -2.0, -3.0]), from_euler(np.radians(10.0), 0.0, np.radians(-45.0)))
+POSE = Pose(np.array([1 / 3, -2.0, -3.0]), to_matrix(from_euler(np.radians(10.0), 0.0, np.radians(-45.0))))
 EPOCH_US = 1_798_761_600_000_000  # 2027-01-01T00:00:00Z
 
 
@@ -89,3 +89,14 @@ def test_a_moment_that_no_calendar_has_is_empty_and_the_record_goes_on(tmp_path:
     recorder.close({})
     (row,) = csv.DictReader(io.StringIO((tmp_path / "frames.csv").read_text()))
     assert (row["utc"], row["d1_cm"]) == ("", "1046")
+
+
+@pytest.mark.parametrize("name", ["=1+1", "+drop", "-drop", "@drop"])
+def test_a_text_is_no_formula_and_a_number_below_zero_stays_a_number(tmp_path: Path, name: str) -> None:
+    """Faults that another package adds are named by it."""
+    recorded(tmp_path, dataclasses.replace(made(0, EMPTY), faults=(name, "stuck")))
+    (row,) = csv.DictReader(io.StringIO((tmp_path / "readings.csv").read_text()))
+    assert row["faults"] == f"'{name}+stuck"
+    assert (row["d_cm"], row["delta_deg"], row["east_m"]) == ("-1", "-1", "-2.0")
+    (row,) = csv.DictReader(io.StringIO((tmp_path / "frames.csv").read_text()))
+    assert (row["d1_cm"], row["delta1_deg"], row["east_m"]) == ("-1", "-1", "-2.0")

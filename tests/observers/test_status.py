@@ -11,14 +11,13 @@ import pytest
 
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events import FrameMade, ReceiverStatus, StatusReport, VehicleStatus
-from arva_hil.field.rotation import from_euler
 from arva_hil.observers.console import text
 from arva_hil.observers.console.printer import Printer
 from arva_hil.observers.console.status import status_line, status_table
 from arva_hil.receiver import ChannelReading, Reading, Zone
 from arva_hil.receiver.receiver_model import Pose
 
-POSE = Pose(np.zeros(3), from_euler(0.0, 0.0, 0.0))
+POSE = Pose(np.zeros(3), np.eye(3))
 NEAR = ChannelReading(2, Zone.INNER, 90, 0, 0.9)
 FAR = ChannelReading(17, Zone.MID, 3046, -112, 30.0)
 NOTHING = ChannelReading(None, Zone.OUTER, -1, -1, None)

@@ -1,6 +1,6 @@
 """The rows of a record's tables: one a reading and slot in readings.csv, one a frame in frames.csv.
 
-What is unknown is an empty cell. Numbers are at full precision. No cell holds text from outside.
+What is unknown is an empty cell. Numbers are at full precision. The names of faults are the only texts.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 from arva_hil.events import FrameMade
 from arva_hil.field import rotation
 from arva_hil.runtime.clock import utc
+from arva_hil.safe_text import cell
 
 COLUMNS: Final = (
     "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
@@ -34,7 +35,8 @@ def rows(made: FrameMade) -> tuple[str, str]:
     boot_ms = "" if made.boot_s is None else repr(made.boot_s * 1e3)
     age_ms = "" if made.age_s is None else repr(made.age_s * 1e3)
     reported = "," * 2 if made.reported_pose is None else ",".join(map(repr, made.reported_pose.position.tolist()))
-    head, tail = f"{number},{instant_s},{boot_ms},{pose},{age_ms}", f"{'+'.join(made.faults)},{reported}"
+    faults = cell("+".join(made.faults)) if made.faults else ""
+    head, tail = f"{number},{instant_s},{boot_ms},{pose},{age_ms}", f"{faults},{reported}"
     slots = []
     for c in made.reading.channels:
         id_, true_range = ("" if value is None else repr(value) for value in (c.id, c.true_range_m))
