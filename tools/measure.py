@@ -1,4 +1,4 @@
-"""Prints the figures the README and the changelog give: start-up, replay, schedule, pose.
+"""Prints the figures of docs/measurements.md: start-up, replay, schedule, pose.
 
     python tools/measure.py FLIGHT.tlog [...] [--seconds 60]
 

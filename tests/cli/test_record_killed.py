@@ -20,7 +20,7 @@ from arva_hil.runtime.clock import RealClock
 from .far_ends import Autopilot, Program, frames_in, read_frames
 
 Start = Callable[..., Program]
-LOST_S = 1.0  # README, "What is written down"
+LOST_S = 1.0  # docs/howto/recordings.md
 
 
 def killed(program: Program, after_s: float) -> int:
