@@ -11,7 +11,7 @@ from arva_hil.config import Scenario, load
 from arva_hil.emulator.engine import Emulator, one_vehicle
 from arva_hil.events import Event, FrameMade, HeartbeatMissing
 from arva_hil.links import Link, LinkError, open_link
-from arva_hil.links.reconnecting import open_lasting
+from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.tlog import read_tlog
 from arva_hil.links.tlog_timeline import Timeline
 from arva_hil.observers.audience import Audience
@@ -70,7 +70,7 @@ def run_live(
     with ExitStack() as stack:
 
         def opened(address: str, *, answered: bool = False) -> Link:
-            return stack.enter_context(closing(open_lasting(address, clock=clock, answered=answered)))
+            return stack.enter_context(closing(open_reconnecting(address, clock=clock, answered=answered)))
 
         session = Session(target_system=target_system, target_component=target_component, rate_hz=stream_hz)
         autopilots = {"autopilot": opened(autopilot, answered=True)}

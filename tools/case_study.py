@@ -21,7 +21,7 @@ from arva_hil.campaign.trial import Trial, fly
 from arva_hil.cli.main import main as arva_hil
 from arva_hil.config.campaign import load_plan
 from arva_hil.observers.plots import Track, draw_search
-from arva_hil.search.outcome import Row
+from arva_hil.search.outcome import SearchStep
 
 PLAN = Path(__file__).parents[1] / "configs/campaigns/paper.yaml"
 CASES = {8: "paper_case_1", 9: "paper_case_2", 10: "paper_case_3", 11: "paper_case_4"}  # by figure
@@ -65,7 +65,7 @@ def draw(figure: int, name: str, path: Path) -> None:
     tracks = []
     for strategy in DRAWN:
         for seed, height in enumerate(HEIGHTS_M, 1):
-            rows: list[Row] = []
+            rows: list[SearchStep] = []
             trial = Trial(strategy, dataclasses.replace(chosen, seed=seed), take_off_m=height, height_m=HEIGHT_M)
             fly(trial, rows.append)
             tracks.append(Track(strategy, rows))

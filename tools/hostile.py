@@ -34,7 +34,7 @@ from fastcrc import crc16
 from arva_hil.field import LocalFrame
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.signing import Signing
-from arva_hil.runtime.signing_state import LastingSigning
+from arva_hil.runtime.signing_state import PersistentSigning
 from arva_hil.vehicle.session import Session
 
 HOME = (46.0123, 7.7456, 1650.0)
@@ -328,7 +328,7 @@ def replay_after_restarts(numbers: random.Random, restarts: int) -> bool:
         for _ in range(restarts):
             off_us = numbers.choice((0, 0, 0, 30_000_000, -3_600_000_000, -started_us))
             clock_us = started_us + round(now * 1e6) + off_us
-            signing = LastingSigning(KEY, clock_us, 0, file, lambda text: wrong.update([text]))
+            signing = PersistentSigning(KEY, clock_us, 0, file, lambda text: wrong.update([text]))
             session = Session(target_system=1, signing=signing)
             past = recorded[-5000:]
             session.feed(b"".join(past), 0.0)

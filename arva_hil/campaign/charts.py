@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from arva_hil.campaign.results import Row
+from arva_hil.campaign.results import TrialRow
 from arva_hil.campaign.summary import groups, wilson
 
 if TYPE_CHECKING:
@@ -53,13 +53,13 @@ def colours(strategies: Iterable[str]) -> dict[str, str]:
     return {name: _PALETTE[n % len(_PALETTE)] for n, name in enumerate(dict.fromkeys(strategies))}
 
 
-def draw(rows: Sequence[Row], success_m: float) -> dict[str, bytes]:
+def draw(rows: Sequence[TrialRow], success_m: float) -> dict[str, bytes]:
     """Caption → SVG. Raises ImportError without matplotlib."""
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
     from matplotlib.figure import Figure
 
-    kinds: dict[str, Callable[[Axes, Sequence[Row], float], None]] = {
+    kinds: dict[str, Callable[[Axes, Sequence[TrialRow], float], None]] = {
         "Success, with its 95 % confidence interval": _success,
         "Time until the transmitter is found: share of all runs": _time,
         "Error of the place reported: share of all runs": _error,
@@ -82,7 +82,7 @@ def draw(rows: Sequence[Row], success_m: float) -> dict[str, bytes]:
     return drawn
 
 
-def _success(axes: Axes, rows: Sequence[Row], success_m: float) -> None:
+def _success(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
     """A line for each scenario, and one for all of them when there are several."""
     lines = {str(name): some for (name,), some in groups(rows, "scenario").items()}
     if len(lines) > 1:
@@ -102,14 +102,14 @@ def _success(axes: Axes, rows: Sequence[Row], success_m: float) -> None:
     axes.grid(visible=False, axis="y")
 
 
-def _time(axes: Axes, rows: Sequence[Row], success_m: float) -> None:
+def _time(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
     most = 1.1 * max((row.time_s for row in rows if row.success(success_m)), default=1.0)
     for strategy, colour, mine in _each(rows):
         _climb(axes, [row.time_s for row in mine if row.success(success_m)], len(mine), 0.0, most, strategy, colour)
     axes.set(xlim=(0, most), xlabel="time, s")
 
 
-def _error(axes: Axes, rows: Sequence[Row], success_m: float) -> None:
+def _error(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
     most = max([2 * success_m, *(row.error_m for row in rows if row.error_m is not None)])
     axes.axvline(success_m, color="#5b6876", lw=1, ls=":")
     for strategy, colour, mine in _each(rows):
@@ -120,7 +120,7 @@ def _error(axes: Axes, rows: Sequence[Row], success_m: float) -> None:
     axes.set(xlim=(_LEAST_ERROR_M, most), xlabel=f"error, m (dotted: a success, {success_m:g} m)")
 
 
-def _by_number(column: str, axes: Axes, rows: Sequence[Row], success_m: float) -> None:
+def _by_number(column: str, axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
     """A point for each value of a column, or for each band of them when they are many."""
     known = [row for row in rows if getattr(row, column) is not None]
     values = np.unique([getattr(row, column) for row in known])
@@ -149,7 +149,7 @@ def _climb(axes: Axes, values: list[float], runs: int, low: float, high: float, 
     axes.set(ylim=(0, 103), ylabel="runs, %")
 
 
-def _each(rows: Sequence[Row]) -> list[tuple[str, str, list[Row]]]:
+def _each(rows: Sequence[TrialRow]) -> list[tuple[str, str, list[TrialRow]]]:
     """Strategy, colour, rows."""
     shades = colours(row.strategy for row in rows)
     return [(str(name), shades[name], mine) for (name,), mine in groups(rows, "strategy").items()]
@@ -160,11 +160,11 @@ def _aside(n: int, count: int) -> float:
     return (n - (count - 1) / 2) * min(0.2, 0.8 / count)
 
 
-def _rate(rows: Sequence[Row], success_m: float) -> float:
+def _rate(rows: Sequence[TrialRow], success_m: float) -> float:
     return 100 * sum(row.success(success_m) for row in rows) / len(rows)
 
 
-def _arms(rows: Sequence[Row], success_m: float) -> tuple[float, float]:
+def _arms(rows: Sequence[TrialRow], success_m: float) -> tuple[float, float]:
     """From the rate down and up to the ends of its interval."""
     successes = sum(row.success(success_m) for row in rows)
     low, high = wilson(successes, len(rows))

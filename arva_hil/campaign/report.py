@@ -10,7 +10,7 @@ import jinja2
 
 from arva_hil import __version__
 from arva_hil.campaign import charts
-from arva_hil.campaign.results import Row
+from arva_hil.campaign.results import TrialRow
 from arva_hil.campaign.summary import Pair, Summary, groups, summary
 
 __all__ = ["page", "text"]
@@ -34,7 +34,7 @@ _SEVERAL: Final = {
 _HEAD: Final = ("runs", "successes", "rate", "95 % confidence", "time, s", "path, m", "error, m")
 
 
-def text(rows: Sequence[Row], success_m: float) -> str:
+def text(rows: Sequence[TrialRow], success_m: float) -> str:
     """A short table for a terminal: one line a strategy."""
     table: list[tuple[str, ...]] = [("strategy", *_HEAD)]
     table += [(str(name), *_cells(summary(some, success_m))) for (name,), some in groups(rows, "strategy").items()]
@@ -47,7 +47,7 @@ def text(rows: Sequence[Row], success_m: float) -> str:
     return "\n".join([*lines, foot])
 
 
-def page(title: str, rows: Sequence[Row], success_m: float) -> str:
+def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
     """The report, one HTML file with all that belongs to it."""
     several = {what: len(groups(rows, name)) for name, what in _SEVERAL.items()}
     axes = [("strategy", ""), *((name, label) for name, label in _AXES.items() if len(groups(rows, name)) > 1)]
@@ -74,14 +74,14 @@ def page(title: str, rows: Sequence[Row], success_m: float) -> str:
     )
 
 
-def _parts(rows: Sequence[Row], column: str, success_m: float) -> Iterator[tuple[str, dict[str, Summary]]]:
+def _parts(rows: Sequence[TrialRow], column: str, success_m: float) -> Iterator[tuple[str, dict[str, Summary]]]:
     """Each value of a column, with the sums of each strategy there. Of strategies: one part with all of them."""
     for (value,), some in ({("",): rows} if column == "strategy" else groups(rows, column)).items():
         name = f"{value:g}" if isinstance(value, float) else str(value)
         yield name, {strategy: summary(mine, success_m) for (strategy,), mine in groups(some, "strategy").items()}
 
 
-def _charts(rows: Sequence[Row], success_m: float) -> dict[str, str] | None:
+def _charts(rows: Sequence[TrialRow], success_m: float) -> dict[str, str] | None:
     """Caption → SVG in base64; None without matplotlib."""
     try:
         drawn = charts.draw(rows, success_m)

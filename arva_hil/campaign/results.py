@@ -23,7 +23,19 @@ from arva_hil.campaign.trial import FOUND, Result
 from arva_hil.errors import ArvaError
 from arva_hil.safe_text import cell, one_line
 
-__all__ = ["FAILED", "NAME", "REPORT", "TABLE", "Results", "ResultsError", "Row", "flown", "opened", "replace", "row"]
+__all__ = [
+    "FAILED",
+    "NAME",
+    "REPORT",
+    "TABLE",
+    "Results",
+    "ResultsError",
+    "TrialRow",
+    "flown",
+    "opened",
+    "replace",
+    "row",
+]
 
 NAME: Final = "results.sqlite"
 TABLE: Final = "results.csv"
@@ -41,7 +53,7 @@ class ResultsError(ArvaError):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TrialRow:
     """One line of results.csv. `distance_m`: from take-off to the nearest transmitter, horizontally, at first."""
 
     key: str
@@ -77,8 +89,8 @@ _TYPES: Final = {
     "float": "real check (typeof({0}) = 'real')",
     "float | None": "real check (typeof({0}) in ('real', 'null'))",
 }
-_COLUMNS: Final = [field.name for field in fields(Row)]
-_CREATE: Final = ", ".join(f"{field.name} {_TYPES[str(field.type)].format(field.name)}" for field in fields(Row))
+_COLUMNS: Final = [field.name for field in fields(TrialRow)]
+_CREATE: Final = ", ".join(f"{field.name} {_TYPES[str(field.type)].format(field.name)}" for field in fields(TrialRow))
 
 
 def flown(planned: Planned) -> dict[str, Any]:
@@ -101,10 +113,10 @@ def flown(planned: Planned) -> dict[str, Any]:
     }
 
 
-def row(planned: Planned, result: Result) -> Row:
+def row(planned: Planned, result: Result) -> TrialRow:
     """What a trial was, and what came of it."""
     outcome = one_line(" ".join(result.outcome.split())[:300])
-    return Row(**flown(planned), **asdict(result) | {"outcome": outcome})
+    return TrialRow(**flown(planned), **asdict(result) | {"outcome": outcome})
 
 
 class Results:
@@ -124,7 +136,7 @@ class Results:
             self._database.close()
             raise
 
-    def _load(self) -> dict[str, Row]:
+    def _load(self) -> dict[str, TrialRow]:
         ask = self._database.execute
         ask("PRAGMA locking_mode = EXCLUSIVE")
         ask("BEGIN EXCLUSIVE")
@@ -140,7 +152,7 @@ class Results:
         if (mistake := ask("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
             raise sqlite3.DatabaseError(mistake)
         ask(f"PRAGMA user_version = {_FORMAT}")  # shows now whether the file may be written
-        rows = [Row(*values) for values in ask(f"SELECT {', '.join(_COLUMNS)} FROM results ORDER BY rowid")]
+        rows = [TrialRow(*values) for values in ask(f"SELECT {', '.join(_COLUMNS)} FROM results ORDER BY rowid")]
         ask("COMMIT")
         return {one.key: one for one in rows}
 
@@ -148,7 +160,7 @@ class Results:
         """Whether a trial has a result; one that failed has none."""
         return key in self.rows and not self.rows[key].failed
 
-    def add(self, new: Row) -> None:
+    def add(self, new: TrialRow) -> None:
         """Keep a row. It is on the disk when this returns. Raises ResultsError, e.g. when that is full."""
         try:
             marks = ", ".join("?" * len(_COLUMNS))

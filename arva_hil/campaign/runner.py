@@ -20,7 +20,7 @@ from arva_hil.campaign.results import FAILED
 from arva_hil.campaign.trial import Result, Trial
 from arva_hil.errors import ArvaError
 
-__all__ = ["Crew", "CrewError", "Fly", "MissingExtra", "Unreachable", "cluster", "processes"]
+__all__ = ["Fly", "MissingExtra", "Unreachable", "WorkerPool", "WorkerPoolError", "cluster", "processes"]
 
 Fly = Callable[[Trial], Result]
 
@@ -32,26 +32,26 @@ _ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "
 _SIGNALS: Final = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
 
-class CrewError(ArvaError):
+class WorkerPoolError(ArvaError):
     """No more trials can be run; `str()` says why."""
 
 
-class MissingExtra(CrewError):
+class MissingExtra(WorkerPoolError):
     """A package is not there; `str()` says how to install it."""
 
 
-class Unreachable(CrewError):
+class Unreachable(WorkerPoolError):
     """No scheduler answers, or it does no longer."""
 
 
 @dataclass(frozen=True)
-class Crew:
+class WorkerPool:
     """Who flies the trials, `width` of them under way or waiting. `lost`: why there will be no more results."""
 
     name: str
     executor: Executor
     width: int
-    lost: Callable[[], CrewError | None] = lambda: None
+    lost: Callable[[], WorkerPoolError | None] = lambda: None
 
     def fly(
         self, planned: Iterable[Planned], fly: Fly, *, stopped: Callable[[], bool]
@@ -62,13 +62,13 @@ class Crew:
         """
         queue = iter(planned)
         waiting: dict[Future[Result], Planned] = {}
-        lost: CrewError | None = None
+        lost: WorkerPoolError | None = None
         while not stopped() and not lost:
             try:
                 for one in islice(queue, self.width - len(waiting)):
                     waiting[self.executor.submit(attempt, fly, one.trial)] = one
             except BrokenExecutor:
-                lost = CrewError(_DIED)
+                lost = WorkerPoolError(_DIED)
             if not waiting and not lost:
                 return
             done, _ = wait(waiting, _POLL_S, FIRST_COMPLETED)
@@ -77,7 +77,7 @@ class Crew:
                 if result := _result(future):
                     yield one, result
                 else:
-                    lost = CrewError(_DIED)
+                    lost = WorkerPoolError(_DIED)
             lost = self.lost() or lost
         if lost:
             raise lost
@@ -92,7 +92,7 @@ def attempt(fly: Fly, trial: Trial) -> Result:
 
 
 @contextmanager
-def processes(count: int) -> Iterator[Crew]:
+def processes(count: int) -> Iterator[WorkerPool]:
     """So many processes of this machine, numpy on one thread in each. They are gone afterwards, busy or not."""
     context = multiprocessing.get_context("spawn")
     held, lifeline = context.Pipe(duplex=False)
@@ -100,7 +100,7 @@ def processes(count: int) -> Iterator[Crew]:
     os.environ.update(_ONE_THREAD)
     executor = _Processes(count, context, _hold, (held,))
     try:
-        yield Crew(f"processes: {count}", executor, 2 * count)
+        yield WorkerPool(f"processes: {count}", executor, 2 * count)
     finally:
         lifeline.close()
         executor.shutdown(cancel_futures=True)
@@ -113,7 +113,7 @@ def processes(count: int) -> Iterator[Crew]:
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[Crew]:
+def cluster(address: str) -> Iterator[WorkerPool]:
     """The Dask cluster whose scheduler is at an address, e.g. tcp://127.0.0.1:8786.
 
     Raises MissingExtra without Dask, Unreachable when no scheduler answers there.
@@ -128,14 +128,14 @@ def cluster(address: str) -> Iterator[Crew]:
     except (OSError, ValueError) as error:
         raise Unreachable(f"no Dask scheduler answers at {address}: {error}") from None
 
-    def lost() -> CrewError | None:
+    def lost() -> WorkerPoolError | None:
         return None if client.status == "running" else Unreachable(f"the scheduler at {address} is gone")
 
     workers = client.nthreads()
     with client:
         executor = client.get_executor(pure=False)
         try:
-            yield Crew(f"Dask workers: {len(workers)}, threads: {sum(workers.values())}", executor, _AHEAD, lost)
+            yield WorkerPool(f"Dask workers: {len(workers)}, threads: {sum(workers.values())}", executor, _AHEAD, lost)
         finally:
             executor.shutdown(wait=False)
 

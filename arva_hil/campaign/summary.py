@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from arva_hil.campaign.results import Row
+from arva_hil.campaign.results import TrialRow
 
 __all__ = ["Pair", "Summary", "groups", "summary", "wilson"]
 
@@ -46,7 +46,7 @@ def wilson(successes: int, runs: int) -> Pair:
     return max(centre - half, 0.0), min(centre + half, 1.0)
 
 
-def summary(rows: Sequence[Row], success_m: float) -> Summary:
+def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
     """A run that failed by an error of the program is a run without success."""
     good = [row for row in rows if row.success(success_m)]
     return Summary(
@@ -60,9 +60,9 @@ def summary(rows: Sequence[Row], success_m: float) -> Summary:
     )
 
 
-def groups(rows: Iterable[Row], *columns: str) -> dict[tuple[Any, ...], list[Row]]:
+def groups(rows: Iterable[TrialRow], *columns: str) -> dict[tuple[Any, ...], list[TrialRow]]:
     """Rows by their values in some columns, in the order in which those first appear."""
-    found: dict[tuple[Any, ...], list[Row]] = {}
+    found: dict[tuple[Any, ...], list[TrialRow]] = {}
     for row in rows:
         found.setdefault(tuple(getattr(row, column) for column in columns), []).append(row)
     return found

@@ -11,8 +11,8 @@ from arva_hil.links import memory
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission import FOUND, Plan
-from arva_hil.search.outcome import Row
+from arva_hil.search.mission import FOUND, SearchPlan
+from arva_hil.search.outcome import SearchStep
 from arva_hil.simulated.closed_loop import ClosedLoop
 
 __all__ = ["FOUND", "Result", "Trial", "fly"]
@@ -51,13 +51,13 @@ class Result:
     frames: int
 
 
-def fly(trial: Trial, log: Callable[[Row], None] = lambda _: None) -> Result:
+def fly(trial: Trial, log: Callable[[SearchStep], None] = lambda _: None) -> Result:
     """Fly one trial with a stepped clock: built-in vehicle, emulator, search. Raises nothing for a failed search.
 
     `log` gets every step of the flight.
     """
     clock = StepClock()
-    plan = Plan(
+    plan = SearchPlan(
         STRATEGIES[trial.strategy],
         speed=trial.speed_m_s,
         height=trial.height_m,

@@ -12,7 +12,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from arva_hil.cli.endings import Guard
+from arva_hil.cli.endings import SignalGuard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.cli.progress import bar, time_left
 from arva_hil.cli.terminal import show, show_json, tell
@@ -22,7 +22,7 @@ from arva_hil.safe_text import one_line
 if TYPE_CHECKING:
     from arva_hil.campaign.plan import Planned
     from arva_hil.campaign.results import Results
-    from arva_hil.campaign.runner import Crew
+    from arva_hil.campaign.runner import WorkerPool
     from arva_hil.config.campaign import CampaignPlan
 
 _PLAIN_S: Final = 10.0  # between the lines of a pipe
@@ -94,7 +94,7 @@ def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[P
     """Fly what is left and keep the results; True when a signal has ended it early."""
     from arva_hil.campaign import trial
     from arva_hil.campaign.results import row
-    from arva_hil.campaign.runner import CrewError, MissingExtra, Unreachable
+    from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPoolError
 
     def stopped() -> bool:
         if guard.caught is None:
@@ -103,7 +103,7 @@ def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[P
 
     done = len(every) - len(left)
     try:
-        with _crew(options, len(left)) as crew, Guard() as guard:
+        with _crew(options, len(left)) as crew, SignalGuard() as guard:
             _say(f"{len(every)} trials, {done} of them done; {crew.name}")
             with closing(_Progress(len(every), done)) as progress:
                 for planned, result in crew.fly(left, trial.fly, stopped=stopped):
@@ -113,13 +113,13 @@ def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[P
                         show_json(asdict(new))
     except MissingExtra as error:
         raise UsageError(error) from None
-    except CrewError as error:
+    except WorkerPoolError as error:
         code, when = (NO_LINK, " once there is a scheduler") if isinstance(error, Unreachable) else (FAILED, "")
         raise Failure(code, f"{error}; {_progress(kept, every)}; the same command goes on{when}") from None
     return guard.caught is not None
 
 
-def _crew(options: argparse.Namespace, trials: int) -> AbstractContextManager[Crew]:
+def _crew(options: argparse.Namespace, trials: int) -> AbstractContextManager[WorkerPool]:
     from arva_hil.campaign.runner import cluster, processes
 
     if options.scheduler:

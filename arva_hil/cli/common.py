@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from arva_hil import __version__
-from arva_hil.cli.endings import Guard, story, unforeseen
+from arva_hil.cli.endings import SignalGuard, story, unforeseen
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, NO_READER, OK, Failure, UsageError
-from arva_hil.cli.summary import Tally, as_dict, sums
+from arva_hil.cli.summary import RunCounters, as_dict, sums
 from arva_hil.cli.terminal import tell
 from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, to_dict
 from arva_hil.emulator.engine import Emulator
@@ -29,7 +29,7 @@ from arva_hil.observers.audience import Audience, Observer
 from arva_hil.observers.console import Lines, Printer, as_json, plain
 from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.reasons import no_vehicle
-from arva_hil.observers.record import Layout, Recorder, RecordError
+from arva_hil.observers.record import Recorder, RecordError, RecordLayout
 from arva_hil.registry import OBSERVERS
 from arva_hil.runtime.clock import Clock, RealClock, utc
 
@@ -137,12 +137,12 @@ class Run:
         live: bool = True,
         record_links: Sequence[str] = (),
     ) -> None:
-        self._guard = Guard()
+        self._guard = SignalGuard()
         self._plug_ins = [_observer(name) for name in options.observer or ()]
         names = receivers_of(chosen)
         self._vehicles = len(chosen.vehicles) or 1
         several = len(names) > 1
-        self._layout = Layout(tuple(names), tuple(record_links))
+        self._layout = RecordLayout(tuple(names), tuple(record_links))
         self._known = _known(chosen) if options.record else {}
         self._traceback = options.verbose > 0
         self._recorder: Recorder | None = None
@@ -202,7 +202,7 @@ class Run:
     def _none_appeared(self) -> bool:
         return len(self._missing) == self._vehicles
 
-    def drive(self, emulator: Emulator, loop: Callable[[], None], links: Tally | None = None) -> int:
+    def drive(self, emulator: Emulator, loop: Callable[[], None], links: RunCounters | None = None) -> int:
         """Run `loop` until it ends, fails or a signal comes; write the record, print the sum; the exit code."""
         failure = None
         gc.freeze()  # or the collector walks all that start-up made, 20 ms long, in the middle of a deadline
@@ -226,7 +226,7 @@ class Run:
         self._guard.ending = True
         return self._finish(emulator, failure, links)
 
-    def _finish(self, emulator: Emulator, failure: Failure | None, links: Tally | None) -> int:
+    def _finish(self, emulator: Emulator, failure: Failure | None, links: RunCounters | None) -> int:
         caught = self._guard.caught
         self.printer.settle(StatusReport(self._now, [vehicle.status(self._now) for vehicle in emulator.vehicles]))
         if self._lines and (why := self._lines.close()) and not failure and not caught:
@@ -257,7 +257,7 @@ class Run:
             except Exception as error:
                 self.printer.notice(Notice("error", f"observer {type(observer).__name__}: its close failed: {error!r}"))
 
-    def _as_dict(self, emulator: Emulator, links: Tally | None, how: str, code: int) -> dict[str, Any]:
+    def _as_dict(self, emulator: Emulator, links: RunCounters | None, how: str, code: int) -> dict[str, Any]:
         return {"ended": how, "exit_code": code, **self._known, **as_dict(emulator, links, self._layout)}
 
 

@@ -6,7 +6,7 @@ import argparse
 import importlib
 from typing import Final
 
-from arva_hil.cli.options import Parser
+from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show
 from arva_hil.registry import FORMATS, STRATEGIES
@@ -21,7 +21,7 @@ def main(options: argparse.Namespace) -> int:
 
     from arva_hil.cli.main import COMMANDS
 
-    root = Parser(prog="arva-hil")
+    root = CommandParser(prog="arva-hil")
     _add_options(root, "run")  # the default command
     root.add_argument("--version", action="store_true", help="print the version")
     commands = root.add_subparsers()
@@ -32,7 +32,7 @@ def main(options: argparse.Namespace) -> int:
     return OK
 
 
-def _add_options(parser: Parser, command: str) -> None:
+def _add_options(parser: CommandParser, command: str) -> None:
     """The options of a command, and which of them take names of files."""
     import shtab
 

@@ -21,7 +21,7 @@ _COMMENT_AT: Final = 42  # the column of comments, where values leave room for i
 _NONE: Final = "none"
 
 
-class Row(NamedTuple):
+class ConfigRow(NamedTuple):
     """A line of the scenario: what stands before the value, the value, and its path; no path where there is none."""
 
     lead: str
@@ -68,19 +68,19 @@ def _found(port: str | None) -> tuple[str | None, str]:
     return address, "default" if address == DEFAULT_AUTOPILOT else "found on USB"
 
 
-def _rows(plain: dict[str, Any], key: Key = (), indent: int = 0, dash: str = "") -> Iterator[Row]:
+def _rows(plain: dict[str, Any], key: Key = (), indent: int = 0, dash: str = "") -> Iterator[ConfigRow]:
     """A mapping in YAML's block style, lists of mappings too; the first line may begin with the dash of its list."""
     for name, value in plain.items():
         lead, dash = f"{dash.rjust(indent)}{name}:", ""
         if isinstance(value, dict) and value:
-            yield Row(lead)
+            yield ConfigRow(lead)
             yield from _rows(value, (*key, name), indent + 2)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
-            yield Row(lead)
+            yield ConfigRow(lead)
             for number, item in enumerate(value):
                 yield from _rows(item, (*key, name, number), indent + 4, "- ")
         else:
-            yield Row(lead, (*key, name), value)
+            yield ConfigRow(lead, (*key, name), value)
 
 
 def _plain(value: Any) -> str:

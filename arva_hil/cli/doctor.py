@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
 from typing import Final
 
-from arva_hil.cli.endings import Guard
+from arva_hil.cli.endings import SignalGuard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.next_command import next_command
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
@@ -18,13 +18,13 @@ from arva_hil.cli.run_links import check_sides, choose_autopilot
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.doctor import diagnosis as look
 from arva_hil.doctor import port_diagnosis as port_look
-from arva_hil.doctor.examination import Ear, Mouth
+from arva_hil.doctor.examination import AutopilotProbe, PortProbe
 from arva_hil.doctor.held import held
 from arva_hil.doctor.tcp_server import accepted
 from arva_hil.doctor.values import Finding, Position
 from arva_hil.emulator.formats import encoder
 from arva_hil.links import Address, Link, LinkError, open_link, parse
-from arva_hil.links.serial_ports import Port as SerialPort
+from arva_hil.links.serial_ports import SerialPort as SerialPort
 from arva_hil.links.serial_ports import far_program, list_ports
 from arva_hil.mavlink.signing import Signing
 from arva_hil.observers.console.text import BAD, DOUBTFUL, GOOD, coloured, wants_colour
@@ -45,14 +45,14 @@ def main(options: argparse.Namespace) -> int:
     check_sides(address, options.port, options.format)
     if options.port == "-":
         raise UsageError("--port -: is stdout, where the findings go; `run` can send frames there")
-    report, guard, clock = Report(as_json=options.json), Guard(), RealClock()
+    report, guard, clock = FindingsReport(as_json=options.json), SignalGuard(), RealClock()
     with ExitStack() as stack, guard:
         key = signing(options.signing_key, clock.epoch_us, stack, link=1)  # `run` may go on at the same time
         Doctor(options, address, report, clock, stack, lambda: guard.caught is not None, key).examine()
     return INTERRUPTED if guard.caught else look.exit_code(report.findings)
 
 
-class Report:
+class FindingsReport:
     """Prints findings as they are known, and remembers them."""
 
     def __init__(self, *, as_json: bool) -> None:
@@ -80,7 +80,7 @@ class Doctor:
         self,
         options: argparse.Namespace,
         address: str,
-        report: Report,
+        report: FindingsReport,
         clock: Clock,
         stack: ExitStack,
         stopped: Callable[[], bool],
@@ -95,7 +95,7 @@ class Doctor:
         self._address = address
         self._autopilot = parse(address)
         self._out: Link | None = None
-        self._mouth: Mouth | None = None
+        self._mouth: PortProbe | None = None
         self._right: dict[str, str | None] = {}  # instead of options that were found wrong, by name
 
     def examine(self) -> None:
@@ -169,9 +169,9 @@ class Doctor:
             signing=self._key,
         )
 
-    def _listen(self, link: Link | None) -> Ear | None:
+    def _listen(self, link: Link | None) -> AutopilotProbe | None:
         """Hear the autopilot and send frames, for a while."""
-        ear = Ear(link, self._session(), self._clock.now(), self._first_bytes) if link else None
+        ear = AutopilotProbe(link, self._session(), self._clock.now(), self._first_bytes) if link else None
         if mouth := self._new_mouth(ear, link):
             self._mouth = mouth
         if tasks := [task for task in (ear, self._mouth) if task]:
@@ -179,7 +179,7 @@ class Doctor:
             self._attend(tasks, ear)
         return ear
 
-    def _new_mouth(self, ear: Ear | None, link: Link | None) -> Mouth | None:
+    def _new_mouth(self, ear: AutopilotProbe | None, link: Link | None) -> PortProbe | None:
         """Who sends frames while the autopilot's link is this one; None where they are sent already, or cannot be."""
         over_mavlink = self._options.format in MAVLINK_FORMATS
         out = link if over_mavlink else self._out
@@ -187,9 +187,9 @@ class Doctor:
             return None
         session = ear.session if ear else self._session()
         address = None if over_mavlink else parse(self._options.port)
-        return Mouth(encoder(self._options.format, session), out, address, self._clock.now())
+        return PortProbe(encoder(self._options.format, session), out, address, self._clock.now())
 
-    def _attend(self, tasks: Sequence[Ear | Mouth], ear: Ear | None) -> None:
+    def _attend(self, tasks: Sequence[AutopilotProbe | PortProbe], ear: AutopilotProbe | None) -> None:
         """Serve both sides for as long as asked; a vehicle found late is given the time to answer."""
         seconds, start = self._options.listen, self._clock.now()
 
@@ -202,7 +202,7 @@ class Doctor:
     def _first_bytes(self, after_s: float) -> None:
         self._report.add(Finding("bytes", "ok", f"the first came after {after_s:.1f} s"))
 
-    def _judge_packets(self, ear: Ear, *, again: bool = False) -> Ear | None:
+    def _judge_packets(self, ear: AutopilotProbe, *, again: bool = False) -> AutopilotProbe | None:
         """Bytes, packets, baud; the ear that listened `again`, at a rate that brings packets."""
         now, session = self._clock.now(), ear.session
         if not session.reader.bytes:
@@ -248,7 +248,7 @@ class Doctor:
         for baud in rates[1:]:
             with suppress(LinkError):  # a rate that this adapter does not know
                 with closing(open_link(self._autopilot._replace(baud=baud), clock=self._clock)) as link:
-                    ear = Ear(link, self._session(), self._clock.now())
+                    ear = AutopilotProbe(link, self._session(), self._clock.now())
                     self._try(ear, each)
                 if ear.known:
                     found = baud
@@ -258,14 +258,14 @@ class Doctor:
             self._report.add(look.baud(self._autopilot.path, rates, found))
         return found
 
-    def _try(self, ear: Ear, seconds: float) -> None:
+    def _try(self, ear: AutopilotProbe, seconds: float) -> None:
         """Listen until there is a packet."""
         until = self._clock.now() + seconds
         run([ear], self._clock, until=until, stopped=lambda: self._stopped() or ear.over or ear.known > 0)
 
     # -- the vehicle -----------------------------------------------------------------------------------------
 
-    def _judge_vehicle(self, ear: Ear) -> None:
+    def _judge_vehicle(self, ear: AutopilotProbe) -> None:
         now, session = self._clock.now(), ear.session
         vehicle = session.vehicle
         if vehicle is None and any((session.disbelieved_signatures() or {}).values()):

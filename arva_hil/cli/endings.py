@@ -28,7 +28,7 @@ def interrupting() -> Iterator[None]:
         _restore(before)
 
 
-class Guard:
+class SignalGuard:
     """Remembers the first signal in `caught`, the first error of a thread in `error`: a loop has to look at them.
 
     A further signal changes nothing, unless the loop is stuck: then it raises KeyboardInterrupt there. Once the
@@ -44,7 +44,7 @@ class Guard:
         self._before: dict[int, Any] = {}
         self._hook = threading.excepthook
 
-    def __enter__(self) -> Guard:
+    def __enter__(self) -> SignalGuard:
         self._before = _set(self._note)
         threading.excepthook = self._fail
         return self

@@ -7,12 +7,12 @@ import importlib
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from arva_hil.cli.options import PREFIX, Parser
+from arva_hil.cli.options import PREFIX, CommandParser
 
 OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4")  # name the simulators that tests/sitl fly on
 
 
-def strangers(environment: Mapping[str, str], parser: Parser, commands: Iterable[str]) -> list[str]:
+def strangers(environment: Mapping[str, str], parser: CommandParser, commands: Iterable[str]) -> list[str]:
     """What to say of variables that no command reads. Those of other `commands` than `parser`'s are all right.
 
     The other commands are only looked at when there is a variable that this one does not read.
@@ -23,7 +23,7 @@ def strangers(environment: Mapping[str, str], parser: Parser, commands: Iterable
         return []
     known, typed = set(parser.variables), set(parser.typed_only)
     for command in commands:
-        other = Parser(prog=command)
+        other = CommandParser(prog=command)
         importlib.import_module(f"arva_hil.cli.arguments.{command}").add_options(other)
         known |= set(other.variables)
         typed |= set(other.typed_only)

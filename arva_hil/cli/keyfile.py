@@ -10,7 +10,7 @@ from typing import Final
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.mavlink.signing import Signing, key_of
-from arva_hil.runtime.signing_state import LastingSigning, state_file
+from arva_hil.runtime.signing_state import PersistentSigning, state_file
 
 _LARGEST: Final = 4096  # bytes
 
@@ -23,7 +23,7 @@ def signing(path: str | None, epoch_us: int, stack: ExitStack, link: int = 0) ->
     if not path:
         return None
     key = _key(path)
-    return stack.enter_context(closing(LastingSigning(key, epoch_us, link, state_file(key, os.environ), tell)))
+    return stack.enter_context(closing(PersistentSigning(key, epoch_us, link, state_file(key, os.environ), tell)))
 
 
 def _key(path: str) -> bytes:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common
-from arva_hil.cli.endings import Guard
+from arva_hil.cli.endings import SignalGuard
 from arva_hil.cli.format_guess import SAMPLE_BYTES, looks_like
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
@@ -46,7 +46,7 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError(f"{error}; or a file, and there is none of that name" if options.url else error) from None
     if os.path.isdir(path):
         raise UsageError(f"{path}: is a directory: write the file in it, e.g. {path / 'frames.bin'}")
-    clock, guard = RealClock(), Guard()
+    clock, guard = RealClock(), SignalGuard()
     if options.url == "-":
         while not listener.enough and (chunk := os.read(sys.stdin.fileno(), 4096)):
             listener.take(chunk, clock.now())

@@ -15,7 +15,7 @@ from typing import Final
 from arva_hil import __version__
 from arva_hil.cli.endings import interrupting, story, unforeseen
 from arva_hil.cli.environment import strangers
-from arva_hil.cli.options import Parser
+from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_READER, OK, USAGE, Failure, UsageError
 from arva_hil.cli.standard_streams import abandon, refuse_closed, reserve
 from arva_hil.cli.terminal import ReaderGone, StdoutError, flush, show, tell
@@ -128,7 +128,7 @@ def _command(arguments: list[str]) -> int:
                 hint = f"did you mean --port {name}?"
             raise UsageError(f"no command {name!r}; {hint}")
     arguments_of = importlib.import_module(f"arva_hil.cli.arguments.{name}")
-    parser = Parser(prog=f"arva-hil {name}", description=arguments_of.__doc__)
+    parser = CommandParser(prog=f"arva-hil {name}", description=arguments_of.__doc__)
     arguments_of.add_options(parser)
     try:
         options = parser.parse(arguments)

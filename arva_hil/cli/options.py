@@ -26,7 +26,7 @@ PREFIX: Final = "ARVA_HIL_"
 _NUMBER: Final = r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?|inf"
 
 
-class Parser(argparse.ArgumentParser):
+class CommandParser(argparse.ArgumentParser):
     """An argument parser that reads the environment too: `--rate` is also ARVA_HIL_RATE, weaker than the option."""
 
     def __init__(self, **kwargs: Any) -> None:
@@ -182,7 +182,7 @@ def kind(registry: Registry, without: Collection[str] = ()) -> Callable[[str], s
     return convert
 
 
-def add_format(parser: Parser, *, default: str | None = None, without: Collection[str] = ()) -> None:
+def add_format(parser: CommandParser, *, default: str | None = None, without: Collection[str] = ()) -> None:
     """How frames look; without a default as the scenario has it."""
     names = ", ".join(name for name in FORMATS if name not in without)
     usual = default or "the scenario's"
@@ -195,7 +195,7 @@ def add_format(parser: Parser, *, default: str | None = None, without: Collectio
     )
 
 
-def add_scenario(parser: Parser) -> None:
+def add_scenario(parser: CommandParser) -> None:
     """Options that say what is emulated."""
     parser.option(
         "--scenario",
@@ -214,7 +214,7 @@ def add_scenario(parser: Parser) -> None:
     )
 
 
-def add_autopilot(parser: Parser) -> None:
+def add_autopilot(parser: CommandParser) -> None:
     """Options of the autopilot's side."""
     parser.option(
         "--autopilot",
@@ -232,13 +232,13 @@ def add_autopilot(parser: Parser) -> None:
     )
 
 
-def add_target(parser: Parser) -> None:
+def add_target(parser: CommandParser) -> None:
     """Options that say which vehicle is followed."""
     parser.option("--target-system", type=whole(1, 255), metavar="N", help="follow only this MAVLink system id")
     parser.option("--target-component", type=whole(1, 255), metavar="N", help="… and component id; default 1")
 
 
-def add_signing(parser: Parser) -> None:
+def add_signing(parser: CommandParser) -> None:
     """MAVLink 2 signing."""
     parser.option(
         "--signing-key",
@@ -248,20 +248,20 @@ def add_signing(parser: Parser) -> None:
     )
 
 
-def add_max_age(parser: Parser) -> None:
+def add_max_age(parser: CommandParser) -> None:
     """How old a pose may be."""
     parser.option(
         "--max-age", type=number(0.05, 60, " of s"), default=2.0, metavar="S", help="older poses are no pose; default 2"
     )
 
 
-def add_duration(parser: Parser) -> None:
+def add_duration(parser: CommandParser) -> None:
     """How long to run."""
     seconds = number(0.001, math.inf, " of s")
     parser.option("--duration", type=seconds, default=math.inf, metavar="S", help="end after this long")
 
 
-def add_common(parser: Parser) -> None:
+def add_common(parser: CommandParser) -> None:
     """Options of nearly every command."""
     parser.option("--record", metavar="DIR", help="record what came in, what went out, what was read, into DIR")
     parser.option("--json", action="store_true", help="one JSON object a frame, and one an event, on stdout")

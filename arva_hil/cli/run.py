@@ -13,13 +13,13 @@ from arva_hil.cli.fleet_links import fleet_sides
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.run_links import check_sides, choose_autopilot
-from arva_hil.cli.summary import LinkTally
+from arva_hil.cli.summary import LinkCounters
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario, VehicleConfig
 from arva_hil.emulator.engine import Emulator, VehicleSetup, one_vehicle
 from arva_hil.emulator.fleet import vehicle_setups
 from arva_hil.links import Link, parse
-from arva_hil.links.reconnecting import open_lasting
+from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.observers.systemd import Watchdog
@@ -55,7 +55,7 @@ def main(options: argparse.Namespace) -> int:
             with closing(watchdog):
                 run([live, watchdog], clock, until=until, stopped=surroundings.stopped)
 
-        return surroundings.drive(emulator, loop, LinkTally(live))
+        return surroundings.drive(emulator, loop, LinkCounters(live))
 
 
 class _Sides(NamedTuple):
@@ -120,7 +120,7 @@ def _open_port(address: str, clock: Clock, stack: ExitStack, of: str = "") -> Li
 def _open(address: str, clock: Clock, *, answered: bool = False) -> Link:
     """A link that comes back when it is lost. A TCP server may be started later; a port that is not there is named."""
     patient = parse(address).kind == "tcp"
-    return common.open_or_fail(address, clock, open_lasting, answered=answered, patient=patient)
+    return common.open_or_fail(address, clock, open_reconnecting, answered=answered, patient=patient)
 
 
 def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None:

@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common
-from arva_hil.cli.endings import Guard
+from arva_hil.cli.endings import SignalGuard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, UsageError
 from arva_hil.cli.search_report import as_dict, close_log, open_log, result
 from arva_hil.cli.terminal import show_json
 from arva_hil.field.mount import Mount
 from arva_hil.field.rotation import from_euler
-from arva_hil.links.reconnecting import open_lasting
+from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.observers.console import Printer
 from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.question import TerminalQuestion, somebody_is_there
@@ -29,8 +29,8 @@ from arva_hil.registry import FORMATS, STRATEGIES
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.mission import Plan
-from arva_hil.search.outcome import Row
+from arva_hil.search.mission import SearchPlan
+from arva_hil.search.outcome import SearchStep
 from arva_hil.search.permission import Permission
 from arva_hil.search.strips import Strips
 from arva_hil.vehicle.session import Session
@@ -46,8 +46,8 @@ _EXIT: Final = {
 }
 
 
-def plan_of(options: argparse.Namespace) -> Plan:
-    return Plan(
+def plan_of(options: argparse.Namespace) -> SearchPlan:
+    return SearchPlan(
         STRATEGIES[options.strategy],
         speed=options.max_speed,
         height=options.height,
@@ -68,15 +68,15 @@ def main(options: argparse.Namespace) -> int:
             raise UsageError(f"--{name} is missing, e.g. {example}")
     plan = plan_of(options)
     way = describe(plan)
-    clock, guard = RealClock(), Guard()
+    clock, guard = RealClock(), SignalGuard()
     start = clock.now()
     client: SearchClient | None = None
     with ExitStack() as stack:
         key = signing(options.signing_key, clock.epoch_us, stack)
-        on_the_ground = partial(open_lasting, wanted=lambda: not (client and client.launched))
+        on_the_ground = partial(open_reconnecting, wanted=lambda: not (client and client.launched))
         autopilot, receiver = (
             stack.enter_context(closing(common.open_or_fail(url, clock, opener, patient=True)))
-            for url, opener in ((options.autopilot, on_the_ground), (options.receiver, open_lasting))
+            for url, opener in ((options.autopilot, on_the_ground), (options.receiver, open_reconnecting))
         )
         log = open_log(Path(options.record)) if options.record else None
         printer = Printer(sys.stderr)
@@ -129,7 +129,7 @@ def main(options: argparse.Namespace) -> int:
     return code
 
 
-def describe(plan: Plan) -> str:
+def describe(plan: SearchPlan) -> str:
     """The way before the first signal, in words. Raises UsageError when it is too far for the time there is."""
     lanes = Strips(plan.area, plan.speed, (0.0, 0.0, 0.0), width=plan.strip_width).lanes
     there = math.hypot(*lanes[0])
@@ -141,10 +141,10 @@ def describe(plan: Plan) -> str:
     return f"strips of {way:.0f} m until the first signal, {way / plan.speed:.0f} s {at}{less}"
 
 
-def rows_to(printer: Printer, log: SearchLog | None) -> Callable[[Row], None]:
+def rows_to(printer: Printer, log: SearchLog | None) -> Callable[[SearchStep], None]:
     """Where the steps of a flight go: the log, and the status line."""
 
-    def take(row: Row) -> None:
+    def take(row: SearchStep) -> None:
         if log is not None:
             log.row(row)
         if row.d_cm is not None:

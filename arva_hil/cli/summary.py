@@ -8,14 +8,14 @@ from typing import Any, Final, Protocol
 
 from arva_hil.emulator.engine import EmulatedVehicle, Emulator
 from arva_hil.emulator.frame_source import FrameSource
-from arva_hil.observers.record.layout import Layout
+from arva_hil.observers.record.layout import RecordLayout
 from arva_hil.runtime.drivers import Live
 from arva_hil.vehicle.session import Session
 
 _OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
 
 
-class Tally(Protocol):
+class RunCounters(Protocol):
     """What a run's links have to say at its end."""
 
     def counts(self) -> Mapping[str, int]:
@@ -25,7 +25,7 @@ class Tally(Protocol):
         """For a person."""
 
 
-class LinkTally:
+class LinkCounters:
     """How the links of a live run fared."""
 
     def __init__(self, live: Live) -> None:
@@ -47,7 +47,7 @@ def is_one(emulator: Emulator) -> bool:
     return sum(len(vehicle.sources) for vehicle in emulator.vehicles) == 1
 
 
-def as_dict(emulator: Emulator, links: Tally | None, layout: Layout) -> dict[str, Any]:
+def as_dict(emulator: Emulator, links: RunCounters | None, layout: RecordLayout) -> dict[str, Any]:
     """What run.json says of vehicles, receivers and links at the end."""
     counts = dict(links.counts() if links else {})
     if is_one(emulator):
@@ -88,7 +88,7 @@ def counters(emulator: Emulator) -> dict[str, Any]:
     return {**dataclasses.asdict(source.counters), **vehicle.session.counts(), "faults": source.fault_counts()}
 
 
-def sums(emulator: Emulator, links: Tally | None) -> list[str]:
+def sums(emulator: Emulator, links: RunCounters | None) -> list[str]:
     """The summary at the end."""
     one, lines = is_one(emulator), list[str]()
     for vehicle in emulator.vehicles:

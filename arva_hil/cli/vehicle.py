@@ -6,12 +6,12 @@ import argparse
 from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
-from arva_hil.cli.endings import Guard
+from arva_hil.cli.endings import SignalGuard
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.field import LocalFrame
 from arva_hil.links import LinkError
-from arva_hil.links.reconnecting import open_lasting
+from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated.failsafes import FAILSAFES
@@ -28,9 +28,11 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError(f"--link {again}: named twice")
     if options.system + options.count - 1 > 250:
         raise UsageError(f"--system {options.system} --count {options.count}: ids go up to 250")
-    clock, guard = RealClock(), Guard()
+    clock, guard = RealClock(), SignalGuard()
     with ExitStack() as stack, guard:
-        links = [stack.enter_context(closing(common.open_or_fail(url, clock, open_lasting))) for url in options.link]
+        links = [
+            stack.enter_context(closing(common.open_or_fail(url, clock, open_reconnecting))) for url in options.link
+        ]
         frame = LocalFrame(*options.home)
         vehicles: list[SimulatedVehicle] = []
         logs: list[Task] = []

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from arva_hil.config.faults import Fault, FaultKind, misfit, parse_fault, plain_fault
     from arva_hil.config.kinds import NOISE_KINDS, RATE_HZ, SEED, NoiseKind, Pose, Triple
-    from arva_hil.config.receiver import Mount, Noise, Receiver
+    from arva_hil.config.receiver import MountOptions, Noise, ReceiverOptions
     from arva_hil.config.scenario import DEFAULT, Datum, Scenario, load, parse, parts_of_spec_2, to_dict
     from arva_hil.config.transmitter import Follows, Lla, Path, Transmitter
     from arva_hil.config.tree import Problem, ScenarioError
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _MODULES: Final = {
     "faults": "Fault FaultKind misfit parse_fault plain_fault",
     "kinds": "NOISE_KINDS RATE_HZ SEED NoiseKind Pose Triple",
-    "receiver": "Mount Noise Receiver",
+    "receiver": "MountOptions Noise ReceiverOptions",
     "scenario": "DEFAULT Datum Scenario load parse parts_of_spec_2 to_dict",
     "transmitter": "Follows Lla Path Transmitter",
     "vehicles": "NavigationError ReceiverConfig VehicleConfig",
@@ -38,15 +38,15 @@ __all__ = [
     "FaultKind",
     "Follows",
     "Lla",
-    "Mount",
+    "MountOptions",
     "NavigationError",
     "Noise",
     "NoiseKind",
     "Path",
     "Pose",
     "Problem",
-    "Receiver",
     "ReceiverConfig",
+    "ReceiverOptions",
     "Scenario",
     "ScenarioError",
     "Transmitter",

@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
-from arva_hil.config.mistakes import first
+from arva_hil.config.mapping_keys import first
+from arva_hil.config.mistake import Mistake, Mistakes
 from arva_hil.config.sorts import Number, Sort, Whole, list_of, read_list
-from arva_hil.config.wrong import SeveralWrong, Wrong
 
 MANY: Final = 100_000
 
@@ -42,15 +42,15 @@ def one_or_many(one: dict[str, Any]) -> dict[str, Any]:
 
 
 def unique(items: Sequence[Any], values: Sequence[Any]) -> tuple[Any, ...]:
-    """The values of some items. Raises SeveralWrong for those that are there again."""
+    """The values of some items. Raises Mistakes for those that are there again."""
     seen: dict[Any, Any] = {}
     again = []
     for at, (item, value) in enumerate(zip(items, values, strict=True)):
         if value in seen:
-            again.append(Wrong("each once", f"{value} again{first(seen[value])}", where=(at,)))
+            again.append(Mistake("each once", f"{value} again{first(seen[value])}", where=(at,)))
         seen.setdefault(value, item)
     if again:
-        raise SeveralWrong(again)
+        raise Mistakes(again)
     return tuple(values)
 
 

@@ -11,8 +11,9 @@ from arva_hil.config import yaml_tree
 from arva_hil.config.axes import MANY, Axis, ByStrategy, Seeds, Strategies, one_or_many, unique
 from arva_hil.config.builtin import located
 from arva_hil.config.kinds import NOISE_KINDS, SEED, NoiseKind
+from arva_hil.config.mapping_keys import read_mapping
 from arva_hil.config.marks import Help
-from arva_hil.config.mistakes import read_mapping
+from arva_hil.config.mistake import Mistake, Mistakes, below
 from arva_hil.config.nested import TableSort, read_by
 from arva_hil.config.reading import read
 from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
@@ -20,7 +21,6 @@ from arva_hil.config.sorts import Number, Numbers, Sort, Spec, list_of, read_lis
 from arva_hil.config.tables import help_of, right, sort_of, table, validate
 from arva_hil.config.text import Named, Text, Word
 from arva_hil.config.tree import Problem, ScenarioError, Tree, nearest, tree
-from arva_hil.config.wrong import SeveralWrong, Wrong, below
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1
@@ -37,7 +37,7 @@ class _Depths(Numbers):
     def read(self, value: Any) -> tuple[Any, ...]:
         low, high = super().read(value)
         if low > high:
-            raise Wrong("the smaller one first", f"[{low:g}, {high:g}]")
+            raise Mistake("the smaller one first", f"[{low:g}, {high:g}]")
         return low, high
 
 
@@ -150,11 +150,11 @@ class _PlanReader:
 
     def __init__(self, folder: str) -> None:
         self._folder = folder
-        self._wrong: list[Wrong] = []
+        self._wrong: list[Mistake] = []
         self._problems: list[Problem] = []
 
     def read(self, tree: Tree) -> CampaignPlan:
-        """Raises SeveralWrong."""
+        """Raises Mistakes."""
         plan = self._try("", lambda: read_by(partial(validate, PlanFile), tree))
         top: Mapping[str, Any] = tree if isinstance(tree, dict) else {}
         names = self._strategy_names(top)
@@ -167,16 +167,16 @@ class _PlanReader:
         }
         count = math.prod(len(one) for one in (names, scenarios, *axes.values()) if one)
         if count > MOST_TRIALS:
-            self._wrong.append(Wrong(f"at most {MOST_TRIALS}", f"{count} trials"))
+            self._wrong.append(Mistake(f"at most {MOST_TRIALS}", f"{count} trials"))
         if self._wrong or self._problems:
-            raise SeveralWrong(self._wrong, self._problems)
+            raise Mistakes(self._wrong, self._problems)
         return CampaignPlan(names, scenarios, **axes, **limits, success_m=plan.success_m)
 
     def _try(self, key: str, what: Callable[[], Any]) -> Any:
         try:
             return what()
-        except (Wrong, SeveralWrong) as error:
-            self._wrong += below(key, error) if key else error.every if isinstance(error, SeveralWrong) else [error]
+        except (Mistake, Mistakes) as error:
+            self._wrong += below(key, error) if key else error.every if isinstance(error, Mistakes) else [error]
 
     def _strategy_names(self, top: Mapping[str, Any]) -> tuple[str, ...]:
         if "strategies" not in top:
@@ -214,7 +214,7 @@ class _PlanReader:
         return named
 
     def _scenario(self, item: Any) -> Scenario | Random:
-        """A file or a random one; a file's own mistakes become the plan's. Raises Wrong or SeveralWrong."""
+        """A file or a random one; a file's own mistakes become the plan's. Raises Mistake or Mistakes."""
         if isinstance(item, dict):
             random: Random = read_mapping(item, {"random": TableSort(Random)}, ["random"])["random"]
             return random
@@ -226,7 +226,7 @@ class _PlanReader:
             files = [file for file in names if file.endswith((".yaml", ".yml"))]
             close = nearest(os.path.basename(path), files)
             hint = close and os.path.join(os.path.dirname(name), close)
-            raise Wrong(str(Scenarios.one), f"no file {path}", hint)
+            raise Mistake(str(Scenarios.one), f"no file {path}", hint)
         try:
             scenario = load(path)
         except ScenarioError as error:
@@ -236,5 +236,5 @@ class _PlanReader:
         if scenario.output_format in MAVLINK_FORMATS:
             unserved.append(f"format {scenario.output_format}")
         if unserved:
-            raise Wrong("a scenario that a campaign flies", f"{path} with {', '.join(unserved)}")
+            raise Mistake("a scenario that a campaign flies", f"{path} with {', '.join(unserved)}")
         return scenario

@@ -7,13 +7,13 @@ from dataclasses import fields
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from arva_hil.config.kinds import SPAN, TRANSMITTER_ID, WORLD_POINT, Triple
+from arva_hil.config.mapping_keys import read_mapping, unknown, validator
 from arva_hil.config.marks import Help, NotAKey
-from arva_hil.config.mistakes import read_mapping, unknown, validator
+from arva_hil.config.mistake import Mistake, Mistakes
 from arva_hil.config.sorts import Anything, Number, Sort, Whole
 from arva_hil.config.tables import help_of, sort_of, table
 from arva_hil.config.text import Named, Yes
 from arva_hil.config.tree import ScenarioError
-from arva_hil.config.wrong import SeveralWrong, Wrong
 from arva_hil.errors import KindError
 from arva_hil.registry import FAULTS, FORMATS, MAVLINK_FORMATS
 
@@ -68,7 +68,7 @@ class Fault:
         kind: FaultKind = FAULTS[self.name]
         object.__setattr__(self, "value", validator(kind.sort.read)(self.value))
         lacking = [key for key in kind.needs if getattr(self, key) is None]
-        mistakes = [Wrong(f"a fault with {key}", f"{self.name} without {key}") for key in lacking]
+        mistakes = [Mistake(f"a fault with {key}", f"{self.name} without {key}") for key in lacking]
         if mistakes := [*mistakes, *_misscheduled(vars(self))]:
             raise ValueError("; ".join(map(str, mistakes)))
 
@@ -91,17 +91,17 @@ class Fault:
         return ",".join(keys) + (f"@{start}-{end}".removesuffix("-") if start or end else "")
 
 
-def _misscheduled(f: Mapping[str, Any]) -> Iterator[Wrong]:
+def _misscheduled(f: Mapping[str, Any]) -> Iterator[Mistake]:
     """What is wrong between the times of a fault, which are right each."""
     from_s, until_s = f.get("from_s", 0.0), f.get("until_s", math.inf)
     every_s, for_s = f.get("every_s"), f.get("for_s")
     if until_s <= from_s:
-        yield Wrong(f"later than from_s ({from_s:g})", f"until_s {until_s:g}", where=("until_s",))
+        yield Mistake(f"later than from_s ({from_s:g})", f"until_s {until_s:g}", where=("until_s",))
     if every_s is not None and for_s is not None:
         if for_s >= every_s:
-            yield Wrong(f"less than every_s ({every_s:g})", f"for_s {for_s:g}", where=("for_s",))
+            yield Mistake(f"less than every_s ({every_s:g})", f"for_s {for_s:g}", where=("for_s",))
     elif every_s is not None or for_s is not None:
-        yield Wrong("both or neither", "every_s without for_s" if for_s is None else "for_s without every_s")
+        yield Mistake("both or neither", "every_s without for_s" if for_s is None else "for_s without every_s")
 
 
 class FaultItem(Sort):
@@ -115,15 +115,15 @@ class FaultItem(Sort):
             return value
         named = [name for name in value if _is_fault(name)] if isinstance(value, dict) else []
         if len(named) != 1:
-            raise SeveralWrong(list(_not_one(value, named)))
+            raise Mistakes(list(_not_one(value, named)))
         (name,) = named
         try:
             kind: FaultKind = FAULTS[name]
         except KindError as error:
-            raise Wrong(f"one that works: {error.cure}", error.found, where=(name,), at_key=True) from None
+            raise Mistake(f"one that works: {error.cure}", error.found, where=(name,), at_key=True) from None
         values = read_mapping(value, _sorts(name), [name, *kind.needs])
         if mistakes := list(_misscheduled(values)):
-            raise SeveralWrong(mistakes)
+            raise Mistakes(mistakes)
         return Fault(name, values.pop(name), **values)
 
     def json(self) -> dict[str, Any]:
@@ -150,18 +150,18 @@ def _sorts(name: str) -> dict[str, Sort]:
     return {name: kind.sort} | {key: sort_of(Fault, key) for key in (*kind.needs, *_SCHEDULE)}
 
 
-def _not_one(value: Any, named: list[str]) -> Iterator[Wrong]:
+def _not_one(value: Any, named: list[str]) -> Iterator[Mistake]:
     """What is wrong with what is not one fault."""
     every = dict.fromkeys([*FAULTS, *_NEEDS, *_SCHEDULE], 1)
     if not isinstance(value, dict):
-        yield Wrong("a mapping with {keys}", keys=every)
+        yield Mistake("a mapping with {keys}", keys=every)
         return
     strangers = [name for name in value if name not in every]
     yield from (unknown(name, every) for name in strangers)
     if len(named) > 1:
-        yield Wrong("one fault an item", f"both {named[0]} and {named[1]}", where=(named[1],), at_key=True)
+        yield Mistake("one fault an item", f"both {named[0]} and {named[1]}", where=(named[1],), at_key=True)
     elif not strangers:
-        yield Wrong(f"one of {', '.join(FAULTS)}", "no fault")
+        yield Mistake(f"one of {', '.join(FAULTS)}", "no fault")
 
 
 def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] | None:

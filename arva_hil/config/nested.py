@@ -6,10 +6,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
-from arva_hil.config.mistakes import mistakes_of, validator
+from arva_hil.config.mapping_keys import mistakes_of, validator
+from arva_hil.config.mistake import Mistake, Mistakes
 from arva_hil.config.sorts import Numbers, Sort, list_of, read_list
 from arva_hil.config.tables import is_table, keys, validate
-from arva_hil.config.wrong import SeveralWrong, Wrong
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -36,7 +36,7 @@ class Tables(Sort):
 
     def from_python(self, value: Any, source: Any) -> tuple[Any, ...]:
         if not isinstance(value, list | tuple) or not all(isinstance(item, get_args(source)[0]) for item in value):
-            raise Wrong(str(self))
+            raise Mistake(str(self))
         return tuple(value)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -75,7 +75,7 @@ class Reshaped(Sort):
 
     def from_python(self, value: Any, source: Any) -> Any:
         if not isinstance(value, tuple):
-            raise Wrong(str(self))
+            raise Mistake(str(self))
         return self.read(value)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -127,10 +127,10 @@ class TableSort(Sort):
 
 
 def read_by(one: Callable[[Any], Any], value: Any) -> Any:
-    """What a pydantic validator makes of a value. Raises SeveralWrong."""
+    """What a pydantic validator makes of a value. Raises Mistakes."""
     from pydantic_core import ValidationError  # slow to import
 
     try:
         return one(value)
     except ValidationError as error:
-        raise SeveralWrong(mistakes_of(error)) from None
+        raise Mistakes(mistakes_of(error)) from None

@@ -9,10 +9,10 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from arva_hil.config.mistakes import missing
+from arva_hil.config.mapping_keys import missing
+from arva_hil.config.mistake import Mistake
 from arva_hil.config.sorts import FLOAT, WHOLE
 from arva_hil.config.tree import Scalar, any_of
-from arva_hil.config.wrong import Wrong
 from arva_hil.errors import KindError
 from arva_hil.registry import RECEIVERS
 
@@ -27,7 +27,7 @@ class OwnKeys(NamedTuple):
 
     names: Mapping[str, int] = {}
     options: Any = None
-    mistakes: Sequence[Wrong] = ()
+    mistakes: Sequence[Mistake] = ()
 
 
 def own_keys(model: str | None, mapping: Mapping[str, Any]) -> OwnKeys:
@@ -108,14 +108,14 @@ def _validated(cls: type[Any], given: Mapping[str, Any]) -> Any:
     return TypeAdapter(cls).validate_python(given)
 
 
-def _mistakes(error: ValidationError, model: str | None, names: Mapping[str, int]) -> Iterator[Wrong]:
+def _mistakes(error: ValidationError, model: str | None, names: Mapping[str, int]) -> Iterator[Mistake]:
     for one in error.errors(include_url=False, include_input=False):
         message, where = one["msg"], one["loc"]
         if one["type"] == "missing" and len(where) == 1:
             yield missing(str(where[0]), names)
         elif message.startswith("Input should be "):
             expected = message.removeprefix("Input should be ").partition(", unable to parse")[0]
-            yield Wrong(expected, where=where)
+            yield Mistake(expected, where=where)
         else:
             found = message.removeprefix("Value error, ")
-            yield Wrong(f"what the receiver model {model} takes", found, where=where)
+            yield Mistake(f"what the receiver model {model} takes", found, where=where)

@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 import yaml
 from pydantic_core import ValidationError
 
-from arva_hil.config.mistakes import UNKNOWN, mistakes_of
+from arva_hil.config.mapping_keys import UNKNOWN, mistakes_of
+from arva_hil.config.mistake import Mistake, Mistakes
 from arva_hil.config.sorts import whole
 from arva_hil.config.tree import Items, Mapping, Scalar, Tree, any_of, nearest, tree
-from arva_hil.config.wrong import SeveralWrong, Wrong
 from arva_hil.config.yaml_tree import Notes, describe
 
 _T = TypeVar("_T")
@@ -37,22 +37,22 @@ def read(
     value = None
     try:
         value = reader(data)
-    except (ValidationError, Wrong, SeveralWrong) as error:
+    except (ValidationError, Mistake, Mistakes) as error:
         _note(notes, data, _mistakes(error), spec)
-        notes.problems += error.problems if isinstance(error, SeveralWrong) else ()
+        notes.problems += error.problems if isinstance(error, Mistakes) else ()
     notes.finish()
     assert value is not None
     return value
 
 
-def _mistakes(error: ValidationError | Wrong | SeveralWrong) -> Iterable[Wrong]:
+def _mistakes(error: ValidationError | Mistake | Mistakes) -> Iterable[Mistake]:
     """All that is wrong with a value."""
     if isinstance(error, ValidationError):
         return mistakes_of(error)
-    return error.every if isinstance(error, SeveralWrong) else [error]
+    return error.every if isinstance(error, Mistakes) else [error]
 
 
-def _note(notes: Notes, data: Tree, every: Iterable[Wrong], spec: int) -> None:
+def _note(notes: Notes, data: Tree, every: Iterable[Mistake], spec: int) -> None:
     """Remember mistakes at their places, each once, unknown keys before what is missing."""
     seen = set()
     for wrong in sorted(every, key=lambda wrong: not wrong.at_key):
@@ -85,7 +85,7 @@ def _place(data: Tree, where: Iterable[str | int]) -> tuple[Tree, Mapping | None
     return value, holder, key
 
 
-def _unknown(node: yaml.Node, holder: Mapping, wrong: Wrong, spec: int) -> tuple[str, str, str | None]:
+def _unknown(node: yaml.Node, holder: Mapping, wrong: Mistake, spec: int) -> tuple[str, str, str | None]:
     """What was found, what was expected and the nearest, for a key that a mapping does not have, or has already."""
     text = str(node.value) if isinstance(node, yaml.ScalarNode) else ""
     names = [name for name, since in wrong.keys.items() if since <= spec]

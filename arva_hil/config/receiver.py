@@ -5,12 +5,12 @@ from typing import Annotated, Any, Final
 
 from arva_hil.config.kinds import ANGLE, BODY_POINT, NOISE_KINDS, RATE_HZ, NoiseKind, Triple
 from arva_hil.config.marks import Help, NotAKey, Since
+from arva_hil.config.mistake import Mistake
 from arva_hil.config.nested import Reshaped
 from arva_hil.config.own_keys import PAPER, OwnKeys, checked_options, own_keys, schemas
 from arva_hil.config.sorts import Anything, Number, Numbers, Whole
 from arva_hil.config.tables import right, table
 from arva_hil.config.text import Named, Word
-from arva_hil.config.wrong import Wrong
 from arva_hil.registry import RECEIVERS
 
 NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))
@@ -32,7 +32,7 @@ class _NoSignal(Numbers):
     def read(self, value: Any) -> tuple[Any, ...]:
         pair = super().read(value)
         if pair not in NO_SIGNAL:
-            raise Wrong("[-1, -1], [-1, 0] or [0, 0]", f"[{pair[0]}, {pair[1]}]")
+            raise Mistake("[-1, -1], [-1, 0] or [0, 0]", f"[{pair[0]}, {pair[1]}]")
         return pair
 
     def json(self) -> dict[str, Any]:
@@ -50,7 +50,7 @@ class Noise:
 
 
 @table()
-class Mount:
+class MountOptions:
     """Where the receiver sits: `position` in body FRD, metres; `attitude` roll, pitch, yaw in degrees."""
 
     position: Annotated[Triple, BODY_POINT, Help("body FRD, from the vehicle's position")] = (0.0, 0.0, 0.0)
@@ -58,7 +58,7 @@ class Mount:
 
 
 @table()
-class Receiver:
+class ReceiverOptions:
     """The receiver. `sensitivity`: the diagonal of Q; `no_signal`: (d, δ) when there is nothing to report.
 
     Each frame is up to `jitter_s` late, less than half the period. `options`: of a model with keys of its own its
@@ -77,7 +77,7 @@ class Receiver:
         Triple, Numbers(*[Number(0, 1, above=True)] * 3), Help("of the antennas along x, y and z")
     ] = (1.0, 0.8, 0.6)
     noise: Annotated[Noise, Help("what it hears besides")] = Noise()
-    mount: Annotated[Mount, Help("where on the vehicle it sits")] = Mount()
+    mount: Annotated[MountOptions, Help("where on the vehicle it sits")] = MountOptions()
     no_signal: Annotated[
         tuple[int, int], _NoSignal(*[Whole(-1, 0)] * 2), Help("distance and angle when there is nothing")
     ] = (-1, -1)
@@ -102,14 +102,16 @@ class Receiver:
         return schemas()
 
     @classmethod
-    def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Wrong]:
+    def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Mistake]:
         rate_hz, jitter_s = (right(cls, mapping, name) for name in ("rate_hz", "jitter_s"))
         if rate_hz is not None and jitter_s is not None and (wrong := late(rate_hz, jitter_s)):
             yield wrong
 
 
-def late(rate_hz: float, jitter_s: float) -> Wrong | None:
+def late(rate_hz: float, jitter_s: float) -> Mistake | None:
     """What is wrong with the jitter of a receiver, if it is."""
     if jitter_s < 0.5 / rate_hz:
         return None
-    return Wrong(f"less than half the period ({0.5 / rate_hz:.4g} s)", f"jitter_s {jitter_s:.4g}", where=("jitter_s",))
+    return Mistake(
+        f"less than half the period ({0.5 / rate_hz:.4g} s)", f"jitter_s {jitter_s:.4g}", where=("jitter_s",)
+    )

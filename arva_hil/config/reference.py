@@ -14,7 +14,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from arva_hil.config.campaign import PlanFile, Random
 from arva_hil.config.faults import Fault
 from arva_hil.config.nested import Either, Reshaped, Tables
-from arva_hil.config.receiver import Receiver
+from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.scenario import Scenario
 from arva_hil.config.sorts import Sort
 from arva_hil.config.tables import fields_of, help_of, is_table, keys
@@ -121,7 +121,7 @@ def _rows(cls: Any, prefix: str = "", spec: int = 1) -> Iterator[tuple[str, ...]
         usual = "required" if name in must else "" if below and info.default is not MISSING else _default(info)
         yield f"`{prefix}{name}`", *shown, usual, said
         if below and below is not Fault:
-            own = {key: 1 for key in keys(below) if not (below is ReceiverEntry and key in keys(Receiver))}
+            own = {key: 1 for key in keys(below) if not (below is ReceiverEntry and key in keys(ReceiverOptions))}
             dot = f"{prefix}{name}{inner}."
             yield from (row for row in _rows(below, dot, max(since, spec)) if _key(row[0], dot) in own)
 

@@ -14,14 +14,14 @@ from arva_hil.config.builtin import located
 from arva_hil.config.faults import Fault, FaultItem, misfit, plain_fault
 from arva_hil.config.kinds import FORMAT, SEED, Pose, Triple
 from arva_hil.config.marks import Help, NotAKey, Since
+from arva_hil.config.mistake import Mistake, Mistakes, below
 from arva_hil.config.nested import Either, Tables
-from arva_hil.config.receiver import Receiver
+from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.sorts import Listed, Spec
 from arva_hil.config.tables import NEWER, keys, right, table, validate
 from arva_hil.config.text import Text, Word
 from arva_hil.config.transmitter import Lla, Transmitter, same_ids
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, clashes
-from arva_hil.config.wrong import SeveralWrong, Wrong, below
 from arva_hil.registry import FORMATS
 
 Datum = Literal["home"] | Lla
@@ -32,7 +32,7 @@ _FAULTS: Final = Listed(FaultItem(), 0, 1000, "faults")
 
 
 @table()
-class Output:
+class OutputOptions:
     """The frames, as a file has it."""
 
     format: Annotated[str, FORMAT, Help("of the frames")] = "binary"
@@ -55,8 +55,8 @@ class Scenario:
         Either(Word(("home",), "home or a mapping with lat, lon, alt"), "home or a mapping with lat, lon, alt"),
         Help("the vehicle's home, or a place"),
     ] = "home"
-    receiver: Annotated[Receiver, Help("what it is like")] = Receiver()
-    output: InitVar[Annotated[Output | None, Help("what is sent")]] = field(default=None, kw_only=True)
+    receiver: Annotated[ReceiverOptions, Help("what it is like")] = ReceiverOptions()
+    output: InitVar[Annotated[OutputOptions | None, Help("what is sent")]] = field(default=None, kw_only=True)
     output_format: Annotated[str, FORMAT, NotAKey()] = "binary"
     seed: Annotated[int, SEED, Help("same seed, same noise, same faults")] = 1
     faults: Annotated[tuple[Fault, ...], _FAULTS, Help("on purpose and on time")] = ()
@@ -72,7 +72,7 @@ class Scenario:
         tuple[VehicleConfig, ...], Tables(1, 64, "vehicles"), Since(2), Help("without it one, the command line's")
     ] = ()
 
-    def __post_init__(self, spec: int, output: Output | None) -> None:
+    def __post_init__(self, spec: int, output: OutputOptions | None) -> None:
         if output is not None:
             object.__setattr__(self, "output_format", output.format)
         ids = same_ids([{"id": transmitter.id} for transmitter in self.transmitters])
@@ -82,13 +82,13 @@ class Scenario:
             raise ValueError("; ".join(map(str, mistakes)))
 
     @classmethod
-    def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Wrong]:
+    def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Mistake]:
         transmitters, vehicles, faults = (_list(mapping, key) for key in ("transmitters", "vehicles", "faults"))
         yield from _below("transmitters", same_ids(transmitters))
         yield from _below("vehicles", clashes(vehicles))
         if right(cls, mapping, "pose") == "truth" and "navigation_error" in mapping:
             expected = "none with `pose: truth`, which has no error"
-            yield Wrong(expected, "navigation_error", where=("navigation_error",), at_key=True)
+            yield Mistake(expected, "navigation_error", where=("navigation_error",), at_key=True)
         ids: list[Any] = [
             right(Transmitter, t, "id") if isinstance(t, Mapping) and "id" in t else None for t in transmitters
         ]
@@ -96,15 +96,15 @@ class Scenario:
         for at, item in enumerate(faults):
             try:
                 fault = FaultItem().read(item)
-            except (Wrong, SeveralWrong):
+            except (Mistake, Mistakes):
                 continue
             for of in _formats(mapping):
                 if wrong := misfit(fault, known, of):
-                    yield Wrong(wrong[1], wrong[0], where=("faults", at))
+                    yield Mistake(wrong[1], wrong[0], where=("faults", at))
                     break
 
 
-def _below(key: str, mistakes: Iterator[Wrong]) -> Iterator[Wrong]:
+def _below(key: str, mistakes: Iterator[Mistake]) -> Iterator[Mistake]:
     for wrong in mistakes:
         yield from below(key, wrong)
 
@@ -118,7 +118,7 @@ def _list(mapping: Mapping[str, Any], key: str) -> Sequence[Any]:
 def _format(mapping: Mapping[str, Any]) -> str:
     """The format in a file, as far as it is right."""
     output = mapping.get("output")
-    of: str = (right(Output, output, "format") if isinstance(output, Mapping) else None) or "binary"
+    of: str = (right(OutputOptions, output, "format") if isinstance(output, Mapping) else None) or "binary"
     return of
 
 
@@ -173,7 +173,7 @@ def _inherit(top: tree.Mapping) -> None:
     for number, entry in enumerate(entries):
         if isinstance(entry, tree.Mapping):
             if isinstance(receiver, tree.Mapping):
-                of_all = keys(Receiver)
+                of_all = keys(ReceiverOptions)
                 same = entry.get("model", receiver.get("model")) == receiver.get("model")
                 entry.inherit(receiver, [name for name in receiver if same or name in of_all])
             if isinstance(output, tree.Mapping):
@@ -233,7 +233,7 @@ def _plain_transmitter(t: Transmitter) -> dict[str, Any]:
     return plain | {"attitude": _plain_attitude(t.attitude), "strength": t.strength}
 
 
-def _plain_receiver(receiver: Receiver) -> dict[str, Any]:
+def _plain_receiver(receiver: ReceiverOptions) -> dict[str, Any]:
     mount, plain = receiver.mount, asdict(receiver)
     return {
         **(plain.pop("options") or {}),

@@ -13,8 +13,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, get_args
 
+from arva_hil.config.mistake import Mistake, each
 from arva_hil.config.tree import Items, Scalar
-from arva_hil.config.wrong import Wrong, each
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -33,7 +33,7 @@ class Sort:
     unit: str = ""
 
     def read(self, value: Any) -> Any:
-        """The value, from a file or Python. Raises Wrong or SeveralWrong."""
+        """The value, from a file or Python. Raises Mistake or Mistakes."""
         raise NotImplementedError
 
     def from_python(self, value: Any, source: Any) -> Any:
@@ -57,7 +57,7 @@ class Sort:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         from pydantic_core import core_schema
 
-        from arva_hil.config.mistakes import validator
+        from arva_hil.config.mapping_keys import validator
 
         read = _or_none(self.read) if type(None) in get_args(source) else self.read
         return core_schema.no_info_plain_validator_function(validator(read))
@@ -106,7 +106,7 @@ class Number(Sort):
             return number
         meant = value.plain.translate(_TYPED) if isinstance(value, Scalar) else ""
         hint = meant if FLOAT.fullmatch(meant) and float(meant) in self else None
-        raise Wrong(str(self), nearest=hint)
+        raise Mistake(str(self), nearest=hint)
 
     def json(self) -> dict[str, Any]:
         return {"type": "number", "exclusiveMinimum" if self.above else "minimum": self.low, "maximum": self.high}
@@ -138,7 +138,7 @@ class Whole(Sort):
     def read(self, value: Any) -> int:
         number = whole(value)
         if number is None or number not in self:
-            raise Wrong(str(self))
+            raise Mistake(str(self))
         return number
 
     def json(self) -> dict[str, Any]:
@@ -164,7 +164,7 @@ class Spec(Sort):
     def read(self, value: Any) -> int:
         number = whole(value)
         if number is None or not 1 <= number <= self.newest:
-            raise Wrong(str(self))
+            raise Mistake(str(self))
         return number
 
     def json(self) -> dict[str, Any]:
@@ -202,7 +202,7 @@ class Numbers(Sort):
 
     def read(self, value: Any) -> tuple[Any, ...]:
         if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(self.sorts):
-            raise Wrong(str(self))
+            raise Mistake(str(self))
         return tuple(each(value, lambda at, item: self.sorts[at].read(item)))
 
     def json(self) -> dict[str, Any]:
@@ -237,10 +237,10 @@ def list_of(low: int, high: int, what: str) -> str:
 
 
 def read_list(sort: Any, value: Any, read: Callable[[Any], Any]) -> tuple[Any, ...]:
-    """The items of a list, each read, and their number checked when it comes from a file. Raises SeveralWrong."""
+    """The items of a list, each read, and their number checked when it comes from a file. Raises Mistakes."""
     if isinstance(value, str) or not isinstance(value, Sequence):
-        raise Wrong(str(sort))
-    mistakes: list[Wrong] = []
+        raise Mistake(str(sort))
+    mistakes: list[Mistake] = []
     if isinstance(value, Items) and not sort.low <= len(value) <= sort.high:
-        mistakes.append(Wrong(str(sort)))
+        mistakes.append(Mistake(str(sort)))
     return tuple(each(value, lambda _, item: read(item), mistakes))

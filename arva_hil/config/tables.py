@@ -12,8 +12,8 @@ from functools import wraps
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, dataclass_transform, get_args
 
 from arva_hil.config.marks import Help, NotAKey, Since
+from arva_hil.config.mistake import Mistake, Mistakes
 from arva_hil.config.sorts import Sort
-from arva_hil.config.wrong import SeveralWrong, Wrong
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -120,19 +120,19 @@ def _made_at_once(cls: Any, made: Any, args: tuple[Any, ...], named: dict[str, A
                 object.__setattr__(made, name, value)
         if hasattr(cls, "__post_init__"):
             made.__post_init__(*for_init)
-    except (Wrong, SeveralWrong, ValueError):
+    except (Mistake, Mistakes, ValueError):
         return False
     return True
 
 
 def _from_python(field: Field, value: Any) -> Any:
-    """A value that is of the field's sort, or the table that it is. Raises Wrong or SeveralWrong."""
+    """A value that is of the field's sort, or the table that it is. Raises Mistake or Mistakes."""
     types = (field.type, *get_args(field.type))
     if (value is None and type(None) in types) or any(is_table(one) and isinstance(value, one) for one in types):
         return value
     sort = field.mark(Sort)
     if sort is None:
-        raise Wrong("a table")
+        raise Mistake("a table")
     return sort.from_python(value, field.type)
 
 
@@ -171,5 +171,5 @@ def right(cls: Any, mapping: Mapping[str, Any], name: str) -> Any:
         return fields_of(cls)[name].default
     try:
         return sort_of(cls, name).read(mapping[name])
-    except (Wrong, SeveralWrong):
+    except (Mistake, Mistakes):
         return None

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from arva_hil.config.mistake import Mistake
 from arva_hil.config.sorts import Sort
 from arva_hil.config.tree import Scalar, any_of, nearest
-from arva_hil.config.wrong import Wrong
 from arva_hil.errors import KindError, UnknownKindError
 from arva_hil.registry import Registry
 
@@ -29,7 +29,7 @@ class Word(Sort):
             if isinstance(value, str) and value == word:
                 return word
         hint = nearest(value.lower(), self.words) if isinstance(value, str) else None
-        raise Wrong(str(self), nearest=hint)
+        raise Mistake(str(self), nearest=hint)
 
     def json(self) -> dict[str, Any]:
         return {"enum": list(self.words)}
@@ -46,15 +46,15 @@ class Named(Sort):
 
     def read(self, value: Any) -> str:
         if not isinstance(value, str):
-            raise Wrong(str(self))
+            raise Mistake(str(self))
         if value in list(self.registry):
             return str(value)
         try:
             self.registry[str(value)]
         except UnknownKindError as error:
-            raise Wrong(any_of(self.registry.names()), nearest=error.nearest) from None
+            raise Mistake(any_of(self.registry.names()), nearest=error.nearest) from None
         except KindError as error:
-            raise Wrong(f"one that works: {error.cure}", error.found) from None
+            raise Mistake(f"one that works: {error.cure}", error.found) from None
         return str(value)
 
     def json(self) -> dict[str, Any]:
@@ -89,7 +89,7 @@ class Text(Sort):
 
     def read(self, value: Any) -> str:
         if not isinstance(value, str) or not re.fullmatch(self.pattern, value):
-            raise Wrong(self.what)
+            raise Mistake(self.what)
         return str(value)
 
     def json(self) -> dict[str, Any]:

@@ -17,13 +17,13 @@ from arva_hil.config.kinds import (
     WORLD_POINT,
     Triple,
 )
+from arva_hil.config.mapping_keys import first
 from arva_hil.config.marks import Help, NotAKey, Since
-from arva_hil.config.mistakes import first
+from arva_hil.config.mistake import Mistake, Mistakes
 from arva_hil.config.receiver import ATTITUDE
 from arva_hil.config.sorts import Listed, Number, Numbers
 from arva_hil.config.tables import right, table
 from arva_hil.config.text import Word
-from arva_hil.config.wrong import SeveralWrong, Wrong
 
 Frame = Literal["enu", "ned"]
 End = Literal["stay", "loop"]
@@ -52,24 +52,24 @@ class _Waypoints(Listed):
     """Waypoints of which each is later than the one before."""
 
     def read(self, value: Any) -> tuple[Any, ...]:
-        mistakes: list[Wrong] = []
+        mistakes: list[Mistake] = []
         points: dict[int, Any] = {}
         try:
             points = dict(enumerate(super().read(value)))
-        except SeveralWrong as error:
+        except Mistakes as error:
             mistakes += error.every
             points = dict(self._right(value))
         for (_, before), (at, point) in pairwise(points.items()):
             if point[0] <= before[0]:
                 found = f"a point at {point[0]:g} s"
-                mistakes.append(Wrong(f"later than the point before ({before[0]:g} s)", found, where=(at,)))
+                mistakes.append(Mistake(f"later than the point before ({before[0]:g} s)", found, where=(at,)))
         if mistakes:
-            raise SeveralWrong(mistakes)
+            raise Mistakes(mistakes)
         return tuple(points.values())
 
     def _right(self, items: Any) -> Iterator[tuple[int, Any]]:
         for at, item in enumerate(items):
-            with suppress(Wrong, SeveralWrong):
+            with suppress(Mistake, Mistakes):
                 yield at, self.item.read(item)
 
 
@@ -145,12 +145,12 @@ class Transmitter:
             raise ValueError("a transmitter has either ned or lla, path or follows")
 
 
-def same_ids(transmitters: Sequence[Any]) -> Iterator[Wrong]:
+def same_ids(transmitters: Sequence[Any]) -> Iterator[Mistake]:
     """Ids that are there again, in the mappings of a file or what is like them."""
     seen: dict[int, Any] = {}
     for at, mapping in enumerate(transmitters):
         number = right(Transmitter, mapping, "id") if isinstance(mapping, Mapping) and "id" in mapping else None
         if number in seen:
-            yield Wrong("an id of its own", f"id {number} again{first(seen[number])}", where=(at, "id"))
+            yield Mistake("an id of its own", f"id {number} again{first(seen[number])}", where=(at, "id"))
         elif number is not None:
             seen[number] = mapping["id"]

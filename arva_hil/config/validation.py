@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, get_args
 
 from pydantic_core import ArgsKwargs, CoreSchema, SchemaValidator, ValidationError, core_schema
 
-from arva_hil.config.mistakes import as_validation_error, missing, mistakes_of, needed, unknown
+from arva_hil.config.mapping_keys import as_validation_error, missing, mistakes_of, needed, unknown
+from arva_hil.config.mistake import Mistake
 from arva_hil.config.sorts import Sort
 from arva_hil.config.tables import fields_of, is_table, keys
-from arva_hil.config.wrong import Wrong
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
@@ -89,7 +89,7 @@ def _read(cls: Any, value: Any, handler: Callable[[Any], Any]) -> Any:
     others = cls.own_keys(value) if hasattr(cls, "own_keys") else None
     valid = keys(cls) | dict(others.names if others else {})
     mistakes = [unknown(name, valid) for name in value if name not in valid]
-    own: list[Wrong] = []  # of the whole, said only if nothing else is wrong
+    own: list[Mistake] = []  # of the whole, said only if nothing else is wrong
     try:
         declared = {name: item for name, item in value.items() if name in keys(cls)}
         result = handler(declared | ({"options": others.options} if others else {}))
@@ -104,12 +104,12 @@ def _read(cls: Any, value: Any, handler: Callable[[Any], Any]) -> Any:
     return result
 
 
-def _translated(error: ValidationError, cls: Any) -> Iterator[Wrong]:
+def _translated(error: ValidationError, cls: Any) -> Iterator[Mistake]:
     """The mistakes in a table, pydantic's own in our words."""
     for one, wrong in zip(error.errors(include_url=False, include_input=False), mistakes_of(error), strict=True):
         if one["type"] == "missing" and len(one["loc"]) == 1:
             yield missing(str(one["loc"][0]), keys(cls))
         elif one["type"] == "dataclass_type" and not one["loc"]:
-            yield Wrong("a mapping with {keys}", keys=keys(cls), value=wrong.value)
+            yield Mistake("a mapping with {keys}", keys=keys(cls), value=wrong.value)
         else:
             yield wrong

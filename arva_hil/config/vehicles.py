@@ -5,14 +5,14 @@ from dataclasses import InitVar, field, fields
 from typing import Annotated, Any, Final
 
 from arva_hil.config.kinds import FORMAT, SEED, SYSTEM_ID, Triple
+from arva_hil.config.mapping_keys import first
 from arva_hil.config.marks import Help, NotAKey
-from arva_hil.config.mistakes import first
+from arva_hil.config.mistake import Mistake
 from arva_hil.config.nested import Tables
-from arva_hil.config.receiver import Receiver
+from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.sorts import Number, Numbers
 from arva_hil.config.tables import right, table
 from arva_hil.config.text import Text
-from arva_hil.config.wrong import Wrong
 from arva_hil.registry import MAVLINK_FORMATS
 
 _NAME: Final = Text("a name of letters, digits, _, - and .", r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -55,7 +55,7 @@ class NavigationError:
 
 
 @table()
-class ReceiverEntry(Receiver):
+class ReceiverEntry(ReceiverOptions):
     """One receiver of a vehicle as a file has it: its own keys beside those of `receiver`."""
 
     name: Annotated[str, _NAME, Help("unlike the vehicle's other receivers")] = field(kw_only=True)
@@ -68,14 +68,14 @@ class ReceiverEntry(Receiver):
     ] = field(default=1, kw_only=True)
 
     @classmethod
-    def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Wrong]:
+    def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Mistake]:
         yield from super().misfits(mapping)
         of = right(cls, mapping, "format")
         if of is not None and of not in MAVLINK_FORMATS and "port" not in mapping:
-            yield Wrong(f"a mapping with port, because frames of the format {of} go there", "no port")
+            yield Mistake(f"a mapping with port, because frames of the format {of} go there", "no port")
         if of in MAVLINK_FORMATS and "port" in mapping:
             expected = "none, because they go over the autopilot's own link"
-            yield Wrong(expected, f"a port for frames of the format {of}", where=("port",), at_key=True)
+            yield Mistake(expected, f"a port for frames of the format {of}", where=("port",), at_key=True)
 
 
 @table()
@@ -85,7 +85,7 @@ class ReceiverConfig:
 
     name: Annotated[str, _NAME]
     port: Annotated[str | None, _LINK]
-    receiver: Receiver = Receiver()
+    receiver: ReceiverOptions = ReceiverOptions()
     output_format: Annotated[str, FORMAT] = "binary"
     seed: Annotated[int, SEED] = 1
 
@@ -96,7 +96,7 @@ class ReceiverConfig:
 
 
 def _receiver(entry: ReceiverEntry) -> ReceiverConfig:
-    receiver = Receiver(**{key.name: getattr(entry, key.name) for key in fields(Receiver)})
+    receiver = ReceiverOptions(**{key.name: getattr(entry, key.name) for key in fields(ReceiverOptions)})
     return ReceiverConfig(entry.name, entry.port, receiver, entry.format, entry.seed)
 
 
@@ -113,7 +113,7 @@ class VehicleConfig:
     ] = field(kw_only=True)
 
 
-def clashes(vehicles: Sequence[Any]) -> Iterator[Wrong]:
+def clashes(vehicles: Sequence[Any]) -> Iterator[Mistake]:
     """What is wrong between vehicles, in the mappings of a file or what is like them."""
     names, ports = _Seen(), _Seen()
     mappings = [(at, vehicle) for at, vehicle in enumerate(vehicles) if isinstance(vehicle, Mapping)]
@@ -132,7 +132,7 @@ def clashes(vehicles: Sequence[Any]) -> Iterator[Wrong]:
         systems = _Seen()
         for at, vehicle in shared if len(shared) > 1 else ():
             if "system" not in vehicle:
-                yield Wrong("a mapping with system, which tells vehicles on one link apart", "no system", where=(at,))
+                yield Mistake("a mapping with system, which tells vehicles on one link apart", "no system", where=(at,))
             yield from systems.check(vehicle, "system", (at,), f"system {vehicle.get('system')}", VehicleConfig)
 
 
@@ -144,10 +144,10 @@ class _Seen:
 
     def check(
         self, mapping: Mapping[str, Any], key: str, where: tuple[str | int, ...], what: str, cls: type
-    ) -> Iterator[Wrong]:
+    ) -> Iterator[Mistake]:
         value = right(cls, mapping, key) if key in mapping else None
         if value is None or value == "pty":  # each `pty` is a new one
             return
         if value in self._first:
-            yield Wrong(f"a {key} of its own", f"{what} again{first(self._first[value])}", where=(*where, key))
+            yield Mistake(f"a {key} of its own", f"{what} again{first(self._first[value])}", where=(*where, key))
         self._first.setdefault(value, mapping[key])

@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from arva_hil.doctor.values import Finding, Position, Source, Stream, Traffic
+from arva_hil.doctor.values import Finding, Position, Source, StreamRate, Traffic
 
 ENOUGH: Final = 0.7  # of the rate asked for; the session asks again below it
 MAX_AGE_S: Final = 2.0  # of a pose, as `run` has it
@@ -197,7 +197,7 @@ def _choose(pilots: Sequence[Source]) -> str:
 # -- the pose ------------------------------------------------------------------------------------------------
 
 
-def stream(s: Stream) -> Finding:
+def stream(s: StreamRate) -> Finding:
     """Whether a pose message comes, and as fast as was asked."""
     said = f" ({s.said})" if s.said else ""
     cure = "" if s.recorded else _STREAM_CURE.get(s.name, "")
@@ -215,7 +215,7 @@ def stream(s: Stream) -> Finding:
     return Finding(s.name, "ok", found)
 
 
-def slowest(streams: Sequence[Stream]) -> int | None:
+def slowest(streams: Sequence[StreamRate]) -> int | None:
     """The rate to ask for [Hz] where a stream comes much slower than it was asked for; None where none does."""
     slow = [s.hz for s in streams if s.hz and not s.recorded and s.hz < ENOUGH * s.wanted_hz]
     return max(1, round(min(slow))) if slow else None

@@ -11,7 +11,7 @@ from typing import Final
 
 from arva_hil.config import DEFAULT
 from arva_hil.doctor.diagnosis import rate
-from arva_hil.doctor.values import Source, Stream, Traffic, Way
+from arva_hil.doctor.values import PortTraffic, Source, StreamRate, Traffic
 from arva_hil.emulator.build import receiver
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events.vehicles import StreamEvent
@@ -50,7 +50,7 @@ class _Heartbeats:
         return (self.count - 1) / (self.last - self.first) if self.last > self.first else None
 
 
-class Ear:
+class AutopilotProbe:
     """The autopilot's side: talks as `run` does, and remembers what came. A task for the loop."""
 
     def __init__(
@@ -174,11 +174,11 @@ class Ear:
         every = [Source(*key, h.name, h.pilot, h.count, h.hz) for key, h in self._heartbeats.items()]
         return sorted(every, key=lambda source: not source.pilot)
 
-    def streams(self, now: float, wanted_hz: float, *, recorded: bool) -> list[Stream]:
+    def streams(self, now: float, wanted_hz: float, *, recorded: bool) -> list[StreamRate]:
         every = ", ".join(f"{result} ×{n}" for result, n in self._acks.items())
         acks = f"SET_MESSAGE_INTERVAL: {every or 'never answered'}"
         return [
-            Stream(
+            StreamRate(
                 name,
                 sum(self._counts[msgid] for msgid in ids),
                 max(rate(self._times[msgid], now) for msgid in ids),
@@ -196,7 +196,7 @@ class Ear:
         return [offset - min(offsets) for offset in offsets]
 
 
-class Mouth:
+class PortProbe:
     """The port's side: sends frames that say no signal, and remembers what became of them. A task for the loop.
 
     `encode`: (frame, its instant in ms) → its bytes, b"" while there is nobody to send them to. `address`: the link's,
@@ -242,7 +242,7 @@ class Mouth:
             self._taken += sent
             self._dropped += not sent
 
-    def way(self) -> Way:
+    def way(self) -> PortTraffic:
         """What became of the frames, and who is seen at the other end."""
         kind, name = (self._address.kind, str(self._address)) if self._address else ("mavlink", "")
         seen: list[str] = []
@@ -255,4 +255,4 @@ class Mouth:
         elif self._address and kind == "serial" and (program := far_program(self._address.path)):
             seen = [program]
         refused = self._out is not None and self._out.refusals > self._refusals
-        return Way(kind, name, self._taken, self._dropped, self._answered, seen, waiting, refused, self._lost)
+        return PortTraffic(kind, name, self._taken, self._dropped, self._answered, seen, waiting, refused, self._lost)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from arva_hil.doctor.values import Finding, Way
+from arva_hil.doctor.values import Finding, PortTraffic
 
 
 def no_port(candidates: Sequence[str], usb: Sequence[str]) -> Finding:
@@ -14,7 +14,7 @@ def no_port(candidates: Sequence[str], usb: Sequence[str]) -> Finding:
     return Finding("port", "note", f"none was named; {there}", ", ".join(cures))
 
 
-def frames(way: Way, form: str) -> Finding:
+def frames(way: PortTraffic, form: str) -> Finding:
     """Whether the port takes them."""
     if way.lost:
         return Finding("frames", "fail", way.lost, "plug it in again, or start what is behind it")
@@ -32,7 +32,7 @@ def frames(way: Way, form: str) -> Finding:
     return Finding("frames", "ok", found)
 
 
-def reader(way: Way) -> Finding | None:
+def reader(way: PortTraffic) -> Finding | None:
     """Whether anybody reads; None when no frame was taken, which says it."""
     if way.refused:
         return Finding("reader", "fail", "none: nobody listens there", "start the consumer, or correct --port")

@@ -48,7 +48,7 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
-class Stream:
+class StreamRate:
     """One kind of pose message. `hz`: lately; `said`: how the vehicle answered when it was asked for.
 
     `promised`: it accepted to send it.
@@ -74,7 +74,7 @@ class Position:
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class PortTraffic:
     """How the port does. `kind` is a link's, or mavlink; `seen`: who holds the other end; `unread`: bytes there."""
 
     kind: str

@@ -13,7 +13,7 @@ from arva_hil.events import Event, FollowedSystemHeard, FollowedSystemSilent
 from arva_hil.field import LocalFrame, rotation
 from arva_hil.mavlink.codec import Packet, Parser, dialect
 from arva_hil.vehicle.navigation import Navigation
-from arva_hil.vehicle.news import News
+from arva_hil.vehicle.news import EventQueue
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class FollowedSystem:
 
     def __init__(self, system: int, start: float) -> None:
         self.system = system
-        self._navigation = Navigation(News())
+        self._navigation = Navigation(EventQueue())
         self._parser = Parser()
         self._component: int | None = None
         self._newest: float | None = None  # pose, on its own clock

@@ -33,7 +33,7 @@ class TrueState(Protocol):
 def true_state(scenario: Scenario, session: Session, start: float) -> TrueState:
     """As the scenario has it. `start`: of the run."""
     if scenario.pose == "truth":
-        return _Told(session)
+        return _BySimulator(session)
     error = scenario.navigation_error
     return _WithError(error, scenario.seed, session, start) if error else _AsReported(session)
 
@@ -77,7 +77,7 @@ class _WithError(_AsReported):
         return super().known_at(t + self._latency_s)
 
 
-class _Told:
+class _BySimulator:
     """A simulator tells the truth."""
 
     def __init__(self, session: Session) -> None:

@@ -27,7 +27,7 @@ def on_a_thread(job: Job) -> None:
     threading.Thread(target=job, name="reopen", daemon=True).start()
 
 
-class Reopening(Link):
+class ReconnectingLink(Link):
     """A link around one that may be lost: while it is away nothing is read, and writes are dropped and counted.
 
     `link` may be the error of one that is not there yet: it is away from the start, which is no loss.
@@ -57,7 +57,7 @@ class Reopening(Link):
         self._sought = sought
         self._start = start
         self._wanted = wanted
-        self._attempt: Attempt | None = None
+        self._attempt: OpeningAttempt | None = None
         self._pause = _FIRST_PAUSE_S
         self._next_try = clock.now() + self._pause if self._awaited else math.inf
         self._since = -math.inf
@@ -150,7 +150,7 @@ class Reopening(Link):
         if self._attempt is None:
             if now < self._next_try:
                 return
-            self._attempt = Attempt(self._opener, self._wake)
+            self._attempt = OpeningAttempt(self._opener, self._wake)
             self._start(self._attempt.run)
         if not self._attempt.finished:
             return
@@ -173,7 +173,7 @@ class Reopening(Link):
         self.returns += 1
 
 
-class Attempt:
+class OpeningAttempt:
     """One try to open a link: remembers how it went, and closes what nobody wants any more."""
 
     def __init__(self, opener: Callable[[], Link], wake: socket.socket) -> None:
@@ -213,7 +213,7 @@ class Attempt:
                 self._link.close()
 
 
-def open_lasting(
+def open_reconnecting(
     address: str | Address,
     *,
     clock: Clock,
@@ -239,9 +239,9 @@ def open_lasting(
     if address.kind == "serial":
         again = SerialOpener(address, clock)
         sought = again.path if again.path != address.path else "it"
-        return Reopening(link, again, clock, sought, wanted=wanted)
+        return ReconnectingLink(link, again, clock, sought, wanted=wanted)
     if LINKS[address.kind].reopened:
         opener = partial(open_link, address, clock=clock, brief=True, answered=answered)
-        return Reopening(link, opener, clock, wanted=wanted)
+        return ReconnectingLink(link, opener, clock, wanted=wanted)
     assert isinstance(link, Link)
     return link

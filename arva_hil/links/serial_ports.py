@@ -43,7 +43,7 @@ _WORDS: Final = re.compile(
 )
 
 
-class Port(NamedTuple):
+class SerialPort(NamedTuple):
     """A serial port. `by_id` is its name wherever it is plugged in, "" when it has none."""
 
     device: str
@@ -62,13 +62,13 @@ class Port(NamedTuple):
         return "" if self.vid is None or self.pid is None else f"{self.vid:04x}:{self.pid:04x}"
 
 
-def list_ports() -> list[Port]:
+def list_ports() -> list[SerialPort]:
     """Every serial port of this machine, by device name."""
     from serial.tools.list_ports import comports
 
     stable = _stable_names()
     return [
-        Port(
+        SerialPort(
             device=info.device,
             by_id=stable.get(os.path.realpath(info.device), ""),
             description="" if info.description in (None, "n/a") else info.description,
@@ -83,13 +83,13 @@ def list_ports() -> list[Port]:
     ]
 
 
-def find_autopilot(ports: Iterable[Port], exclude: Collection[str] = ()) -> list[Port]:
+def find_autopilot(ports: Iterable[SerialPort], exclude: Collection[str] = ()) -> list[SerialPort]:
     """The ports that look like an autopilot, one a plug: the first interface, where a board has several.
 
     `exclude` names ports in use for something else, as devices, stable names or symlinks to them.
     """
     taken = {name for path in exclude if path for name in (path, os.path.realpath(path))}
-    plugs: dict[str, Port] = {}
+    plugs: dict[str, SerialPort] = {}
     for port in sorted(ports, key=lambda port: (port.location, natural(port.device))):
         if port.autopilot and not taken & {port.device, os.path.realpath(port.device), port.by_id}:
             plugs.setdefault(port.location.partition(":")[0] or port.device, port)

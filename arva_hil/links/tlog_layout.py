@@ -9,7 +9,19 @@ import re
 import struct
 from typing import Final
 
-__all__ = ["BARE", "BIG", "DAY_US", "LITTLE", "LONGEST", "Layout", "find", "follows", "is_step", "layout_of", "look"]
+__all__ = [
+    "BARE",
+    "BIG",
+    "DAY_US",
+    "LITTLE",
+    "LONGEST",
+    "TlogLayout",
+    "find",
+    "follows",
+    "is_step",
+    "layout_of",
+    "look",
+]
 
 LONGEST: Final = 8 + 12 + 255 + 13  # bytes of a record
 DAY_US: Final = 86_400_000_000
@@ -17,7 +29,7 @@ _YEAR_2001_US: Final = 978_307_200_000_000
 _YEAR_2100_US: Final = 4_102_444_800_000_000
 
 
-class Layout:
+class TlogLayout:
     """How a record is laid out: `name` for a person, `before` bytes before the packet, `size` of time and head."""
 
     def __init__(self, name: str, time: str, begins: bytes, enough: int) -> None:
@@ -30,12 +42,12 @@ class Layout:
         self.unpack = head.unpack_from
 
 
-BIG: Final = Layout("big-endian times", ">Q", rb"\x00[\x00-\x0e][\s\S]{6}[\xfd\xfe]", 3)
-LITTLE: Final = Layout("little-endian times", "<Q", rb"[\s\S]{6}[\x00-\x0e]\x00[\xfd\xfe]", 3)
-BARE: Final = Layout("no times", "", rb"[\xfd\xfe]", 10)
+BIG: Final = TlogLayout("big-endian times", ">Q", rb"\x00[\x00-\x0e][\s\S]{6}[\xfd\xfe]", 3)
+LITTLE: Final = TlogLayout("little-endian times", "<Q", rb"[\s\S]{6}[\x00-\x0e]\x00[\xfd\xfe]", 3)
+BARE: Final = TlogLayout("no times", "", rb"[\xfd\xfe]", 10)
 
 
-def look(buffer: bytes, at: int, layout: Layout) -> tuple[int, int]:
+def look(buffer: bytes, at: int, layout: TlogLayout) -> tuple[int, int]:
     """Length [bytes] and time of the record at `at`; (0, 0) when by its time or magic none starts there."""
     if at + layout.size > len(buffer):
         return 0, 0
@@ -50,14 +62,14 @@ def look(buffer: bytes, at: int, layout: Layout) -> tuple[int, int]:
     return (layout.before + payload + 8, time_us) if magic == 0xFE else (0, 0)
 
 
-def follows(near: int | None, time_us: int, layout: Layout) -> bool:
+def follows(near: int | None, time_us: int, layout: TlogLayout) -> bool:
     """Whether a record's time needs no explanation behind one at `near`, None: behind none."""
     if near is None:
         return time_us >= _YEAR_2001_US or layout is BARE
     return abs(time_us - near) <= DAY_US
 
 
-def is_step(buffer: bytes, at: int, before: int | None, layout: Layout) -> bool:
+def is_step(buffer: bytes, at: int, before: int | None, layout: TlogLayout) -> bool:
     """Whether the record at `at` shows a clock that was set: two more follow it, or the file's end, without a gap, and
     their times agree with its own. Right behind a record at `before` it may also be the only one that is off.
     """
@@ -74,7 +86,7 @@ def is_step(buffer: bytes, at: int, before: int | None, layout: Layout) -> bool:
     return end < len(buffer)
 
 
-def find(buffer: bytes, start: int, stop: int, near: int | None, layout: Layout) -> int | None:
+def find(buffer: bytes, start: int, stop: int, near: int | None, layout: TlogLayout) -> int | None:
     """Where the first record starts in [start, stop) that another one follows, or the buffer's end."""
     found = layout.begins.search(buffer, start)
     while found and found.start() < stop:
@@ -90,7 +102,7 @@ def find(buffer: bytes, start: int, stop: int, near: int | None, layout: Layout)
     return None
 
 
-def layout_of(start: bytes) -> Layout:
+def layout_of(start: bytes) -> TlogLayout:
     """How the file is laid out that begins so."""
     if _row(start, 0, BIG):
         return BIG
@@ -99,7 +111,7 @@ def layout_of(start: bytes) -> Layout:
     return BARE if not big and _covered(start, BARE) > len(start) / 2 else BIG  # packets are found in anything
 
 
-def _row(buffer: bytes, at: int, layout: Layout) -> int:
+def _row(buffer: bytes, at: int, layout: TlogLayout) -> int:
     """Bytes of the records that follow each other from `at` on; 0 when they are so few that it may be chance."""
     start, count, near = at, 0, 0
     while True:
@@ -109,7 +121,7 @@ def _row(buffer: bytes, at: int, layout: Layout) -> int:
         at, count, near = at + length, count + 1, time_us
 
 
-def _covered(buffer: bytes, layout: Layout) -> int:
+def _covered(buffer: bytes, layout: TlogLayout) -> int:
     """Bytes of records that are there for certain."""
     covered = 0
     found = layout.begins.search(buffer)

@@ -38,23 +38,23 @@ def key_of(text: str) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class KeptTimeStamps:
     """Time stamps [10 µs since 2015] that outlive a process: the newest of all, and the newest of each stream."""
 
     newest: int = 0
     streams: Mapping[Stream, int] = field(default_factory=dict)
 
-    def with_others(self, others: Kept) -> Kept:
+    def with_others(self, others: KeptTimeStamps) -> KeptTimeStamps:
         """The later one of each."""
         streams = dict(others.streams)
         for stream, ticks in self.streams.items():
             streams[stream] = max(ticks, streams.get(stream, 0))
-        return Kept(max(self.newest, others.newest), streams)
+        return KeptTimeStamps(max(self.newest, others.newest), streams)
 
-    def recent(self) -> Kept:
+    def recent(self) -> KeptTimeStamps:
         """Without the streams that are more than a minute behind: they are as good as new ones."""
         since = self.newest - _NEW_STREAM
-        return Kept(self.newest, {stream: ticks for stream, ticks in self.streams.items() if ticks >= since})
+        return KeptTimeStamps(self.newest, {stream: ticks for stream, ticks in self.streams.items() if ticks >= since})
 
 
 class Signing:
@@ -66,12 +66,12 @@ class Signing:
     system, component and link to grow, and remembers few of them (ArduPilot 16). Counts what it `refused`, by why.
     """
 
-    def __init__(self, key: bytes, epoch_us: int, link: int = 0, kept: Kept | None = None) -> None:
+    def __init__(self, key: bytes, epoch_us: int, link: int = 0, kept: KeptTimeStamps | None = None) -> None:
         self.key = key
         self.link = link
         self.refused: dict[str, int] = {"unsigned": 0, "forged": 0, "replayed": 0}
         self._ticks_at_0 = max(0, epoch_us - _EPOCH_US) // _TICK_US
-        start = Kept(self._ticks_at_0).with_others(kept or Kept()).recent()
+        start = KeptTimeStamps(self._ticks_at_0).with_others(kept or KeptTimeStamps()).recent()
         self._newest = start.newest
         self._streams = dict(start.streams)
 
@@ -79,9 +79,9 @@ class Signing:
         """It is `now` [s]."""
         self._newest = max(self._newest, self._ticks_at_0 + int(now * 1e6) // _TICK_US)
 
-    def kept(self) -> Kept:
+    def kept(self) -> KeptTimeStamps:
         """What the next process with this key has to know."""
-        return Kept(self._newest, self._streams).recent()
+        return KeptTimeStamps(self._newest, self._streams).recent()
 
     def stamp(self) -> int:
         """The time stamp of the next packet to go out, in 10 µs since 2015."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from arva_hil import files
-from arva_hil.search.outcome import Row
+from arva_hil.search.outcome import SearchStep
 
 Place = tuple[float, float]  # north, east of the take-off point, m
 
@@ -18,7 +18,7 @@ class Track(NamedTuple):
     """One search to draw: the steps of its log, and the place that it reports. Tracks of one name share a colour."""
 
     name: str
-    rows: Sequence[Row]
+    rows: Sequence[SearchStep]
     found: Place | None = None
 
 
@@ -63,13 +63,13 @@ def draw_search(
     files.replace(path, png.getvalue())
 
 
-def _draw_path(axes: Any, flown: Sequence[Row], found: Place | None, colour: str) -> None:
+def _draw_path(axes: Any, flown: Sequence[SearchStep], found: Place | None, colour: str) -> None:
     axes.plot([row.east_m for row in flown], [row.north_m for row in flown], lw=1.2, color=colour)
     if found is not None:
         axes.plot(found[1], found[0], "x", ms=8, mew=1.8, color=colour, zorder=5)
 
 
-def _draw_distance(axes: Any, flown: Sequence[Row], target: Place | None, colour: str) -> None:
+def _draw_distance(axes: Any, flown: Sequence[SearchStep], target: Place | None, colour: str) -> None:
     start = flown[0].time_s if flown else 0.0
     heard = [(row.time_s - start, row.d_cm / 100) for row in flown if row.d_cm is not None and row.d_cm > 0]
     axes.plot([t for t, _ in heard], [d for _, d in heard], ".", ms=4, color=colour)

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from arva_hil import files
-from arva_hil.mavlink.signing import LARGEST, Kept, Signing
-from arva_hil.runtime.worker_thread import Background
+from arva_hil.mavlink.signing import LARGEST, KeptTimeStamps, Signing
+from arva_hil.runtime.worker_thread import WorkerThread
 
 try:
     import fcntl
@@ -40,7 +40,7 @@ def state_file(key: bytes, environment: Mapping[str, str]) -> Path | None:
     return Path(home, "arva-hil", f"{name}.json")
 
 
-class LastingSigning(Signing):
+class PersistentSigning(Signing):
     """`Signing` that goes on where the last program with this key was, and keeps its time stamps in `file`.
 
     It writes them at the start, every 5 s on a thread of its own, and in `close`. What cannot be read or written is
@@ -52,7 +52,7 @@ class LastingSigning(Signing):
         self._say: Callable[[str], None] | None = say
         self._error: Exception | None = None  # of the last attempt to write
         super().__init__(key, epoch_us, link, self._load())
-        self._background = Background("signing")
+        self._background = WorkerThread("signing")
         self._next_keep: float | None = None
         self._keep(self.kept(), wait=False)
         self._complain(self._error)
@@ -70,14 +70,14 @@ class LastingSigning(Signing):
         finished = self._background.close(lambda: self._keep(kept, wait=True))
         self._complain(self._error if finished else TimeoutError("another program or the disk holds it up"))
 
-    def _load(self) -> Kept:
+    def _load(self) -> KeptTimeStamps:
         try:
-            return _read(self._file) if self._file else Kept()
+            return _read(self._file) if self._file else KeptTimeStamps()
         except (OSError, ValueError) as error:
             self._complain(error)
-            return Kept()
+            return KeptTimeStamps()
 
-    def _keep(self, kept: Kept, *, wait: bool) -> None:
+    def _keep(self, kept: KeptTimeStamps, *, wait: bool) -> None:
         """Try to write what is kept, together with what others have; without `wait` not while another program does."""
         try:
             self._write(kept, wait=wait)
@@ -85,7 +85,7 @@ class LastingSigning(Signing):
         except OSError as error:
             self._error = error
 
-    def _write(self, kept: Kept, *, wait: bool) -> None:
+    def _write(self, kept: KeptTimeStamps, *, wait: bool) -> None:
         if self._file is None:
             raise FileNotFoundError("there is no home folder")
         self._file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -116,13 +116,13 @@ def _locks(file: FileIO, *, wait: bool) -> bool:
     return True
 
 
-def _read(file: Path) -> Kept:
+def _read(file: Path) -> KeptTimeStamps:
     """What a file keeps, nothing when there is none. Raises OSError; ValueError when it is something else."""
     try:
         with _opened(file) as opened:
             data = opened.read(_LARGEST_FILE + 1) or b""
     except FileNotFoundError:
-        return Kept()
+        return KeptTimeStamps()
     try:
         if len(data) > _LARGEST_FILE:
             raise ValueError
@@ -133,7 +133,7 @@ def _read(file: Path) -> Kept:
             raise ValueError
     except (ValueError, TypeError, KeyError, RecursionError):
         raise ValueError("it held something else") from None
-    return Kept(newest, streams)
+    return KeptTimeStamps(newest, streams)
 
 
 @contextlib.contextmanager
@@ -143,7 +143,7 @@ def _opened(file: Path) -> Iterator[FileIO]:
         yield opened
 
 
-def _written(kept: Kept) -> bytes:
+def _written(kept: KeptTimeStamps) -> bytes:
     newest_first = sorted(kept.streams.items(), key=lambda item: -item[1])[:_MOST_STREAMS]
     streams = [[*stream, ticks] for stream, ticks in newest_first]
     return json.dumps({"newest": kept.newest, "streams": streams}).encode() + b"\n"

@@ -13,7 +13,7 @@ _MOST_JOBS: Final = 10_000
 _ASK_S: Final = 0.1  # how often it is asked whether to give up
 
 
-class Background:
+class WorkerThread:
     """Runs jobs in order on one thread; remembers the first error, after which it runs no more.
 
     The thread never dies unseen: `error` tells, every later `put` is refused, and an error of no `expected` kind is

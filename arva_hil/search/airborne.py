@@ -17,8 +17,8 @@ from arva_hil.field.rotation import to_euler, to_matrix
 from arva_hil.flight.commander import Commander, Phase
 from arva_hil.observers.console.reasons import no_pose
 from arva_hil.search.ground import Ground
-from arva_hil.search.mission import Mission, Plan
-from arva_hil.search.outcome import Row
+from arva_hil.search.mission import Mission, SearchPlan
+from arva_hil.search.outcome import SearchStep
 from arva_hil.search.strategy import Position
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
@@ -36,14 +36,14 @@ class Flight:
 
     def __init__(
         self,
-        plan: Plan,
+        plan: SearchPlan,
         session: Session,
         commander: Commander,
         ground: Ground,
         *,
         start: float,
         land: bool,
-        log: Callable[[Row], None],
+        log: Callable[[SearchStep], None],
     ) -> None:
         self.mission: Mission | None = None
         self.origin: LocalFrame | None = None  # the take-off point
@@ -126,7 +126,7 @@ class Flight:
             reading = _reading(self._new_frame, self.mission.target if self.mission else None)
             self._new_frame = None
         heading = math.degrees(to_euler(to_matrix(state.attitude))[2])
-        self._log(Row(now - self._start, phase.name.lower(), *_position(state), heading, *velocity, *reading))
+        self._log(SearchStep(now - self._start, phase.name.lower(), *_position(state), heading, *velocity, *reading))
 
     def _tell_in_time(self, event: Event) -> None:
         """What the mission tells, whose clock stands still in gaps."""

@@ -17,7 +17,7 @@ _LOOKS: Final = 3
 _AGAIN_S: Final = 0.02
 
 
-class Line:
+class AutopilotLink:
     """Remembers when the link was last found empty. Times are seconds on the clock that is handed in.
 
     `hear(sender, chunk, now, since)` gets what came; `since`: when the link was found empty before. `anew(now, gap_s)`

@@ -18,13 +18,13 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.observers.console.failsafes import left_alone
 from arva_hil.runtime.clock import Clock
 from arva_hil.search.airborne import Flight
-from arva_hil.search.autopilot_link import Line
+from arva_hil.search.autopilot_link import AutopilotLink
 from arva_hil.search.ground import Ground
-from arva_hil.search.mission import FOUND, NOT_SURE, Mission, Plan
-from arva_hil.search.outcome import Kind, Outcome, Row
+from arva_hil.search.mission import FOUND, NOT_SURE, Mission, SearchPlan
+from arva_hil.search.outcome import Kind, Outcome, SearchStep
 from arva_hil.search.permission import Permission
 from arva_hil.search.preflight import INTERRUPTED, Preflight
-from arva_hil.search.receiver_link import Receiver
+from arva_hil.search.receiver_link import ReceiverLink
 from arva_hil.vehicle.session import Session
 from firmware_proto import FrameDecoder
 
@@ -51,7 +51,7 @@ class SearchClient:
 
     def __init__(
         self,
-        plan: Plan,
+        plan: SearchPlan,
         session: Session,
         autopilot: Link,
         receiver: Link,
@@ -65,12 +65,12 @@ class SearchClient:
         take_over: bool = False,
         countdown_s: float = 0.0,
         emit: Callable[[Event], None] = lambda _: None,
-        log: Callable[[Row], None] = lambda _: None,
+        log: Callable[[SearchStep], None] = lambda _: None,
     ) -> None:
         self.outcome: Outcome | None = None
         self._session = session
-        self._line = Line(autopilot, start, hear=self._hear, anew=self._begin_anew)
-        self._receiver = Receiver(receiver, decoder, session.news.emit)
+        self._line = AutopilotLink(autopilot, start, hear=self._hear, anew=self._begin_anew)
+        self._receiver = ReceiverLink(receiver, decoder, session.news.emit)
         self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=arm_timeout_s)
         self._preflight = Preflight(
             session,

@@ -16,7 +16,7 @@ _REMEMBERED: Final = 256  # observations of each transmitter
 
 
 @dataclass
-class Heard:
+class HeardTransmitter:
     """One transmitter as far as it is known."""
 
     nearest_m: float = math.inf

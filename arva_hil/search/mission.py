@@ -25,9 +25,9 @@ from arva_hil.events.searches import (
 )
 from arva_hil.field.mount import Mount
 from arva_hil.search.ground import Height
-from arva_hil.search.heard import NO_ID, Heard, nearest
+from arva_hil.search.heard import NO_ID, HeardTransmitter, nearest
 from arva_hil.search.height import Descent, HeightKeeper
-from arva_hil.search.reading_checks import Standstill
+from arva_hil.search.reading_checks import StuckReadings
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Strategy, Velocity, towards
 from arva_hil.search.strips import Strips
 from firmware_proto import INNER, Frame
@@ -45,7 +45,7 @@ _AWAY_M: Final = 100.0  # from area and take-off point: no place for a search
 
 
 @dataclass(frozen=True)
-class Plan:
+class SearchPlan:
     """What is wanted of a search. `area`: south, west, north, east of the take-off point, m.
 
     `height`: above the ground, m, as far as that is known (`ground.py`); of `take_off`, above the take-off point.
@@ -75,7 +75,7 @@ class Mission:
 
     def __init__(
         self,
-        plan: Plan,
+        plan: SearchPlan,
         start_s: float,
         position: Position,
         *,
@@ -89,7 +89,7 @@ class Mission:
         self.target: int | None = None  # the id or NO_ID; None before the first signal
         self.found: Found | None = None  # it ends above that place
         self.sure = True
-        self.heard: dict[int, Heard] = {}
+        self.heard: dict[int, HeardTransmitter] = {}
         self.position = position  # the last one flown by
         self.searched_s = 0.0
         self.path_m = 0.0
@@ -99,7 +99,7 @@ class Mission:
         self._last_frame_s = start_s
         self._hovering: Literal["no frame", "same readings"] | None = None  # why
         self._hovering_since = start_s
-        self._standstill = Standstill()
+        self._standstill = StuckReadings()
         self._keeper = HeightKeeper(plan.height, emit)
         self._descent: Descent | None = None
         self._land = land
@@ -153,7 +153,7 @@ class Mission:
         return self._strategy is not None
 
     @property
-    def others(self) -> dict[int, Heard]:
+    def others(self) -> dict[int, HeardTransmitter]:
         """The transmitters heard and not found."""
         return {id_: heard for id_, heard in self.heard.items() if self.found is None or id_ != self.target}
 
@@ -226,7 +226,7 @@ class Mission:
         if id_ not in self.heard:
             if len(self.heard) >= _MOST_HEARD:
                 return
-            self.heard[id_] = Heard()
+            self.heard[id_] = HeardTransmitter()
             self._emit(TransmitterHeard(observation.time_s, _id_of(id_), observation.d_m, north, east))
         heard = self.heard[id_]
         heard.last_m, heard.last_s = observation.d_m, observation.time_s
@@ -263,7 +263,7 @@ class Mission:
             self.found = found
             self.sure = self._agrees(self.heard[self.target], found)
 
-    def _agrees(self, heard: Heard, found: Found) -> bool:
+    def _agrees(self, heard: HeardTransmitter, found: Found) -> bool:
         """Whatever strategy has found it: what was heard is what is heard of a transmitter there."""
         judgement = heard.evidence.judge((found.north, found.east))
         return judgement is not None and judgement.agrees(self._keeper.wanted)

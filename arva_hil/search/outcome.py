@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from arva_hil.search.heard import Heard
+from arva_hil.search.heard import HeardTransmitter
 from arva_hil.search.strategy import Found
 
 Kind = Literal["found", "not sure", "not found", "no link", "failed", "refused"]
@@ -34,10 +34,10 @@ class Outcome:
     time_s: float = 0.0
     path_m: float = 0.0
     frames: int = 0
-    others: tuple[tuple[int, Heard], ...] = ()
+    others: tuple[tuple[int, HeardTransmitter], ...] = ()
 
 
-class Row(NamedTuple):
+class SearchStep(NamedTuple):
     """One step of the flight, for a log. The last four are those of the frame that came in it, else None."""
 
     time_s: float

@@ -18,7 +18,7 @@ from arva_hil.search.airborne import OLD_S
 from arva_hil.search.hover import Hover
 from arva_hil.search.outcome import Kind, Refusal
 from arva_hil.search.permission import Permission
-from arva_hil.search.receiver_link import Receiver
+from arva_hil.search.receiver_link import ReceiverLink
 from arva_hil.vehicle.session import Session
 
 INTERRUPTED: Final = "interrupted"
@@ -38,7 +38,7 @@ class Preflight:
         self,
         session: Session,
         autopilot: Link,
-        receiver: Receiver,
+        receiver: ReceiverLink,
         *,
         battery: Battery,
         start: float,

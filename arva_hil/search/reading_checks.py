@@ -15,7 +15,7 @@ _STUCK_M: Final = 3.0
 _STUCK_S: Final = 5.0  # it flies to a place where it believes the transmitter, and hovers there
 
 
-class Fresh:
+class NewFrames:
     """Remembers the sequence number of the last frame.
 
     A number that comes again is the same frame, and one a little lower is late: neither says anything of now. Formats
@@ -35,7 +35,7 @@ class Fresh:
         return True
 
 
-class Standstill:
+class StuckReadings:
     """Remembers since where and when the receiver says the same, and how far from there it has been since.
 
     `old`: so far that what it says is none of here. `stuck`: too far to be true, or off that place for too long.

@@ -10,7 +10,7 @@ from arva_hil.events import Event
 from arva_hil.events.searches import ReceiverGone
 from arva_hil.links import Link, LinkError
 from arva_hil.runtime.link_monitor import LinkMonitor
-from arva_hil.search.reading_checks import Fresh
+from arva_hil.search.reading_checks import NewFrames
 from firmware_proto import Frame, FrameDecoder
 
 _SILENT_S: Final = 2.0  # without a frame: it does not work
@@ -18,7 +18,7 @@ _MOST_READS: Final = 64
 _SHOWN: Final = 16  # bytes of what is no frame
 
 
-class Receiver:
+class ReceiverLink:
     """Remembers what came from the receiver's link and when. One that is unplugged is silent, and raises nothing.
 
     `emit` is told when a link that comes back is lost and is back; any other is gone for good.
@@ -33,7 +33,7 @@ class Receiver:
         self._decoder = decoder
         self._last_s = -math.inf
         self._first_bytes = b""
-        self._fresh = Fresh()
+        self._fresh = NewFrames()
 
     @property
     def name(self) -> str:

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 from arva_hil.simulated.multirotor import STEP_US, Multirotor, Vector
 
-__all__ = ["Mode", "Pilot", "SetPoint"]
+__all__ = ["Mode", "SetPoint", "SimulatedAutopilot"]
 
 _TIMEOUT: Final = 3_000_000 // STEP_US  # GUID_TIMEOUT, in steps
 _RESTED: Final = 1_000_000 // STEP_US  # on the ground for so long is landed
@@ -44,7 +44,7 @@ class SetPoint(NamedTuple):
     yaw_rate: float = 0.0
 
 
-class Pilot:
+class SimulatedAutopilot:
     """Remembers the mode, whether it is armed and landed, and the set-point; False is a refusal."""
 
     def __init__(self, wind: Vector) -> None:

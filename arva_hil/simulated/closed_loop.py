@@ -15,8 +15,8 @@ from arva_hil.observers.audience import Audience, Observer
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.drivers import Live
 from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.mission import Plan
-from arva_hil.search.outcome import Row
+from arva_hil.search.mission import SearchPlan
+from arva_hil.search.outcome import SearchStep
 from arva_hil.simulated.messages import SENSORS
 from arva_hil.simulated.multirotor import Vector
 from arva_hil.simulated.simulator import Simulator
@@ -41,7 +41,7 @@ class ClosedLoop:
     def __init__(
         self,
         scenario: Scenario,
-        plan: Plan,
+        plan: SearchPlan,
         *,
         autopilot: Ends,
         commands: Ends,
@@ -52,7 +52,7 @@ class ClosedLoop:
         sensors: int = SENSORS,
         stream_hz: float = 50.0,
         observers: Sequence[Observer] = (),
-        log: Callable[[Row], None] = lambda _: None,
+        log: Callable[[SearchStep], None] = lambda _: None,
     ) -> None:
         format = scenario.output_format
         self._scenario = scenario

@@ -12,10 +12,10 @@ from typing import Any, Final, NamedTuple
 
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.mavlink.codec import dialect
-from arva_hil.simulated.autopilot import Mode, Pilot, SetPoint
+from arva_hil.simulated.autopilot import Mode, SetPoint, SimulatedAutopilot
 from arva_hil.simulated.multirotor import Motion, Multirotor, Vector
 
-__all__ = ["BUILDERS", "GROUPS", "PARAMETERS", "SENSORS", "Home", "PositionError", "Report", "read_set_point"]
+__all__ = ["BUILDERS", "GROUPS", "PARAMETERS", "SENSORS", "Home", "PositionError", "VehicleReport", "read_set_point"]
 
 Message = Any  # pymavlink's generated classes carry no types
 
@@ -93,13 +93,13 @@ def _mixed(a: Vector, of_a: float, b: Vector, of_b: float) -> Vector:
     return a[0] * of_a + b[0] * of_b, a[1] * of_a + b[1] * of_b, a[2] * of_a + b[2] * of_b
 
 
-class Report(NamedTuple):
+class VehicleReport(NamedTuple):
     """All that a message is made of, at one instant."""
 
     boot_ms: int
     motion: Motion  # true
     position: Vector  # NED from home, as the estimator has it
-    pilot: Pilot
+    pilot: SimulatedAutopilot
     home: Home
     sensors: int  # of `SENSORS`
 
@@ -134,7 +134,7 @@ def _turned(vector: Vector, yaw: float) -> Vector:
     return x * math.cos(yaw) - y * math.sin(yaw), x * math.sin(yaw) + y * math.cos(yaw), z
 
 
-def _heartbeat(r: Report) -> Message:
+def _heartbeat(r: VehicleReport) -> Message:
     mode = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | dialect.MAV_MODE_FLAG_STABILIZE_ENABLED
     mode |= dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED
     if r.pilot.mode in (Mode.GUIDED, Mode.LOITER, Mode.RTL):
@@ -147,14 +147,14 @@ def _heartbeat(r: Report) -> Message:
     )
 
 
-def _sys_status(r: Report) -> Message:
+def _sys_status(r: VehicleReport) -> Message:
     present = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_PREARM_CHECK | r.sensors
     health = present if r.pilot.ready else r.sensors
     millivolts, percent = (14000, 10) if r.pilot.empty else (16000, -1)
     return dialect.MAVLink_sys_status_message(present, present, health, 100, millivolts, -1, percent, 0, 0, 0, 0, 0, 0)
 
 
-def _gps_raw_int(r: Report) -> Message:
+def _gps_raw_int(r: VehicleReport) -> Message:
     if not r.pilot.ready:
         unknown = [0xFFFF] * 4
         fix = dialect.GPS_FIX_TYPE_NO_FIX
@@ -172,21 +172,21 @@ def _gps_raw_int(r: Report) -> Message:
     )
 
 
-def _attitude(r: Report) -> Message:
+def _attitude(r: VehicleReport) -> Message:
     return dialect.MAVLink_attitude_message(r.boot_ms, *_roll_pitch(r.motion), _yaw(r.motion), *r.motion.rates)
 
 
-def _attitude_quaternion(r: Report) -> Message:
+def _attitude_quaternion(r: VehicleReport) -> Message:
     return dialect.MAVLink_attitude_quaternion_message(r.boot_ms, *r.motion.quaternion, *r.motion.rates)
 
 
-def _local_position_ned(r: Report) -> Message | None:
+def _local_position_ned(r: VehicleReport) -> Message | None:
     if not r.pilot.ready:
         return None
     return dialect.MAVLink_local_position_ned_message(r.boot_ms, *r.position, *r.motion.velocity)
 
 
-def _global_position_int(r: Report) -> Message:
+def _global_position_int(r: VehicleReport) -> Message:
     if not r.pilot.ready:
         return dialect.MAVLink_global_position_int_message(r.boot_ms, 0, 0, 0, 0, 0, 0, 0, 0)
     lat, lon, alt = r.home.lla_fast(r.position)
@@ -198,7 +198,7 @@ def _global_position_int(r: Report) -> Message:
     )
 
 
-def _scaled_pressure(r: Report) -> Message | None:
+def _scaled_pressure(r: VehicleReport) -> Message | None:
     """Of the standard atmosphere at the true altitude."""
     if not r.sensors & dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE:
         return None
@@ -207,7 +207,7 @@ def _scaled_pressure(r: Report) -> Message | None:
     return dialect.MAVLink_scaled_pressure_message(r.boot_ms, hpa, 0.0, 2000)
 
 
-def _distance_sensor(r: Report) -> Message | None:
+def _distance_sensor(r: VehicleReport) -> Message | None:
     """Height above the ground, not along the leaning body."""
     if not r.sensors & dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION:
         return None
@@ -216,7 +216,7 @@ def _distance_sensor(r: Report) -> Message | None:
     return dialect.MAVLink_distance_sensor_message(r.boot_ms, 0, _RANGE_CM, height, 0, 0, down, 0)
 
 
-def _home_position(r: Report) -> Message | None:
+def _home_position(r: VehicleReport) -> Message | None:
     if not r.pilot.ready:
         return None
     lat, lon, alt = r.home.lla((0.0, 0.0, 0.0))
@@ -229,7 +229,7 @@ def _home_position(r: Report) -> Message | None:
     )
 
 
-def _extended_sys_state(r: Report) -> Message:
+def _extended_sys_state(r: VehicleReport) -> Message:
     if r.pilot.taking_off:
         state = dialect.MAV_LANDED_STATE_TAKEOFF
     elif r.pilot.landed:
@@ -241,19 +241,19 @@ def _extended_sys_state(r: Report) -> Message:
     return dialect.MAVLink_extended_sys_state_message(0, state)
 
 
-def _rc_channels(r: Report) -> Message:
+def _rc_channels(r: VehicleReport) -> Message:
     unused = [0xFFFF] * 14
     return dialect.MAVLink_rc_channels_message(r.boot_ms, 4, *r.pilot.sticks, *unused, 255)
 
 
-def _autopilot_version(r: Report) -> Message:
+def _autopilot_version(r: VehicleReport) -> Message:
     can = dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | dialect.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
     can |= dialect.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
     version, none = 4 << 24 | 7 << 16, [0] * 8
     return dialect.MAVLink_autopilot_version_message(can, version, 0, 0, 0, none, none, none, 0, 0, 0)
 
 
-def _simstate(r: Report) -> Message:
+def _simstate(r: VehicleReport) -> Message:
     """The true pose; accelerations are left 0."""
     lat, lon, _ = r.home.lla_fast(r.motion.position)
     angles = _roll_pitch(r.motion)
@@ -262,7 +262,7 @@ def _simstate(r: Report) -> Message:
     )
 
 
-def _sim_state(r: Report) -> Message:
+def _sim_state(r: VehicleReport) -> Message:
     """The true pose and velocity; accelerations are left 0."""
     lat, lon, alt = r.home.lla_fast(r.motion.position)
     return dialect.MAVLink_sim_state_message(
@@ -291,7 +291,7 @@ def _yaw(motion: Motion) -> float:
 
 
 # Message id → the message, or None while there is nothing to say.
-BUILDERS: Final[dict[int, Callable[[Report], Message | None]]] = {
+BUILDERS: Final[dict[int, Callable[[VehicleReport], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: _gps_raw_int,

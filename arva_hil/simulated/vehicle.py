@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 from arva_hil.field.arrays import vector
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing
-from arva_hil.simulated.autopilot import Mode, Pilot
+from arva_hil.simulated.autopilot import Mode, SimulatedAutopilot
 from arva_hil.simulated.failsafes import Failsafe
 from arva_hil.simulated.messages import (
     BUILDERS,
@@ -23,7 +23,7 @@ from arva_hil.simulated.messages import (
     SENSORS,
     Home,
     PositionError,
-    Report,
+    VehicleReport,
     read_set_point,
 )
 from arva_hil.simulated.multirotor import STEP_US, Vector
@@ -86,7 +86,7 @@ class SimulatedVehicle:
         self._sensors = sensors
         self._home = Home(*vector("home", home, 3).tolist())
         north, east, down = vector("wind", wind, 3).tolist()
-        self._pilot = Pilot((north, east, down))
+        self._pilot = SimulatedAutopilot((north, east, down))
         self._error = PositionError(gps_noise_m, seed)
         self._origin = boot_time
         self._fix_us = round(fix_after * 1e6)
@@ -210,14 +210,14 @@ class SimulatedVehicle:
             at = self._boot_at + self._fix_us if fixed else self._now
             self._send(BUILDERS[_HOME_POSITION](self._report(at)))
 
-    def _report(self, at: int) -> Report:
+    def _report(self, at: int) -> VehicleReport:
         """The state at an instant, of which its stamp keeps whole milliseconds."""
         boot_ms = (at - self._boot_at) // 1000
         at = self._boot_at + boot_ms * 1000
         motion = self._pilot.motion.at(at)
         north, east, down = self._error.at(at)
         n, e, d = motion.position
-        return Report(boot_ms, motion, (n + north, e + east, d + down), self._pilot, self._home, self._sensors)
+        return VehicleReport(boot_ms, motion, (n + north, e + east, d + down), self._pilot, self._home, self._sensors)
 
     def _send(self, message: Message | None) -> None:
         if message is not None:

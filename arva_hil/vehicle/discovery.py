@@ -47,7 +47,7 @@ class Vehicle:
         return bool(heartbeat.autopilot == self.autopilot and heartbeat.type not in _NOT_VEHICLES)
 
 
-class Finder:
+class VehicleDiscovery:
     """Remembers who was heard. `system`, `component`: look only for these (default: any, component 1)."""
 
     def __init__(self, system: int | None, component: int | None) -> None:

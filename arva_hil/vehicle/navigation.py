@@ -9,8 +9,8 @@ from typing import Any, Final
 from arva_hil.events.vehicles import ClockLeapt, PositionJumped
 from arva_hil.mavlink.codec import dialect
 from arva_hil.vehicle.clock_map import ClockMap
-from arva_hil.vehicle.news import News
-from arva_hil.vehicle.plausibility import Doubt, Judgement
+from arva_hil.vehicle.news import EventQueue
+from arva_hil.vehicle.plausibility import Judgement, Plausibility
 from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSample
 
 Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
@@ -36,7 +36,7 @@ class Navigation:
     believe in the end: `reboots`, `leaps` of the vehicle's clock ahead, `jumps` of its position.
     """
 
-    def __init__(self, news: News) -> None:
+    def __init__(self, news: EventQueue) -> None:
         self.track = PoseTrack()
         self.clock = ClockMap()
         self.home: Place | None = None
@@ -46,8 +46,8 @@ class Navigation:
         self.leaps = 0
         self.jumps = 0
         self._news = news
-        self._time = Doubt(self._time_follows, best=max)
-        self._place = Doubt(_place_follows)
+        self._time = Plausibility(self._time_follows, best=max)
+        self._place = Plausibility(_place_follows)
         self._reorder_s = _REORDER_S
         self._stamped: dict[int, Callable[[Any, float, float], None]] = {
             _POSITION: self._on_position,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from arva_hil.events import Event
 
 
-class News:
+class EventQueue:
     """Remembers events until somebody takes them. `name`: of the vehicle, as its events have it."""
 
     def __init__(self, name: str = "vehicle") -> None:

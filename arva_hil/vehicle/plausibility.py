@@ -11,7 +11,7 @@ Judgement = Literal["follows", "stray", "anew"]
 _SETTLE_S: Final = 0.5
 
 
-class Doubt(Generic[T]):
+class Plausibility(Generic[T]):
     """Remembers the last value believed and the last one doubted.
 
     `follows(old, new, gap_s)` tells whether one value can come so long after another. Values that cannot are stray

@@ -22,10 +22,10 @@ from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.packet_reader import PacketReader, Packets
 from arva_hil.mavlink.signing import Signing, Verdict
 from arva_hil.vehicle.clock_map import ClockMap
-from arva_hil.vehicle.discovery import Finder, Vehicle
+from arva_hil.vehicle.discovery import Vehicle, VehicleDiscovery
 from arva_hil.vehicle.identity import Identity
 from arva_hil.vehicle.navigation import Navigation, Place
-from arva_hil.vehicle.news import News
+from arva_hil.vehicle.news import EventQueue
 from arva_hil.vehicle.pose_track import PoseTrack, VehicleState
 from arva_hil.vehicle.reasons import NoPose, NoVehicle, SilentStream
 from arva_hil.vehicle.senders import Senders
@@ -72,7 +72,7 @@ class Session:
         signing: Signing | None = None,
         reader: PacketReader | None = None,
     ) -> None:
-        self.news = News()
+        self.news = EventQueue()
         self.reader = reader or PacketReader(signing)
         self.target_system = target_system
         self.senders = Senders()
@@ -85,7 +85,7 @@ class Session:
         self.own: list[Packet] = []  # of what was fed last, the vehicle's own packets that are believed
         self.ignored = 0  # packets of other systems and components, and of who only claims to be the vehicle
         self.next_due = -math.inf
-        self._finder = Finder(target_system, target_component)
+        self._finder = VehicleDiscovery(target_system, target_component)
         self.rate_hz = rate_hz
         self._passive = passive
         self._signing = self.reader.signing

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from arva_hil.events.vehicles import StreamAskedOtherwise, StreamRateLowered
 from arva_hil.mavlink.codec import RESULTS, command, dialect
-from arva_hil.vehicle.news import News
+from arva_hil.vehicle.news import EventQueue
 
 _MEASURE_S: Final = 2.0  # the window of a rate
 _JUDGE_S: Final = 1.0  # a rate seen for less than this is not judged yet,
@@ -76,7 +76,7 @@ class Streams:
     of what is done without where it is not granted. What there is to tell goes to the `news`.
     """
 
-    def __init__(self, rate_hz: float, now: float, extras: Mapping[int, float], news: News) -> None:
+    def __init__(self, rate_hz: float, now: float, extras: Mapping[int, float], news: EventQueue) -> None:
         self._since = now
         self._news = news
         self._pending: tuple[Stream, float] | None = None

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.stats import binomtest
 
 from arva_hil.campaign import charts, report
-from arva_hil.campaign.results import Row, row
+from arva_hil.campaign.results import TrialRow, row
 from arva_hil.campaign.summary import groups, summary, wilson
 
 from .fakes import fake, planned
@@ -22,7 +22,7 @@ ROWS = [row(one, fake(one.trial)) for one in planned()]
 ONE = ROWS[0]
 
 
-def runs(*errors: float | None, strategy: str = "flux", **others: object) -> list[Row]:
+def runs(*errors: float | None, strategy: str = "flux", **others: object) -> list[TrialRow]:
     """A run for each error, of time 10 s, 20 s …; None did not find anything."""
     return [
         replace(
@@ -145,7 +145,7 @@ def test_texts_of_a_plan_and_of_trials_are_texts_on_the_page() -> None:
 @pytest.mark.parametrize(
     "rows", [runs(None), runs(0.0), runs(None, strategy="x" * 40), [replace(ONE, distance_m=None)]]
 )
-def test_any_rows_make_a_page(rows: list[Row]) -> None:
+def test_any_rows_make_a_page(rows: list[TrialRow]) -> None:
     assert report.page("p", rows, 2.0).count("<figure>") == 3
 
 

@@ -19,7 +19,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from arva_hil.campaign import results as module
-from arva_hil.campaign.results import NAME, REPORT, TABLE, ResultsError, Row, opened, row
+from arva_hil.campaign.results import NAME, REPORT, TABLE, ResultsError, TrialRow, opened, row
 from arva_hil.campaign.trial import Result
 
 from .fakes import PLAN, fake, planned
@@ -31,13 +31,13 @@ ROWS = [row(one, fake(one.trial)) for one in EVERY]
 KEYS = [one.key for one in EVERY]
 
 
-def written(folder: Path, rows: list[Row]) -> None:
+def written(folder: Path, rows: list[TrialRow]) -> None:
     with opened(folder) as results:
         for one in rows:
             results.add(one)
 
 
-def kept(folder: Path) -> list[Row]:
+def kept(folder: Path) -> list[TrialRow]:
     with opened(folder) as results:
         return list(results.rows.values())
 
@@ -96,7 +96,7 @@ def test_the_table_is_the_same_whatever_the_order_of_the_ends(order: list[int]) 
             results.export(KEYS)
         with (Path(name) / TABLE).open(newline="") as file:
             head, *lines = csv.reader(file)
-        assert head == [field.name for field in fields(Row)]
+        assert head == [field.name for field in fields(TrialRow)]
         assert lines == [["" if value is None else str(value) for value in astuple(one)] for one in ROWS]
         assert not list(Path(name).glob("*.new"))
 
@@ -161,7 +161,7 @@ def test_a_row_says_what_was_flown() -> None:
     (transmitter,) = one.trial.scenario.transmitters
     assert transmitter.ned is not None
     new = row(one, Result("found", 1.0, 0.5, 60.0, 55.0, 61))
-    assert new == Row(
+    assert new == TrialRow(
         key=one.key,
         seed=1,
         scenario="random within 50 m at 0 to 2 m",

@@ -13,7 +13,7 @@ from distributed import LocalCluster
 
 from arva_hil.campaign import runner
 from arva_hil.campaign.plan import Planned
-from arva_hil.campaign.runner import Crew, CrewError, Fly, MissingExtra, Unreachable, cluster, processes
+from arva_hil.campaign.runner import Fly, MissingExtra, Unreachable, WorkerPool, WorkerPoolError, cluster, processes
 from arva_hil.campaign.trial import Result
 
 from . import fakes
@@ -23,7 +23,7 @@ EVERY = planned()
 EXPECTED = {one.key: fake(one.trial) for one in EVERY}
 
 
-def flown(crew: Crew, fly: Fly = fake, every: list[Planned] = EVERY) -> dict[str, Result]:
+def flown(crew: WorkerPool, fly: Fly = fake, every: list[Planned] = EVERY) -> dict[str, Result]:
     pairs = [(one.key, result) for one, result in crew.fly(every, fly, stopped=lambda: False)]
     results = dict(pairs)
     assert len(results) == len(pairs)
@@ -51,7 +51,7 @@ def test_a_trial_that_raises_has_that_for_an_outcome_and_the_others_go_on() -> N
 
 def test_a_process_that_dies_is_said_after_the_results_before() -> None:
     got: list[tuple[Planned, Result]] = []
-    with processes(1) as crew, pytest.raises(CrewError, match="a worker process died, killed or out of memory"):
+    with processes(1) as crew, pytest.raises(WorkerPoolError, match="a worker process died, killed or out of memory"):
         got.extend(crew.fly(EVERY, fakes.dying, stopped=lambda: False))
     free = [one for one in EVERY if one.trial.scenario.seed <= FREE]
     assert got == [(one, EXPECTED[one.key]) for one in free]

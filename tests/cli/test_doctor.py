@@ -16,11 +16,11 @@ import pytest
 
 from arva_hil.cli import doctor
 from arva_hil.doctor import port_diagnosis as port_look
-from arva_hil.doctor.examination import Mouth
+from arva_hil.doctor.examination import PortProbe
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial
-from arva_hil.links.serial_ports import Port
+from arva_hil.links.serial_ports import SerialPort
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
@@ -168,7 +168,7 @@ def test_frames_inside_mavlink_go_over_the_autopilots_link(examine: Examine, aut
 def test_without_a_port_only_the_autopilots_side_is_looked_at(
     examine: Examine, autopilot: Autopilot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ports = [Port("/dev/ttyUSB7", vid=0x0403, pid=0x6001), Port("/dev/ttyS0")]
+    ports = [SerialPort("/dev/ttyUSB7", vid=0x0403, pid=0x6001), SerialPort("/dev/ttyS0")]
     monkeypatch.setattr(doctor, "list_ports", lambda: ports)
     said = examine("--autopilot", autopilot.address, listen=HEALTHY_S)
     assert said.code == 0
@@ -188,11 +188,11 @@ def test_a_log_is_said_to_be_one(examine: Examine) -> None:
     ("ports", "why"),
     [
         ([], "udpin:127.0.0.1:14550, none is on USB, so the port where ground stations listen"),
-        ([Port("/dev/ttyACM9", description="Pixhawk6X", autopilot=True)], "/dev/ttyACM9, on USB: Pixhawk6X"),
+        ([SerialPort("/dev/ttyACM9", description="Pixhawk6X", autopilot=True)], "/dev/ttyACM9, on USB: Pixhawk6X"),
     ],
 )
 def test_what_is_chosen_without_an_autopilot_is_said_and_why(
-    examine: Examine, monkeypatch: pytest.MonkeyPatch, ports: list[Port], why: str
+    examine: Examine, monkeypatch: pytest.MonkeyPatch, ports: list[SerialPort], why: str
 ) -> None:
     def opener(address: Address, **_: Any) -> Link:
         raise LinkError(str(address), "is not there")
@@ -242,7 +242,7 @@ def test_no_such_port(examine: Examine) -> None:
 def test_instead_of_a_port_that_is_not_there_the_one_on_usb_is_named(
     examine: Examine, autopilot: Autopilot, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(doctor, "list_ports", lambda: [Port("/dev/ttyUSB7", vid=0x0403, pid=0x6001)])
+    monkeypatch.setattr(doctor, "list_ports", lambda: [SerialPort("/dev/ttyUSB7", vid=0x0403, pid=0x6001)])
     said = examine("--autopilot", autopilot.address, "--port", "/dev/ttyUSB77")
     assert f"--autopilot {autopilot.address} --port /dev/ttyUSB7 " in said["verdict"]["cure"]
 
@@ -535,14 +535,14 @@ def test_the_other_end_of_a_pseudo_terminal_is_named(examine: Examine, line: Pty
 def test_a_client_that_is_connected_reads(keep: Keep) -> None:
     server = keep(TcpServerLink())
     keep(TcpLink("127.0.0.1", server.port))
-    mouth = Mouth(encoded, server, parse(server.name), 0.0)
+    mouth = PortProbe(encoded, server, parse(server.name), 0.0)
     clock = RealClock()
     until(lambda: mouth.service(clock) and mouth.way().taken)
     assert port_look.reader(mouth.way()) == ("reader", "ok", "connected", "")
 
 
 def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink) -> None:
-    mouth = Mouth(encoded, line, parse("pty"), 0.0)
+    mouth = PortProbe(encoded, line, parse("pty"), 0.0)
     clock = RealClock()
     mouth.service(clock)
     assert mouth.way().seen == []
@@ -558,7 +558,7 @@ def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink
 def test_a_port_that_is_lost_meanwhile(keep: Keep) -> None:
     consumer = PtyLink()
     port = keep(open_serial(consumer.path))
-    mouth = Mouth(encoded, port, parse(consumer.path), 0.0)
+    mouth = PortProbe(encoded, port, parse(consumer.path), 0.0)
     consumer.close()
     mouth.service(RealClock())
     assert port_look.frames(mouth.way(), "binary").found.startswith(f"{consumer.path}: lost: ")

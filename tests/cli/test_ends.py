@@ -19,8 +19,8 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.endings import Guard, interrupting, unforeseen
-from arva_hil.cli.options import Parser
+from arva_hil.cli.endings import SignalGuard, interrupting, unforeseen
+from arva_hil.cli.options import CommandParser
 from arva_hil.emulator.engine import Emulator
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
@@ -143,7 +143,7 @@ def test_a_loop_that_is_stuck_is_interrupted_by_a_later_signal_but_never_the_end
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     clock = StepClock()
-    with Guard() as guard:
+    with SignalGuard() as guard:
         monkeypatch.setattr(guard, "_clock", clock)
         for _ in range(3):
             signal.raise_signal(signal.SIGTERM)
@@ -162,7 +162,7 @@ def test_handlers_are_what_they_were_before() -> None:
     with interrupting():
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGTERM)
-        with Guard():
+        with SignalGuard():
             assert [signal.getsignal(number) for number in numbers] != before
     assert [signal.getsignal(number) for number in numbers] == before
 
@@ -205,7 +205,7 @@ def test_whatever_command_it_is_an_error_that_nobody_foresaw_is_one_line(
         raise ZeroDivisionError("a mistake")
 
     monkeypatch.setattr(f"arva_hil.cli.{command}.main", break_down)
-    monkeypatch.setattr("arva_hil.cli.options.Parser.parse", lambda *_: None)
+    monkeypatch.setattr("arva_hil.cli.options.CommandParser.parse", lambda *_: None)
     code, out, err = arva(command, *["-v"] * verbose)
     assert (code, out) == (1, "")
     assert "arva-hil: unforeseen ZeroDivisionError: a mistake" in err
@@ -272,7 +272,7 @@ def test_whatever_raises_between_start_and_loop_handlers_of_signals_and_threads_
         "replay": [str(DATA / "px4.tlog")],
         "demo": ["--speed", "max", "--record", str(tmp_path / "record")],
     }[command]
-    parser = Parser(prog=command)
+    parser = CommandParser(prog=command)
     importlib.import_module(f"arva_hil.cli.arguments.{command}").add_options(parser)
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [*map(signal.getsignal, numbers), threading.excepthook]

@@ -16,7 +16,7 @@ import pytest
 from arva_hil.events import ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.links import serial_ports
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.serial_ports import Port
+from arva_hil.links.serial_ports import SerialPort
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.observers.console.printer import status_line
 from firmware_proto import Channel, Frame, encode
@@ -101,7 +101,7 @@ def test_an_error_that_nobody_foresaw(arva: Arva, monkeypatch: pytest.MonkeyPatc
         raise ZeroDivisionError(HOSTILE)
 
     monkeypatch.setattr("arva_hil.cli.ports.main", break_down)
-    monkeypatch.setattr("arva_hil.cli.options.Parser.parse", lambda *_: None)
+    monkeypatch.setattr("arva_hil.cli.options.CommandParser.parse", lambda *_: None)
     code, out, err = arva("ports", "-v")
     assert code == 1
     assert_harmless(out + err)
@@ -110,7 +110,7 @@ def test_an_error_that_nobody_foresaw(arva: Arva, monkeypatch: pytest.MonkeyPatc
 
 @pytest.mark.parametrize("as_json", [False, True])
 def test_the_name_of_a_usb_device(arva: Arva, monkeypatch: pytest.MonkeyPatch, as_json: bool) -> None:
-    plugged = [Port("/dev/ttyUSB0", f"/dev/serial/by-id/{HOSTILE}", HOSTILE + "\x7f")]
+    plugged = [SerialPort("/dev/ttyUSB0", f"/dev/serial/by-id/{HOSTILE}", HOSTILE + "\x7f")]
     monkeypatch.setattr(serial_ports, "list_ports", lambda: plugged)
     code, out, err = arva("ports", *["--json"] * as_json)
     assert code == 0

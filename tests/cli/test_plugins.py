@@ -204,15 +204,15 @@ def test_the_schema_knows_what_is_installed(arva: Arva) -> None:
 
 @pytest.mark.usefixtures("example")
 def test_own_keys_in_python() -> None:
-    from arva_hil.config import Receiver
+    from arva_hil.config import ReceiverOptions
 
-    assert Receiver(model="hold").options.looks == 3
-    assert Receiver(model="hold", options={"looks": 5}).options.looks == 5
+    assert ReceiverOptions(model="hold").options.looks == 3
+    assert ReceiverOptions(model="hold", options={"looks": 5}).options.looks == 5
     for options in {"looks": 0}, "five", {"lokos": 3}:
         with pytest.raises(ValueError, match=r"options|looks|lokos"):
-            Receiver(model="hold", options=options)
+            ReceiverOptions(model="hold", options=options)
     with pytest.raises(ValueError, match="paper has no keys of its own"):
-        Receiver(options={"looks": 5})
+        ReceiverOptions(options={"looks": 5})
 
 
 # -- what is broken ---------------------------------------------------------------------------------------------

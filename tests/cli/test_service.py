@@ -16,7 +16,7 @@ import pytest
 from service_manager import Manager
 
 from arva_hil.cli.arguments import run
-from arva_hil.cli.options import Parser
+from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, USAGE
 
 from .far_ends import Autopilot, Program, until
@@ -85,7 +85,7 @@ def settings(path: Path) -> dict[str, list[str]]:
 
 
 def options(arguments: list[str], environment: dict[str, str]) -> dict[str, Any]:
-    parser = Parser()
+    parser = CommandParser()
     run.add_options(parser)
     return vars(parser.parse(arguments, environment))
 

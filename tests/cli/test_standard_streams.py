@@ -11,7 +11,7 @@ import pytest
 
 from arva_hil.cli import environment
 from arva_hil.cli.main import COMMANDS
-from arva_hil.cli.options import Parser
+from arva_hil.cli.options import CommandParser
 from arva_hil.links.pty import PtyLink
 
 from .far_ends import Autopilot, Program, frames_in, read_frames, until
@@ -111,7 +111,7 @@ def test_an_option_of_another_command_is_none_to_speak_of(
 
 
 def test_a_variable_for_what_has_to_be_typed_is_named() -> None:
-    parser = Parser(prog="x")
+    parser = CommandParser(prog="x")
     parser.typed("--yes", action="store_true")
     assert environment.strangers({"ARVA_HIL_YES": "1"}, parser, ["check"]) == [
         "ARVA_HIL_YES is not read: --yes has to be typed each time"
@@ -119,4 +119,4 @@ def test_a_variable_for_what_has_to_be_typed_is_named() -> None:
 
 
 def test_what_is_no_variable_of_ours_or_is_empty_is_not_looked_at() -> None:
-    assert environment.strangers({"ARVA_HIL": "1", "HOME": "x", "ARVA_HIL_PROT": ""}, Parser(), COMMANDS) == []
+    assert environment.strangers({"ARVA_HIL": "1", "HOME": "x", "ARVA_HIL_PROT": ""}, CommandParser(), COMMANDS) == []

@@ -14,7 +14,7 @@ from arva_hil.cli.main import main
 from arva_hil.config import Transmitter
 from arva_hil.config.campaign import PlanFile
 from arva_hil.config.reference import FILES, SchemaKind, page, schema, schema_text
-from arva_hil.config.scenario import Output, Scenario
+from arva_hil.config.scenario import OutputOptions, Scenario
 from arva_hil.config.sorts import Sort
 from arva_hil.config.tables import fields_of, help_of, keys
 from tests.cli.test_broken import SCENARIOS
@@ -123,7 +123,7 @@ def test_default_yaml_shows_every_key_of_spec_1_with_its_help_and_unit() -> None
             if name == "transmitters":
                 below = Transmitter
             if name == "output":
-                below = Output
+                below = OutputOptions
             if below is not None:
                 check(below, (*way, name))
 

@@ -21,9 +21,9 @@ from hypothesis import strategies as st
 from arva_hil.config import (
     DEFAULT,
     Lla,
-    Mount,
+    MountOptions,
     Noise,
-    Receiver,
+    ReceiverOptions,
     Scenario,
     ScenarioError,
     Transmitter,
@@ -77,14 +77,14 @@ seed: 9223372036854775807
             Transmitter(7, lla=Lla(46.0, -7.5, 1700.0), attitude=(1.0, -2.0, 3.0)),
         ),
         datum=Lla(46.0123, 7.7456, 1650.0),
-        receiver=Receiver(
+        receiver=ReceiverOptions(
             channels=2,
             rate_hz=10.0,
             jitter_s=0.049,
             kappa_eq=2.0,
             sensitivity=(1.0, 1.0, 0.5),
             noise=Noise("off", 60.0),
-            mount=Mount((0.1, 0.0, -0.2), (0.0, 0.0, 90.0)),
+            mount=MountOptions((0.1, 0.0, -0.2), (0.0, 0.0, 90.0)),
             no_signal=(-1, 0),
         ),
         output_format="nmea",
@@ -166,14 +166,14 @@ transmitters = st.one_of(
 )
 receivers = st.floats(0.1, 50).flatmap(
     lambda rate_hz: st.builds(
-        Receiver,
+        ReceiverOptions,
         channels=st.integers(1, 16),
         rate_hz=st.just(rate_hz),
         jitter_s=st.floats(0, 0.5 / rate_hz, exclude_max=True),
         kappa_eq=st.floats(0, 1000, exclude_min=True),
         sensitivity=st.tuples(unit, unit, unit),
         noise=st.builds(Noise, st.sampled_from(["uniform", "gaussian", "off"]), st.floats(0, 1e6, exclude_min=True)),
-        mount=st.builds(Mount, st.tuples(*[st.floats(-100, 100)] * 3), degrees),
+        mount=st.builds(MountOptions, st.tuples(*[st.floats(-100, 100)] * 3), degrees),
         no_signal=st.sampled_from([(-1, -1), (-1, 0), (0, 0)]),
     )
 )

@@ -18,11 +18,11 @@ from arva_hil.config import (
     Fault,
     Follows,
     Lla,
-    Mount,
+    MountOptions,
     NavigationError,
     Noise,
-    Receiver,
     ReceiverConfig,
+    ReceiverOptions,
     Scenario,
     Transmitter,
     VehicleConfig,
@@ -63,16 +63,20 @@ def test_the_example_is_read_as_written() -> None:
                 1,
                 receivers=(
                     ReceiverConfig(
-                        "front", "pty:/tmp/alpha-front", Receiver(mount=Mount((0.3, 0.0, 0.0))), "binary", 1
+                        "front",
+                        "pty:/tmp/alpha-front",
+                        ReceiverOptions(mount=MountOptions((0.3, 0.0, 0.0))),
+                        "binary",
+                        1,
                     ),
-                    ReceiverConfig("rear", "pty:/tmp/alpha-rear", Receiver(rate_hz=5.0), "nmea", 7),
+                    ReceiverConfig("rear", "pty:/tmp/alpha-rear", ReceiverOptions(rate_hz=5.0), "nmea", 7),
                 ),
             ),
             VehicleConfig(
                 "bravo",
                 "udpin:127.0.0.1:14550",
                 2,
-                receivers=(ReceiverConfig("only", "pty:/tmp/bravo", Receiver(), "binary", 3),),
+                receivers=(ReceiverConfig("only", "pty:/tmp/bravo", ReceiverOptions(), "binary", 3),),
             ),
         ),
     )
@@ -99,9 +103,12 @@ def test_a_receiver_has_the_keys_of_the_scenarios_receiver_unless_it_has_its_own
         "  - {name: front, port: p, rate_hz: 10}\n"
         "  - {name: rear, port: q, format: nmea, mount: {attitude: {yaw: 180}}}\n"
     )
-    common = Receiver(channels=2, rate_hz=5.0, noise=Noise("off"), mount=Mount((1.0, 0.0, 0.0)))
+    common = ReceiverOptions(channels=2, rate_hz=5.0, noise=Noise("off"), mount=MountOptions((1.0, 0.0, 0.0)))
     assert (front.receiver, front.output_format) == (replace(common, rate_hz=10.0), "text")
-    assert (rear.receiver, rear.output_format) == (replace(common, mount=Mount(attitude=(0.0, 0.0, 180.0))), "nmea")
+    assert (rear.receiver, rear.output_format) == (
+        replace(common, mount=MountOptions(attitude=(0.0, 0.0, 180.0))),
+        "nmea",
+    )
 
 
 def test_receivers_without_a_seed_have_different_ones_that_follow_the_scenarios() -> None:
@@ -141,16 +148,16 @@ def test_a_path_in_enu_is_the_same_path_in_ned() -> None:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: Receiver(rate_hz=0),
-        lambda: Receiver(rate_hz=10, jitter_s=0.05),
-        lambda: Receiver(sensitivity=(1, 1)),  # type: ignore[arg-type]
-        lambda: Receiver(model="none"),
-        lambda: Receiver(no_signal=(0, -1)),
-        lambda: Receiver(chanels=3),  # type: ignore[call-arg]
-        lambda: replace(Receiver(), channels=True),
+        lambda: ReceiverOptions(rate_hz=0),
+        lambda: ReceiverOptions(rate_hz=10, jitter_s=0.05),
+        lambda: ReceiverOptions(sensitivity=(1, 1)),  # type: ignore[arg-type]
+        lambda: ReceiverOptions(model="none"),
+        lambda: ReceiverOptions(no_signal=(0, -1)),
+        lambda: ReceiverOptions(chanels=3),  # type: ignore[call-arg]
+        lambda: replace(ReceiverOptions(), channels=True),
         lambda: Noise("white"),  # type: ignore[arg-type]
         lambda: Noise(floor_range_m=float("nan")),
-        lambda: Mount((0, 0, 1000)),
+        lambda: MountOptions((0, 0, 1000)),
         lambda: Lla(91, 0, 0),
         lambda: Transmitter(255, ned=(0, 0, 0)),
         lambda: Transmitter(1),
@@ -182,7 +189,7 @@ def test_wrong_values_are_refused_in_python_too(make: Callable[[], Any]) -> None
 
 def test_what_is_wrong_is_named_with_its_value() -> None:
     with pytest.raises(ValueError, match=r"rate_hz\n  expected a number from 0.1 to 50 \[.*input_value=99"):
-        Receiver(rate_hz=99)
+        ReceiverOptions(rate_hz=99)
 
 
 def test_numbers_of_python_become_those_of_a_file() -> None:
@@ -230,7 +237,9 @@ def fleets(draw: st.DrawFn) -> tuple[VehicleConfig, ...]:
         for of in draw(st.lists(names, min_size=1, max_size=3, unique=True)):
             output_format = draw(st.sampled_from(list(FORMATS)))
             port = f"pty:/tmp/{name}/{of}" if output_format not in MAVLINK_FORMATS else None
-            receiver = draw(st.builds(Receiver, channels=st.integers(1, 16), mount=st.builds(Mount, triples, triples)))
+            receiver = draw(
+                st.builds(ReceiverOptions, channels=st.integers(1, 16), mount=st.builds(MountOptions, triples, triples))
+            )
             each.append(ReceiverConfig(of, port, receiver, output_format, draw(st.integers(0, 2**63 - 1))))
         autopilot = draw(st.none() | st.just("udpin:127.0.0.1:14550"))
         vehicles.append(VehicleConfig(name, autopilot, system, receivers=tuple(each)))

@@ -8,13 +8,13 @@ import pytest
 
 from arva_hil.doctor import diagnosis as look
 from arva_hil.doctor import port_diagnosis as port_look
-from arva_hil.doctor.values import Finding, Position, Source, Stream, Traffic, Way
+from arva_hil.doctor.values import Finding, PortTraffic, Position, Source, StreamRate, Traffic
 
 PILOT = Source(1, 1, "ardupilotmega quadrotor", True, 6, 1.0)
 OTHER = Source(2, 1, "px4 quadrotor", True, 6, 1.0)
 STATION = Source(255, 190, "gcs", False, 6, 1.0)
 CLEAN = Traffic(seconds=6.0, size=12_000, packets=600, old=0, signed=0, bad=0)
-WAY = Way("serial", "/dev/ttyUSB0", 12, 0)
+WAY = PortTraffic("serial", "/dev/ttyUSB0", 12, 0)
 PLACE = (46.0123, 7.7456, 1650.0)
 
 
@@ -191,20 +191,20 @@ def test_heartbeats(
     ],
 )
 def test_streams(name: str, count: int, hz: float, said: str, state: str, found: str) -> None:
-    finding = look.stream(Stream(name, count, hz, 50.0, said))
+    finding = look.stream(StreamRate(name, count, hz, 50.0, said))
     assert (finding.check, finding.state) == (name, state)
     assert found in finding.found
     assert both(finding.cure) == (state != "ok")
 
 
 def test_a_position_that_is_promised_and_silent_waits_for_a_fix() -> None:
-    position, attitude = (Stream(name, 0, 0.0, 50.0, promised=True) for name in ("GLOBAL_POSITION_INT", "ATTITUDE"))
+    position, attitude = (StreamRate(name, 0, 0.0, 50.0, promised=True) for name in ("GLOBAL_POSITION_INT", "ATTITUDE"))
     assert "PX4 sends no position before it has one" in look.stream(position).cure
     assert "before it has one" not in look.stream(attitude).cure
 
 
 def test_a_log_is_not_measured_by_what_nobody_asked_of_it() -> None:
-    assert look.stream(Stream("ATTITUDE", 9, 4.0, 50.0, recorded=True))[1:] == ("ok", "4.0 Hz, as recorded", "")
+    assert look.stream(StreamRate("ATTITUDE", 9, 4.0, 50.0, recorded=True))[1:] == ("ok", "4.0 Hz, as recorded", "")
 
 
 @pytest.mark.parametrize(
@@ -292,7 +292,7 @@ def test_no_port_is_proposed_that_is_not_there() -> None:
         (replace(WAY, lost="/dev/ttyUSB0: lost: Input/output error"), "fail", "/dev/ttyUSB0: lost"),
     ],
 )
-def test_frames(way: Way, state: str, found: str) -> None:
+def test_frames(way: PortTraffic, state: str, found: str) -> None:
     finding = port_look.frames(way, "binary")
     assert (finding.check, finding.state) == ("frames", state)
     assert found in finding.found
@@ -317,7 +317,7 @@ def test_frames(way: Way, state: str, found: str) -> None:
         (replace(WAY, kind="pty", seen=("7 (cat)",), unread=99), "note", "7 (cat) has it open and left 99 bytes"),
     ],
 )
-def test_reader(way: Way, state: str, found: str) -> None:
+def test_reader(way: PortTraffic, state: str, found: str) -> None:
     finding = port_look.reader(way)
     assert finding is not None
     assert (finding.check, finding.state) == ("reader", state)
@@ -326,7 +326,7 @@ def test_reader(way: Way, state: str, found: str) -> None:
 
 
 @pytest.mark.parametrize("way", [replace(WAY, taken=0, dropped=3), replace(WAY, lost="gone")])
-def test_of_a_port_that_takes_nothing_no_reader_is_told(way: Way) -> None:
+def test_of_a_port_that_takes_nothing_no_reader_is_told(way: PortTraffic) -> None:
     assert port_look.reader(way) is None
 
 

@@ -13,7 +13,7 @@ from arva_hil.config import Scenario, parse
 from arva_hil.emulator.engine import Emulator, ReceiverSetup, VehicleSetup
 from arva_hil.emulator.fleet import scenario_of, sink_name, vehicle_setups
 from arva_hil.links import Link, LinkError, memory
-from arva_hil.links.reconnecting import Reopening
+from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.observers.audience import Audience
@@ -158,7 +158,7 @@ class Pair:
         if lasting:
             openers = [functools.partial(self._open, number) for number in (0, 1)]
             near = [
-                Reopening(link, opener, self.clock, start=lambda job: job())
+                ReconnectingLink(link, opener, self.clock, start=lambda job: job())
                 for link, opener in zip(near, openers, strict=True)
             ]
         ports = [memory.pair() for _ in (0, 1)]

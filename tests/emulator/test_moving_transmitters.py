@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from one_receiver import Diary
 
-from arva_hil.config import Follows, Noise, Path, Receiver, Scenario, Transmitter, parse_fault
+from arva_hil.config import Follows, Noise, Path, ReceiverOptions, Scenario, Transmitter, parse_fault
 from arva_hil.emulator.engine import Emulator, VehicleSetup, one_vehicle
 from arva_hil.events import FollowedSystemHeard, FollowedSystemSilent, FrameMade
 from arva_hil.field import Following, LocalFrame, MovingTransmitters, Transmitters, Waypoints, rotation
@@ -31,7 +31,7 @@ def at_rest(count: int = 2) -> Transmitters:
 
 
 def scenario(*transmitters: Transmitter, rate_hz: float = 5.0) -> Scenario:
-    return Scenario(transmitters, receiver=Receiver(noise=Noise("off"), rate_hz=rate_hz))
+    return Scenario(transmitters, receiver=ReceiverOptions(noise=Noise("off"), rate_hz=rate_hz))
 
 
 class Bench:

@@ -13,7 +13,16 @@ import numpy as np
 import pytest
 from one_receiver import Diary, OneReceiver
 
-from arva_hil.config import Mount, NavigationError, Noise, Receiver, Scenario, ScenarioError, Transmitter, parse
+from arva_hil.config import (
+    MountOptions,
+    NavigationError,
+    Noise,
+    ReceiverOptions,
+    Scenario,
+    ScenarioError,
+    Transmitter,
+    parse,
+)
 from arva_hil.emulator.engine import Emulator, ReceiverSetup, VehicleSetup
 from arva_hil.emulator.navigation_error import PoseError
 from arva_hil.events import FrameMade, PoseLost, PoseMissing
@@ -24,7 +33,7 @@ from arva_hil.observers.record import Recorder
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search import STRATEGIES
-from arva_hil.search.mission import Plan
+from arva_hil.search.mission import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import BUILDERS
 from arva_hil.simulated.simulator import Simulator
@@ -34,7 +43,7 @@ from arva_hil.vehicle.session import Session
 from arva_hil.vehicle.simulator_truth import SimulatorTruth
 
 HOME = (46.0123, 7.7456, 1650.0)
-QUIET = Scenario((Transmitter(1, ned=(20.0, 5.0, 0.0)),), receiver=Receiver(noise=Noise("off"), rate_hz=5.0))
+QUIET = Scenario((Transmitter(1, ned=(20.0, 5.0, 0.0)),), receiver=ReceiverOptions(noise=Noise("off"), rate_hz=5.0))
 TRUTH = replace(QUIET, pose="truth")
 
 
@@ -223,7 +232,7 @@ def test_a_bias_moves_the_receiver_and_not_the_report() -> None:
 
 
 def test_a_heading_error_turns_the_receiver_clockwise() -> None:
-    mounted = replace(QUIET.receiver, mount=Mount((1.0, 0.0, 0.0)))
+    mounted = replace(QUIET.receiver, mount=MountOptions((1.0, 0.0, 0.0)))
     error = NavigationError(heading_deg=30.0)
     bench = Bench(replace(QUIET, receiver=mounted, navigation_error=error), gps_noise_m=0.0)
     last = bench.posed[-1]
@@ -319,7 +328,7 @@ def flown(gps_noise_m: float, seed: int, strategy: str = "estimate") -> tuple[fl
     clock = StepClock()
     loop = ClosedLoop(
         Scenario((Transmitter(1, ned=(14.0, 9.0, 1.0)),), seed=seed),
-        Plan(STRATEGIES[strategy]),
+        SearchPlan(STRATEGIES[strategy]),
         autopilot=memory.pair(),
         commands=memory.pair(),
         port=memory.pair(),

@@ -19,7 +19,7 @@ from links_waiting import DEADLINE_S, receive, until
 
 from arva_hil.links import Absent, Link, LinkError, symlinks
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.reconnecting import open_lasting
+from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.serial import open_serial
 from arva_hil.runtime.clock import RealClock
 
@@ -239,7 +239,7 @@ def test_a_stranger_is_not_read_by_the_link_of_a_killed_program(killed: Killed, 
 
 def test_who_waits_for_the_link_takes_the_next_program_that_makes_it(killed: Killed, stranger: Any, keep: Keep) -> None:
     os.write(stranger[0], b"929 foreign bytes")
-    near = keep(open_lasting(str(killed.link), clock=RealClock(), patient=True))
+    near = keep(open_reconnecting(str(killed.link), clock=RealClock(), patient=True))
     assert near.away
     assert near.read() == b""
     again = keep(PtyLink(str(killed.link)))

@@ -20,7 +20,7 @@ from links_waiting import receive, until
 from arva_hil.links import Absent, Address, Link, LinkEnded, LinkError, parse, serial_opener
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.reconnecting import Job, Reopening, open_lasting
+from arva_hil.links.reconnecting import Job, ReconnectingLink, open_reconnecting
 from arva_hil.links.serial_opener import Barred, SerialOpener
 from arva_hil.links.serial_ports import far_program, holders, stable_name
 from arva_hil.links.tcp import TcpLink
@@ -40,7 +40,7 @@ class Cable:
         self.fails: Exception = LinkError("cable", "is not there")
         self.made: list[MemoryLink] = []
         near, self.far = pair(capacity=1000)
-        self.link = Reopening(near, self._open, self.clock, start=start)
+        self.link = ReconnectingLink(near, self._open, self.clock, start=start)
 
     def _open(self) -> Link:
         self.tries.append(round(self.clock.now() - 100.0, 6))
@@ -91,7 +91,7 @@ def test_a_link_that_is_there_is_just_that(cable: Cable) -> None:
 
 def test_one_that_is_not_there_yet_is_away_from_the_start_and_that_is_no_loss() -> None:
     cable = Cable()
-    cable.link = Reopening(
+    cable.link = ReconnectingLink(
         Absent("cable", "no such cable", "plug it in"), cable._open, cable.clock, start=lambda job: job()
     )
     assert (cable.link.name, cable.link.why) == ("cable", "cable: no such cable; plug it in")
@@ -240,7 +240,9 @@ def test_why_it_cannot_be_opened_is_known_and_it_is_tried_on(cable: Cable) -> No
 def test_one_that_is_not_wanted_any_more_raises_and_stays_lost(by: str) -> None:
     cable = Cable()
     wanted = [True]
-    cable.link = Reopening(cable.link, cable._open, cable.clock, start=lambda job: job(), wanted=lambda: wanted[0])
+    cable.link = ReconnectingLink(
+        cable.link, cable._open, cable.clock, start=lambda job: job(), wanted=lambda: wanted[0]
+    )
     use = cable.link.read if by == "read" else lambda: cable.link.write(b"x")
     cable.link._link.close()  # type: ignore[union-attr]
     assert not use()
@@ -329,7 +331,7 @@ def plugs(kind: str, folder: Path) -> tuple[str, Callable[[], Link]]:
 def test_unplugged_and_plugged_again(kind: str, tmp_path: Path) -> None:
     url, plug = plugs(kind, tmp_path)
     far = plug()
-    near = open_lasting(url, clock=RealClock())
+    near = open_reconnecting(url, clock=RealClock())
     for n in range(1, 4):
         near.write(b"whole")
         assert receive(far, 5) == b"whole"
@@ -355,7 +357,7 @@ def test_a_serial_port_is_looked_for_by_its_stable_name(tmp_path: Path, monkeypa
     monkeypatch.setattr("glob.glob", lambda pattern: [str(name)])
     far = PtyLink()
     name.symlink_to(far.path)
-    near = open_lasting(far.path, clock=RealClock())
+    near = open_reconnecting(far.path, clock=RealClock())
     first = far.path
     far.close()
     until(lambda: near.read() == b"" and near.away, near)
@@ -397,7 +399,7 @@ def unnamed(path: str, monkeypatch: pytest.MonkeyPatch) -> Link:
     """A link to a pseudo-terminal known by its number only, which here, unlike the system's, can be given away."""
     with monkeypatch.context() as patch:
         patch.setattr(os.path, "islink", lambda path: False)
-        return open_lasting(path, clock=RealClock())
+        return open_reconnecting(path, clock=RealClock())
 
 
 def test_the_number_of_a_pseudo_terminal_may_be_another_programs_now(

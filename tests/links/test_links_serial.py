@@ -19,7 +19,7 @@ from arva_hil.links import Link, LinkError, open_link
 from arva_hil.links import serial as serial_module
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial, open_url
-from arva_hil.links.serial_ports import Port, find_autopilot, list_ports
+from arva_hil.links.serial_ports import SerialPort, find_autopilot, list_ports
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.runtime.clock import StepClock
 
@@ -35,7 +35,7 @@ def master(keep: Keep) -> PtyLink:
 
 @pytest.fixture
 def two_ports(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serial_module, "list_ports", lambda: [Port("/dev/ttyACM0"), Port("/dev/ttyUSB1")])
+    monkeypatch.setattr(serial_module, "list_ports", lambda: [SerialPort("/dev/ttyACM0"), SerialPort("/dev/ttyUSB1")])
 
 
 def failing(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
@@ -332,18 +332,18 @@ def test_ports_are_described_and_in_order(monkeypatch: pytest.MonkeyPatch) -> No
     real = {"/dev/serial/by-id/usb-FTDI": "/dev/ttyUSB2"}
     monkeypatch.setattr("os.path.realpath", lambda path: real.get(path, path))
     two, ten = list_ports()
-    assert two == Port("/dev/ttyUSB2", "/dev/serial/by-id/usb-FTDI", "UART", 0x403, 0x6001, "FTDI", "UART")
+    assert two == SerialPort("/dev/ttyUSB2", "/dev/serial/by-id/usb-FTDI", "UART", 0x403, 0x6001, "FTDI", "UART")
     assert two.usb == "0403:6001"
-    assert ten == Port("/dev/ttyUSB10")
+    assert ten == SerialPort("/dev/ttyUSB10")
     assert ten.usb == ""
 
 
 def test_find_autopilot(tmp_path: Path) -> None:
-    cube2 = Port("/dev/ttyACM1", location="1-2:1.2", autopilot=True)
-    cube = Port("/dev/ttyACM0", by_id="/dev/serial/by-id/cube", location="1-2:1.0", autopilot=True)
-    other = Port("/dev/ttyACM7", location="1-3:1.0", autopilot=True)
-    bare = Port("COM5", autopilot=True)
-    adapter = Port("/dev/ttyUSB0", location="1-4:1.0")
+    cube2 = SerialPort("/dev/ttyACM1", location="1-2:1.2", autopilot=True)
+    cube = SerialPort("/dev/ttyACM0", by_id="/dev/serial/by-id/cube", location="1-2:1.0", autopilot=True)
+    other = SerialPort("/dev/ttyACM7", location="1-3:1.0", autopilot=True)
+    bare = SerialPort("COM5", autopilot=True)
+    adapter = SerialPort("/dev/ttyUSB0", location="1-4:1.0")
     ports = [cube2, adapter, other, cube, bare]
     assert find_autopilot(ports) == [bare, cube, other]
     (tmp_path / "mine").symlink_to("/dev/ttyACM7")

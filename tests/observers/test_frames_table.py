@@ -14,7 +14,7 @@ import pytest
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events import FrameMade
 from arva_hil.field.rotation import from_euler, to_matrix
-from arva_hil.observers.record import Layout, Recorder
+from arva_hil.observers.record import Recorder, RecordLayout
 from arva_hil.receiver import ChannelReading, Reading, Zone
 from arva_hil.receiver.receiver_model import Pose
 
@@ -38,7 +38,7 @@ def made(number: int, *channels: ChannelReading, pose: Pose | None = POSE, recei
     )
 
 
-def recorded(folder: Path, *frames: FrameMade, layout: Layout | None = None) -> Path:
+def recorded(folder: Path, *frames: FrameMade, layout: RecordLayout | None = None) -> Path:
     recorder = Recorder(folder, EPOCH_US, layout=layout)
     for frame in frames:
         recorder.observe(frame)
@@ -73,7 +73,7 @@ def test_numpy_and_pandas_load_it_as_numbers(tmp_path: Path) -> None:
 
 
 def test_several_receivers_have_one_each_with_as_many_slots_as_each_has(tmp_path: Path) -> None:
-    layout = Layout((("v", "front"), ("v", "rear"), ("v", "silent")))
+    layout = RecordLayout((("v", "front"), ("v", "rear"), ("v", "silent")))
     recorded(tmp_path, made(0, HEARD, receiver="front"), made(0, HEARD, EMPTY, receiver="rear"), layout=layout)
     front, rear, silent = (
         list(csv.reader((tmp_path / "v" / n / "frames.csv").open())) for n in ("front", "rear", "silent")

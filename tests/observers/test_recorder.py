@@ -21,7 +21,7 @@ from arva_hil.observers.record import recorder as module
 from arva_hil.receiver import ChannelReading, Reading, Zone
 from arva_hil.runtime import worker_thread
 from arva_hil.runtime.clock import StepClock
-from arva_hil.runtime.worker_thread import Background
+from arva_hil.runtime.worker_thread import WorkerThread
 
 NAMES = ["autopilot.tlog", "frames.bin", "frames.csv", "readings.csv", "run.json"]
 STATUS = StatusReport(0.0, [])
@@ -89,7 +89,7 @@ def test_a_disk_that_hangs_holds_a_patient_record_only_until_it_is_broken_off_an
     monkeypatch.setattr(module, "_LAST_S", 0.0)
     monkeypatch.setattr(worker_thread, "_ASK_S", 0.001)
     recorder = Recorder(tmp_path, 10**15, patient=True)
-    monkeypatch.setattr(recorder, "_background", Background("hanging", most_jobs=1))
+    monkeypatch.setattr(recorder, "_background", WorkerThread("hanging", most_jobs=1))
     closing = functools.partial(recorder._background.close, timeout_s=0.01)
     monkeypatch.setattr(recorder._background, "close", closing)
     signal = iter([False, False, True])

@@ -13,14 +13,14 @@ from arva_hil.observers.plots import Track, draw_search
 from arva_hil.observers.record import RecordError
 from arva_hil.observers.record.search_log import SearchLog
 from arva_hil.runtime.clock import StepClock
-from arva_hil.search.outcome import Row
+from arva_hil.search.outcome import SearchStep
 
 COLUMNS = "time_s,phase,north_m,east_m,down_m,heading_deg,v_north,v_east,v_down,id,d_cm,delta_deg,zone"
 
 
-def row(n: int) -> Row:
+def row(n: int) -> SearchStep:
     reading = (7, 1234 + n, -15, 1) if n % 5 == 0 else (None, None, None, None)
-    return Row(n * 0.2, "flying", 1 / 3 + n, -n / 7, -1.0, 359.9, 0.5, -0.25, 0.0, *reading)
+    return SearchStep(n * 0.2, "flying", 1 / 3 + n, -n / 7, -1.0, 359.9, 0.5, -0.25, 0.0, *reading)
 
 
 @pytest.mark.parametrize("count", [0, 1, 500])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from arva_hil.config import Mount, Noise, Receiver, Scenario, Transmitter, parse_fault
+from arva_hil.config import MountOptions, Noise, ReceiverOptions, Scenario, Transmitter, parse_fault
 from arva_hil.emulator.datum import Datum
 from arva_hil.emulator.frame_source import FrameSource
 from arva_hil.events import FrameMade
@@ -107,7 +107,7 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> StrongestOfThree:
 
 def scenario(model: str = "paper", **receiver: float) -> Scenario:
     """A transmitter 30 m north of the datum: the vehicle comes nearer all the time, then goes away."""
-    chosen = Receiver(model=model, noise=Noise("off"), mount=Mount((0.5, 0.0, 0.0)), **receiver)  # type: ignore[arg-type]
+    chosen = ReceiverOptions(model=model, noise=Noise("off"), mount=MountOptions((0.5, 0.0, 0.0)), **receiver)  # type: ignore[arg-type]
     return Scenario((Transmitter(1, ned=(30.0, 0.0, 0.0)),), receiver=chosen)
 
 

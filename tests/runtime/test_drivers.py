@@ -14,7 +14,7 @@ from arva_hil.config import parse
 from arva_hil.links import Link, LinkError
 from arva_hil.links.base import Sender
 from arva_hil.links.memory import MemoryLink, pair
-from arva_hil.links.reconnecting import Reopening
+from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.links.serial_opener import Barred
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.observers.console.sentences import sentence
@@ -37,7 +37,7 @@ class Socket:
         self._name = name
         self.far: MemoryLink | None = None
         self.bars = ""  # what a person has to see to
-        self.link = Reopening(self.open(plug=True), self.open, clock, start=lambda job: job())
+        self.link = ReconnectingLink(self.open(plug=True), self.open, clock, start=lambda job: job())
 
     def open(self, *, plug: bool = False) -> Link:
         if self.bars:

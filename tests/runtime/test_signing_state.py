@@ -13,7 +13,7 @@ import pytest
 
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing
-from arva_hil.runtime.signing_state import LastingSigning, state_file
+from arva_hil.runtime.signing_state import PersistentSigning, state_file
 from arva_hil.vehicle.session import Session
 
 KEY = bytes(range(32))
@@ -34,7 +34,7 @@ class Process:
 
     def __init__(self, file: Path | None, now_us: int = NOW_US, link: int = 0) -> None:
         self.said: list[str] = []
-        self.signing = LastingSigning(KEY, now_us, link, file, self.said.append)
+        self.signing = PersistentSigning(KEY, now_us, link, file, self.said.append)
 
     def believes(self, packets: list[Packet]) -> int:
         return sum(not self.signing.judge(packet) for packet in packets)

@@ -7,12 +7,12 @@ import threading
 import pytest
 
 from arva_hil.runtime import worker_thread
-from arva_hil.runtime.worker_thread import Background
+from arva_hil.runtime.worker_thread import WorkerThread
 
 
 def test_jobs_run_in_order_and_the_last_ones_at_the_end() -> None:
     done: list[int] = []
-    background = Background("test")
+    background = WorkerThread("test")
     for n in range(100):
         background.put(lambda n=n: done.append(n))  # type: ignore[misc]
     assert background.close(lambda: done.append(100), lambda: done.append(101))
@@ -25,7 +25,7 @@ def test_after_an_error_nothing_more_is_done_but_the_last_jobs() -> None:
     def fail() -> None:
         raise OSError("full")
 
-    background = Background("test")
+    background = WorkerThread("test")
     background.put(fail)
     background.put(lambda: done.append("more"))
     assert background.close(lambda: done.append("last"))
@@ -35,10 +35,10 @@ def test_after_an_error_nothing_more_is_done_but_the_last_jobs() -> None:
     assert background.refused == 1
 
 
-def full(gate: threading.Event) -> Background:
+def full(gate: threading.Event) -> WorkerThread:
     """One that works until the gate is open, and has no room for more."""
     begun = threading.Event()
-    background = Background("test", most_jobs=1)
+    background = WorkerThread("test", most_jobs=1)
     background.put(lambda: begun.set() or gate.wait(60))  # type: ignore[func-returns-value]
     assert begun.wait(60)
     assert background.put(lambda: None)

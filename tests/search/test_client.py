@@ -14,15 +14,15 @@ from simulated_px4 import HOLD, LAND, OFFBOARD, STREAMS, Px4
 from arva_hil.events import Event
 from arva_hil.field import dipole_field, rotation
 from arva_hil.links import Link, LinkError, memory
-from arva_hil.links.reconnecting import Reopening
+from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.receiver.paper import outputs
 from arva_hil.runtime.clock import Clock, StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.client import SearchClient
-from arva_hil.search.mission import Plan
-from arva_hil.search.outcome import Row
+from arva_hil.search.mission import SearchPlan
+from arva_hil.search.outcome import SearchStep
 from arva_hil.search.preflight import INTERRUPTED
 from arva_hil.search.strategy import Found, Observation, Position, Velocity, towards
 from arva_hil.simulated.autopilot import Mode
@@ -89,7 +89,7 @@ class World:
     def __init__(self, vehicle: SimulatedVehicle | Px4, client: dict[str, Any] | None = None, **plan: Any) -> None:
         self.clock = StepClock()
         self.vehicle = vehicle
-        self.rows: list[Row] = []
+        self.rows: list[SearchStep] = []
         self.events: list[Event] = []
         self.told: list[tuple[float, Any]] = []
         self.between: Callable[[bytes], bytes] = bytes
@@ -98,7 +98,7 @@ class World:
         self.port = Port(port, self.frames)
         self.session = Session(rate_hz=10, component=US)
         self.client = SearchClient(
-            Plan(**({"strategy": GoTo, "take_off": 2.0, "height": 1.0} | plan)),
+            SearchPlan(**({"strategy": GoTo, "take_off": 2.0, "height": 1.0} | plan)),
             self.session,
             self.autopilot,
             self.receiver,
@@ -195,7 +195,7 @@ class Plug(Link):
     def __init__(self, clock: Clock, wanted: Callable[[], bool]) -> None:
         self.there = True
         self._far: Link | None = None
-        self.near = Reopening(self._open(), self._open, clock, start=lambda job: job(), wanted=wanted)
+        self.near = ReconnectingLink(self._open(), self._open, clock, start=lambda job: job(), wanted=wanted)
 
     def _open(self) -> Link:
         if not self.there:

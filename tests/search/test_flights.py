@@ -18,7 +18,7 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search import STRATEGIES
-from arva_hil.search.mission import NOT_SURE, Plan
+from arva_hil.search.mission import NOT_SURE, SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import SENSORS
 
@@ -46,7 +46,7 @@ class Flight:
         self.events: list[Event] = []  # of the search
         self.loop = ClosedLoop(
             parse(text, "flight"),
-            Plan(STRATEGIES[strategy], **plan),
+            SearchPlan(STRATEGIES[strategy], **plan),
             autopilot=memory.pair(),
             commands=memory.pair(),
             port=memory.pair(),

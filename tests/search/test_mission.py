@@ -22,7 +22,7 @@ from arva_hil.events.searches import (
 )
 from arva_hil.search.ground import Height
 from arva_hil.search.heard import NO_ID
-from arva_hil.search.mission import FOUND, NOT_SURE, Mission, Plan
+from arva_hil.search.mission import FOUND, NOT_SURE, Mission, SearchPlan
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity
 from firmware_proto import INNER, MID, Channel, Frame
 
@@ -60,7 +60,7 @@ def strategy() -> type[Scripted]:
 
 
 def mission(strategy: Callable[[float], Any], **options: Any) -> Told:
-    return Told(Plan(strategy, **({"height": 1.0} | options)), 100.0, (0.0, 0.0, -2.0))
+    return Told(SearchPlan(strategy, **({"height": 1.0} | options)), 100.0, (0.0, 0.0, -2.0))
 
 
 def frame(*channels: Channel) -> Frame:
@@ -405,7 +405,7 @@ def test_what_stays_too_low_ends(strategy: type[Scripted]) -> None:
 
 
 def test_when_it_lands_it_comes_down_above_the_place_first(strategy: type[Scripted]) -> None:
-    m = Mission(Plan(strategy, height=3.0), 100.0, (0.0, 0.0, -3.0), land=True)
+    m = Mission(SearchPlan(strategy, height=3.0), 100.0, (0.0, 0.0, -3.0), land=True)
     strategy.finds = Found(3.0, 4.0)
     m.hear(frame(beacon(1, 3)), 101.0, (3.0, 4.0, -3.0), LEVEL)
     position, now = np.array([3.0, 4.4, -3.0]), 101.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from arva_hil.links import memory
-from arva_hil.search.reading_checks import Fresh, Standstill
-from arva_hil.search.receiver_link import Receiver
+from arva_hil.search.reading_checks import NewFrames, StuckReadings
+from arva_hil.search.receiver_link import ReceiverLink
 from firmware_proto import MID, Channel, Decoder, Frame, TextDecoder, encode
 
 
@@ -27,13 +27,13 @@ def frame(sequence: int, *channels: Channel) -> Frame:
     ],
 )
 def test_a_frame_is_new_once(came: list[int], new: list[int]) -> None:
-    fresh = Fresh()
+    fresh = NewFrames()
     assert [number for number in came if fresh.new(frame(number))] == new
 
 
 def test_a_receiver_that_repeats_one_frame_is_silent_and_that_is_explained() -> None:
     near, far = memory.pair()
-    receiver = Receiver(near, Decoder(), emit=lambda event: None)
+    receiver = ReceiverLink(near, Decoder(), emit=lambda event: None)
     for n in range(50):
         far.write(encode(frame(42)))
         assert len(receiver.read(100.0 + n * 0.1)) == (n == 0)
@@ -43,15 +43,15 @@ def test_a_receiver_that_repeats_one_frame_is_silent_and_that_is_explained() -> 
 
 def test_lines_of_text_have_no_number_and_are_all_new() -> None:
     near, far = memory.pair()
-    receiver = Receiver(near, TextDecoder(), emit=lambda event: None)
+    receiver = ReceiverLink(near, TextDecoder(), emit=lambda event: None)
     for n in range(5):
         far.write(b"900,20\r\n")
         assert len(receiver.read(100.0 + n)) == 1
 
 
-def after(*frames: tuple[Frame, float], every_s: float = 1.0) -> Standstill:
+def after(*frames: tuple[Frame, float], every_s: float = 1.0) -> StuckReadings:
     """What it knows after those frames, heard so far north."""
-    standstill = Standstill()
+    standstill = StuckReadings()
     for n, (frame, north) in enumerate(frames):
         standstill.hear(frame, (north, 0.0, -1.0), 100.0 + n * every_s)
     return standstill

@@ -7,7 +7,7 @@ import pytest
 from arva_hil.events import Event
 from arva_hil.events.searches import ReceiverGone
 from arva_hil.links import memory
-from arva_hil.search.receiver_link import Receiver
+from arva_hil.search.receiver_link import ReceiverLink
 from firmware_proto import Channel, Decoder, Frame, encode, encode_nmea
 
 FRAME = Frame(3, 1, (Channel(1, 1, 1234, -15),))
@@ -15,7 +15,7 @@ FRAME = Frame(3, 1, (Channel(1, 1, 1234, -15),))
 
 def test_frames_are_read_as_they_come() -> None:
     near, far = memory.pair()
-    receiver = Receiver(near, Decoder(), [].append)
+    receiver = ReceiverLink(near, Decoder(), [].append)
     assert receiver.silent(100.0)
     far.write(encode(FRAME)[:7])
     assert receiver.read(100.0) == []
@@ -38,7 +38,7 @@ def test_frames_are_read_as_they_come() -> None:
 )
 def test_silence_is_explained(came: bytes, why: str) -> None:
     near, far = memory.pair()
-    receiver = Receiver(near, Decoder(), [].append)
+    receiver = ReceiverLink(near, Decoder(), [].append)
     for byte in came:
         far.write(bytes([byte]))
         receiver.read(0.0)
@@ -49,7 +49,7 @@ def test_silence_is_explained(came: bytes, why: str) -> None:
 def test_one_that_is_unplugged_is_silent_and_says_so_once() -> None:
     near, far = memory.pair()
     events: list[Event] = []
-    receiver = Receiver(near, Decoder(), events.append)
+    receiver = ReceiverLink(near, Decoder(), events.append)
     far.write(encode(FRAME))
     far.close()
     assert receiver.read(0.0) == [FRAME]

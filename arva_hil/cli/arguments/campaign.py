@@ -12,7 +12,7 @@ import re
 from arva_hil.cli import options as opt
 
 
-def add_options(parser: opt.Parser) -> None:
+def add_options(parser: opt.CommandParser) -> None:
     parser.add_argument(
         "plan", metavar="PLAN.yaml", help="what to try; or builtin:campaigns/paper and others, see arva-hil scenarios"
     )

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from arva_hil.cli.options import Parser
+from arva_hil.cli.options import CommandParser
 
 
-def add_options(parser: Parser) -> None:
+def add_options(parser: CommandParser) -> None:
     parser.add_argument("files", nargs="*", metavar="FILE", help="scenario or plan of a campaign (YAML)")
     parser.add_argument(
         "--schema",

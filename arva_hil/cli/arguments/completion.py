@@ -7,10 +7,10 @@ fish:  arva-hil completion fish > ~/.config/fish/completions/arva-hil.fish
 
 from __future__ import annotations
 
-from arva_hil.cli.options import Parser
+from arva_hil.cli.options import CommandParser
 
 SHELLS = ("bash", "zsh", "fish")
 
 
-def add_options(parser: Parser) -> None:
+def add_options(parser: CommandParser) -> None:
     parser.add_argument("shell", choices=SHELLS, metavar="SHELL", help="bash, zsh or fish")

@@ -8,6 +8,6 @@ from arva_hil.cli import options as opt
 from arva_hil.cli.arguments import run
 
 
-def add_options(parser: opt.Parser) -> None:
+def add_options(parser: opt.CommandParser) -> None:
     run.add_options(parser)
     parser.tells_sources = True

@@ -9,7 +9,7 @@ from arva_hil.cli import options as opt
 from arva_hil.cli.arguments.search import add_plan
 
 
-def add_options(parser: opt.Parser) -> None:
+def add_options(parser: opt.CommandParser) -> None:
     parser.option("--speed", type=opt.speed, default=1.0, metavar="N|max", help="times real time; default 1")
     parser.option("--headless", action="store_true", help="plain lines only")
     add_plan(parser)

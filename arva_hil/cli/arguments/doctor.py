@@ -5,7 +5,7 @@ from __future__ import annotations
 from arva_hil.cli import options as opt
 
 
-def add_options(parser: opt.Parser) -> None:
+def add_options(parser: opt.CommandParser) -> None:
     opt.add_autopilot(parser)
     parser.option("--port", type=opt.address, metavar="URL", help="where frames go; without it that side is left out")
     opt.add_format(parser, default="binary")

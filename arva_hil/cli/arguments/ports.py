@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from arva_hil.cli.options import Parser
+from arva_hil.cli.options import CommandParser
 
 
-def add_options(parser: Parser) -> None:
+def add_options(parser: CommandParser) -> None:
     parser.option("--json", action="store_true", help="one JSON object a port")

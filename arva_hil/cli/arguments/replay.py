@@ -5,7 +5,7 @@ from __future__ import annotations
 from arva_hil.cli import options as opt
 
 
-def add_options(parser: opt.Parser) -> None:
+def add_options(parser: opt.CommandParser) -> None:
     parser.add_argument("log", metavar="LOG.tlog", help="MAVLink telemetry log")
     parser.option(
         "--port",

@@ -7,7 +7,7 @@ import math
 from arva_hil.cli import options as opt
 
 
-def add_options(parser: opt.Parser) -> None:
+def add_options(parser: opt.CommandParser) -> None:
     parser.option(
         "--port",
         type=opt.address,

@@ -19,7 +19,7 @@ from arva_hil.cli import options as opt
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 
-def add_options(parser: opt.Parser) -> None:
+def add_options(parser: opt.CommandParser) -> None:
     parser.option("--autopilot", "--master", type=opt.address, metavar="URL", help="where the autopilot is")
     parser.option("--receiver", type=opt.address, metavar="URL", help="the receiver's port")
     opt.add_format(parser, default="binary", without=MAVLINK_FORMATS)
@@ -61,7 +61,7 @@ def add_options(parser: opt.Parser) -> None:
     parser.option("--json", action="store_true", help="how it ended, as a JSON object on stdout")
 
 
-def add_plan(parser: opt.Parser) -> None:
+def add_plan(parser: opt.CommandParser) -> None:
     """Options that say how is searched."""
     parser.option(
         "--strategy",

@@ -14,7 +14,7 @@ FAILSAFES = ("geofence", "battery", "ekf", "radio")
 HOME = (46.0123, 7.7456, 1650.0)
 
 
-def add_options(parser: opt.Parser) -> None:
+def add_options(parser: opt.CommandParser) -> None:
     parser.option("--link", type=opt.address, action="append", metavar="URL", help="where it speaks; may be repeated")
     parser.option("--home", type=home, default=HOME, metavar="LAT,LON,ALT", help="degrees, m AMSL; default in the Alps")
     parser.option("--wind", type=wind, default=(0.0, 0.0, 0.0), metavar="N,E,D", help="where the air goes, m/s")

@@ -14,7 +14,7 @@ from arva_hil.observers.console.event_json import event_json
 from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.status import BETWEEN, fit, status_line, status_table
-from arva_hil.runtime.worker_thread import Background
+from arva_hil.runtime.worker_thread import WorkerThread
 from arva_hil.safe_text import one_line
 
 _PLAIN_S: Final = 5.0  # between the status lines of a pipe
@@ -40,7 +40,7 @@ class Printer:
         self._named = named
         self._shown: list[str] = []  # the status, as it is on the terminal now
         self._next_plain = _PLAIN_S
-        self._background = Background("console")
+        self._background = WorkerThread("console")
 
     def observe(self, event: Event) -> None:
         if isinstance(event, FrameMade):
@@ -126,7 +126,7 @@ class Lines:
         self._link = link
         self._render = render
         self.give_up: Callable[[], bool] = lambda: not patient
-        self._background = Background("lines", (OSError, LinkError))
+        self._background = WorkerThread("lines", (OSError, LinkError))
 
     def observe(self, event: Event) -> None:
         if (text := self._render(event)) is not None:

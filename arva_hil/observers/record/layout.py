@@ -11,7 +11,7 @@ _OF_RECEIVERS: Final = (FRAMES, TABLE, READINGS)
 
 
 @dataclass(frozen=True)
-class Layout:
+class RecordLayout:
     """`receivers`: names of vehicle and receiver; `links`: the engine's names of the links that are recorded.
 
     With one receiver its files are beside run.json, with several in `VEHICLE/RECEIVER/`. With one link what came there

@@ -15,10 +15,10 @@ from arva_hil.errors import ArvaError
 from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import dialect
-from arva_hil.observers.record.layout import FILES, FRAMES, READINGS, RUN, TABLE, Layout
+from arva_hil.observers.record.layout import FILES, FRAMES, READINGS, RUN, TABLE, RecordLayout
 from arva_hil.observers.record.tables import COLUMNS, header_of_frames, moment, rows
 from arva_hil.runtime.clock import Clock, RealClock
-from arva_hil.runtime.worker_thread import Background
+from arva_hil.runtime.worker_thread import WorkerThread
 
 NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # what run.json says until it ends
 _BATCH_BYTES: Final = 1 << 16
@@ -51,10 +51,10 @@ class Recorder:
         *,
         patient: bool = False,
         clock: Clock | None = None,
-        layout: Layout | None = None,
+        layout: RecordLayout | None = None,
     ) -> None:
         self._folder = folder
-        self._layout = layout or Layout()
+        self._layout = layout or RecordLayout()
         self._folders: list[Path] = []
         self._epoch_us = epoch_us
         self._patient = patient
@@ -79,7 +79,7 @@ class Recorder:
         for name, pending in self._pending.items():
             if name.endswith(READINGS):
                 pending += (",".join(COLUMNS) + "\n").encode()
-        self._background = Background("record", most_jobs=_FEW_JOBS if patient else _MANY_JOBS)
+        self._background = WorkerThread("record", most_jobs=_FEW_JOBS if patient else _MANY_JOBS)
 
     @property
     def error(self) -> str:
@@ -130,7 +130,7 @@ class Recorder:
         self.give_up = lambda: give_up() or self._clock.now() >= until
         self._flush()
         finished = self._background.close(*(_closing(file) for file in self._files.values()))
-        ending = Background("end of record")  # the other one may hang
+        ending = WorkerThread("end of record")  # the other one may hang
         said = ending.close(lambda: files.replace(self._folder / RUN, _json(run)))
         if ending.error is not None:
             raise RecordError(why(self._folder / RUN, ending.error))

@@ -13,8 +13,8 @@ from typing import Any, Final
 from arva_hil import files
 from arva_hil.observers.record.recorder import RecordError, refuse_old, why
 from arva_hil.runtime.clock import Clock, RealClock
-from arva_hil.runtime.worker_thread import Background
-from arva_hil.search.outcome import Row
+from arva_hil.runtime.worker_thread import WorkerThread
+from arva_hil.search.outcome import SearchStep
 
 TRACK, OUTCOME = SEARCH_FILES = ("search.csv", "search.json")
 _BATCH: Final = 1 << 12  # characters
@@ -37,27 +37,27 @@ class SearchLog:
     """
 
     def __init__(self, folder: Path, clock: Clock | None = None) -> None:
-        self.rows: list[Row] = []
+        self.rows: list[SearchStep] = []
         self.folder = folder
         self._clock = clock or RealClock()
         self._next_flush = self._clock.now()
         self._pending = io.StringIO()
         self._csv = csv.writer(self._pending, lineterminator="\n")
-        self._csv.writerow(Row._fields)
+        self._csv.writerow(SearchStep._fields)
         refuse_search(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._file = files.create(folder / TRACK)
         except OSError as error:
             raise RecordError(why(folder, error)) from None
-        self._background = Background("search log")
+        self._background = WorkerThread("search log")
 
     @property
     def error(self) -> Exception | None:
         """Why nothing more is written."""
         return self._background.error
 
-    def row(self, row: Row) -> None:
+    def row(self, row: SearchStep) -> None:
         """Take one step."""
         self.rows.append(row)
         self._csv.writerow(row)
@@ -68,7 +68,7 @@ class SearchLog:
         """Close the files, `outcome` as search.json; RecordError when anything went wrong."""
         self._flush()
         finished = self._background.close(self._end)
-        ending = Background("end of search log")  # the other one may hang
+        ending = WorkerThread("end of search log")  # the other one may hang
         data = json.dumps(outcome, indent=2).encode() + b"\n"
         said = ending.close(lambda: files.replace(self.folder / OUTCOME, data))
         for error in (ending.error, self._background.error):

@@ -11,7 +11,7 @@ from arva_hil.errors import ArvaError
 
 
 @dataclass(eq=False)
-class Wrong(ArvaError):
+class Mistake(ArvaError):
     """A value that is not of its sort: what was `expected`; what was `found`, where describing the value is not enough;
     the `nearest` valid one. `where` is the way to its place from the value that was read, `at_key` if its key is meant.
 
@@ -45,29 +45,29 @@ class Wrong(ArvaError):
         return text
 
 
-class SeveralWrong(ArvaError):
+class Mistakes(ArvaError):
     """All that is wrong with a value, and the `problems` of other files that it names."""
 
-    def __init__(self, every: Sequence[Wrong], problems: Sequence[Problem] = ()) -> None:
+    def __init__(self, every: Sequence[Mistake], problems: Sequence[Problem] = ()) -> None:
         super().__init__(*every)
         self.every, self.problems = tuple(every), tuple(problems)
 
 
-def each(items: Sequence[Any], read: Callable[[int, Any], Any], mistakes: Sequence[Wrong] = ()) -> list[Any]:
-    """Every item read. Raises SeveralWrong with the mistakes of all, behind those that there are."""
+def each(items: Sequence[Any], read: Callable[[int, Any], Any], mistakes: Sequence[Mistake] = ()) -> list[Any]:
+    """Every item read. Raises Mistakes with the mistakes of all, behind those that there are."""
     values = []
     wrong = list(mistakes)
     for at, item in enumerate(items):
         try:
             values.append(read(at, item))
-        except (Wrong, SeveralWrong) as error:
+        except (Mistake, Mistakes) as error:
             wrong += below(at, error)
     if wrong:
-        raise SeveralWrong(wrong)
+        raise Mistakes(wrong)
     return values
 
 
-def below(step: str | int, error: Wrong | SeveralWrong) -> list[Wrong]:
+def below(step: str | int, error: Mistake | Mistakes) -> list[Mistake]:
     """The mistakes of a part, as those of the whole."""
-    every = error.every if isinstance(error, SeveralWrong) else (error,)
+    every = error.every if isinstance(error, Mistakes) else (error,)
     return [replace(one, where=(step, *one.where)) for one in every]
