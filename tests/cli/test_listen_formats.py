@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -81,10 +80,9 @@ def test_a_port_of_another_format_is_said_while_it_listens_and_at_the_end(start:
     assert program.ends() == 1
 
 
-def test_stdin_of_another_format_is_an_error(start: Start) -> None:
-    program = start("listen", "-", "--format", "text", stdin=subprocess.PIPE)
-    assert program.process.stdin
-    program.process.stdin.write(sent_as("binary"))
-    program.process.stdin.close()
+def test_stdin_of_another_format_is_an_error(start: Start, tmp_path: Path) -> None:
+    (tmp_path / "frames").write_bytes(sent_as("binary"))
+    with (tmp_path / "frames").open("rb") as stdin:
+        program = start("listen", "-", "--format", "text", stdin=stdin)
     assert program.ends() == 1
     assert "it looks like binary: --format binary" in program.err

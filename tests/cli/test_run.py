@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import json
+import math
 import os
 import re
 import socket
@@ -158,7 +159,8 @@ def test_one_port_frames_go_inside_mavlink_on_the_autopilots_link(
     until(lambda: len(autopilot.heard) > heard_so_far + 1000)
     program.stops()
     until(lambda: not autopilot.link.ready())
-    frames = MavlinkDecoder(form).feed(bytes(autopilot.heard), 0.0)
+    decoder = MavlinkDecoder(form)
+    frames = decoder.feed(bytes(autopilot.heard), 0.0) + decoder.feed(b"", math.inf)
     channel = frames[-1].channels[0]
     assert channel.id == (None if form == "debug_vect" else 1)
     assert 1000 < channel.d < 4000

@@ -49,7 +49,7 @@ def test_a_service_is_ready_before_a_vehicle_is_heard_and_says_that_it_lives_unt
     heard: list[str] = []
     until(lambda: heard.extend(manager.heard()) or heard.count("WATCHDOG=1") >= 3)
     assert [said for said in heard if not said.startswith("STATUS=")][:2] == ["READY=1", "WATCHDOG=1"]
-    assert any(said.startswith("STATUS=no vehicle yet") for said in heard)
+    assert any(said.startswith("STATUS=") and said.endswith("no vehicle yet") for said in heard)
     program.process.terminate()
     assert program.ends() == INTERRUPTED
     assert manager.heard()[-1] == "STOPPING=1"
