@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import runpy
 import sys
@@ -10,10 +11,15 @@ from typing import Any
 
 import pytest
 
+from arva_hil.config import parse
+from arva_hil.events import LinkLost, PoseLost
+from arva_hil.events.vehicles import VehicleFound
 from arva_hil.links.pty import PtyLink
+from arva_hil.observers.console.event_json import event_json
+from arva_hil.vehicle.reasons import NoPose
 from firmware_proto import INNER, MID, OUTER, Channel, Frame, encode
 
-from .pages import ROOT
+from .pages import FENCE, ROOT
 
 
 class Node:
@@ -77,3 +83,34 @@ def test_the_ros_node_publishes_what_is_heard_and_no_direction_in_the_inner_zone
 )
 def test_the_client_says_what_the_protocol_says(frame: Frame, said: str) -> None:
     assert runpy.run_path(str(ROOT / "docs/examples/client.py"))["advice"](frame) == said
+
+
+def blocks(kind: str) -> list[Any]:
+    """The code of one kind in the pages, each with its place."""
+    found = []
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        for block in FENCE.finditer(text):
+            if block["kind"] == kind:
+                place = f"{page.relative_to(ROOT)}:{text.count(chr(10), 0, block.start()) + 2}"
+                found.append(pytest.param(block["text"], id=place))
+    return found
+
+
+@pytest.mark.parametrize("text", blocks("yaml"))
+def test_what_a_page_shows_of_a_scenario_is_one(text: str) -> None:
+    """Where a page shows a part alone, the transmitters are added that every scenario has."""
+    whole = text if "transmitters:" in text else f"transmitters: [{{id: 1, enu: [20, 5, 0]}}]\n{text}"
+    assert parse(whole, "page").transmitters
+
+
+def test_the_events_that_a_page_shows_are_what_the_program_writes() -> None:
+    happened = [
+        VehicleFound(0.21, "vehicle", "px4 quadrotor 1/1", 2, False),
+        PoseLost(31.4, "vehicle", "receiver", 2.02, NoPose("streams stopped")),
+        LinkLost(40.0, "port", "/dev/ttyUSB0", "/dev/ttyUSB0: lost: …"),
+    ]
+    (shown,) = (block.values[0] for block in blocks("json"))
+    assert [json.loads(line) for line in str(shown).splitlines()] == [
+        json.loads(event_json(event) or "") for event in happened
+    ]
