@@ -43,6 +43,7 @@ class FaultKind(NamedTuple):
 
     @property
     def sort(self) -> Sort:
+        """Which values it takes in a file."""
         return self.valid or Yes()
 
 

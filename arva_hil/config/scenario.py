@@ -83,6 +83,7 @@ class Scenario:
 
     @classmethod
     def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Mistake]:
+        """What does not fit together in a file's mapping, whatever else is wrong in it."""
         transmitters, vehicles, faults = (_list(mapping, key) for key in ("transmitters", "vehicles", "faults"))
         yield from _below("transmitters", same_ids(transmitters))
         yield from _below("vehicles", clashes(vehicles))

@@ -33,10 +33,12 @@ class Observation(NamedTuple):
 
     @property
     def heard(self) -> bool:
+        """Whether the transmitter was heard."""
         return self.d_cm > 0
 
     @property
     def d_m(self) -> float:
+        """d in metres; 0 or less where it was not heard."""
         return self.d_cm / 100
 
     @property
