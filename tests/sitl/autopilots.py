@@ -62,7 +62,7 @@ class BuiltIn:
             self.places.append(Place(now, *vehicle.truth(now).lla))
             return self._stop.is_set()
 
-        run([Simulator(vehicle, self._links)], clock, stopped=stopped)
+        run([Simulator([vehicle], self._links)], clock, stopped=stopped)
 
     def close(self) -> None:
         self._stop.set()
