@@ -16,8 +16,10 @@ from arva_hil.cli import common
 from arva_hil.cli.endings import SignalGuard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, UsageError
-from arva_hil.cli.search_report import as_dict, close_log, open_log, result
+from arva_hil.cli.search_report import as_dict, close_log, open_log, result, would_order
 from arva_hil.cli.terminal import show_json
+from arva_hil.events import Event
+from arva_hil.events.searches import SetPointPlanned, WouldOrder
 from arva_hil.field.mount import Mount
 from arva_hil.field.rotation import from_euler
 from arva_hil.links.reconnecting import open_reconnecting
@@ -43,6 +45,7 @@ _EXIT: Final = {
     "failed": FAILED,
     "no link": NO_LINK,
     "refused": USAGE,
+    "would fly": OK,
 }
 
 
@@ -82,6 +85,15 @@ def main(options: argparse.Namespace) -> int:
         printer = Printer(sys.stderr)
         printer.say(f"autopilot: {autopilot.name}, receiver: {receiver.name}")
         printer.say(f"strategy {options.strategy}; {way}")
+        if options.dry_run:
+            printer.say("dry run: nothing is armed, and nothing that moves the vehicle is ordered")
+        planned: list[Event] = []
+
+        def emit(event: Event) -> None:
+            printer.observe(event)
+            if isinstance(event, WouldOrder | SetPointPlanned):
+                planned.append(event)
+
         session = Session(
             target_system=options.target_system,
             target_component=options.target_component,
@@ -100,10 +112,11 @@ def main(options: argparse.Namespace) -> int:
             land=options.end == "land",
             timeout_s=options.timeout,
             arm_timeout_s=options.arm_timeout,
-            permission=Permission(session, yes=options.yes, question=question),
+            permission=Permission(session, yes=options.yes, question=question, dry_run=options.dry_run),
             take_over=options.take_over,
             countdown_s=options.countdown,
-            emit=printer.observe,
+            dry_run=options.dry_run,
+            emit=emit,
             log=rows_to(printer, log),
         )
 
@@ -125,7 +138,7 @@ def main(options: argparse.Namespace) -> int:
         printer.say(line)
     printer.close()
     if options.json:
-        show_json(as_dict(client.outcome))
+        show_json(as_dict(client.outcome) | ({"would_order": would_order(planned)} if options.dry_run else {}))
     return code
 
 

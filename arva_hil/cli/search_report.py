@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from arva_hil import __version__
 from arva_hil.cli.outcome import UsageError
+from arva_hil.events import Event
 from arva_hil.observers.plots import Track, draw_search
 from arva_hil.observers.record import RecordError
 from arva_hil.observers.record.search_log import TRACK, SearchLog, refuse_search
@@ -95,6 +96,11 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
             for id_, heard in outcome.others
         ],
     }
+
+
+def would_order(planned: Iterable[Event]) -> list[dict[str, Any]]:
+    """The orders of a dry run, for a program: those of `WouldOrder` and `SetPointPlanned`, with their fields."""
+    return [{"order": "SET_POSITION_TARGET_LOCAL_NED", **vars(event)} for event in planned]
 
 
 def _name(id_: int | None) -> str:

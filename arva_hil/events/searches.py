@@ -50,6 +50,41 @@ class ArmingAllowed(SearchEvent):
     label: str
 
 
+class ConsentNeeded(SearchEvent):
+    """In a dry run: the vehicle is not known to be a simulator, and would be flown only if somebody says so.
+
+    `asked`: a person would be asked at the terminal; else there is nobody, and --yes is needed.
+    """
+
+    label: str
+    asked: bool
+
+
+class DryRunBegun(SearchEvent):
+    """All is there that a flight needs. What follows says what would be ordered; nothing is."""
+
+    label: str
+    take_over: bool
+    countdown_s: float
+
+
+class WouldOrder(SearchEvent):
+    """In a dry run: what would be ordered next. `order`: MAV_CMD's name; `what`: of it, in words."""
+
+    order: str
+    what: str
+
+
+class SetPointPlanned(SearchEvent):
+    """In a dry run: the set-point that would be sent now, `rate_hz` times a second. NED, m/s."""
+
+    v_north: float
+    v_east: float
+    v_down: float
+    heading_deg: float
+    rate_hz: float
+
+
 class CountDown(SearchEvent):
     """So many seconds until the vehicle is armed, or taken over."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-_EVERY_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops after 3 s
+EVERY_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops after 3 s
 _LONG_S: Final = 0.8  # PX4's COM_OF_LOSS_T is 1 s
 _OF_LATE_S: Final = 5.0
 
@@ -25,7 +25,7 @@ class Pace:
         gap = now - self._last
         if self._last > -math.inf and (gap > self._longest[0] or now - self._longest[1] > _OF_LATE_S):
             self._longest = gap, now
-        self._last, self._next = now, max(self._next + _EVERY_S, now)
+        self._last, self._next = now, max(self._next + EVERY_S, now)
 
     def rest(self) -> None:
         """None is wanted now."""

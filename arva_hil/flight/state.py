@@ -64,6 +64,11 @@ class FlightState:
         self._authority.doubt(now)
 
     @property
+    def mode(self) -> int:
+        """Its custom mode, as last heard; -1 before."""
+        return self._authority.mode
+
+    @property
     def settled(self) -> bool:
         """There is no doubt who has the vehicle."""
         return self._authority.settled

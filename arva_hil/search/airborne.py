@@ -62,7 +62,7 @@ class Flight:
         self._new_frame = frame
         if self.mission is not None and (state := self._state(now)) is not None:
             place, rotation = self._plan.mount.pose(state.position, state.attitude)
-            self.mission.hear(frame, now - self._skipped_s, _tuple(place), rotation)
+            self.mission.hear(frame, now - self._skipped_s, as_position(place), rotation)
 
     def skip(self, seconds: float) -> None:
         """There was a gap: the mission's clock stood still."""
@@ -85,7 +85,7 @@ class Flight:
             self._fly_blind(now)
             return
         self._last_pose_s = now
-        position = _position(state)
+        position = as_position(state.position)
         if phase is Phase.FLYING:
             if self.mission is None:
                 self.mission = Mission(
@@ -94,7 +94,7 @@ class Flight:
                 self._session.news.emit(SearchBegun(now, -position[2]))
             receiver, _ = self._plan.mount.pose(state.position, state.attitude)
             height = self._ground.height(now, state)
-            velocity = self.mission.fly(now - self._skipped_s, position, receiver=_tuple(receiver), height=height)
+            velocity = self.mission.fly(now - self._skipped_s, position, receiver=as_position(receiver), height=height)
             self._commander.steer(velocity)
             if self.mission.over:
                 self._over(self.mission, now)
@@ -123,26 +123,27 @@ class Flight:
     def _note(self, now: float, phase: Phase, state: VehicleState, velocity: Position) -> None:
         reading: tuple[int | None, ...] = (None, None, None, None)
         if self._new_frame is not None:
-            reading = _reading(self._new_frame, self.mission.target if self.mission else None)
+            reading = reading_of(self._new_frame, self.mission.target if self.mission else None)
             self._new_frame = None
         heading = math.degrees(to_euler(to_matrix(state.attitude))[2])
-        self._log(SearchStep(now - self._start, phase.name.lower(), *_position(state), heading, *velocity, *reading))
+        self._log(
+            SearchStep(
+                now - self._start, phase.name.lower(), *as_position(state.position), heading, *velocity, *reading
+            )
+        )
 
     def _tell_in_time(self, event: Event) -> None:
         """What the mission tells, whose clock stands still in gaps."""
         self._session.news.emit(replace(event, time_s=event.time_s + self._skipped_s))
 
 
-def _reading(frame: Frame, target: int | None) -> tuple[int | None, int, int, int]:
+def reading_of(frame: Frame, target: int | None) -> tuple[int | None, int, int, int]:
     """Id, d, δ and zone of the transmitter searched for, else of the first channel."""
     channel = next((c for c in frame.channels if c.valid and c.id == target), frame.channels[0])
     return channel.id, channel.d, channel.delta, channel.zone
 
 
-def _position(state: VehicleState) -> Position:
-    return _tuple(state.position)
-
-
-def _tuple(place: NDArray[np.float64]) -> Position:
+def as_position(place: NDArray[np.float64]) -> Position:
+    """As numbers of Python."""
     north, east, down = place.tolist()
     return north, east, down

@@ -19,6 +19,7 @@ from arva_hil.observers.console.failsafes import left_alone
 from arva_hil.runtime.clock import Clock
 from arva_hil.search.airborne import Flight
 from arva_hil.search.autopilot_link import AutopilotLink
+from arva_hil.search.dry_run import DryRun
 from arva_hil.search.ground import Ground
 from arva_hil.search.mission import FOUND, NOT_SURE, Mission, SearchPlan
 from arva_hil.search.outcome import Kind, Outcome, SearchStep
@@ -44,7 +45,7 @@ class SearchClient:
     should raise when it is lost: who knows who had the vehicle meanwhile.
     `land`: at the end it lands, else it hovers. `timeout_s`: from `start` until there is all that a flight needs.
     `permission`: to arm this vehicle; None where any may be armed, because all there can be are simulated.
-    `countdown_s`: said before it is armed.
+    `countdown_s`: said before it is armed. `dry_run`: it is never armed; what would be ordered is told.
     `emit` is told what happens, `log` gets five rows a second. `outcome` is None until all is over, the vehicle landed
     or left hovering.
     """
@@ -64,6 +65,7 @@ class SearchClient:
         permission: Permission | None = None,
         take_over: bool = False,
         countdown_s: float = 0.0,
+        dry_run: bool = False,
         emit: Callable[[Event], None] = lambda _: None,
         log: Callable[[SearchStep], None] = lambda _: None,
     ) -> None:
@@ -81,10 +83,22 @@ class SearchClient:
             timeout_s=timeout_s,
             permission=permission,
             take_over=take_over,
-            countdown_s=countdown_s,
+            countdown_s=0.0 if dry_run else countdown_s,
         )
         self._ground = Ground(session, trust_gps=plan.trust_gps)
         self._flight = Flight(plan, session, self._commander, self._ground, start=start, land=land, log=log)
+        self._dry_run: DryRun | None = None
+        if dry_run:
+            self._dry_run = DryRun(
+                plan,
+                session,
+                self._ground,
+                start=start,
+                land=land,
+                take_over=take_over,
+                countdown_s=countdown_s,
+                log=log,
+            )
         self._emit = emit
         self._next_step = self._now_s = start
         self._begin = self._commander.take_over if take_over else self._commander.launch
@@ -126,7 +140,7 @@ class SearchClient:
             if not self.launched:
                 self._preflight.watch_link(now)
             for frame in self._receiver.read(now):
-                self._flight.hear(frame, now)
+                (self._dry_run or self._flight).hear(frame, now)
             if now >= self._next_step:
                 self._next_step = max(self._next_step + _STEP_S, now)
                 self._step(now)
@@ -194,6 +208,8 @@ class SearchClient:
             self._finish("failed", INTERRUPTED)
             return
         verdict = self._preflight.look(now)
+        if verdict is True and self._dry_run:
+            verdict = self._dry_run.step(now, self._commander.mode) or False
         if verdict is True:
             self._launch(now)
         elif verdict:

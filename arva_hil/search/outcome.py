@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 from arva_hil.search.heard import HeardTransmitter
 from arva_hil.search.strategy import Found
 
-Kind = Literal["found", "not sure", "not found", "no link", "failed", "refused"]
+Kind = Literal["found", "not sure", "not found", "no link", "failed", "refused", "would fly"]
 
 
 class Refusal(NamedTuple):
@@ -23,7 +23,8 @@ class Outcome:
     """How a search ended. Places are NED metres from the take-off point; `time_s` from the end of the take-off.
 
     `kind`: found. Not sure: a place is reported, and the readings do not agree with it. Not found: all was flown in
-    vain. No link: one of the two was not there. Refused: it may not be armed. Failed: anything else.
+    vain. No link: one of the two was not there. Refused: it may not be armed. Would fly: a dry run has come to its end.
+    Failed: anything else.
     """
 
     kind: Kind

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Final, Protocol
 
 from arva_hil.events import Event
-from arva_hil.events.searches import ArmingAllowed, SimulatorRecognized
+from arva_hil.events.searches import ArmingAllowed, ConsentNeeded, SimulatorRecognized
 from arva_hil.flight.simulator_check import SimulatorCheck
 from arva_hil.mavlink.codec import Packet
 from arva_hil.search.outcome import Refusal
@@ -29,14 +29,18 @@ class Question(Protocol):
 class Permission:
     """Remembers what the vehicle has said, and what was said about it.
 
-    `yes`: a person has said so beforehand. `question`: None where nobody can be asked.
+    `yes`: a person has said so beforehand. `question`: None where nobody can be asked. `dry_run`: nothing is armed, so
+    nobody is asked; what would be asked is told.
     """
 
-    def __init__(self, session: Session, *, yes: bool = False, question: Question | None = None) -> None:
+    def __init__(
+        self, session: Session, *, yes: bool = False, question: Question | None = None, dry_run: bool = False
+    ) -> None:
         self._session = session
         self._check = SimulatorCheck(session)
         self._yes = yes
         self._question = question
+        self._dry_run = dry_run
         self._vehicle: tuple[int, ...] = ()
         self._looked: float | None = None  # first, at this vehicle
         self._asked: float | None = None
@@ -88,6 +92,8 @@ class Permission:
         real = f"{self._session.vehicle} is not known to be a simulator"
         if self._yes:
             self._agree(ArmingAllowed(now, str(self._session.vehicle)))
+        elif self._dry_run:
+            self._agree(ConsentNeeded(now, str(self._session.vehicle), self._question is not None))
         elif self._question is None:
             return Refusal("refused", f"{real}: to let it fly, write --yes")
         elif self._asked is None:

@@ -171,6 +171,33 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "px4 quadrotor 1/1 is a simulator: it answers with SIM_STATE",
     ),
     (searches.ArmingAllowed(1.0, LABEL), "warning", "px4 quadrotor 1/1 is not known to be a simulator: --yes"),
+    (
+        searches.ConsentNeeded(1.0, LABEL, True),
+        "warning",
+        "px4 quadrotor 1/1 is not known to be a simulator: before it flies, yes would have to be typed here",
+    ),
+    (
+        searches.ConsentNeeded(1.0, LABEL, False),
+        "warning",
+        "px4 quadrotor 1/1 is not known to be a simulator: before it flies, it would need --yes, for nobody can be "
+        "asked here",
+    ),
+    (
+        searches.DryRunBegun(1.0, LABEL, False, 3.0),
+        "info",
+        "dry run: all is ready. px4 quadrotor 1/1 would be launched after a count-down of 3 s, by these orders:",
+    ),
+    (
+        searches.DryRunBegun(1.0, LABEL, True, 0.0),
+        "info",
+        "dry run: all is ready. px4 quadrotor 1/1 would be taken over in the air, by these orders:",
+    ),
+    (searches.WouldOrder(1.0, "DO_SET_MODE", "hold"), "info", "  DO_SET_MODE: hold"),
+    (
+        searches.SetPointPlanned(1.0, 0.5, -0.001, 0.0, 30.4, 5.0),
+        "info",
+        "  SET_POSITION_TARGET_LOCAL_NED: 0.50 m/s north, 0.00 m/s east, 0.00 m/s down, heading 30°, 5 times a second",
+    ),
     (searches.CountDown(1.0, 3, False), "info", "arming in 3 s"),
     (searches.CountDown(1.0, 3, True), "info", "taking over in 3 s"),
     (searches.Launched(1.0, LABEL, False), "info", "arming px4 quadrotor 1/1"),

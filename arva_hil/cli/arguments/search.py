@@ -5,9 +5,11 @@ stick, at any time: the search then says nothing more to it. Ctrl-C leaves it ho
 A receiver that is unplugged is looked for while it hovers. The autopilot's link is looked for before anything is armed;
 lost later, it leaves the vehicle to its own failsafe.
 A simulator says what it is when asked. Any other vehicle is armed only when somebody at the terminal types yes, or on
---yes; without either the search ends with 2. On the bench: take the propellers off.
-Exit codes: 0 found, 1 not sure, not found or failed, 2 usage or not allowed to arm, 3 no autopilot or no frames,
-130 interrupted.
+--yes; without either the search ends with 2.
+On the bench: take the propellers off. Serial ports of flight controllers have 3.3 V levels, not 5 V, not RS-232. Say
+who has the sticks: one person, thumb on the mode switch, who does nothing else. --dry-run first: it orders nothing.
+Exit codes: 0 found, or a dry run that would have flown, 1 not sure, not found or failed, 2 usage or not allowed to arm,
+3 no autopilot or no frames, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -38,6 +40,13 @@ def add_options(parser: opt.CommandParser) -> None:
         "--yes",
         action="store_true",
         help="arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable",
+    )
+    parser.option(
+        "--dry-run",
+        action="store_true",
+        help="do everything but arm and move: wait for all, check all, say what would be asked and ordered, with the "
+        "set-points for the readings of 5 s, and end; heartbeats and questions are sent (streams, parameters, "
+        "whether it is a simulator), nothing that moves the vehicle",
     )
     parser.option(
         "--countdown",

@@ -105,6 +105,23 @@ def _launched(event: searches.Launched) -> Sentence:
     return "info", f"{'taking over' if event.take_over else 'arming'} {event.label}"
 
 
+def _consent(event: searches.ConsentNeeded) -> Sentence:
+    how = "yes would have to be typed here" if event.asked else "it would need --yes, for nobody can be asked here"
+    return "warning", f"{event.label} is not known to be a simulator: before it flies, {how}"
+
+
+def _dry_run(event: searches.DryRunBegun) -> Sentence:
+    count_down = f" after a count-down of {event.countdown_s:g} s" if event.countdown_s else ""
+    how = "taken over in the air" if event.take_over else "launched"
+    return "info", f"dry run: all is ready. {event.label} would be {how}{count_down}, by these orders:"
+
+
+def _set_point(event: searches.SetPointPlanned) -> Sentence:
+    velocity = f"{event.v_north:z.2f} m/s north, {event.v_east:z.2f} m/s east, {event.v_down:z.2f} m/s down"
+    heading = f"heading {event.heading_deg:z.0f}°, {event.rate_hz:g} times a second"
+    return "info", f"  SET_POSITION_TARGET_LOCAL_NED: {velocity}, {heading}"
+
+
 def _count_down(event: searches.CountDown) -> Sentence:
     return "info", f"{'taking over' if event.take_over else 'arming'} in {event.left_s} s"
 
@@ -225,6 +242,10 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
     searches.FailsafesKnown: lambda e: ("info", failsafes(dict(e.parameters), e.autopilot == "px4")),
     searches.SimulatorRecognized: lambda e: ("info", f"{e.label} is a simulator: it answers with {e.message}"),
     searches.ArmingAllowed: lambda e: ("warning", f"{e.label} is not known to be a simulator: --yes"),
+    searches.ConsentNeeded: _consent,
+    searches.DryRunBegun: _dry_run,
+    searches.WouldOrder: lambda e: ("info", f"  {e.order}: {e.what}"),
+    searches.SetPointPlanned: _set_point,
     searches.CountDown: _count_down,
     searches.Launched: _launched,
     searches.SearchBegun: lambda e: ("info", f"{e.height_m:.1f} m high: the search begins"),

@@ -1,0 +1,150 @@
+"""A search that only says what it would order: from the vehicle on the ground as it is, and the frames that come now.
+
+Nothing in here makes a message. The commander is never told to launch, and so has nothing to send.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from arva_hil.events.searches import DryRunBegun, SetPointPlanned, WouldOrder
+from arva_hil.field.geodesy import LocalFrame
+from arva_hil.field.rotation import to_euler, to_matrix
+from arva_hil.flight.set_points import EVERY_S
+from arva_hil.search.airborne import STAY, as_position, reading_of
+from arva_hil.search.ground import Ground, Height
+from arva_hil.search.mission import Mission, SearchPlan
+from arva_hil.search.outcome import Refusal, SearchStep
+from arva_hil.search.strategy import Position
+from arva_hil.vehicle.modes import Modes, modes_of
+from arva_hil.vehicle.pose_track import PositionSample
+from arva_hil.vehicle.session import Session
+from firmware_proto import Frame
+
+WOULD_FLY: Final = "dry run: nothing was ordered; it would have flown"
+
+_LAST_S: Final = 5.0  # of set-points
+_SAY_S: Final = 1.0  # from one that is said to the next
+_PHASE: Final = "dry run"  # in the log
+
+
+class DryRun:
+    """Remembers the mission that it would fly. The vehicle stands, or with `take_over` hovers.
+
+    Readings are taken where the receiver is; set-points are those of a vehicle at the height of the take-off above it.
+    `land`: at the end it would land, else hover. `countdown_s`: it would be counted down. `log` gets a row for each
+    step.
+    """
+
+    def __init__(
+        self,
+        plan: SearchPlan,
+        session: Session,
+        ground: Ground,
+        *,
+        start: float,
+        land: bool,
+        take_over: bool,
+        countdown_s: float,
+        log: Callable[[SearchStep], None],
+    ) -> None:
+        self._plan = plan
+        self._session = session
+        self._ground = ground
+        self._start = start
+        self._land = land
+        self._take_over = take_over
+        self._countdown_s = countdown_s
+        self._log = log
+        self._begun_s = math.inf
+        self._say_next_s = -math.inf
+        self._mission: Mission | None = None
+        self._origin: LocalFrame | None = None
+        self._modes: Modes | None = None
+        self._last: Frame | None = None  # since the last row of the log
+
+    def hear(self, frame: Frame, now: float) -> None:
+        """Take a new frame."""
+        self._last = frame
+        if self._mission is None or self._origin is None:
+            return
+        if (state := self._session.state_at(now, self._origin)) is not None:
+            place, rotation = self._plan.mount.pose(state.position, state.attitude)
+            self._mission.hear(frame, now, as_position(place), rotation)
+
+    def step(self, now: float, mode: int) -> Refusal | None:
+        """Say what would be ordered now, all being ready; how it ends, None as long as it goes on. `mode`: it is in."""
+        place = self._session.track.last_position
+        if self._mission is None:
+            assert self._session.vehicle is not None
+            assert place is not None
+            try:
+                self._modes = modes_of(self._session.vehicle)
+            except ValueError as error:
+                return Refusal("failed", str(error))
+            self._begin(now, mode, self._modes, place)
+        assert self._mission is not None
+        self._fly(now, self._mission)
+        if self._mission.broken:
+            return Refusal("failed", f"dry run: {self._mission.ended}; nothing was ordered")
+        if now - self._begun_s < _LAST_S:
+            return None
+        self._end(now)
+        return Refusal("would fly", WOULD_FLY)
+
+    def _begin(self, now: float, mode: int, modes: Modes, place: PositionSample) -> None:
+        session, take_off = self._session, self._plan.take_off
+        home = session.home
+        place = place._replace(alt=home[2]) if self._take_over and home else place
+        self._begun_s, self._origin = now, place.frame
+        emit = session.news.emit
+        emit(DryRunBegun(now, str(session.vehicle), self._take_over, self._countdown_s))
+        if not self._take_over:
+            if mode != modes.hold:
+                emit(WouldOrder(now, "DO_SET_MODE", modes.name(modes.hold)))
+            emit(WouldOrder(now, "COMPONENT_ARM_DISARM", "arm"))
+            emit(WouldOrder(now, "NAV_TAKEOFF", f"to {take_off:g} m above the take-off point"))
+        if mode != modes.steer and (self._take_over or modes.steer != modes.take_off):
+            still = f"set-points flow, 0 m/s, {1 / EVERY_S:g} a second; then {modes.name(modes.steer)}"
+            emit(WouldOrder(now, "DO_SET_MODE", still))
+        self._mission = Mission(self._plan, now, self._lifted((0.0, 0.0, -self._height(now))), emit=emit)
+        if self._last is not None:
+            self.hear(self._last, now)
+
+    def _height(self, now: float) -> float:
+        state = self._session.state_at(now, self._origin) if self._origin else None
+        return -float(state.position[2]) if state is not None else 0.0
+
+    def _lifted(self, place: Position) -> Position:
+        """Where the vehicle would be after its take-off."""
+        return place if self._take_over else (place[0], place[1], min(place[2], -self._plan.take_off))
+
+    def _fly(self, now: float, mission: Mission) -> None:
+        state = self._session.state_at(now, self._origin) if self._origin else None
+        if state is None:
+            return
+        position = as_position(state.position)
+        receiver, _ = self._plan.mount.pose(state.position, state.attitude)
+        height = self._ground.height(now, state)
+        if not self._take_over:
+            height = Height(max(height.metres, self._plan.take_off), height.measured, height.margin)
+        velocity = STAY
+        if not mission.ended:
+            velocity = mission.fly(now, self._lifted(position), receiver=as_position(receiver), height=height)
+        heading = math.degrees(to_euler(to_matrix(state.attitude))[2])
+        frame, self._last = self._last, None
+        reading = reading_of(frame, mission.target) if frame else (None, None, None, None)
+        self._log(SearchStep(now - self._start, _PHASE, *position, heading, *velocity, *reading))
+        if now >= self._say_next_s and not mission.broken:
+            self._say_next_s = now + _SAY_S
+            self._session.news.emit(SetPointPlanned(now, *velocity, heading, 1 / EVERY_S))
+
+    def _end(self, now: float) -> None:
+        assert self._modes is not None
+        emit = self._session.news.emit
+        if self._land:
+            emit(WouldOrder(now, "NAV_LAND", "at the end"))
+        elif self._modes.hold != self._modes.steer:
+            emit(WouldOrder(now, "DO_SET_MODE", f"{self._modes.name(self._modes.hold)}, at the end"))
