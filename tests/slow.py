@@ -60,6 +60,7 @@ SLOW: Final = {
     "firmware_proto/test_wire_lines.py::test_cutting_changes_nothing_and_nothing_raises": EXAMPLES,
     "links/test_links_reconnecting.py::test_unplugged_and_plugged_again": REAL_TIME,
     "pages/test_build.py": "all pages are built",
+    "pages/test_examples.py": PROCESS,
     "pages/test_command_lines.py": PROCESS,
     "pages/test_tutorial.py": REAL_TIME,
     "receiver/test_paper.py::test_the_whole_chain_agrees_with_an_independent_one": EXAMPLES,
