@@ -127,6 +127,12 @@ class SearchHeldUp(SearchEvent):
     gap_s: float
 
 
+class StrategySlow(SearchEvent):
+    """The strategy took `took_s` to answer, or the computer paused meanwhile. The vehicle was not steered."""
+
+    took_s: float
+
+
 class SearchPaused(SearchEvent):
     """It hovers. No frame came for `limit_s`, or the readings are the same over `moved_m` of flight."""
 

@@ -64,6 +64,11 @@ class Flight:
             place, rotation = self._plan.mount.pose(state.position, state.attitude)
             self.mission.hear(frame, now - self._skipped_s, as_position(place), rotation)
 
+    def took(self, seconds: float, now: float) -> None:
+        """So long the mission was busy, with what was heard and where to fly."""
+        if self.mission is not None:
+            self.mission.took(seconds, now - self._skipped_s)
+
     def skip(self, seconds: float) -> None:
         """There was a gap: the mission's clock stood still."""
         self._skipped_s += seconds

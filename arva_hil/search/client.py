@@ -139,11 +139,14 @@ class SearchClient:
             now = self._now_s = clock.now()
             if not self.launched:
                 self._preflight.watch_link(now)
-            for frame in self._receiver.read(now):
+            frames = self._receiver.read(now)
+            asked = clock.now()
+            for frame in frames:
                 (self._dry_run or self._flight).hear(frame, now)
             if now >= self._next_step:
                 self._next_step = max(self._next_step + _STEP_S, now)
                 self._step(now)
+            (self._dry_run or self._flight).took(clock.now() - asked, now)
             return min(self._next_step, self._line.speak(clock, self._due, self._commander.sent))
         except LinkError as error:  # the autopilot's
             self._cut_off(str(error))
@@ -245,7 +248,9 @@ class SearchClient:
         commander = self._commander
         assert self._session.vehicle is not None
         if commander.handed_over:
-            self._finish(_kind(self.mission), commander.why)
+            slow_s = self.mission.slow_s if self.mission else 0.0
+            slow = f"; the strategy took {slow_s:.1f} s to answer" if slow_s else ""
+            self._finish(_kind(self.mission), commander.why + slow)
         elif not self._session.vehicle.armed:
             self._finish("failed", commander.why)
         elif commander.lands_by_itself:

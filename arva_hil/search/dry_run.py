@@ -74,6 +74,11 @@ class DryRun:
             place, rotation = self._plan.mount.pose(state.position, state.attitude)
             self._mission.hear(frame, now, as_position(place), rotation)
 
+    def took(self, seconds: float, now: float) -> None:
+        """So long the mission was busy."""
+        if self._mission is not None:
+            self._mission.took(seconds, now)
+
     def step(self, now: float, mode: int) -> Refusal | None:
         """Say what would be ordered now, all being ready; how it ends, None as long as it goes on. `mode`: it is in."""
         place = self._session.track.last_position

@@ -19,6 +19,7 @@ from arva_hil.events.searches import (
     DescentBegun,
     SearchPaused,
     SearchResumed,
+    StrategySlow,
     TransmitterChosen,
     TransmitterFaded,
     TransmitterHeard,
@@ -29,6 +30,7 @@ from arva_hil.search.heard import NO_ID, HeardTransmitter, nearest
 from arva_hil.search.height import Descent, HeightKeeper
 from arva_hil.search.reading_checks import StuckReadings
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Strategy, Velocity, towards
+from arva_hil.search.strategy_checks import OFTEN, SLOW_S, checked_found, checked_velocity, failed, too_slow
 from arva_hil.search.strips import Strips
 from firmware_proto import INNER, Frame
 
@@ -96,6 +98,8 @@ class Mission:
         self.frames = 0
         self._strips = Strips(plan.area, plan.speed, position, width=plan.strip_width)
         self._strategy: Strategy | None = None
+        self._slow = 0  # times that the strategy took too long,
+        self.slow_s = 0.0  # the last time so long
         self._last_frame_s = start_s
         self._hovering: Literal["no frame", "same readings"] | None = None  # why
         self._hovering_since = start_s
@@ -141,6 +145,16 @@ class Mission:
         north, east = self._bounded(self._horizontal(time_s, position, receiver or position))
         return (0.0, 0.0, down) if self._keeper.too_low else (north, east, down)
 
+    def took(self, seconds: float, time_s: float) -> None:
+        """So long it took until the strategy had answered, until `time_s`. A pause of the computer looks the same."""
+        if seconds <= SLOW_S or self._strategy is None or self.ended or self.found is not None:
+            return
+        self._slow += 1
+        self.slow_s = seconds
+        self._emit(StrategySlow(time_s, seconds))
+        if self._slow >= OFTEN:
+            self._end(too_slow(seconds), broken=True)
+
     @property
     def over(self) -> bool:
         """It has ended, and is down above the place found as far as that goes."""
@@ -180,7 +194,7 @@ class Mission:
             return STILL
         if self._strategy is not None:
             with self._failing():
-                return self._strategy.velocity(time_s, receiver)
+                return checked_velocity(self._strategy.velocity(time_s, receiver))
             return STILL
         velocity = self._strips.velocity(time_s, receiver)
         if self._strips.exhausted:
@@ -209,10 +223,8 @@ class Mission:
         return towards(position, place, self.plan.speed)
 
     def _bounded(self, velocity: Velocity) -> Velocity:
-        """Not faster than planned; what is no velocity is none."""
+        """Not faster than planned."""
         speed = math.hypot(*velocity)
-        if not math.isfinite(speed):
-            return STILL
         share = min(1.0, self.plan.speed / speed) if speed > 0 else 0.0
         return velocity[0] * share, velocity[1] * share
 
@@ -259,7 +271,7 @@ class Mission:
         if self._strategy is None or self.target is None:
             return
         self._strategy.hear(self.heard[self.target].past[-1] if self.target in ids else nothing)
-        if (found := _sound(self._strategy.found)) is not None:
+        if (found := checked_found(self._strategy.found)) is not None:
             self.found = found
             self.sure = self._agrees(self.heard[self.target], found)
 
@@ -273,8 +285,8 @@ class Mission:
         """Whatever a strategy does wrong, the vehicle has to come down."""
         try:
             yield
-        except Exception as error:
-            self._end(f"the strategy has failed: {error!r}", broken=True)
+        except (Exception, SystemExit) as error:
+            self._end(failed(error), broken=True)
 
     def _end(self, how: str, *, broken: bool = False) -> Velocity:
         self.ended, self.broken = how, broken
@@ -284,15 +296,3 @@ class Mission:
 def _id_of(id_: int | None) -> int | None:
     """As a frame has it."""
     return None if id_ == NO_ID else id_
-
-
-def _sound(found: Found | None) -> Found | None:
-    """Without what is no number or no variance."""
-    if found is None or not math.isfinite(found.north + found.east):
-        return None
-    north, east, down, covariance = found
-    if down is not None and not math.isfinite(down):
-        down = None
-    if covariance is not None and not (math.isfinite(sum(covariance)) and min(covariance[0], covariance[2]) >= 0):
-        covariance = None
-    return Found(north, east, down, covariance)

@@ -218,6 +218,11 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "warning",
         "nothing was done for 1.5 s: first it is seen who has the vehicle",
     ),
+    (
+        searches.StrategySlow(1.0, 10.04),
+        "warning",
+        "the strategy took 10.0 s to answer: the vehicle was not steered; a second time ends the search",
+    ),
     (searches.SearchPaused(1.0, "no frame", 2.0, 3.0), "warning", "no frame for 2 s: hovering"),
     (
         searches.SearchPaused(1.0, "same readings", 2.0, 3.0),

@@ -258,6 +258,10 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
         "warning",
         f"nothing was done for {e.gap_s:.1f} s: first it is seen who has the vehicle",
     ),
+    searches.StrategySlow: lambda e: (
+        "warning",
+        f"the strategy took {e.took_s:.1f} s to answer: the vehicle was not steered; a second time ends the search",
+    ),
     searches.SearchPaused: _paused,
     searches.SearchResumed: _resumed,
     searches.ReceiverGone: lambda e: ("warning", f"the receiver is gone: {e.error}"),
