@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import inspect
+import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.machinery import PathFinder
 from typing import TYPE_CHECKING, Any, Final
 
 from arva_hil.errors import KindError, UnknownKindError
@@ -102,6 +105,9 @@ class Registry:
             raise KindError(f"{self.what} {name!r} is no name of a class", "write MODULE:CLASS, e.g. my_search:Spiral")
         try:
             with _CurrentFolder():
+                if len(files := _files(module.partition(".")[0])) > 1:
+                    what = f"{self.what} {name!r}: there are {len(files)} modules of that name, {' and '.join(files)}"
+                    raise KindError(what, "rename yours, or take the other one out of PYTHONPATH")
                 thing = importlib.import_module(module)
         except ModuleNotFoundError as error:
             if error.name is not None and (module == error.name or module.startswith(error.name + ".")):
@@ -123,11 +129,13 @@ class Registry:
         """Why it is none of these, "" if it is."""
         missing = [name for name in self._requires if not _has(thing, name)]
         if self._attributes and not missing:
+            if never := [name for name in self._requires if inspect.iscoroutinefunction(getattr(thing, name))]:
+                return f"has async {', '.join(never)}, for which nobody waits (write def, not async def)"
             try:
                 made = thing(*self._made_with)
-            except Exception as error:
+                missing = [name for name in self._attributes if not hasattr(made, name)]
+            except (Exception, SystemExit) as error:
                 return f"cannot be made ({_said(error)})"
-            missing = [name for name in self._attributes if not hasattr(made, name)]
         return f"lacks {', '.join(missing)}" if missing else ""
 
     def _unknown(self, name: str) -> UnknownKindError:
@@ -156,6 +164,15 @@ class _CurrentFolder:
 def _resolve(reference: str) -> Any:
     module, _, attribute = reference.partition(":")
     return getattr(importlib.import_module(module), attribute)
+
+
+def _files(module: str) -> list[str]:
+    """The files of all modules or packages of that name, in the order in which Python looks for them; ours is one."""
+    if module == "arva_hil":
+        return []
+    folders = dict.fromkeys(folder or os.getcwd() for folder in sys.path)
+    specs = (PathFinder.find_spec(module, [folder]) for folder in folders)
+    return list(dict.fromkeys(os.path.realpath(spec.origin) for spec in specs if spec and spec.origin))
 
 
 def _has(thing: Any, name: str) -> bool:

@@ -269,6 +269,24 @@ def test_a_built_in_name_cannot_be_taken_over(install: Callable[..., None]) -> N
             "    def hear(self, o): ...\n    def velocity(self, t, p): ...\n",
             "lacks found",
         ),
+        (
+            "class Mine:\n    found = None\n    def __init__(self, speed): ...\n"
+            "    def hear(self, o): ...\n    async def velocity(self, t, p): ...\n",
+            "has async velocity, for which nobody waits (write def, not async def)",
+        ),
+        (
+            "class Mine:\n    def __init__(self, speed): raise SystemExit('no')\n"
+            "    def hear(self, o): ...\n    def velocity(self, t, p): ...\n",
+            "cannot be made (SystemExit: no)",
+        ),
+        (
+            "class Mine:\n    def __init__(self, speed): ...\n    def hear(self, o): ...\n"
+            "    def velocity(self, t, p): ...\n    found = property(lambda self: 1 / 0)\n",
+            "cannot be made (ZeroDivisionError: division by zero)",
+        ),
+        ("import no_such_thing\n", "cannot be imported (ModuleNotFoundError: No module named 'no_such_thing')"),
+        ("class Mine(:\n", "cannot be imported (SyntaxError: "),
+        ("raise SystemExit('bye')\n", "cannot be imported (SystemExit: bye)"),
     ],
 )
 @pytest.mark.parametrize("command", ["demo", "search --autopilot pty --receiver pty"])
@@ -279,6 +297,25 @@ def test_a_strategy_of_one_s_own_is_checked_before_anything_flies(
     Path("mine.py").write_text(code)
     ran = arva(*command.split(), "--strategy", "mine:Mine")
     assert (ran.code, f"strategy 'mine:Mine' {why}" in ran.err) == (2, True), ran.err
+
+
+@pytest.mark.parametrize("name", ["mine", "random"])  # "random" is Python's too
+def test_a_module_that_is_there_twice_is_refused_with_both_places(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Which one is flown would depend on where somebody stands."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    for folder in here, there:
+        folder.mkdir()
+        (folder / f"{name}.py").write_text("class Mine: ...\n")
+    monkeypatch.chdir(here)
+    monkeypatch.syspath_prepend(there)
+    ran = arva("demo", "--strategy", f"{name}:Mine")
+    count = 2 + (name == "random")
+    assert ran.code == 2
+    assert f"strategy '{name}:Mine': there are {count} modules of that name, {there}/{name}.py and " in ran.err
+    assert f"{here}/{name}.py" in ran.err
+    assert "rename yours, or take the other one out of PYTHONPATH" in ran.err
 
 
 @pytest.mark.parametrize(
