@@ -148,8 +148,10 @@ def _heartbeat(r: VehicleReport) -> Message:
 
 
 def _sys_status(r: VehicleReport) -> Message:
-    present = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_PREARM_CHECK | r.sensors
-    health = present if r.pilot.ready else r.sensors
+    battery = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+    present = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_PREARM_CHECK | battery | r.sensors
+    health = present if r.pilot.ready else battery | r.sensors
+    health &= ~battery if r.pilot.empty else present  # as ArduPilot says that its failsafe has triggered
     millivolts, percent = (14000, 10) if r.pilot.empty else (16000, -1)
     return dialect.MAVLink_sys_status_message(present, present, health, 100, millivolts, -1, percent, 0, 0, 0, 0, 0, 0)
 
