@@ -142,7 +142,7 @@ def test_times_with_the_low_byte_first(records: list[Record], replay: Replay) ->
 
 def test_packets_without_times(records: list[Record], replay: Replay) -> None:
     found, wanted = replay(b"".join(r.raw for r in records)), replay(encode(records))
-    assert "it has no times: they come from the vehicles' boot times" in found.said
+    assert "it has no time stamps: times come from the vehicles' boot times" in found.said
     begin = next(boot for boot, _ in found.frames if boot is not None)
     late = next(i for i, (boot, _) in enumerate(wanted.frames) if boot is not None and boot > begin - 0.1)
     assert len(wanted.frames) - late - len(found.frames) < 25  # what came before the first boot time has no time

@@ -27,7 +27,7 @@ from arva_hil.mavlink.codec import dialect
 TOUCHED_M: Final = 0.05
 LEAST_M: Final = 0.3  # what hovers is higher
 BEGINS: Final = "the search begins"
-ENDS: Final = "coming down onto|; landing|; hovering|taken over|pilot has"
+ENDS: Final = "descending to|; landing|; hovering|taken over|pilot has"
 SILENCE: Final = ("climb", "search", "end", "pause", "sticks", "throttle")  # is due in these
 
 

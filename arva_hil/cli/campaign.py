@@ -1,4 +1,4 @@
-"""`arva-hil campaign`: flies what is left of a plan, and writes table and report."""
+"""`arva-hil campaign`: flies the remaining trials of a plan, and writes table and report."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from arva_hil.campaign.runner import WorkerPool
     from arva_hil.config.campaign import CampaignPlan
 
-_PLAIN_S: Final = 10.0  # between the lines of a pipe
-_LIVE_S: Final = 0.1  # between the updates of a terminal
+_PLAIN_S: Final = 10.0  # between lines if stderr is no terminal
+_LIVE_S: Final = 0.1  # between updates on a terminal
 
 
 def main(options: argparse.Namespace) -> int:
@@ -51,7 +51,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _list(every: Iterable[Planned], *, as_json: bool) -> int:
-    """A line for each trial, in the order in which they would be flown."""
+    """Print a line for each trial, in the order of the flights."""
     from arva_hil.campaign.results import flown
 
     for planned in every:
@@ -73,7 +73,7 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
     try:
         stopped = bool(left) and _fly(options, every, left, kept)
         if stopped:
-            _say(f"interrupted: {_progress(kept, every)}; the same command goes on")
+            _say(f"interrupted: {_progress(kept, every)}; the same command continues it")
             return INTERRUPTED
         kept.export(planned.key for planned in every)
         rows = [kept.rows[planned.key] for planned in every]
@@ -86,12 +86,12 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
             show(line)
     _say(f"{table}, {page}")
     if failed := [row for row in rows if row.failed]:
-        raise Failure(FAILED, f"{len(failed)} of {len(rows)} trials failed, the first one so: {failed[0].outcome}")
+        raise Failure(FAILED, f"{len(failed)} of {len(rows)} trials failed; the first one: {failed[0].outcome}")
     return OK
 
 
 def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[Planned], kept: Results) -> bool:
-    """Fly what is left and keep the results; True when a signal has ended it early."""
+    """Fly the remaining trials and save the results. Returns whether a signal ended it early."""
     from arva_hil.campaign import trial
     from arva_hil.campaign.results import row
     from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPoolError
@@ -103,10 +103,10 @@ def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[P
 
     done = len(every) - len(left)
     try:
-        with _crew(options, len(left)) as crew, SignalGuard() as guard:
-            _say(f"{len(every)} trials, {done} of them done; {crew.name}")
+        with _worker_pool(options, len(left)) as pool, SignalGuard() as guard:
+            _say(f"{len(every)} trials, {done} of them done; {pool.name}")
             with closing(_Progress(len(every), done)) as progress:
-                for planned, result in crew.fly(left, trial.fly, stopped=stopped):
+                for planned, result in pool.fly(left, trial.fly, stopped=stopped):
                     kept.add(new := row(planned, result))
                     progress.done += 1
                     if options.json:
@@ -115,11 +115,11 @@ def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[P
         raise UsageError(error) from None
     except WorkerPoolError as error:
         code, when = (NO_LINK, " once there is a scheduler") if isinstance(error, Unreachable) else (FAILED, "")
-        raise Failure(code, f"{error}; {_progress(kept, every)}; the same command goes on{when}") from None
+        raise Failure(code, f"{error}; {_progress(kept, every)}; the same command continues it{when}") from None
     return guard.caught is not None
 
 
-def _crew(options: argparse.Namespace, trials: int) -> AbstractContextManager[WorkerPool]:
+def _worker_pool(options: argparse.Namespace, trials: int) -> AbstractContextManager[WorkerPool]:
     from arva_hil.campaign.runner import cluster, processes
 
     if options.scheduler:
@@ -128,7 +128,7 @@ def _crew(options: argparse.Namespace, trials: int) -> AbstractContextManager[Wo
 
 
 def _cores() -> int:
-    """Those that this process may use."""
+    """The number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -138,13 +138,13 @@ def _progress(kept: Results, every: Sequence[Planned]) -> str:
 
 
 def _say(line: str) -> None:
-    """A line on stderr, if anybody is there."""
+    """Print a line on stderr; an error of stderr is ignored."""
     with contextlib.suppress(OSError):
         tell(line)
 
 
 class _Progress:
-    """How many trials are `done`: a bar on a terminal, a line now and then elsewhere; on stderr."""
+    """Shows on stderr how many trials are `done`: a bar on a terminal, a line every few seconds elsewhere."""
 
     def __init__(self, total: int, done: int) -> None:
         self.done = self._before = done
@@ -155,7 +155,7 @@ class _Progress:
         self._bar = bar(total, " trials", done=done, shown=self._live)
 
     def show(self) -> None:
-        """Called often; shows something when it is time to."""
+        """Show the progress if it is time for it. Called often."""
         if self._clock.now() < self._next:
             return
         self._next = self._clock.now() + (_LIVE_S if self._live else _PLAIN_S)

@@ -1,4 +1,4 @@
-"""`arva-hil check`: reads files, and prints their mistakes or what is in them."""
+"""`arva-hil check`: reads files, and prints their mistakes or a summary."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _check(name: str, text: str) -> None:
-    """Show what is in a file. Raises ScenarioError."""
+    """Print a summary of a file. Raises ScenarioError."""
     from arva_hil.config import parse
     from arva_hil.config.campaign import is_plan, parse_plan
 

@@ -1,4 +1,4 @@
-"""What commands do alike: load the scenario, open links, record, watch for signals, sum up."""
+"""What commands have in common: load the scenario, open links, record, handle signals, print the summary."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from arva_hil import __version__
-from arva_hil.cli.endings import SignalGuard, story, unforeseen
+from arva_hil.cli.endings import SignalGuard, traceback_lines, unexpected_error
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, NO_READER, OK, Failure, UsageError
-from arva_hil.cli.summary import RunCounters, as_dict, sums
+from arva_hil.cli.summary import RunCounters, as_dict, summary_lines
 from arva_hil.cli.terminal import tell
 from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, to_dict
 from arva_hil.emulator.engine import Emulator
@@ -35,22 +35,20 @@ from arva_hil.runtime.clock import Clock, RealClock, utc
 
 
 def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
-    """The scenario file or the default, with what environment and command line say instead.
+    """The scenario file or the default, changed as environment and command line say.
 
-    `fleet`: the command serves a scenario's own vehicles, whose receivers have rate, format and seed of their own.
+    `fleet`: the command supports `vehicles` in the scenario, whose receivers have their own rate, format and seed.
     """
     try:
         base = load(options.scenario) if options.scenario else DEFAULT
     except ScenarioError as error:
         raise UsageError(*error.problems) from None
     if base.vehicles and not fleet:
-        raise UsageError(f"{base.source}: vehicles: this command does not serve that part of spec 2 yet")
+        raise UsageError(f"{base.source}: vehicles: this command does not support that part of spec 2 yet")
     if base.vehicles:
         for option in ("rate", "format", "seed"):
             if getattr(options, option) is not None:
-                raise UsageError(
-                    f"--{option}: the vehicles of {base.source} have receivers with their own: change it there"
-                )
+                raise UsageError(f"--{option}: each receiver in {base.source} has its own value: change it there")
     receiver = base.receiver
     if options.rate is not None:
         if receiver.jitter_s >= 0.5 / options.rate:
@@ -69,7 +67,7 @@ def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
 
 
 def _faults(options: argparse.Namespace, chosen: Scenario) -> tuple[Fault, ...]:
-    """The scenario's faults, and those that environment and command line add."""
+    """The scenario's faults and those added by environment and command line."""
     faults = chosen.faults
     for fault in options.fault or ():
         faults = (*faults, fault) if fault else ()
@@ -104,7 +102,7 @@ def describe(chosen: Scenario) -> list[str]:
 
 
 def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_link, **options: bool) -> Link:
-    """A link, or the end of the command. Of a `patient` one that is not there yet, a line says so."""
+    """Open a link. Prints a line if a `patient` link is not there yet. Raises UsageError and Failure."""
     try:
         link = opener(address, clock=clock, **options)
     except AddressError as error:
@@ -117,13 +115,13 @@ def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_
 
 
 class Run:
-    """One run's surroundings: guard, printer, lines on stdout and recorder, around the loop and gone after it.
+    """One run without its loop: signal handlers, printer, lines on stdout and recorder.
 
-    To be entered as a context: in it signals are for the loop, and after it handlers are as they were, whatever raised.
-    `patient`: a replay, which may wait for a slow disk or terminal, and shows a progress bar for a status.
-    `lines`: print a line a frame on stdout, unless JSON is wanted there. `live`: a live status line, on a terminal.
-    `record_links`: the engine's names of the autopilots' links, where there are several.
-    `stopped()` is what a loop asks.
+    A context manager: signals go to the loop inside it, and the earlier handlers are restored after it.
+    `patient`: a replay, which waits for a slow disk or terminal, and shows a progress bar instead of a status.
+    `lines`: print a line for each frame on stdout, if there is no --json. `live`: show a live status on a terminal.
+    `record_links`: the engine's names of the autopilots' links, if there are several.
+    The loop ends when `stopped()` is true.
     """
 
     def __init__(
@@ -180,7 +178,7 @@ class Run:
 
     @functools.cached_property
     def audience(self) -> Audience:
-        """Those who observe; nobody can be added any more."""
+        """The observers. None can be added after the first use."""
         return Audience(self.observers)
 
     def observe(self, event: Event) -> None:
@@ -189,7 +187,7 @@ class Run:
             self._missing[event.vehicle] = no_vehicle(event.heard)
 
     def stopped(self) -> bool:
-        """True once there is no more use in going on: a signal, a thread that failed, nobody reads stdout any more."""
+        """Whether the loop should end: after a signal, if a thread failed, or if nobody reads stdout any more."""
         if self._recorder and self._recorder.error and not self._record_failed:
             self._record_failed = True
             self.printer.notice(Notice("error", f"{self._recorder.error}; frames go on"))
@@ -203,9 +201,9 @@ class Run:
         return len(self._missing) == self._vehicles
 
     def drive(self, emulator: Emulator, loop: Callable[[], None], links: RunCounters | None = None) -> int:
-        """Run `loop` until it ends, fails or a signal comes; write the record, print the sum; the exit code."""
+        """Run `loop` until it ends, fails or a signal comes. Writes record and summary; returns the exit code."""
         failure = None
-        gc.freeze()  # or the collector walks all that start-up made, 20 ms long, in the middle of a deadline
+        gc.freeze()  # otherwise the garbage collector visits all objects of the start-up, which takes 20 ms
         try:
             loop()
             if self._guard.error:
@@ -219,9 +217,9 @@ class Run:
         except KeyboardInterrupt:  # a loop that was stuck
             pass
         except Exception as error:
-            failure = Failure(FAILED, unforeseen(error))
+            failure = Failure(FAILED, unexpected_error(error))
             if self._traceback:
-                for line in story(error):
+                for line in traceback_lines(error):
                     self.printer.say(line)
         self._guard.ending = True
         return self._finish(emulator, failure, links)
@@ -242,7 +240,7 @@ class Run:
             except RecordError as error:
                 code = code or FAILED
                 said.append(Notice("error", str(error)))
-        for line in sums(emulator, links):
+        for line in summary_lines(emulator, links):
             self.printer.say(line)
         for notice in said:
             self.printer.notice(notice)
@@ -255,25 +253,25 @@ class Run:
             try:
                 getattr(observer, "close", lambda: None)()
             except Exception as error:
-                self.printer.notice(Notice("error", f"observer {type(observer).__name__}: its close failed: {error!r}"))
+                self.printer.notice(Notice("error", f"observer {type(observer).__name__}: close() failed: {error!r}"))
 
     def _as_dict(self, emulator: Emulator, links: RunCounters | None, how: str, code: int) -> dict[str, Any]:
         return {"ended": how, "exit_code": code, **self._known, **as_dict(emulator, links, self._layout)}
 
 
 def _observer(name: str) -> Observer:
-    """One that the command line names. Raises UsageError."""
+    """Make an observer that the command line names. Raises UsageError."""
     try:
         observer: Observer = OBSERVERS[name]()
     except KindError as error:
         raise UsageError(error) from None
     except Exception as error:
-        raise UsageError(f"observer {name!r} cannot be made ({type(error).__name__}: {error})") from error
+        raise UsageError(f"observer {name!r} cannot be created ({type(error).__name__}: {error})") from error
     return observer
 
 
 def _known(chosen: Scenario) -> dict[str, Any]:
-    """What run.json says from the start."""
+    """The entries of run.json that are known at the start."""
     import fastcrc
     import numpy
     import pymavlink

@@ -1,4 +1,4 @@
-"""`arva-hil completion`: prints a script that completes command lines in a shell, made of the commands' own options."""
+"""`arva-hil completion`: prints a script that completes command lines in a shell."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _add_options(parser: CommandParser, command: str) -> None:
-    """The options of a command, and which of them take names of files."""
+    """Add the options of a command, and mark those that take file names."""
     import shtab
 
     importlib.import_module(f"arva_hil.cli.arguments.{command}").add_options(parser)

@@ -22,7 +22,7 @@ _NONE: Final = "none"
 
 
 class ConfigRow(NamedTuple):
-    """A line of the scenario: what stands before the value, the value, and its path; no path where there is none."""
+    """A line of the scenario: the text before the value, the value's path, and the value. No path: no value."""
 
     lead: str
     key: Key = ()
@@ -39,7 +39,7 @@ def main(options: argparse.Namespace) -> int:
             if row.key:
                 show_json({"key": ".".join(map(str, row.key)), "value": row.value, "from": origins.of(row.key)})
         return OK
-    show("# Options of `arva-hil run`. Stronger is what comes later: default, file, environment, command line.")
+    show("# Options of `arva-hil run`. Weakest first: default, file, environment, command line.")
     for name, value, origin in _options(options):
         show(_beside(f"#   {name} {_NONE if value is None else value}", origin))
     show("# The scenario:")
@@ -69,7 +69,7 @@ def _found(port: str | None) -> tuple[str | None, str]:
 
 
 def _rows(plain: dict[str, Any], key: Key = (), indent: int = 0, dash: str = "") -> Iterator[ConfigRow]:
-    """A mapping in YAML's block style, lists of mappings too; the first line may begin with the dash of its list."""
+    """A mapping in YAML's block style, with lists of mappings. `dash` begins the first line of a list's item."""
     for name, value in plain.items():
         lead, dash = f"{dash.rjust(indent)}{name}:", ""
         if isinstance(value, dict) and value:

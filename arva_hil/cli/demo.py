@@ -1,4 +1,4 @@
-"""`arva-hil demo`: flies the closed loop, on pseudo-terminals or as fast as it goes."""
+"""`arva-hil demo`: flies the closed loop, on pseudo-terminals or in memory at full speed."""
 
 from __future__ import annotations
 
@@ -28,11 +28,13 @@ def main(options: argparse.Namespace) -> int:
     if chosen.output_format in MAVLINK_FORMATS:
         raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
     if chosen.navigation_error:
-        raise UsageError("navigation_error: the demo's vehicle tells where it truly is: leave it out")
+        raise UsageError(
+            "navigation_error: the demo does not support it, its vehicle reports its true pose: leave it out"
+        )
     if not options.record:
         options.record = str(new_folder())
         tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")
-    search_report.refuse_log(Path(options.record))  # before the emulator's record is begun beside it
+    search_report.refuse_log(Path(options.record))  # before the emulator begins its record in this folder
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
@@ -62,7 +64,7 @@ def main(options: argparse.Namespace) -> int:
         )
     outcome = loop.search.outcome
     if outcome is None:
-        outcome = Outcome("failed", "broken off")
+        outcome = Outcome("failed", "interrupted")
     elif outcome.kind != "found":
         code = code or FAILED
     lines = search_report.result(outcome) + _errors(loop, clock.now())
@@ -72,11 +74,11 @@ def main(options: argparse.Namespace) -> int:
 
 
 def _errors(loop: ClosedLoop, now: float) -> list[str]:
-    """Against the simulator's truth."""
+    """The errors of the search against the simulator's truth, in words."""
     error, off = loop.error(), loop.off(now)
     if error is None or off is None:
         return []
-    return [f"the transmitter lies {error:.2f} m from there", f"the vehicle has come down {off:.2f} m from it"]
+    return [f"the transmitter is {error:.2f} m from there", f"the vehicle has landed {off:.2f} m from it"]
 
 
 def _truth(loop: ClosedLoop) -> dict[int, tuple[float, float]]:
@@ -84,7 +86,7 @@ def _truth(loop: ClosedLoop) -> dict[int, tuple[float, float]]:
 
 
 def _ptys(stack: ExitStack, clock: Clock) -> tuple[Ends, Ends]:
-    """The autopilot's line and the receiver's, each a pseudo-terminal and a serial port opened on it."""
+    """The autopilot's link and the receiver's: each a pseudo-terminal and a serial link opened on it."""
     try:
         vehicle, receiver = (stack.enter_context(closing(PtyLink())) for _ in range(2))
     except LinkError as error:

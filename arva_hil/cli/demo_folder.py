@@ -1,4 +1,4 @@
-"""Where a demo without --record leaves its record: a folder of its own in the temporary folder, for some days."""
+"""The record of a demo without --record: a new folder in the temporary folder, kept for some days."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OURS: Final = {*FILES, *SEARCH_FILES, PICTURE}
 
 
 def new_folder() -> Path:
-    """A new folder, named by the time. Those of earlier demos that nobody has touched for some days are removed."""
+    """Make a folder, named by the time. Removes folders of earlier demos that were not changed for some days."""
     now_us = RealClock().epoch_us
     for name in _old(now_us / 1e6 - KEPT_DAYS * _DAY_S):
         with contextlib.suppress(OSError):
@@ -32,7 +32,7 @@ def new_folder() -> Path:
 
 
 def _old(before_s: float) -> list[str]:
-    """Folders of demos that were last changed before that, seconds since 1970."""
+    """Folders of demos that were last changed before `before_s`, seconds since 1970."""
     found = []
     with contextlib.suppress(OSError), os.scandir(tempfile.gettempdir()) as entries:
         for entry in entries:
@@ -43,9 +43,9 @@ def _old(before_s: float) -> list[str]:
 
 
 def _remove(path: str) -> None:
-    """Remove a demo's own files and its folder. Anything else in it stays, and so does the folder.
+    """Remove a demo's folder and the files in it. Keeps all of it if the folder contains anything else.
 
-    The folder is held meanwhile: another user may put a symlink in its place, and nothing is removed behind that.
+    The folder is open meanwhile, so that nothing is removed through a symlink that another user puts in its place.
     """
     if os.unlink not in os.supports_dir_fd:
         return

@@ -1,4 +1,4 @@
-"""What ends a command from outside or beside it: signals, and errors that nobody foresaw."""
+"""What can end a command early: signals and unexpected errors."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from typing import Any, Final
 from arva_hil.runtime.clock import RealClock
 
 _SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-_STUCK_S: Final = 1.0  # a loop that has not ended so long after a signal is stuck
+_STUCK_S: Final = 1.0  # a loop that goes on for longer after a signal is stuck
 _PACKAGE: Final = Path(__file__).parent.parent
 
 
 @contextlib.contextmanager
 def interrupting() -> Iterator[None]:
-    """Every signal is a KeyboardInterrupt, as Ctrl-C is: before and after the loop, where nothing has to be kept."""
+    """Every signal raises KeyboardInterrupt, as Ctrl-C does. For use outside the loop, where no data can be lost."""
     before = _set(signal.default_int_handler)
     try:
         yield
@@ -29,10 +29,9 @@ def interrupting() -> Iterator[None]:
 
 
 class SignalGuard:
-    """Remembers the first signal in `caught`, the first error of a thread in `error`: a loop has to look at them.
+    """Remembers the first signal in `caught` and the first error of a thread in `error`. The loop must check both.
 
-    A further signal changes nothing, unless the loop is stuck: then it raises KeyboardInterrupt there. Once the
-    command is `ending` it never does.
+    A further signal is ignored. If the loop is stuck, it raises KeyboardInterrupt there, unless `ending` is set.
     """
 
     def __init__(self) -> None:
@@ -65,15 +64,15 @@ class SignalGuard:
             self.error = args.exc_value or args.exc_type()
 
 
-def unforeseen(error: BaseException) -> str:
-    """An error that nobody foresaw, in one line: what it is, and where in this program."""
+def unexpected_error(error: BaseException) -> str:
+    """An unexpected error in one line: what it is, and where in this program."""
     ours = [f for f in traceback.extract_tb(error.__traceback__) if _PACKAGE in Path(f.filename).parents]
     where = f" ({Path(ours[-1].filename).relative_to(_PACKAGE)}:{ours[-1].lineno})" if ours else ""
-    return f"unforeseen {type(error).__name__}: {error}{where}"
+    return f"unexpected {type(error).__name__}: {error}{where}"
 
 
-def story(error: BaseException) -> list[str]:
-    """The traceback of an error in lines; what the error says, which may have come from outside, is one of them."""
+def traceback_lines(error: BaseException) -> list[str]:
+    """The traceback of an error in lines. The error's message is one line, because its text may come from outside."""
     lines: list[str] = []
     for part in traceback.format_exception(error):
         lines += part.splitlines() if part.startswith("  File ") else [part.strip("\n")]
@@ -81,7 +80,7 @@ def story(error: BaseException) -> list[str]:
 
 
 def _set(handler: Any) -> dict[int, Any]:
-    """Handle the signals; what did so before. Under `nohup`, SIGHUP stays ignored."""
+    """Set the handlers of the signals; returns the earlier ones. Under `nohup`, SIGHUP stays ignored."""
     if threading.current_thread() is not threading.main_thread():
         return {}
     return {n: signal.signal(n, handler) for n in _SIGNALS if not (n != signal.SIGINT and _ignored(n))}

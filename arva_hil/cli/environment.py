@@ -1,4 +1,4 @@
-"""Variables in the environment that look like an option and are none: each is named, with the nearest that is one."""
+"""Finds environment variables that look like an option but are not one, and suggests the nearest option."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Final
 
 from arva_hil.cli.options import PREFIX, CommandParser
 
-OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4")  # name the simulators that tests/sitl fly on
+OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4")  # the simulators of tests/sitl
 
 
-def strangers(environment: Mapping[str, str], parser: CommandParser, commands: Iterable[str]) -> list[str]:
-    """What to say of variables that no command reads. Those of other `commands` than `parser`'s are all right.
+def unknown_variables(environment: Mapping[str, str], parser: CommandParser, commands: Iterable[str]) -> list[str]:
+    """A message for each variable that none of `commands` reads.
 
-    The other commands are only looked at when there is a variable that this one does not read.
+    The other commands are imported only if there is a variable that `parser` does not read.
     """
     unread = {name for name, value in environment.items() if name.startswith(PREFIX) and value}
     unread -= {*parser.variables, *OF_THE_TESTS}
@@ -33,6 +33,6 @@ def strangers(environment: Mapping[str, str], parser: CommandParser, commands: I
 def _say(name: str, known: Iterable[str], typed: Iterable[str]) -> str:
     flag = "--" + name.removeprefix(PREFIX).lower().replace("_", "-")
     if flag in typed:
-        return f"{name} is not read: {flag} has to be typed each time"
+        return f"{name} is not read: type {flag} each time"
     near = difflib.get_close_matches(name.removeprefix(PREFIX), [one.removeprefix(PREFIX) for one in known], 1)
-    return f"{name} is no option of any command" + (f"; did you mean {PREFIX}{near[0]}?" if near else "")
+    return f"{name} is not an option of any command" + (f"; did you mean {PREFIX}{near[0]}?" if near else "")

@@ -1,4 +1,4 @@
-"""The sides of a run whose scenario names its vehicles: which links there are, and whether they fit together."""
+"""The links of a run whose scenario names its vehicles, and whether they fit together."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class FleetSides(NamedTuple):
 
 
 def fleet_sides(options: argparse.Namespace, chosen: Scenario) -> FleetSides:
-    """The sides of a scenario with vehicles. Raises UsageError when options or addresses do not fit together."""
+    """The links of a scenario with vehicles. Raises UsageError if options or addresses do not fit together."""
     source = chosen.source
     for option, why in _OWN.items():
         if getattr(options, option) is not None:
-            raise UsageError(f"--{option.replace('_', '-')}: {source} has vehicles, and there {why}: leave it out")
+            raise UsageError(f"--{option.replace('_', '-')}: {source} has vehicles, and {why}: leave it out")
     if options.autopilot and all(vehicle.autopilot for vehicle in chosen.vehicles):
         raise UsageError(f"--autopilot: every vehicle of {source} names its own: leave it out")
     ports = {
@@ -55,30 +55,32 @@ def fleet_sides(options: argparse.Namespace, chosen: Scenario) -> FleetSides:
 
 
 def _check_ports(source: str, ports: dict[str, str], autopilots: dict[str, str], *, json: bool) -> None:
-    """Whether frames can go to each port, and nothing else goes there."""
+    """Check that frames can be sent to each port, and that nothing else is sent there. Raises UsageError."""
     taken = {}
     for name, address in autopilots.items():
         if parse_or_fail(source, name, address).kind == "stdout":
-            raise UsageError(f"{source}: {name}: its autopilot is stdout, and an autopilot has to be heard")
+            raise UsageError(
+                f"{source}: {name}: its autopilot is stdout, which cannot be read: name the autopilot's link"
+            )
         taken[_place(source, name, address)] = f"the autopilot of {name}"
     for name, address in ports.items():
         kind = parse_or_fail(source, name, address).kind
         if kind == "tlog":
-            raise UsageError(f"{source}: {name}: its port {address} is a log, and frames cannot go there")
+            raise UsageError(f"{source}: {name}: its port {address} is a log: frames cannot be sent there")
         if kind == "stdout" and json:
             raise UsageError(f"{source}: {name}: --json and its port - both want stdout: choose one")
         where = _place(source, name, address)
         if where != Address("pty") and where in taken:
-            raise UsageError(f"{source}: {name}: its port {address} is {taken[where]} too: each needs its own")
+            raise UsageError(f"{source}: {name}: its port {address} is also {taken[where]}: each needs its own")
         taken[where] = f"the port of {name}"
 
 
 def _check_systems(source: str, link: str, vehicles: Sequence[VehicleConfig]) -> None:
-    """Whether vehicles on one link, which the file may spell differently, can be told apart."""
+    """Check that vehicles on one link can be told apart. Raises UsageError."""
     systems = [vehicle.system for vehicle in vehicles]
     if len(vehicles) > 1 and (None in systems or len(set(systems)) < len(systems)):
         names = ", ".join(vehicle.name for vehicle in vehicles)
-        raise UsageError(f"{source}: {names} are all on {link}: give each a system of its own")
+        raise UsageError(f"{source}: {names} are all on {link}: give each its own `system`")
 
 
 def _place(source: str, name: str, address: str) -> Address:
@@ -87,7 +89,7 @@ def _place(source: str, name: str, address: str) -> Address:
 
 
 def parse_or_fail(source: str, name: str, address: str) -> Address:
-    """What an address of a vehicle or receiver means. Raises UsageError."""
+    """Parse an address of a vehicle or receiver. Raises UsageError."""
     try:
         return parse(address)
     except AddressError as error:

@@ -16,9 +16,9 @@ _LARGEST: Final = 4096  # bytes
 
 
 def signing(path: str | None, epoch_us: int, stack: ExitStack, link: int = 0) -> Signing | None:
-    """Signing with the key in a file, by a clock that read 0 at `epoch_us` (µs since 1970). Raises UsageError.
+    """Signing with the key in a file. The clock reads 0 at `epoch_us` (µs since 1970). Raises UsageError.
 
-    Its time stamps go on from those of the last program with this key, and are kept when `stack` ends.
+    Its time stamps continue those of the last program with this key. They are saved when `stack` is closed.
     """
     if not path:
         return None
@@ -34,10 +34,10 @@ def _key(path: str) -> bytes:
         with open(path, "rb", opener=open_at_once) as file:
             mode = os.fstat(file.fileno()).st_mode
             if not stat.S_ISREG(mode):
-                raise UsageError(f"--signing-key {path}: is no file, {wanted}")
+                raise UsageError(f"--signing-key {path}: is not a file, {wanted}")
             if os.name == "posix" and mode & 0o077 and not _is_credential(path):
                 raise UsageError(
-                    f"--signing-key {path}: others may read or write it ({mode & 0o777:o}): chmod 600 {path}"
+                    f"--signing-key {path}: other users may read or write it ({mode & 0o777:o}): chmod 600 {path}"
                 )
             data = file.read(_LARGEST + 1)
     except OSError as error:
@@ -47,12 +47,12 @@ def _key(path: str) -> bytes:
     try:
         return key_of(data.decode())
     except UnicodeDecodeError as error:
-        raise UsageError(f"--signing-key {path}: byte {error.start + 1} is no text, {wanted}") from None
+        raise UsageError(f"--signing-key {path}: byte {error.start + 1} is not text, {wanted}") from None
     except ValueError as error:
         raise UsageError(f"--signing-key {path}: {error}, {wanted}") from None
 
 
 def _is_credential(path: str) -> bool:
-    """Whether a service manager keeps it for us: systemd lets in the service's user by an access list."""
+    """Whether systemd keeps the file for this service. Its mode is 440 then, and an access list limits the readers."""
     folder = os.environ.get("CREDENTIALS_DIRECTORY")
     return bool(folder) and os.path.dirname(os.path.realpath(path)) == os.path.realpath(str(folder))

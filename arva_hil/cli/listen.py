@@ -1,4 +1,4 @@
-"""`arva-hil listen`: decodes what comes, and prints it."""
+"""`arva-hil listen`: decodes frames, and prints them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Final
 
 from arva_hil.cli import common
 from arva_hil.cli.endings import SignalGuard
-from arva_hil.cli.format_guess import SAMPLE_BYTES, looks_like
+from arva_hil.cli.format_guess import SAMPLE_BYTES, guess_format
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.links import AddressError, Link, LinkError, parse
@@ -26,7 +26,7 @@ from arva_hil.vehicle.session import heartbeat
 from firmware_proto import Frame, FrameDecoder
 from firmware_proto.frame import PAUSE_S
 
-_WATCHDOG_S: Final = 2.0  # a consumer calls a receiver "not working" after this long without a frame
+_WATCHDOG_S: Final = 2.0  # after this time without a frame, consumers report that the receiver does not work
 
 _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the first
 
@@ -43,7 +43,7 @@ def main(options: argparse.Namespace) -> int:
     try:
         parse(options.url)
     except AddressError as error:
-        raise UsageError(f"{error}; or a file, and there is none of that name" if options.url else error) from None
+        raise UsageError(f"{error}; there is no file of that name either" if options.url else error) from None
     if os.path.isdir(path):
         raise UsageError(f"{path}: is a directory: write the file in it, e.g. {path / 'frames.bin'}")
     clock, guard = RealClock(), SignalGuard()
@@ -66,9 +66,9 @@ def main(options: argparse.Namespace) -> int:
 
 
 class Listener:
-    """A consumer: remembers its decoder, how many frames came and when the last did, and how the stream begins.
+    """A consumer. Remembers its decoder, the number of frames, the time of the last one, and the first bytes.
 
-    Over MAVLink it says `hello` with a heartbeat a second: autopilots forward nothing to a link that is silent.
+    Over MAVLink it sends a heartbeat each second with `hello`: autopilots forward nothing to a silent link.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Listener:
         self.enough = False
         self._decoder = decoder
         self._format = format
-        self._sample = b""  # of a stream that has brought no frame yet
+        self._sample = b""  # the first bytes, until there is a frame
         self._as_json = as_json
         self._left = count
         self._alive_until = _WATCHDOG_S
@@ -86,7 +86,7 @@ class Listener:
         self._next_hello = 0.0
 
     def service(self, clock: Clock) -> float:
-        """Print what has come; say once when nothing comes any more."""
+        """Print the frames that came; warn once if none come any more."""
         now = clock.now()
         for link in self.links:
             self.take(link.read(), now)
@@ -114,19 +114,19 @@ class Listener:
         self.enough = self._left <= 0
 
     def finish(self) -> None:
-        """The frames that are whole now that nothing more comes, and the sum."""
+        """Print the frames that are complete at the end of the stream, and a summary."""
         self.take(b"", math.inf)
         d = self._decoder
         tell(f"{d.good} frames, {d.lost} lost, {d.bad_crc} bad checksums, {d.dropped} bytes dropped")
 
     def verdict(self) -> int:
-        """The exit code. Raises Failure when something came, and no frame was in it."""
+        """The exit code. Raises Failure if bytes came, but no frame."""
         if self._sample:
             raise Failure(FAILED, self._doubt())
         return OK
 
     def _doubt(self) -> str:
-        return f"no {self._format} frame in {len(self._sample)} bytes: {looks_like(self._sample, self._format)}"
+        return f"no {self._format} frame in {len(self._sample)} bytes: {guess_format(self._sample, self._format)}"
 
     def _show(self, frame: Frame) -> None:
         if self._as_json:

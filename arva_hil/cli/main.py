@@ -1,4 +1,4 @@
-"""`arva-hil`: finds the command, runs it, turns what went wrong into one message and an exit code."""
+"""`arva-hil`: finds the command, runs it, and turns each error into one message and an exit code."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from types import ModuleType
 from typing import Final
 
 from arva_hil import __version__
-from arva_hil.cli.endings import interrupting, story, unforeseen
-from arva_hil.cli.environment import strangers
+from arva_hil.cli.endings import interrupting, traceback_lines, unexpected_error
+from arva_hil.cli.environment import unknown_variables
 from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_READER, OK, USAGE, Failure, UsageError
 from arva_hil.cli.standard_streams import abandon, refuse_closed, reserve
@@ -22,43 +22,43 @@ from arva_hil.cli.terminal import ReaderGone, StdoutError, flush, show, tell
 from arva_hil.errors import KindError
 
 COMMANDS: Final = {
-    "run": "emulate the receiver: autopilot in, frames out (the default command)",
-    "replay": "the same from a recorded flight (.tlog), as fast as wanted",
+    "run": "emulate the receiver: reads the autopilot, sends frames (the default command)",
+    "replay": "the same from a recorded flight (.tlog), at any speed",
     "demo": "a simulated vehicle searches for a transmitter and finds it; no hardware",
     "search": "find the victim: reads the receiver's port, flies the autopilot",
     "campaign": "fly a plan of many trials and compare the strategies",
     "listen": "decode and print frames, like a consumer",
     "check": "validate scenario files",
-    "vehicle": "the built-in vehicle alone, on as many links as wanted",
-    "scenarios": "which scenarios are built in",
-    "ports": "what is plugged in",
-    "doctor": "what is wrong, and the cure",
-    "config": "what holds for `run`, and where each value comes from",
-    "completion": "a script that completes command lines in bash, zsh or fish",
+    "vehicle": "run the built-in simulated vehicle alone, on one or more links",
+    "scenarios": "list the built-in scenarios",
+    "ports": "list the serial ports",
+    "doctor": "find what is wrong with the links, and the cure",
+    "config": "show the settings of `run`, and where each value comes from",
+    "completion": "print a script that completes command lines in bash, zsh or fish",
 }
 HELP: Final = """\
 usage: arva-hil [COMMAND] [OPTIONS]
 
 Emulates an avalanche transceiver (ARVA) receiver on a drone: reads the autopilot's
-MAVLink position and attitude, sends the frames a real receiver would send there.
+MAVLink position and attitude, and sends the frames that a real receiver would send there.
 
 commands:
 {commands}
 
 examples:
-  arva-hil --port /dev/ttyUSB0                      frames to a serial port, the USB autopilot found
+  arva-hil --port /dev/ttyUSB0                      frames to a serial port; finds the autopilot on USB
   arva-hil --port pty:/tmp/arva0 --autopilot udpin:127.0.0.1:14550
   arva-hil replay flight.tlog --out frames.bin
   arva-hil demo
 
-`arva-hil COMMAND --help` shows a command's options. Nearly each is also read from the environment
-as ARVA_HIL_<OPTION>; a variable of such a name that is no option of any command is named.
+`arva-hil COMMAND --help` shows the options of a command. Most can also be set in the environment
+as ARVA_HIL_<OPTION>. A warning names variables that begin so and are not an option of any command.
 Exit codes: 0 ok, 1 failed while running, 2 usage or configuration, 3 no link or no heartbeat in
 time, 130 interrupted."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; gives back the exit code."""
+    """Run one command; returns the exit code."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     reserve()
     code = _guarded(arguments)
@@ -70,9 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _guarded(arguments: list[str]) -> int:
-    """The exit code, whatever goes wrong."""
+    """Run one command; returns an exit code for every error."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a terminal without ° is no reason to fail
+        sys.stdout.reconfigure(errors="backslashreplace")  # do not fail on a terminal that cannot show °
     try:
         with interrupting():
             code = _command(arguments)
@@ -97,9 +97,9 @@ def _guarded(arguments: list[str]) -> int:
         return INTERRUPTED
     except Exception as error:
         if {"-v", "-vv", "--verbose"} & set(arguments):
-            for line in story(error):
+            for line in traceback_lines(error):
                 tell(line)
-        tell(f"arva-hil: {unforeseen(error)}")
+        tell(f"arva-hil: {unexpected_error(error)}")
         return FAILED
 
 
@@ -119,7 +119,7 @@ def _command(arguments: list[str]) -> int:
         name = arguments.pop(0)
         if name not in COMMANDS:
             near = difflib.get_close_matches(name, COMMANDS, 1)
-            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
+            hint = f"did you mean {near[0]}?" if near else f"the commands are {', '.join(COMMANDS)}"
             if name.startswith(("\N{EN DASH}", "\N{EM DASH}", "\N{MINUS SIGN}")):
                 hint = f"did you mean --{name.lstrip(name[0])}, with two hyphens?"
             elif name.endswith(".tlog"):
@@ -134,22 +134,22 @@ def _command(arguments: list[str]) -> int:
         options = parser.parse(arguments)
     except SystemExit:  # argparse has printed the help
         return OK
-    for line in strangers(os.environ, parser, COMMANDS):
+    for line in unknown_variables(os.environ, parser, COMMANDS):
         tell(f"warning: {line}")
     refuse_closed(options)
     return int(_imported(f"arva_hil.cli.{name}").main(options))
 
 
 def _imported(name: str) -> ModuleType:
-    """A module and all that it needs, at less cost than by itself.
+    """Import a module and all that it needs, faster than `import`.
 
-    The collector would walk again and again what is being made, and numpy's library would start a thread for each
-    core, of which matrices of 3 × 3 make no use.
+    The garbage collector is off meanwhile, because it would visit the new objects again and again. numpy's library
+    may start only one thread, because 3 × 3 matrices need no more.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()
     try:
         return importlib.import_module(name)
     finally:
-        gc.freeze()  # what is made by now stays
+        gc.freeze()  # the objects made so far are never freed
         gc.enable()

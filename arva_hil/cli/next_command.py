@@ -1,4 +1,4 @@
-"""What to type after an examination: the options that were given, none that was found wrong."""
+"""The command to type after `doctor`: the options that were given, with the wrong ones corrected."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ UNKNOWN_PORT: Final = "pty:/tmp/arva0"
 def next_command(
     options: argparse.Namespace, autopilot: str, usb_ports: list[str], right: Mapping[str, str | None]
 ) -> str:
-    """The command that runs as `options` say, with what is `right` instead of what was found wrong.
+    """The `run` command with the same options, where `right` replaces the wrong ones.
 
-    `autopilot`: the address that was heard. `usb_ports`: where frames may go, when no port was named. `right`: by an
-    option's name what belongs there, a word in capitals when that is not known, None when it is to be left out.
+    `autopilot`: the address that was heard. `usb_ports`: where frames may go if no port was named. `right`: right
+    values by the option's name; a word in capitals if the value is not known, None to leave the option out.
     """
     words: dict[str, str | None] = {"autopilot": autopilot}
     if options.format in MAVLINK_FORMATS:

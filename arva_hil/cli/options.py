@@ -1,4 +1,4 @@
-"""Options: groups that commands share, their twins in the environment, and what they accept."""
+"""Options: groups that commands share, their environment variables, and the values that they accept."""
 
 from __future__ import annotations
 
@@ -32,32 +32,32 @@ class CommandParser(argparse.ArgumentParser):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **kwargs)
         self._environment: dict[str, argparse.Action] = {}
-        self.typed_only: list[str] = []  # flags without a twin in the environment
+        self.typed_only: list[str] = []  # flags without an environment variable
         self._given: Sequence[str] = ()
-        self.tells_sources = False  # whether `sources` of what is parsed says where each option was given
+        self.tells_sources = False  # whether the result has `sources`: where each option was given
 
     def option(self, *flags: str, **kwargs: Any) -> None:
-        """`add_argument` for an option, with its twin in the environment."""
+        """`add_argument` for an option that has an environment variable too."""
         action = self.add_argument(*flags, **kwargs)
         self._environment[PREFIX + action.dest.upper()] = action
 
     def typed(self, flag: str, **kwargs: Any) -> None:
-        """`add_argument` for a flag that only the command line can give: nothing left in a shell may stand for it."""
+        """`add_argument` for a flag without an environment variable, so that a forgotten one cannot set it."""
         self.add_argument(flag, **kwargs)
         self.typed_only.append(flag)
 
     @property
     def arguments(self) -> Sequence[argparse.Action]:
-        """All that it takes, positional or not."""
+        """All arguments, positional ones too."""
         return self._actions
 
     @property
     def variables(self) -> list[str]:
-        """The names of the twins in the environment."""
+        """The names of the environment variables."""
         return list(self._environment)
 
     def parse(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> argparse.Namespace:
-        """The options. Raises UsageError."""
+        """Parse the command line and the environment. Raises UsageError."""
         environment = os.environ if environment is None else environment
         self._given = arguments
         weaker: list[str] = []
@@ -95,7 +95,7 @@ class CommandParser(argparse.ArgumentParser):
         return [f"{flag}={one}" for one in values]
 
     def _print_message(self, message: str, file: object = None) -> None:
-        """The help, on stdout; argparse itself would not tell that nobody takes it."""
+        """Print the help on stdout. argparse itself hides an error of stdout."""
         for line in message.splitlines():
             show(line)
 
@@ -109,7 +109,7 @@ class CommandParser(argparse.ArgumentParser):
             flags = missing[1].split("/")
             follows = next((after for flag, after in pairwise(self._given) if flag in flags), "")
             if follows[:1] == "-" and follows not in self._option_string_actions:
-                hint = f"; one that begins with a dash needs a sign: {flags[0]}={follows}"
+                hint = f"; write a value that begins with a dash after =: {flags[0]}={follows}"
         raise UsageError(f"{message}{hint}", f"see {self.prog} --help")
 
 
@@ -147,7 +147,7 @@ def speed(text: str) -> float:
 
 
 def address(text: str) -> str:
-    """A converter that refuses what is no connection string."""
+    """A converter that accepts only connection strings."""
     try:
         parse(text)
     except (AddressError, KindError) as error:
@@ -166,7 +166,7 @@ def fault(text: str) -> Fault | None:
 
 
 def kind(registry: Registry, without: Collection[str] = ()) -> Callable[[str], str]:
-    """A converter for a name in a registry, none of those `without`; it imports only what is not built in."""
+    """A converter for a name in a registry that is not in `without`. It imports only kinds that are not built in."""
 
     def convert(text: str) -> str:
         usual = [name for name in registry if name not in without]
@@ -183,7 +183,7 @@ def kind(registry: Registry, without: Collection[str] = ()) -> Callable[[str], s
 
 
 def add_format(parser: CommandParser, *, default: str | None = None, without: Collection[str] = ()) -> None:
-    """How frames look; without a default as the scenario has it."""
+    """The format of frames; without a default the scenario's."""
     names = ", ".join(name for name in FORMATS if name not in without)
     usual = default or "the scenario's"
     parser.option(
@@ -191,26 +191,26 @@ def add_format(parser: CommandParser, *, default: str | None = None, without: Co
         type=kind(FORMATS, without),
         default=default,
         metavar="NAME",
-        help=f"of the frames: {names}; default {usual}",
+        help=f"format of the frames: {names}; default {usual}",
     )
 
 
 def add_scenario(parser: CommandParser) -> None:
-    """Options that say what is emulated."""
+    """Options of what is emulated."""
     parser.option(
         "--scenario",
         metavar="FILE",
         help="scenario (YAML), or builtin:NAME; default: one transmitter 20 m N, 5 m E of home",
     )
     add_format(parser)
-    parser.option("--rate", type=number(*FRAMES_HZ, " of Hz"), metavar="HZ", help="of the frames, 0.1…50")
-    parser.option("--seed", type=whole(0, LARGEST_SEED), metavar="N", help="of the noise and the faults")
+    parser.option("--rate", type=number(*FRAMES_HZ, " of Hz"), metavar="HZ", help="frames per second, 0.1…50")
+    parser.option("--seed", type=whole(0, LARGEST_SEED), metavar="N", help="seed of the noise and the faults")
     parser.option(
         "--fault",
         type=fault,
         action="append",
         metavar="NAME=VALUE@FROM-UNTIL",
-        help="one more fault, e.g. drop=0.02@10-60, in seconds from the start; `none`: no more of those before",
+        help="add a fault, e.g. drop=0.02@10-60, in seconds from the start; `none` removes all faults before it",
     )
 
 
@@ -221,19 +221,19 @@ def add_autopilot(parser: CommandParser) -> None:
         "--master",
         type=address,
         metavar="URL",
-        help=f"where the autopilot is; default: the one on USB, else {DEFAULT_AUTOPILOT}",
+        help=f"link to the autopilot; default: the one on USB, else {DEFAULT_AUTOPILOT}",
     )
     parser.option(
         "--stream-rate",
         type=number(1, 200, " of Hz"),
         default=50.0,
         metavar="HZ",
-        help="of the position and attitude asked for; default 50",
+        help="rate of position and attitude to request; default 50",
     )
 
 
 def add_target(parser: CommandParser) -> None:
-    """Options that say which vehicle is followed."""
+    """Options that choose the vehicle to follow."""
     parser.option("--target-system", type=whole(1, 255), metavar="N", help="follow only this MAVLink system id")
     parser.option("--target-component", type=whole(1, 255), metavar="N", help="… and component id; default 1")
 
@@ -243,33 +243,33 @@ def add_signing(parser: CommandParser) -> None:
     parser.option(
         "--signing-key",
         metavar="FILE",
-        help="sign what goes out, and believe only what is signed with the same key: 64 hexadecimal digits, or a "
-        "passphrase as MAVProxy and QGroundControl take it; readable by its owner alone",
+        help="sign packets, and accept only packets signed with the same key; the file contains 64 hexadecimal digits "
+        "or a passphrase as in MAVProxy and QGroundControl, and only its owner may read it",
     )
 
 
 def add_max_age(parser: CommandParser) -> None:
     """How old a pose may be."""
     parser.option(
-        "--max-age", type=number(0.05, 60, " of s"), default=2.0, metavar="S", help="older poses are no pose; default 2"
+        "--max-age", type=number(0.05, 60, " of s"), default=2.0, metavar="S", help="do not use older poses; default 2"
     )
 
 
 def add_duration(parser: CommandParser) -> None:
-    """How long to run."""
+    """The time to run."""
     seconds = number(0.001, math.inf, " of s")
     parser.option("--duration", type=seconds, default=math.inf, metavar="S", help="end after this long")
 
 
 def add_common(parser: CommandParser) -> None:
     """Options of nearly every command."""
-    parser.option("--record", metavar="DIR", help="record what came in, what went out, what was read, into DIR")
-    parser.option("--json", action="store_true", help="one JSON object a frame, and one an event, on stdout")
+    parser.option("--record", metavar="DIR", help="record packets, frames and readings in the folder DIR")
+    parser.option("--json", action="store_true", help="print a JSON object for each frame and event on stdout")
     parser.option(
         "--observer",
         type=kind(OBSERVERS),
         action="append",
         metavar="NAME",
-        help="one more that is told every event, from an installed package",
+        help="add an observer of an installed package, which gets every event",
     )
-    parser.option("-v", "--verbose", action="count", default=0, help="a line for every frame")
+    parser.option("-v", "--verbose", action="count", default=0, help="print a line for every frame")

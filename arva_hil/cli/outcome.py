@@ -1,4 +1,4 @@
-"""How a command ends: its exit code, and the message when it did not go well."""
+"""How a command ends: its exit code, and the message if it failed."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ FAILED: Final = 1  # while running
 USAGE: Final = 2  # or configuration
 NO_LINK: Final = 3  # or no heartbeat in time
 INTERRUPTED: Final = 130
-NO_READER: Final = 141  # any more at the pipe that stdout is, as `| head`: as of a program that SIGPIPE has ended
+NO_READER: Final = 141  # the reader of stdout has ended, as with `| head`: the exit code of a program ended by SIGPIPE
 
 
 class Failure(ArvaError):
-    """The end of a command: `str()` says what was wrong, where, and what to do, a line for each of `lines`."""
+    """Ends a command. `lines` say what is wrong, where, and what to do; `str()` joins them."""
 
     def __init__(self, code: int, *lines: object) -> None:
         self.code = code
@@ -25,7 +25,7 @@ class Failure(ArvaError):
 
 
 class UsageError(Failure):
-    """The command line, the environment or a file it names is wrong."""
+    """The command line, the environment or a file named there is wrong."""
 
     def __init__(self, *lines: object) -> None:
         super().__init__(USAGE, *lines)

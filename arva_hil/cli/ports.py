@@ -1,4 +1,4 @@
-"""`arva-hil ports`: prints what is plugged in."""
+"""`arva-hil ports`: prints the serial ports."""
 
 from __future__ import annotations
 
@@ -19,5 +19,5 @@ def main(options: argparse.Namespace) -> int:
             what = " | ".join(filter(None, [port.description, port.usb, port.by_id]))
             show(f"{port.device}  {'AUTOPILOT  ' if port.autopilot else ''}{what}")
     if not ports and not options.json:
-        show("no serial ports; a USB adapter shows up as /dev/ttyUSB0 or /dev/ttyACM0, COM3 on Windows")
+        show("no serial ports; a USB adapter appears as /dev/ttyUSB0 or /dev/ttyACM0, COM3 on Windows")
     return OK

@@ -1,4 +1,4 @@
-"""How far long work is, and how long it still takes: a bar on a terminal of any width."""
+"""Progress of a long task: a bar on a terminal, and the time left."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _FORM: Final = "{percentage:3.0f} % |{bar}| {n_fmt} of {total_fmt}{unit}, {remai
 
 
 def bar(total: int, unit: str, *, done: int = 0, scaled: bool = False, shown: bool = True) -> tqdm[Any]:
-    """A bar on stderr, gone when it is closed. `scaled`: numbers as 12.3k, for bytes."""
+    """A bar on stderr. It is erased when it is closed. `scaled`: numbers as 12.3k, for bytes."""
     from tqdm import tqdm  # slow to import
 
     return tqdm(
@@ -27,7 +27,7 @@ def bar(total: int, unit: str, *, done: int = 0, scaled: bool = False, shown: bo
 
 
 def time_left(done: int, more: int, after_s: float) -> str:
-    """How long `more` will take when `done` took `after_s`, e.g. "about 0:17:25 left"; "" when that cannot be said."""
+    """The time that `more` will take if `done` took `after_s`, e.g. "about 0:17:25 left"; "" if it is not known yet."""
     if not done or not more:
         return ""
     minutes, seconds = divmod(round(more * after_s / done), 60)

@@ -88,7 +88,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 class _Tally:
-    """Remembers how a log is doing, and says once what its clock did."""
+    """Counts the bytes and clock steps of a log, and reports its clock steps as events."""
 
     def __init__(self, log: TlogReader) -> None:
         self.timeline = Timeline(log, stamped=log.stamped, tell=self._on_step)
@@ -96,7 +96,7 @@ class _Tally:
         self._audience = Audience([])
 
     def begin(self, audience: Audience) -> None:
-        """Say to these how the log is laid out, unless it is as it should be, and what its clock does."""
+        """Report to `audience` from here on; first an unusual layout of the log."""
         self._audience = audience
         if not self._log.stamped or self._log.layout != BIG.name:
             audience.tell([LogLayout(0.0, self._log.path, self._log.layout if self._log.stamped else "")])
@@ -109,12 +109,14 @@ class _Tally:
             "log_torn_bytes": self._log.torn,
         }
 
-    def sums(self) -> list[str]:
+    def summary_lines(self) -> list[str]:
         lines = []
         if steps := self.timeline.steps + self.timeline.strays:
             lines.append(f"{self._log.path}: its clock was set {steps} ×")
         if self._log.skipped or self._log.torn:
-            lines.append(f"{self._log.path}: {self._log.skipped} bytes of garbage and {self._log.torn} of a torn tail")
+            lines.append(
+                f"{self._log.path}: {self._log.skipped} bytes of garbage, {self._log.torn} of an incomplete last record"
+            )
         return lines
 
     def _on_step(self) -> None:
@@ -122,12 +124,12 @@ class _Tally:
 
 
 def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
-    """Where frames go: a port, a file, stdout, or nowhere but into the record or the lines on stdout."""
+    """Where frames go: a port, a file or stdout; without --port and --out they are discarded."""
     if options.port or options.out == "-":
         return common.open_or_fail(options.port or "-", RealClock())
     path = options.out or os.devnull
     if os.path.exists(path) and os.path.samefile(path, options.log):
-        raise UsageError(f"--out {path}: is the log itself: name another file")
+        raise UsageError(f"--out {path}: this is the log itself: name another file")
     try:
         return StdoutLink(stack.enter_context(open(path, "wb", buffering=0)), path)
     except OSError as error:

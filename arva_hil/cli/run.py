@@ -1,4 +1,4 @@
-"""`arva-hil run`: opens the links, makes the engine of them, and drives it until it ends."""
+"""`arva-hil run`: opens the links, makes the engine, and runs it until the end."""
 
 from __future__ import annotations
 
@@ -112,13 +112,13 @@ def _fleet(options: argparse.Namespace, chosen: Scenario, clock: RealClock, stac
 def _open_port(address: str, clock: Clock, stack: ExitStack, of: str = "") -> Link:
     out = stack.enter_context(closing(_open(address, clock)))
     if isinstance(out, StdoutLink):
-        out.give_up = lambda: True  # rather drop a frame than be late with the next
+        out.give_up = lambda: True  # drop a frame rather than delay the next one
     tell(f"frames{of} to: {out.name}")
     return out
 
 
 def _open(address: str, clock: Clock, *, answered: bool = False) -> Link:
-    """A link that comes back when it is lost. A TCP server may be started later; a port that is not there is named."""
+    """A link that is opened again after a loss. Waits for a TCP server; other links must be there at the start."""
     patient = parse(address).kind == "tcp"
     return common.open_or_fail(address, clock, open_reconnecting, answered=answered, patient=patient)
 
@@ -126,7 +126,7 @@ def _open(address: str, clock: Clock, *, answered: bool = False) -> Link:
 def _check(options: argparse.Namespace, format: str, over_mavlink: bool) -> None:
     if not over_mavlink and not options.port:
         raise UsageError(
-            "--port is missing: where do the frames go? e.g. --port /dev/ttyUSB0, --port pty, "
+            "--port is missing: name the port for the frames, e.g. --port /dev/ttyUSB0, --port pty, "
             "or --format tunnel to send them inside MAVLink"
         )
     if options.json and options.port == "-":

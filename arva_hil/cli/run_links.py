@@ -1,4 +1,4 @@
-"""The two sides of a run, as `run` and `doctor` take them: the autopilot's link, and the port where frames go."""
+"""The two links of `run` and `doctor`: the autopilot's link, and the port where frames go."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def check_sides(autopilot: str | None, port: str | None, form: str) -> None:
     """Whether frames of this format can go there. Raises UsageError."""
     over_mavlink = form in MAVLINK_FORMATS
     if autopilot == "-":
-        raise UsageError("--autopilot -: is stdout, and an autopilot has to be heard")
+        raise UsageError("--autopilot -: this is stdout, which cannot be read: name the autopilot's link")
     if over_mavlink and autopilot and parse(autopilot).kind == "tlog":
-        raise UsageError(f"--autopilot {autopilot}: is a log, and takes no --format {form}")
+        raise UsageError(f"--autopilot {autopilot}: this is a log: frames with --format {form} cannot be sent there")
     if port is None:
         return
     if over_mavlink:
@@ -35,7 +35,7 @@ def check_sides(autopilot: str | None, port: str | None, form: str) -> None:
             "--format binary, nmea or text"
         )
     if parse(port).kind == "tlog":
-        raise UsageError(f"--port {port}: is a log, and frames cannot go there; --record writes a folder of files")
+        raise UsageError(f"--port {port}: this is a log: frames cannot be sent there; --record writes files")
     if autopilot and parse(port) != Address("pty") and place(autopilot) == place(port):
         raise UsageError(
             f"the autopilot and --port are both {port}: each side needs its own, or send the frames inside MAVLink "
@@ -44,6 +44,6 @@ def check_sides(autopilot: str | None, port: str | None, form: str) -> None:
 
 
 def place(url: str) -> Address:
-    """What two addresses of the same thing have in common. Raises AddressError."""
+    """An address that is equal for all spellings of the same link. Raises AddressError."""
     where = parse(url)
     return where._replace(path=os.path.realpath(where.path) if where.path else "", baud=None)

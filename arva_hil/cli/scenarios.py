@@ -1,4 +1,4 @@
-"""`arva-hil scenarios`: lists what is built in."""
+"""`arva-hil scenarios`: lists the built-in scenarios."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Standard input, output and error, of which a caller may have closed any (`>&-`, `2>&-`)."""
+"""Standard input, output and error. The caller may have closed any of them (`>&-`, `2>&-`)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from arva_hil.cli.outcome import UsageError
 
 
 def reserve() -> None:
-    """Give the numbers of those that are closed to /dev/null, before anything is opened.
+    """Open /dev/null for each closed stream, before anything else is opened.
 
-    What is opened next would get the number: what is said on stderr would go out on a port, and frames to a socket.
+    Otherwise the next port or socket gets the stream's number, and messages for stderr are sent there.
     """
     for fd in range(3):
         try:
@@ -29,18 +29,18 @@ def reserve() -> None:
 
 
 def refuse_closed(options: argparse.Namespace) -> None:
-    """Raise UsageError when data are wanted on a stdout that is closed. Lines for a person get lost there."""
+    """Raise UsageError if the options send data to stdout and it is closed. Lines for a person are just lost."""
     if sys.__stdout__ is not None:
         return
     if getattr(options, "json", False):
-        raise UsageError("--json: stdout is closed, and the data go there")
+        raise UsageError("--json: the data go to stdout, which is closed")
     for name in ("port", "out"):
         if getattr(options, name, None) == "-":
-            raise UsageError(f"--{name} -: stdout is closed, and the frames go there")
+            raise UsageError(f"--{name} -: the frames go to stdout, which is closed")
 
 
 def abandon(stream: object) -> None:
-    """Nobody takes what is written to a standard stream any more: let the rest vanish, at exit too."""
+    """Discard all further output of a standard stream whose reader is gone, also at exit."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""What a run comes to: its counters for run.json, and a few lines for a person."""
+"""The summary of a run: its counters for run.json, and a few lines for a person."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ _OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
 
 
 class RunCounters(Protocol):
-    """What a run's links have to say at its end."""
+    """Counters of a run's links."""
 
     def counts(self) -> Mapping[str, int]:
         """For run.json."""
 
-    def sums(self) -> list[str]:
+    def summary_lines(self) -> list[str]:
         """For a person."""
 
 
 class LinkCounters:
-    """How the links of a live run fared."""
+    """Counters of the links of a live run."""
 
     def __init__(self, live: Live) -> None:
         self._live = live
@@ -34,7 +34,7 @@ class LinkCounters:
     def counts(self) -> dict[str, int]:
         return self._live.counts()
 
-    def sums(self) -> list[str]:
+    def summary_lines(self) -> list[str]:
         """A line for each link that was lost."""
         return [
             f"{_OF_LINKS.get(name, name)} was lost {losses} ×, and came back {returns} ×"
@@ -48,7 +48,7 @@ def is_one(emulator: Emulator) -> bool:
 
 
 def as_dict(emulator: Emulator, links: RunCounters | None, layout: RecordLayout) -> dict[str, Any]:
-    """What run.json says of vehicles, receivers and links at the end."""
+    """The entries of run.json for vehicles, receivers and links at the end."""
     counts = dict(links.counts() if links else {})
     if is_one(emulator):
         (vehicle,) = emulator.vehicles
@@ -88,8 +88,8 @@ def counters(emulator: Emulator) -> dict[str, Any]:
     return {**dataclasses.asdict(source.counters), **vehicle.session.counts(), "faults": source.fault_counts()}
 
 
-def sums(emulator: Emulator, links: RunCounters | None) -> list[str]:
-    """The summary at the end."""
+def summary_lines(emulator: Emulator, links: RunCounters | None) -> list[str]:
+    """The summary for a person."""
     one, lines = is_one(emulator), list[str]()
     for vehicle in emulator.vehicles:
         for source in vehicle.sources:
@@ -97,7 +97,7 @@ def sums(emulator: Emulator, links: RunCounters | None) -> list[str]:
             lines.append(of + _frames(source))
             lines += [of + line for line in _mishaps(source)]
         lines += [line if one else f"{vehicle.name}: {line}" for line in _heard(vehicle.session)]
-    return lines + (links.sums() if links else [])
+    return lines + (links.summary_lines() if links else [])
 
 
 def _frames(source: FrameSource) -> str:
@@ -115,7 +115,7 @@ def _heard(session: Session) -> list[str]:
         f"{parser.skipped} bytes skipped, {session.ignored} packets of others ignored"
     ]
     if doubts := [f"{n} {name.replace('_', ' ')}" for name, n in session.disbelieved().items() if n]:
-        lines.append(f"not believed: {', '.join(doubts)}")
+        lines.append(f"not used: {', '.join(doubts)}")
     return lines
 
 
@@ -125,7 +125,7 @@ def _mishaps(source: FrameSource) -> list[str]:
         each = ", ".join(f"{name} {count['frames']}" for name, count in counts.items())
         lines.append(
             f"faults: {c.withheld} frames withheld, {c.damaged} damaged, {c.duplicated} sent again, "
-            f"{c.waiting} still waiting ({each})"
+            f"{c.waiting} not sent yet ({each})"
         )
     if c.skipped:
         lines.append(f"{c.skipped} frames were skipped: the program was held up for more than a second")

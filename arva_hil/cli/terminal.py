@@ -1,6 +1,6 @@
-"""Where a command's lines go: data on stdout, everything else on stderr. The only place of `cli` that prints.
+"""Prints a command's lines: data on stdout, everything else on stderr. No other module of `cli` prints.
 
-Whatever is in a line, it stays one line and changes nothing else on a terminal.
+Control characters in a line are replaced, so that it stays one line and cannot change the terminal.
 """
 
 from __future__ import annotations
@@ -15,33 +15,33 @@ from arva_hil.safe_text import one_line
 
 
 class StdoutError(ArvaError):
-    """Standard output takes nothing: its disk is full."""
+    """Standard output cannot be written, e.g. its disk is full."""
 
 
 class ReaderGone(StdoutError):
-    """Nobody reads the pipe that stdout is any more, as after `| head`."""
+    """Stdout is a pipe, and its reader has ended, as with `| head`."""
 
 
 def tell(line: object) -> None:
-    """A line for a person, on stderr."""
+    """Print a line for a person on stderr."""
     try:
         print(one_line(line), file=sys.stderr)
-    except OSError:  # whoever was told is gone, or the disk is full
+    except OSError:  # the reader is gone, or the disk is full
         abandon(sys.stderr)
 
 
 def show(line: object, *, mark: str = "") -> None:
-    """A line of data on stdout, at once. `mark` goes before it as it is, colours and all. Raises StdoutError."""
+    """Print a line of data on stdout, without buffering. `mark` is printed before it unchanged. Raises StdoutError."""
     _print(mark + one_line(line))
 
 
 def show_json(value: Any) -> None:
-    """A JSON object on a line of its own on stdout, at once; ASCII without control characters. Raises StdoutError."""
+    """Print a JSON object in one line on stdout: ASCII without control characters. Raises StdoutError."""
     _print(json.dumps(value).replace("\x7f", "\\u007f"))
 
 
 def flush() -> None:
-    """Have on stdout what others have printed there, too. Raises StdoutError."""
+    """Write the buffer of stdout. Raises StdoutError."""
     _print("", end="")
 
 

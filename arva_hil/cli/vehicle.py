@@ -51,7 +51,7 @@ def main(options: argparse.Namespace) -> int:
             logs.append(_Log(vehicle, options.failsafe or []))
             tell(f"vehicle {vehicle.system} at {lat:.7f}, {lon:.7f}, {alt:.1f} m")
         for link in links:
-            tell(f"speaks at {link.name}")
+            tell(f"link: {link.name}")
         tasks: list[Task] = [Simulator(vehicles, links), *logs]
         try:
             run(tasks, clock, until=options.duration, stopped=lambda: guard.caught is not None)
@@ -61,7 +61,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 class _Log:
-    """Tells what a vehicle does, and lets failsafes strike. Remembers what was told."""
+    """Prints each new state of a vehicle, and triggers failsafes. Remembers the last state printed."""
 
     links = ()
 

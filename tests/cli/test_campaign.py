@@ -150,7 +150,7 @@ def test_trials_that_fail_are_counted_and_flown_again(arva: Arva, plan: Path, mo
     monkeypatch.setattr(trial, "fly", fakes.raising)
     code, out, err = arva(*command)
     assert (code, out.count("\n")) == (1, TRIALS)
-    assert f"18 of {TRIALS} trials failed, the first one so: failed: ZeroDivisionError: by nothing" in err
+    assert f"18 of {TRIALS} trials failed; the first one: failed: ZeroDivisionError: by nothing" in err
     assert "failed: ZeroDivisionError: by nothing" in (plan.parent / "r" / "report.html").read_text()
     monkeypatch.setattr(trial, "fly", fakes.fake)
     code, out, err = arva(*command)
@@ -167,7 +167,7 @@ def test_a_worker_that_dies_is_said_and_what_is_done_stays(
     code, _, err = arva("campaign", plan, "--out", out)
     assert code == 1
     assert f"a worker process died, killed or out of memory; 18 of {TRIALS} results are in {out}/results.sqlite" in err
-    assert "the same command goes on" in err
+    assert "the same command continues it" in err
     assert rows(out) == 18
 
 
@@ -207,7 +207,9 @@ def test_interrupted_it_ends_with_its_workers_and_says_how_to_go_on(
         program.send(number)
     assert program.ends() == 130
     assert not any(alive(process) for process, _ in flights(gate))
-    assert f"interrupted: 18 of {TRIALS} results are in {out}/results.sqlite; the same command goes on" in program.err
+    assert (
+        f"interrupted: 18 of {TRIALS} results are in {out}/results.sqlite; the same command continues it" in program.err
+    )
     assert "died" not in program.err
     assert rows(out) == 18
 

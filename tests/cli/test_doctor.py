@@ -599,4 +599,4 @@ def test_what_nobody_foresaw_is_one_line(arva: Arva, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("arva_hil.doctor.diagnosis.silence", lambda *_, **__: 1 / 0)
     code, _, err = arva("doctor", "--autopilot", line.path, "--listen", 0.2)
     assert code == 1
-    assert "arva-hil: unforeseen ZeroDivisionError" in err
+    assert "arva-hil: unexpected ZeroDivisionError" in err

@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.endings import SignalGuard, interrupting, unforeseen
+from arva_hil.cli.endings import SignalGuard, interrupting, unexpected_error
 from arva_hil.cli.options import CommandParser
 from arva_hil.emulator.engine import Emulator
 from arva_hil.links.pty import PtyLink
@@ -180,7 +180,7 @@ def test_an_error_in_the_loop_ends_the_run_with_its_cause(
     link = tmp_path / "arva0"
     code, _, err = arva("--port", f"pty:{link}", "--autopilot", "pty", "--record", tmp_path / "record")
     assert code == 1
-    assert "error: unforeseen ZeroDivisionError: a mistake (runtime/drivers.py:" in err
+    assert "error: unexpected ZeroDivisionError: a mistake (runtime/drivers.py:" in err
     assert "Traceback" not in err
     run = json.loads((tmp_path / "record" / "run.json").read_bytes())
     assert run["exit_code"] == 1
@@ -193,7 +193,7 @@ def test_the_whole_story_of_an_error_is_for_who_wants_it(arva: Arva, monkeypatch
     code, _, err = arva("--port", "pty", "--autopilot", "pty", "-v")
     assert code == 1
     assert "Traceback (most recent call last)" in err
-    assert err.splitlines()[-1].startswith("error: unforeseen ZeroDivisionError: division by zero")
+    assert err.splitlines()[-1].startswith("error: unexpected ZeroDivisionError: division by zero")
 
 
 @pytest.mark.parametrize("command", ["listen", "ports", "check", "search"])
@@ -208,7 +208,7 @@ def test_whatever_command_it_is_an_error_that_nobody_foresaw_is_one_line(
     monkeypatch.setattr("arva_hil.cli.options.CommandParser.parse", lambda *_: None)
     code, out, err = arva(command, *["-v"] * verbose)
     assert (code, out) == (1, "")
-    assert "arva-hil: unforeseen ZeroDivisionError: a mistake" in err
+    assert "arva-hil: unexpected ZeroDivisionError: a mistake" in err
     assert ("Traceback" in err) == verbose
 
 
@@ -226,15 +226,15 @@ def test_an_error_on_a_thread_ends_the_command_with_its_cause(
     what = ("replay", DATA / "px4.tlog") if command == "replay" else ("--port", "pty", "--autopilot", "pty")
     code, _, err = arva(*what, "--record", tmp_path)
     assert code == 1
-    assert "unforeseen ZeroDivisionError: a mistake (" in err
+    assert "unexpected ZeroDivisionError: a mistake (" in err
 
 
 def test_an_error_is_placed_in_this_program() -> None:
     with pytest.raises(TypeError) as caught:
         read_tlog(None)  # type: ignore[arg-type]
-    assert unforeseen(caught.value).startswith("unforeseen TypeError: ")
-    assert "(links/tlog.py:" in unforeseen(caught.value)
-    assert unforeseen(ValueError("of nowhere")) == "unforeseen ValueError: of nowhere"
+    assert unexpected_error(caught.value).startswith("unexpected TypeError: ")
+    assert "(links/tlog.py:" in unexpected_error(caught.value)
+    assert unexpected_error(ValueError("of nowhere")) == "unexpected ValueError: of nowhere"
 
 
 def test_a_broken_pipe_of_frames_ends_the_run_and_its_record_is_whole(
@@ -292,5 +292,5 @@ def test_an_error_of_the_system_that_nobody_foresaw_is_not_laid_to_stdout(
     assert code == 1
     assert "stdout" not in err
     assert re.search(
-        r"unforeseen OSError: .*No space left on device: '/tmp/arva-demo-x' \(cli/demo_folder.py:\d+\)", err
+        r"unexpected OSError: .*No space left on device: '/tmp/arva-demo-x' \(cli/demo_folder.py:\d+\)", err
     )

@@ -78,7 +78,7 @@ def test_a_file_is_no_serial_port(arva: Arva) -> None:
 def test_a_log_is_no_place_for_frames(arva: Arva) -> None:
     code, _, err = arva("--autopilot", "pty", "--port", "flight.tlog")
     assert code == 2
-    assert "--port flight.tlog: is a log, and frames cannot go there" in err
+    assert "--port flight.tlog: this is a log: frames cannot be sent there" in err
 
 
 def test_a_tcp_server_that_is_not_there_in_time(arva: Arva) -> None:

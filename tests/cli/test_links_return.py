@@ -111,7 +111,7 @@ def test_a_simulator_that_is_started_after_the_emulator_is_waited_for(
     until(lambda: not consumer.hears() and len(consumer.frames) > 10)  # frames go on meanwhile
     keep(Autopilot(keep(TcpServerLink("127.0.0.1", port))))
     until(consumer.hears)
-    program.says(f"{url}: is there")
+    program.says(f"{url}: is open")
     program.send(signal.SIGTERM)
     assert program.ends() == 130
     assert "lost" not in program.err
@@ -129,7 +129,7 @@ def test_a_consumer_that_is_started_after_the_emulator_is_waited_for(
     program.says("there is a pose")
     consumer = Consumer(keep(TcpServerLink("127.0.0.1", port)))
     until(consumer.hears)
-    program.says(f"{url}: is there")
+    program.says(f"{url}: is open")
     program.send(signal.SIGTERM)
     assert program.ends() == 130
 

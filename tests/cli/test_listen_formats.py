@@ -56,7 +56,7 @@ def test_a_file_of_another_format_is_named_and_an_error(arva: Arva, tmp_path: Pa
     ("data", "said"),
     [
         (heartbeat(Encoder(1, 1)) * 3, "it looks like MAVLink (3 packets) without frames of a receiver in it"),
-        (b"\x00\x80\xf8" * 50, "nor does it look like another format"),
+        (b"\x00\x80\xf8" * 50, "it does not look like another format either"),
     ],
     ids=["MAVLink without frames", "noise of a wrong baud rate"],
 )

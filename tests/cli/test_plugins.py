@@ -321,7 +321,7 @@ def test_a_module_that_is_there_twice_is_refused_with_both_places(
 @pytest.mark.parametrize(
     ("code", "said"),
     [
-        ("class Bad:\n    def __init__(self, x): ...\n    def observe(self, e): ...\n", "cannot be made (TypeError"),
+        ("class Bad:\n    def __init__(self, x): ...\n    def observe(self, e): ...\n", "cannot be created (TypeError"),
         ("class Bad:\n    def observe(self, e): raise KeyError(5)\n", "Bad"),
         ("class Bad:\n    def observe(self, e): ...\n    def close(self): raise KeyError(5)\n", "its close failed"),
     ],

@@ -122,7 +122,7 @@ def test_garbage_and_a_torn_tail_are_passed_over_and_counted(arva: Arva, flight:
     whole, hurt = arva("replay", flight, "--out", os.devnull), arva("replay", log, "--out", os.devnull)
     assert hurt.code == 0
     assert frames_of(hurt.err) == frames_of(whole.err)
-    assert f"{log}: 100 bytes of garbage and {len(records[-1]) - 5} of a torn tail" in hurt.err
+    assert f"{log}: 100 bytes of garbage, {len(records[-1]) - 5} of an incomplete last record" in hurt.err
     assert "garbage" not in whole.err
 
 
@@ -165,7 +165,7 @@ def test_the_log_itself_is_never_written_to(arva: Arva, tmp_path: Path) -> None:
     log.write_bytes(LOG.read_bytes())
     code, _, err = arva("replay", log, "--out", log)
     assert code == 2
-    assert "is the log itself: name another file" in err
+    assert "this is the log itself: name another file" in err
     assert log.read_bytes() == LOG.read_bytes()
 
 

@@ -78,7 +78,7 @@ def test_who_speaks_from_another_address_changes_nothing_and_is_counted(
         place = dialect.MAVLink_global_position_int_message(2**31, 1, 1, 1, 0, 0, 0, 0, 0)
         stranger.write(heartbeat(encoder, dialect.MAV_TYPE_GCS) + encoder.pack(home) + encoder.pack(place))
         frames = read_frames(line, 2)
-    program.says("what others than its peer send is ignored, as from 127.0.0.1:")
+    program.says("other senders than its peer are ignored; the first was 127.0.0.1:")
     program.stops()
     assert hears(frames[-1])
     assert len(re.findall("datum: ", program.err)) == 1

@@ -177,7 +177,7 @@ def test_a_receiver_whose_port_is_not_there_yet_is_waited_for(
     program.says(f"waiting for {path}: no such port")
     program.says("waiting for a frame from the receiver")
     keep(Beacon(symlink=path))
-    program.says(f"{path}: is there")
+    program.says(f"{path}: is open")
     program.says("arming ardupilotmega quadrotor 1/1")
     program.send(signal.SIGINT)
     assert program.ends() == 130
@@ -189,7 +189,7 @@ def test_an_autopilot_that_is_started_later_is_waited_for(start: Start, keep: Ke
     program = start("search", "--autopilot", url, "--receiver", beacon.link.path, *LOW)
     program.says(f"waiting for {url}: connection refused")
     keep(Autopilot(keep(TcpServerLink("127.0.0.1", port))))
-    program.says(f"{url}: is there")
+    program.says(f"{url}: is open")
     program.says("arming ardupilotmega quadrotor 1/1")
     program.send(signal.SIGINT)
     assert program.ends() == 130
@@ -382,7 +382,7 @@ def test_the_last_seconds_before_propellers_turn_are_counted_down(
     program.send(signal.SIGINT)
     assert program.ends() == 130
     assert "arming in 2 s" in program.err
-    assert "left alone by the search, it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed" in program.err
+    assert "without set-points it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed" in program.err
 
 
 def test_two_ctrl_c_end_it_at_once(start: Start, autopilot: Autopilot, beacon: Beacon) -> None:

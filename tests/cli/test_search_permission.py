@@ -59,7 +59,7 @@ def test_without_a_terminal_and_a_yes_it_is_refused(
     program = start(*arguments(real, beacon), "--json", env=os.environ | variable)
     assert program.ends() == 2
     assert "is not known to be a simulator: to let it fly, write --yes\n" in program.err
-    assert ("warning: ARVA_HIL_YES is not read: --yes has to be typed each time" in program.err) == bool(variable)
+    assert ("warning: ARVA_HIL_YES is not read: type --yes each time" in program.err) == bool(variable)
     assert b'"outcome": "refused"' in program.out
     assert orders(real) == []
 

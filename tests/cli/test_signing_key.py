@@ -33,7 +33,7 @@ def test_a_key_that_others_may_read_is_refused(arva: Arva, tmp_path: Path, mode:
     file = key_file(tmp_path, KEY.encode(), mode)
     code, _, err = arva("--port", "pty", "--signing-key", file)
     assert code == 2
-    assert f"{file}: others may read or write it ({mode:o}): chmod 600 {file}" in err
+    assert f"{file}: other users may read or write it ({mode:o}): chmod 600 {file}" in err
 
 
 def test_a_key_that_a_service_manager_keeps_is_taken(
@@ -53,7 +53,7 @@ def test_a_key_that_a_service_manager_keeps_is_taken(
         (b"", "empty"),
         (b"\n", "empty"),
         (b"one\ntwo\n", "2 lines"),
-        (b"pass\xffphrase", "byte 5 is no text"),
+        (b"pass\xffphrase", "byte 5 is not text"),
         (b"x" * 5000, "more than 4096 bytes"),
     ],
 )
@@ -71,7 +71,7 @@ def test_a_file_without_a_key_is_refused(
 def test_what_is_no_file_is_refused(arva: Arva, tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe, 0o600)
-    for path, what in ((tmp_path / "none", "No such file"), (tmp_path, "Is a directory"), (pipe, "is no file")):
+    for path, what in ((tmp_path / "none", "No such file"), (tmp_path, "Is a directory"), (pipe, "is not a file")):
         code, _, err = arva("--port", "pty", "--signing-key", path)
         assert code == 2
         assert f"--signing-key {path}: {what}" in err
@@ -136,7 +136,7 @@ def test_with_another_key_no_autopilot_is_heard(start: Start, keep: Keep, line: 
 def test_without_a_key_a_vehicle_that_signs_takes_no_request(start: Start, keep: Keep, line: PtyLink) -> None:
     vehicle = keep(Autopilot(keep(PtyLink()), key=bytes(32)))
     program = start("--port", line.path, "--autopilot", vehicle.address)
-    program.says("its packets are signed, which nobody checks")
+    program.says("its packets are signed. They are not checked")
     program.stops()
     assert "--signing-key FILE" in program.err
     assert not hears(read_frames(line, 1)[-1])

@@ -57,15 +57,15 @@ def test_whatever_is_closed_nothing_but_frames_is_on_the_port(
 def test_no_command_crashes(start: Start, which: str, arguments: list[Any], code: int) -> None:
     program = start(*arguments, **shut(which))
     assert program.ends() == code
-    assert "unforeseen" not in program.err
+    assert "unexpected" not in program.err
 
 
 @pytest.mark.parametrize(
     ("arguments", "what"),
     [
-        (["--port", "-", "--autopilot", "pty"], "--port -: stdout is closed, and the frames go there"),
-        (["replay", LOG, "--out", "-"], "--out -: stdout is closed, and the frames go there"),
-        (["ports", "--json"], "--json: stdout is closed, and the data go there"),
+        (["--port", "-", "--autopilot", "pty"], "--port -: the frames go to stdout, which is closed"),
+        (["replay", LOG, "--out", "-"], "--out -: the frames go to stdout, which is closed"),
+        (["ports", "--json"], "--json: the data go to stdout, which is closed"),
     ],
 )
 def test_data_for_a_stdout_that_is_closed_are_refused(start: Start, arguments: list[Any], what: str) -> None:
@@ -86,10 +86,10 @@ def test_a_closed_stdin_is_at_its_end(start: Start) -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("ARVA_HIL_PROT", "ARVA_HIL_PROT is no option of any command; did you mean ARVA_HIL_PORT?"),
-        ("ARVA_HIL_RECIEVER", "ARVA_HIL_RECIEVER is no option of any command; did you mean ARVA_HIL_RECEIVER?"),
-        ("ARVA_HIL_QQQQQQ", "ARVA_HIL_QQQQQQ is no option of any command"),
-        ("ARVA_HIL_\x1b[2J", "ARVA_HIL_\\x1b[2J is no option of any command"),
+        ("ARVA_HIL_PROT", "ARVA_HIL_PROT is not an option of any command; did you mean ARVA_HIL_PORT?"),
+        ("ARVA_HIL_RECIEVER", "ARVA_HIL_RECIEVER is not an option of any command; did you mean ARVA_HIL_RECEIVER?"),
+        ("ARVA_HIL_QQQQQQ", "ARVA_HIL_QQQQQQ is not an option of any command"),
+        ("ARVA_HIL_\x1b[2J", "ARVA_HIL_\\x1b[2J is not an option of any command"),
     ],
 )
 def test_a_variable_that_is_no_option_is_named_and_no_error(
@@ -113,10 +113,13 @@ def test_an_option_of_another_command_is_none_to_speak_of(
 def test_a_variable_for_what_has_to_be_typed_is_named() -> None:
     parser = CommandParser(prog="x")
     parser.typed("--yes", action="store_true")
-    assert environment.strangers({"ARVA_HIL_YES": "1"}, parser, ["check"]) == [
-        "ARVA_HIL_YES is not read: --yes has to be typed each time"
+    assert environment.unknown_variables({"ARVA_HIL_YES": "1"}, parser, ["check"]) == [
+        "ARVA_HIL_YES is not read: type --yes each time"
     ]
 
 
 def test_what_is_no_variable_of_ours_or_is_empty_is_not_looked_at() -> None:
-    assert environment.strangers({"ARVA_HIL": "1", "HOME": "x", "ARVA_HIL_PROT": ""}, CommandParser(), COMMANDS) == []
+    assert (
+        environment.unknown_variables({"ARVA_HIL": "1", "HOME": "x", "ARVA_HIL_PROT": ""}, CommandParser(), COMMANDS)
+        == []
+    )

@@ -55,7 +55,7 @@ def test_every_link_hears_every_vehicle_and_each_obeys_on_any(start: Start, keep
     program = start(
         "vehicle", "--link", f"tcpin:127.0.0.1:{tcp}", "--link", f"udpout:127.0.0.1:{udp}", "--count", 2, "--system", 3
     )
-    program.says("speaks at udpout")
+    program.says("link: udpout")
     near = GroundStation(keep(TcpLink("127.0.0.1", tcp)))
     for station in (near, beside):
         for system in (3, 4):
@@ -77,7 +77,7 @@ def test_every_link_hears_every_vehicle_and_each_obeys_on_any(start: Start, keep
 def test_a_failsafe_strikes_at_its_time_in_the_air(start: Start, keep: Keep, name: str, mode: int) -> None:
     port = free_port(socket.SOCK_STREAM)
     program = start("vehicle", "--link", f"tcpin:127.0.0.1:{port}", "--failsafe", f"{name}@0.5")
-    program.says("speaks at tcpin")
+    program.says("link: tcpin")
     station = GroundStation(keep(TcpLink("127.0.0.1", port)))
     station.hears("HEARTBEAT")
     station.says(

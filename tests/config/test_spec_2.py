@@ -270,4 +270,4 @@ def test_a_command_that_does_not_serve_a_part_of_it_says_so(
     log = Path(__file__).parent.parent / "data" / "px4.tlog"
     arguments = command.format(log=log).split()
     assert main([*arguments, "--scenario", str(CONFIGS / "two_vehicles.yaml")]) == 2
-    assert "two_vehicles.yaml: vehicles: this command does not serve" in capsys.readouterr().err
+    assert "two_vehicles.yaml: vehicles: this command does not support" in capsys.readouterr().err

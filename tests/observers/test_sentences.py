@@ -28,23 +28,23 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (events.ObserverFailed(1.0, "Disk", "OSError()"), "error", "Disk has failed and is switched off: OSError()"),
     (events.LinkLost(*LINK, "ttyUSB0: lost"), "warning", "ttyUSB0: lost"),
     (events.LinkBlocked(*LINK, "ttyUSB0: busy"), "warning", "ttyUSB0: busy"),
-    (events.LinkThere(*LINK), "info", "udpin:127.0.0.1:14550: is there"),
+    (events.LinkThere(*LINK), "info", "udpin:127.0.0.1:14550: is open"),
     (events.LinkBack(*LINK, 2.04), "info", "udpin:127.0.0.1:14550: back after 2.0 s"),
     (events.LinkBack(*LINK, 0.0), "info", "udpin:127.0.0.1:14550: back"),
     (
         events.StrangersIgnored(*LINK, "10.0.0.1:9"),
         "info",
-        "udpin:127.0.0.1:14550: what others than its peer send is ignored, as from 10.0.0.1:9",
+        "udpin:127.0.0.1:14550: other senders than its peer are ignored; the first was 10.0.0.1:9",
     ),
     (
         events.LogLayout(0.0, "a.tlog", ""),
         "info",
-        "a.tlog: it has no times: they come from the vehicles' boot times",
+        "a.tlog: it has no time stamps: times come from the vehicles' boot times",
     ),
     (
         events.LogClockSet(0.0, "a.tlog"),
         "warning",
-        "a.tlog: its clock was set while it was written: time goes on by the vehicles' own clocks",
+        "a.tlog: the clock of its computer was set during the recording: the vehicles' clocks are used instead",
     ),
     (
         events.FollowedSystemSilent(1.0, 7, True),
@@ -53,7 +53,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     ),
     (events.FollowedSystemSilent(1.0, 7, False), "warning", f"system 7 was never heard: {SILENT}"),
     (events.FollowedSystemHeard(1.0, 7), "info", "system 7 is heard: transmitters follow it"),
-    (events.FramesRefused(*RECEIVER), "warning", "nobody takes the frames: they are dropped until somebody does"),
+    (events.FramesRefused(*RECEIVER), "warning", "nobody takes the frames: they are dropped until somebody reads them"),
     (events.FramesTaken(*RECEIVER, 7), "info", "frames are taken; 7 were dropped so far"),
     (events.PoseFound(*RECEIVER), "info", "there is a pose: readings are real from here on"),
     (
@@ -85,8 +85,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         vehicles.SignaturesUnchecked(*VEHICLE),
         "warning",
-        "its packets are signed, which nobody checks, and it may take no requests without a signature: "
-        "--signing-key FILE",
+        "its packets are signed. They are not checked, and it may refuse unsigned requests: use --signing-key FILE",
     ),
     (vehicles.VehicleLost(*VEHICLE, LABEL, 5.0), "warning", "no heartbeat from vehicle px4 quadrotor 1/1 for 5 s"),
     (vehicles.VehicleBack(*VEHICLE, LABEL), "info", "vehicle px4 quadrotor 1/1 is back"),
@@ -94,17 +93,17 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         vehicles.OtherAutopilotIgnored(*VEHICLE, 2, 1, False),
         "info",
-        "another autopilot 2/1 on this link is ignored; --target-system chooses",
+        "another autopilot 2/1 on this link is ignored; choose one with --target-system",
     ),
     (
         vehicles.OtherAutopilotIgnored(*VEHICLE, 1, 1, True),
         "info",
-        "another autopilot 1/1 on this link is ignored; it has the ids of this one: give it others",
+        "another autopilot 1/1 on this link is ignored; it has the same ids as this one: give it others",
     ),
     (
         vehicles.SignatureRefused(*VEHICLE, 1, 1, "unsigned"),
         "warning",
-        "unsigned packets are ignored, the first from 1/1: has it been given the key (SETUP_SIGNING)?",
+        "unsigned packets are ignored, the first from 1/1: does it have the key (SETUP_SIGNING)?",
     ),
     (
         vehicles.SignatureRefused(*VEHICLE, 1, 1, "forged"),
@@ -119,7 +118,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         vehicles.ClockLeapt(*VEHICLE, 41.52),
         "info",
-        "the vehicle's clock is ahead by 42 s: what came before was late",
+        "the vehicle's clock is ahead by 42 s: earlier packets came late",
     ),
     (vehicles.PositionJumped(*VEHICLE, 5566.2), "warning", "the vehicle's position has jumped by 5566 m"),
     (
@@ -133,36 +132,36 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "ATTITUDE is slower than the 50 Hz wanted (SET_MESSAGE_INTERVAL: no answer); trying REQUEST_DATA_STREAM",
     ),
     (vehicles.AutopilotText(*VEHICLE, "PreArm: x"), "warning", "the autopilot says: PreArm: x"),
-    (vehicles.ArmingTried(*VEHICLE, 1, 3.0, "", ""), "info", "arming, try 1, the next in 3 s"),
+    (vehicles.ArmingTried(*VEHICLE, 1, 3.0, "", ""), "info", "arming, try 1; next try in 3 s"),
     (
         vehicles.ArmingTried(*VEHICLE, 2, 3.0, "arming", "FAILED"),
         "info",
-        "arming, try 2, the next in 3 s; the one before was refused: arming: FAILED",
+        "arming, try 2; next try in 3 s; the last one was refused: arming: FAILED",
     ),
     (
         vehicles.ThrottleAwaited(*VEHICLE, 2, 120),
         "warning",
-        "the pilot has moved a stick (channel 2, by 120 µs): it hovers in GUIDED until the throttle stick is in the "
-        "middle, then LOITER is ordered",
+        "the pilot has moved a stick (channel 2, by 120 µs): the vehicle hovers in GUIDED until the throttle stick is "
+        "in the middle, then LOITER is ordered",
     ),
     (
         vehicles.ThrottleAwaited(*VEHICLE, 0, 0),
         "warning",
-        "the battery: it hovers in GUIDED until the throttle stick is in the middle, then LOITER is ordered",
+        "the battery: the vehicle hovers in GUIDED until the throttle stick is in the middle, then LOITER is ordered",
     ),
-    (searches.FromSearch(1.0, searches.DescentBegun(1.0)), "info", "search: coming down onto the place reported"),
+    (searches.FromSearch(1.0, searches.DescentBegun(1.0)), "info", "search: descending to the place reported"),
     (searches.WaitingFor(1.0, "frame"), "info", "waiting for a frame from the receiver"),
     (
         searches.FailsafesKnown(1.0, "px4", (("COM_OBL_RC_ACT", 4.0), ("COM_OF_LOSS_T", 1.0), ("NAV_RCL_ACT", 2.0))),
         "info",
-        "left alone by the search, it lands (COM_OBL_RC_ACT 4) after 1 s (COM_OF_LOSS_T); without a radio: "
+        "without set-points it lands (COM_OBL_RC_ACT 4) after 1 s (COM_OF_LOSS_T); without a radio: "
         "Return (NAV_RCL_ACT 2); without a ground station: unknown (NAV_DLL_ACT)",
     ),
     (
         searches.FailsafesKnown(1.0, "ardupilot", (("FS_OPTIONS", 4.0), ("GUID_TIMEOUT", 3.0), ("FS_GCS_ENABLE", 0.0))),
         "info",
-        "left alone by the search, it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until somebody "
-        "takes it; without a radio: nothing in GUIDED (FS_OPTIONS 4); without a ground station: nothing "
+        "without set-points it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until somebody "
+        "takes control; without a radio: nothing in GUIDED (FS_OPTIONS 4); without a ground station: nothing "
         "(FS_GCS_ENABLE 0)",
     ),
     (
@@ -170,7 +169,11 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "info",
         "px4 quadrotor 1/1 is a simulator: it answers with SIM_STATE",
     ),
-    (searches.ArmingAllowed(1.0, LABEL), "warning", "px4 quadrotor 1/1 is not known to be a simulator: --yes"),
+    (
+        searches.ArmingAllowed(1.0, LABEL),
+        "warning",
+        "px4 quadrotor 1/1 is not known to be a simulator; --yes allows the flight",
+    ),
     (
         searches.ConsentNeeded(1.0, LABEL, True),
         "warning",
@@ -205,18 +208,18 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (searches.SearchBegun(1.0, 2.96), "info", "3.0 m high: the search begins"),
     (searches.SearchEnded(1.0, "found", True), "info", "found; landing"),
     (searches.SearchEnded(1.0, "found", False), "info", "found; hovering"),
-    (searches.SearchInterrupted(1.0, "flying"), "info", "interrupted: it is left hovering"),
-    (searches.SearchInterrupted(1.0, "arming"), "info", "interrupted: it is disarmed"),
+    (searches.SearchInterrupted(1.0, "flying"), "info", "interrupted: the vehicle stays hovering"),
+    (searches.SearchInterrupted(1.0, "arming"), "info", "interrupted: the vehicle is disarmed"),
     (
         searches.SearchInterrupted(1.0, "landing"),
         "info",
-        "interrupted: it goes on landing; the mode switch stops it",
+        "interrupted: the vehicle lands; the mode switch stops it",
     ),
-    (searches.SearchInterrupted(1.0, "yielding"), "info", "interrupted: the pilot gets it"),
+    (searches.SearchInterrupted(1.0, "yielding"), "info", "interrupted: the pilot gets the vehicle"),
     (
         searches.SearchHeldUp(1.0, 1.54),
         "warning",
-        "nothing was done for 1.5 s: first it is seen who has the vehicle",
+        "the search did nothing for 1.5 s: it checks who has the vehicle first",
     ),
     (
         searches.StrategySlow(1.0, 10.04),
@@ -227,7 +230,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.SearchPaused(1.0, "same readings", 2.0, 3.0),
         "warning",
-        "the receiver says the same over 3 m of flight: hovering",
+        "the readings did not change over 3 m of flight: hovering",
     ),
     (searches.SearchResumed(1.0, "no frame"), "info", "frames are back: the search goes on"),
     (searches.SearchResumed(1.0, "same readings"), "info", "the readings change again: the search goes on"),
@@ -245,20 +248,21 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.TransmitterFaded(1.0, 1),
         "warning",
-        "transmitter 1 is not heard any more: back to the strips",
+        "transmitter 1 is not heard any more: back to the search strips",
     ),
-    (searches.DescentBegun(1.0), "info", "coming down onto the place reported"),
+    (searches.DescentBegun(1.0), "info", "descending to the place reported"),
     (searches.TooLow(1.0, 1.4, 3.0), "warning", "only 1.4 m above the ground, 3 m are wanted: climbing"),
     (searches.HeightSource(1.0, "rangefinder"), "info", "height above the ground: from the rangefinder"),
     (
         searches.HeightSource(1.0, "highest ground"),
         "warning",
-        "the rangefinder says nothing of use: height is held above the highest ground it has seen",
+        "the rangefinder gives no usable values: the height is held above the highest ground that it measured",
     ),
     (
         searches.HeightSource(1.0, "estimate"),
         "warning",
-        "no rangefinder is heard: height is held above the take-off point, over slopes it is another one",
+        "no rangefinder is heard: the height is held above the take-off point; over a slope the height above the "
+        "ground is different",
     ),
 ]
 UNSAID = events.HeartbeatMissing(*VEHICLE, NoVehicle("no packets", bytes=150))  # it is how a run ends
@@ -285,7 +289,7 @@ def test_that_there_is_no_vehicle_is_how_a_run_with_one_ends_and_news_where_ther
     told = sentence(UNSAID, named=True)
     assert told is not None
     assert told.text.startswith("vehicle: 150 bytes were heard but no MAVLink packet in them")
-    assert told.text.endswith("; it is still waited for")
+    assert told.text.endswith("; still waiting")
 
 
 def test_there_are_words_for_every_event_that_is_news() -> None:
@@ -340,12 +344,11 @@ def test_a_number_that_is_none_is_null() -> None:
         (NoPose("streams stopped"), "the streams have stopped"),
         (
             NoPose("no truth", message="SIM_STATE"),
-            "no SIM_STATE: only a simulator tells its vehicle's true pose, `pose: estimate` is for all others",
+            "no SIM_STATE: only a simulator tells its vehicle's true pose; use `pose: estimate` otherwise",
         ),
         (
             NoPose("no truth"),
-            "only the simulators of ArduPilot and PX4 tell their vehicle's true pose, "
-            "`pose: estimate` is for all others",
+            "only the simulators of ArduPilot and PX4 tell their vehicle's true pose; use `pose: estimate` otherwise",
         ),
         (
             NoPose("streams missing", (SilentStream("ATTITUDE", "", 0.0, "", True, False),)),
@@ -365,7 +368,7 @@ def test_a_number_that_is_none_is_null() -> None:
                 ),
             ),
             "no GLOBAL_POSITION_INT (SET_MESSAGE_INTERVAL to 50 Hz: MAV_RESULT_ACCEPTED): PX4 sends none before it has "
-            "a position, no GPS fix yet?",
+            "a position; no GPS fix yet?",
         ),
     ],
 )

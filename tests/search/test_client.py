@@ -34,7 +34,7 @@ from firmware_proto import INNER, MID, Channel, Decoder, Frame, encode
 HOME = (46.0123, 7.7456, 1650.0)
 VICTIM = (8.0, 3.0)  # north, east of home
 US = 193
-GUIDED_ALONE = "it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until somebody takes it"
+GUIDED_ALONE = "it stops after 3 s (GUID_TIMEOUT), and hovers in GUIDED, armed, until somebody takes control"
 LEFT = "the vehicle is left to its own failsafe"
 HARMLESS = {  # what may be sent without an influence on the flight
     dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
@@ -784,7 +784,7 @@ def test_broken_off_it_is_left_hovering(make: Callable[[], Any], phase: str) -> 
     world.reach(phase)
     world.pass_s(3)
     world.client.stop()
-    assert "interrupted: it is left hovering" in world.said
+    assert "interrupted: the vehicle stays hovering" in world.said
     assert world.end(3.0) == ("failed", INTERRUPTED)
     stopped = world.clock.now()
     world.pass_s(4)
@@ -806,7 +806,7 @@ def test_broken_off_while_it_lands_it_goes_on_landing_and_says_so(make: Callable
     world.reach("landing")
     world.pass_s(2)
     world.client.stop()
-    assert "interrupted: it goes on landing; the mode switch stops it" in world.said
+    assert "interrupted: the vehicle lands; the mode switch stops it" in world.said
     assert not any("hovering" in text for text in world.said if text.startswith("interrupted"))
     assert world.end(30.0) == ("failed", INTERRUPTED)
     assert (world.ned[2], world.armed) == (pytest.approx(0.0, abs=0.05), False)

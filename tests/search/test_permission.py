@@ -77,7 +77,7 @@ def test_without_a_word_and_a_terminal_nothing_else_is_armed(make: Callable[[], 
 def test_a_yes_beforehand_is_enough(make: Callable[[], Any]) -> None:
     world = real(make, yes=True)
     world.reach("climbing")
-    assert sum("is not known to be a simulator: --yes" in said for said in world.said) == 1
+    assert sum("is not known to be a simulator; --yes allows the flight" in said for said in world.said) == 1
 
 
 @BOTH

@@ -26,7 +26,7 @@ HELD_UP = (
     TAKEN
     + " (this program was held up, and no set-point left for {} s before: PX4 leaves OFFBOARD after COM_OF_LOSS_T)"
 )
-PAUSED = "nothing was done for"
+PAUSED = "the search did nothing for"
 
 
 def stopped(world: World, seconds: float) -> None:
@@ -531,9 +531,9 @@ def test_each_try_of_arming_is_said() -> None:
     world = World(px4(healthy=False), {"arm_timeout_s": 8.0})
     world.end()
     said = [text for text in world.said if text.startswith("arming, try")]
-    assert said[0] == "arming, try 1, the next in 3 s"
-    refused = "the one before was refused: arming: TEMPORARILY_REJECTED"
-    assert said[1:] == [f"arming, try {n}, the next in 3 s; {refused}" for n in (2, 3)]
+    assert said[0] == "arming, try 1; next try in 3 s"
+    refused = "the last one was refused: arming: TEMPORARILY_REJECTED"
+    assert said[1:] == [f"arming, try {n}; next try in 3 s; {refused}" for n in (2, 3)]
     assert not any("landing" in text for text in world.said)
 
 
@@ -555,12 +555,12 @@ def test_what_it_does_when_it_is_left_alone_is_said_before_it_arms() -> None:
     for make, words in (
         (
             ardupilot,
-            f"left alone by the search, {GUIDED_ALONE}; without a radio: RTL (FS_THR_ENABLE 1); "
+            f"without set-points {GUIDED_ALONE}; without a radio: RTL (FS_THR_ENABLE 1); "
             "without a ground station: nothing (FS_GCS_ENABLE 0)",
         ),
         (
             px4,
-            "left alone by the search, it lands (COM_OBL_RC_ACT 4) after 1 s (COM_OF_LOSS_T); without a radio: "
+            "without set-points it lands (COM_OBL_RC_ACT 4) after 1 s (COM_OF_LOSS_T); without a radio: "
             "Return (NAV_RCL_ACT 2); without a ground station: nothing (NAV_DLL_ACT 0)",
         ),
     ):
@@ -573,7 +573,7 @@ def test_a_vehicle_that_does_not_tell_its_parameters_is_unknown_and_armed_all_th
     world = World(ardupilot())
     world.between = without(dialect.MAVLINK_MSG_ID_PARAM_VALUE)
     world.reach("arming")
-    (text,) = [text for text in world.said if text.startswith("left alone")]
+    (text,) = [text for text in world.said if text.startswith("without set-points")]
     assert "after an unknown time (GUID_TIMEOUT)" in text
     assert "without a radio: unknown (FS_THR_ENABLE)" in text
 

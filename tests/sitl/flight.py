@@ -17,7 +17,7 @@ from .autopilots import HOME, Maker, Running
 from .truth import ground_m
 
 _BEGINS: Final = "the search begins"
-_ENDS: Final = "coming down onto|; landing|; hovering|the pilot or a failsafe"
+_ENDS: Final = "descending to|; landing|; hovering|the pilot or a failsafe"
 _ITS_OWN: Final = ("--target-system", 1)  # every PX4 of a machine sends to port 14550
 _NOT_LANDED: Final = "does not say that it has landed"
 _CONTACT_M: Final = 0.2

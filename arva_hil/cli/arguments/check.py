@@ -1,4 +1,4 @@
-"""Validate scenario files and plans of campaigns: every mistake at its line and column; of what is right, a summary."""
+"""Validate scenario files and plans of campaigns. Prints every mistake with line and column, or a summary."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ def add_options(parser: CommandParser) -> None:
         nargs="?",
         const="scenario",
         choices=("scenario", "campaign"),
-        help="print the JSON Schema of such files, for editors, instead; default: scenario",
+        help="print the JSON Schema of these files, for editors, and check nothing; default: scenario",
     )

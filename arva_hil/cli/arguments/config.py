@@ -1,5 +1,7 @@
-"""Print what would hold for `run` with these options, and where each value comes from: default, file, environment or
-command line, each of which is stronger than those before. The output is a scenario file that says the same.
+"""Print the settings that `run` would use with these options, and where each value comes from.
+
+The command line is stronger than the environment, which is stronger than the file, which is stronger than the default.
+The output is a scenario file with the same settings.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""The whole loop without hardware: a simulated vehicle, a receiver on it, and a search that finds the transmitter.
+"""Run the whole loop without hardware: a simulated vehicle, its receiver, and a search that finds the transmitter.
 
-At real time the vehicle and the receiver's port are pseudo-terminals, as real ones are cables.
+Unless --speed is max, the vehicle's link and the receiver's port are pseudo-terminals.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from arva_hil.cli.arguments.search import add_plan
 
 
 def add_options(parser: opt.CommandParser) -> None:
-    parser.option("--speed", type=opt.speed, default=1.0, metavar="N|max", help="times real time; default 1")
-    parser.option("--headless", action="store_true", help="plain lines only")
+    parser.option("--speed", type=opt.speed, default=1.0, metavar="N|max", help="multiple of real time; default 1")
+    parser.option("--headless", action="store_true", help="print plain lines only, without a live status")
     add_plan(parser)
     opt.add_scenario(parser)
     opt.add_common(parser)

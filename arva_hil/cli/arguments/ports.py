@@ -1,4 +1,4 @@
-"""What is plugged in: serial ports, and which of them look like an autopilot."""
+"""List the serial ports, and mark those that look like an autopilot."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from arva_hil.cli.options import CommandParser
 
 
 def add_options(parser: CommandParser) -> None:
-    parser.option("--json", action="store_true", help="one JSON object a port")
+    parser.option("--json", action="store_true", help="print a JSON object for each port")

@@ -1,4 +1,4 @@
-"""Replay a recorded flight through the emulator: same log, scenario and seed give the same bytes."""
+"""Replay a recorded flight through the emulator. The same log, scenario and seed give the same bytes."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ def add_options(parser: opt.CommandParser) -> None:
         "--port",
         type=opt.address,
         metavar="URL",
-        help="send the frames there, in the log's rhythm unless --speed says else",
+        help="send the frames there, at the speed of the log unless --speed is given",
     )
     parser.option("--out", metavar="FILE", help="write the frames to a file; - is stdout")
-    parser.option("--speed", type=opt.speed, metavar="N|max", help="times real time; default 1 with --port, else max")
+    parser.option(
+        "--speed", type=opt.speed, metavar="N|max", help="multiple of real time; default 1 with --port, else max"
+    )
     opt.add_scenario(parser)
     opt.add_target(parser)
     opt.add_max_age(parser)

@@ -1,4 +1,4 @@
-"""Emulate the receiver: the autopilot's MAVLink stream in, ARVA frames out."""
+"""Emulate the receiver: read the autopilot's MAVLink packets, send the receiver's frames."""
 
 from __future__ import annotations
 
@@ -25,6 +25,6 @@ def add_options(parser: opt.CommandParser) -> None:
         type=opt.number(0.1, math.inf, " of s"),
         default=10.0,
         metavar="S",
-        help="give up without a heartbeat for this long; default 10",
+        help="give up if no heartbeat comes in this time; default 10",
     )
     opt.add_common(parser)

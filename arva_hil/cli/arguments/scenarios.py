@@ -1,4 +1,4 @@
-"""List the scenarios and campaign plans that are built in: use one as --scenario builtin:NAME."""
+"""List the built-in scenarios and campaign plans. Use one with --scenario builtin:NAME."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from arva_hil.cli.options import CommandParser
 
 
 def add_options(parser: CommandParser) -> None:
-    parser.option("--json", action="store_true", help="one JSON object a file")
+    parser.option("--json", action="store_true", help="print a JSON object for each file")

@@ -1,6 +1,7 @@
-"""The built-in vehicle alone: a simulated multirotor that answers as ArduCopter does, on as many links as wanted.
+"""Run the built-in vehicle alone: a simulated multirotor that answers as ArduCopter does, on one or more links.
 
-A ground station can sit beside a search: `arva-hil vehicle --link udpout:127.0.0.1:14550 --link tcpin:127.0.0.1:5760`.
+A ground station and a search can use it together:
+`arva-hil vehicle --link udpout:127.0.0.1:14550 --link tcpin:127.0.0.1:5760`.
 """
 
 from __future__ import annotations
@@ -15,22 +16,34 @@ HOME = (46.0123, 7.7456, 1650.0)
 
 
 def add_options(parser: opt.CommandParser) -> None:
-    parser.option("--link", type=opt.address, action="append", metavar="URL", help="where it speaks; may be repeated")
-    parser.option("--home", type=home, default=HOME, metavar="LAT,LON,ALT", help="degrees, m AMSL; default in the Alps")
-    parser.option("--wind", type=wind, default=(0.0, 0.0, 0.0), metavar="N,E,D", help="where the air goes, m/s")
+    parser.option("--link", type=opt.address, action="append", metavar="URL", help="MAVLink link; may be repeated")
     parser.option(
-        "--gps-noise", type=opt.number(0, 1000), default=0.0, metavar="M", help="sigma of its drift on an axis"
+        "--home", type=home, default=HOME, metavar="LAT,LON,ALT", help="home in degrees, m AMSL; default: in the Alps"
     )
-    parser.option("--fix-after", type=opt.number(0, 3600), default=0.0, metavar="S", help="until it knows where it is")
-    parser.option("--count", type=opt.whole(1, 64), default=1, metavar="N", help="vehicles, 5 m apart, ids in a row")
-    parser.option("--system", type=opt.whole(1, 250), default=1, metavar="N", help="the first one's id; default 1")
-    parser.option("--seed", type=opt.whole(0, 2**31), default=0, metavar="N", help="of the drift")
+    parser.option("--wind", type=wind, default=(0.0, 0.0, 0.0), metavar="N,E,D", help="velocity of the air, m/s")
+    parser.option(
+        "--gps-noise", type=opt.number(0, 1000), default=0.0, metavar="M", help="sigma of the GPS drift on each axis"
+    )
+    parser.option(
+        "--fix-after", type=opt.number(0, 3600), default=0.0, metavar="S", help="time until the first GPS fix"
+    )
+    parser.option(
+        "--count",
+        type=opt.whole(1, 64),
+        default=1,
+        metavar="N",
+        help="number of vehicles, 5 m apart, with consecutive ids",
+    )
+    parser.option(
+        "--system", type=opt.whole(1, 250), default=1, metavar="N", help="system id of the first vehicle; default 1"
+    )
+    parser.option("--seed", type=opt.whole(0, 2**31), default=0, metavar="N", help="seed of the GPS drift")
     parser.option(
         "--failsafe",
         type=failsafe,
         action="append",
         metavar="NAME@S",
-        help=f"strikes S seconds after the first take-off: {', '.join(FAILSAFES)}; may be repeated",
+        help=f"trigger a failsafe S seconds after the first take-off: {', '.join(FAILSAFES)}; may be repeated",
     )
     opt.add_duration(parser)
 

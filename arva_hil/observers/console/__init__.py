@@ -1,4 +1,4 @@
-"""What a person or a program sees of a run."""
+"""Output of a run for a person or a program."""
 
 from .printer import Lines, Printer, as_json, plain
 

@@ -20,7 +20,7 @@ def event_name(kind: type[Event]) -> str:
 
 
 def event_json(event: Event) -> str | None:
-    """An event as a JSON object of numbers, strings, lists, true, false and null; None for what is no news."""
+    """An event as a JSON object of numbers, strings, lists, true, false and null; None for those in NOT_NEWS."""
     return None if isinstance(event, NOT_NEWS) else json.dumps(_object(event))
 
 
@@ -31,7 +31,7 @@ def _object(event: Event) -> dict[str, Any]:
 
 
 def _fields(value: Any, prefix: str = "") -> dict[str, Any]:
-    """Fields by name; those of a value that has fields itself come as `name_field`."""
+    """Fields by name. The fields of a nested value are named `name_field`."""
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(value):
         name, part = prefix + field.name, getattr(value, field.name)
@@ -40,7 +40,7 @@ def _fields(value: Any, prefix: str = "") -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A tuple is a list; a number that is none is null."""
+    """Tuples become lists; NaN and infinity become None."""
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,4 +1,4 @@
-"""What a vehicle does when nobody orders anything, in words, by the parameters that it told."""
+"""What a vehicle does if it gets no orders, in words. It follows from the vehicle's parameters."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ _PX4_LOST: Final = {0: "nothing", 1: "Hold", 2: "Return", 3: "Land", 5: "termina
 
 
 def left_alone(values: Mapping[str, float], px4: bool) -> str:
-    """What it does in the mode that follows set-points when none come."""
+    """What the vehicle does in GUIDED or Offboard mode if no set-points come."""
     if not px4:
         after = _after(values, "GUID_TIMEOUT", "s")
-        return f"it stops{after}, and hovers in GUIDED, armed, until somebody takes it"
+        return f"it stops{after}, and hovers in GUIDED, armed, until somebody takes control"
     act, after = _word(values, "COM_OBL_RC_ACT", _OFFBOARD_LOST), _after(values, "COM_OF_LOSS_T", "s")
-    return f"it {act}{after}" if act else f"what it does is unknown{after}: it did not tell COM_OBL_RC_ACT"
+    return f"it {act}{after}" if act else f"its action is unknown{after}: it did not report COM_OBL_RC_ACT"
 
 
 def failsafes(values: Mapping[str, float], px4: bool) -> str:
-    """All of it."""
+    """What the vehicle does without set-points, without a radio and without a ground station."""
     radio, station = _RADIO_STATION[px4]
     without = _word(values, radio, _PX4_LOST if px4 else _FS_THR) or f"unknown ({radio})"
     if int(values.get("FS_OPTIONS", 0)) & _IN_GUIDED:
         without = f"nothing in GUIDED (FS_OPTIONS {values['FS_OPTIONS']:g})"
     ground = _word(values, station, _PX4_LOST if px4 else _FS) or f"unknown ({station})"
-    alone = f"left alone by the search, {left_alone(values, px4)}"
+    alone = f"without set-points {left_alone(values, px4)}"
     return f"{alone}; without a radio: {without}; without a ground station: {ground}"
 
 
 def _word(values: Mapping[str, float], name: str, words: Mapping[int, str]) -> str:
-    """What a value means, and the parameter; "" when it is not known."""
+    """What a parameter's value means, and the parameter; "" if the vehicle did not report it."""
     value = values.get(name)
-    return "" if value is None else f"{words.get(int(value), 'does what that means')} ({name} {value:g})"
+    return "" if value is None else f"{words.get(int(value), 'an unknown action')} ({name} {value:g})"
 
 
 def _after(values: Mapping[str, float], name: str, unit: str) -> str:

@@ -1,4 +1,4 @@
-"""What the program has to say to a person while it runs."""
+"""A message for a person while the program runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person sees while it runs: a live line on a terminal, plain lines elsewhere, JSON for programs."""
+"""Output of a run: a live status on a terminal, plain lines elsewhere, JSON for programs."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from arva_hil.observers.console.status import BETWEEN, fit, status_line, status_
 from arva_hil.runtime.worker_thread import WorkerThread
 from arva_hil.safe_text import one_line
 
-_PLAIN_S: Final = 5.0  # between the status lines of a pipe
+_PLAIN_S: Final = 5.0  # between status lines if the stream is no terminal
 _CLEAR: Final = "\r\x1b[K"
 _UP: Final = "\x1b[A"
 
 
 class Printer:
-    """Prints what events say and the status on `stream`, from a thread of its own: a stopped terminal stops nothing.
+    """Prints events and the status on `stream`, in its own thread: a stopped terminal does not stop the run.
 
-    On a terminal the status is a small table that is written over; elsewhere it is a line now and then. `frames`:
-    print a line for every frame too. `status`: whether there is one. `named`: say of which vehicle and receiver.
+    On a terminal the status is a small table that is overwritten; elsewhere it is a line every few seconds. `frames`:
+    print a line for every frame too. `status`: print a status. `named`: print the names of vehicle and receiver.
     """
 
     def __init__(
@@ -56,11 +56,11 @@ class Printer:
         self._put(text.notice(notice, self._colour))
 
     def say(self, line: str) -> None:
-        """One line that stays."""
+        """Print one line that stays."""
         self._put(one_line(line))
 
     def settle(self, report: StatusReport | None = None) -> None:
-        """Let the status stay as it is, or as in a last `report`; what is said from now on comes below."""
+        """Show the status for the last time, as it is or as in `report`. Later lines come below it."""
         if report is not None and self._shown:
             self._show(report)
         if self._shown:
@@ -72,7 +72,7 @@ class Printer:
         self._background.close()
 
     def show(self, time_s: float, parts: Sequence[str]) -> None:
-        """A status in one line, the most important part first, as it is at `time_s`."""
+        """Show a status in one line, the most important part first. `time_s`: when it was measured."""
         parts = [one_line(part) for part in parts]
         self._display(time_s, lambda columns, _: [fit(parts, columns)], lambda: BETWEEN.join(parts))
 
@@ -85,7 +85,7 @@ class Printer:
         )
 
     def _display(self, time_s: float, table: Callable[[int, int], list[str]], line: Callable[[], str]) -> None:
-        """On a screen a table of at most so many columns and lines, elsewhere a line when it is time for one."""
+        """Show a table on a terminal, or a line if it is time for one. `table`: makes it for (columns, lines)."""
         if self._live:
             columns, lines = _size(self._stream)
             over, self._shown = self._over(), table(columns - 1, max(1, lines - 2))
@@ -98,7 +98,7 @@ class Printer:
         self._write(f"{self._over()}{line}\n{self._drawn()}" if self._live else line + "\n")
 
     def _over(self) -> str:
-        """To the beginning of the status, and nothing of it left; also of lines that a smaller terminal has wrapped."""
+        """Escape codes that erase the status, with lines that the terminal has wrapped after it became narrower."""
         columns, _ = _size(self._stream)
         rows = sum(max(1, -(-len(line) // columns)) for line in self._shown)
         return _CLEAR + (_UP + _CLEAR) * max(0, rows - 1)
@@ -117,9 +117,9 @@ class Printer:
 
 
 class Lines:
-    """Prints a line for each event on `link` of which `render` makes one.
+    """Prints a line on `link` for each event for which `render` returns one.
 
-    `patient`: rather wait than leave one out, until `give_up` says so.
+    `patient`: wait for a slow reader, until `give_up()` is true; otherwise leave lines out.
     """
 
     def __init__(self, link: Link, render: Callable[[Event], str | None], *, patient: bool) -> None:
@@ -135,11 +135,11 @@ class Lines:
 
     @property
     def error(self) -> Exception | None:
-        """Why nothing more is printed: the reader has gone."""
+        """Why nothing more is printed, e.g. the reader has gone; None if all is well."""
         return self._background.error
 
     def close(self) -> str:
-        """Print what is left; gives back why not every line was printed, "" when all were."""
+        """Print the remaining lines. Returns why some were not printed, "" if all were."""
         finished = self._background.close()
         if self.error:
             return str(self.error)
@@ -148,14 +148,14 @@ class Lines:
 
 
 def plain(made: Event) -> str | None:
-    """One frame in words; None for what is no frame."""
+    """One frame in words; None for other events."""
     if not isinstance(made, FrameMade):
         return None
     return one_line(f"{made.instant_s:9.3f} s  {made.frame.sequence:3d}  {_words(made)}")
 
 
 def as_json(made: Event, *, named: bool = False) -> str | None:
-    """A frame or another event as a JSON object; `named`: frames with their receiver. None for what is neither."""
+    """An event as a JSON object; None for events that are not output. `named`: frames have vehicle and receiver."""
     if not isinstance(made, FrameMade):
         return event_json(made)
     return json.dumps(
@@ -177,7 +177,7 @@ def _name(made: FrameMade) -> str:
 
 
 def _words(made: FrameMade) -> str:
-    """What a frame says, and the faults that it met."""
+    """The readings of a frame, and the faults that changed it."""
     met = f"  [{', '.join(made.faults)}]" if made.faults else ""
     return text.reading(made.frame.channels) + met
 

@@ -1,4 +1,4 @@
-"""A question to the person at the terminal, whose answer nobody waits for."""
+"""A question to the person at the terminal. The program does not wait for the answer."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ _MOST: int = 256  # bytes of an answer
 
 
 class TerminalQuestion:
-    """Reads a line that is typed at a terminal, without waiting for it. `say` shows the question.
+    """Reads a line typed at a terminal, without waiting for it. `say` shows the question.
 
-    A program in the background does not read: the terminal would stop it.
+    A program in the background does not read, because the terminal would stop it.
     """
 
     def __init__(self, say: Callable[[str], None], fd: int = 0) -> None:
@@ -23,7 +23,7 @@ class TerminalQuestion:
         self._typed = b""
 
     def ask(self, text: str) -> None:
-        """Show the question; what was typed before is no answer."""
+        """Show the question. Text that was typed before is discarded."""
         import termios
 
         with contextlib.suppress(termios.error):
@@ -32,7 +32,7 @@ class TerminalQuestion:
         self._say(f"{text}: ")
 
     def answer(self) -> str | None:
-        """The line that was typed since; None as long as there is none, "" when the terminal is closed."""
+        """The line that was typed since then; None if there is none yet, "" if the terminal is closed."""
         try:
             while self._in_foreground() and select.select([self._fd], [], [], 0)[0]:
                 chunk = os.read(self._fd, _MOST)
@@ -47,7 +47,7 @@ class TerminalQuestion:
     def _in_foreground(self) -> bool:
         try:
             return os.tcgetpgrp(self._fd) == os.getpgrp()
-        except OSError:  # it does not control this program, and stops nobody
+        except OSError:  # it is not the controlling terminal, and stops no program
             return True
 
 

@@ -1,4 +1,4 @@
-"""Why there is no vehicle or no pose, in words, with the likely cure."""
+"""Why there is no vehicle or no pose: sentences for a person, with the likely cure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SIMULATORS = "only the simulators of ArduPilot and PX4 tell their"
 
 
 def no_vehicle(why: NoVehicle) -> str:
-    """What was heard, when no vehicle was found."""
+    """What was heard if no vehicle was found."""
     if why.reason == "link lost":
         return f"no autopilot was heard: {why.link_error}"
     if why.reason == "silence":
@@ -32,18 +32,18 @@ def no_vehicle(why: NoVehicle) -> str:
 
 
 def no_pose(why: NoPose) -> str:
-    """Why there is no pose though there is a vehicle."""
+    """Why a vehicle that was found has no pose."""
     if why.reason in _NO_POSE:
         return _NO_POSE[why.reason]
     if why.reason == "no truth":
         who = f"no {why.message}: only a simulator tells its" if why.message else _SIMULATORS
-        return f"{who} vehicle's true pose, `pose: estimate` is for all others"
+        return f"{who} vehicle's true pose; use `pose: estimate` otherwise"
     zeros = ["the position is all zeros: no GPS fix yet"] if why.reason == "zero position" else []
     return ", ".join(zeros + [_silent(stream) for stream in why.streams])
 
 
 def request(command: str, asked_hz: float, result: str) -> str:
-    """A request for a stream and what came of it; "" when nothing is known."""
+    """A request for a stream and its result; "" if nothing is known."""
     if not command:
         return ""
     if command == "REQUEST_DATA_STREAM":
@@ -54,4 +54,4 @@ def request(command: str, asked_hz: float, result: str) -> str:
 def _silent(stream: SilentStream) -> str:
     silence = "none in the log lately" if stream.recorded else "not asked for yet"
     text = f"no {stream.name} ({request(stream.command, stream.asked_hz, stream.result) or silence})"
-    return f"{text}: PX4 sends none before it has a position, no GPS fix yet?" if stream.promised else text
+    return f"{text}: PX4 sends none before it has a position; no GPS fix yet?" if stream.promised else text

@@ -1,4 +1,4 @@
-"""Events in words. The only place where news becomes a sentence."""
+"""Events in words. No other module makes sentences of events."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Sentence = tuple[Level, str]
 
 
 def sentence(event: Event, *, named: bool = False) -> Notice | None:
-    """What a person is told of an event, None when that is nothing. `named`: with the vehicle's or receiver's name."""
+    """An event for a person; None if a person is told nothing. `named`: with the vehicle's or receiver's name."""
     make = _SENTENCES.get(type(event))
-    if make is None or (isinstance(event, events.HeartbeatMissing) and not named):  # the only vehicle: the run's end
+    if make is None or (isinstance(event, events.HeartbeatMissing) and not named):  # with one vehicle it ends the run
         return None
     if (made := make(event)) is None:
         return None
@@ -37,7 +37,9 @@ def _link_back(event: events.LinkBack) -> Sentence:
 
 
 def _log_layout(event: events.LogLayout) -> Sentence:
-    how = f"it has {event.layout}" if event.layout else "it has no times: they come from the vehicles' boot times"
+    how = (
+        f"it has {event.layout}" if event.layout else "it has no time stamps: times come from the vehicles' boot times"
+    )
     return "info", f"{event.log}: {how}"
 
 
@@ -55,8 +57,8 @@ def _too_far(event: events.TooFar) -> Sentence:
     cure = "correct `datum` and `transmitters` in the scenario, or use `datum: home`"
     if not event.fixed:
         cure = (
-            "the datum is the vehicle's home, and after landing and disarming a new one: set home there, or name a "
-            "place in the scenario, `datum: {lat: …, lon: …, alt: …}`"
+            "the datum is the vehicle's home, and is read again after landing and disarming: set home there, or give "
+            "a place in the scenario, `datum: {lat: …, lon: …, alt: …}`"
         )
     return "warning", (
         f"the vehicle is {event.from_datum_m / 1e3:.1f} km from the datum and {event.nearest_m / 1e3:.1f} km from the "
@@ -65,12 +67,12 @@ def _too_far(event: events.TooFar) -> Sentence:
 
 
 def _other_autopilot(event: vehicles.OtherAutopilotIgnored) -> Sentence:
-    cure = "it has the ids of this one: give it others" if event.same_ids else "--target-system chooses"
+    cure = "it has the same ids as this one: give it others" if event.same_ids else "choose one with --target-system"
     return "info", f"another autopilot {event.system}/{event.component} on this link is ignored; {cure}"
 
 
 def stream(event: vehicles.StreamEvent) -> str:
-    """What is told of a stream, without its name."""
+    """The text of a stream's event, without the stream's name."""
     asked = request(event.command, event.asked_hz, event.result)
     if isinstance(event, vehicles.StreamRateLowered):
         return f"{asked}; asking for {event.next_hz:g} Hz"
@@ -79,17 +81,17 @@ def stream(event: vehicles.StreamEvent) -> str:
 
 
 def _arming(event: vehicles.ArmingTried) -> Sentence:
-    before = f"; the one before was refused: {event.refused_order}: {event.refused_result}"
+    before = f"; the last one was refused: {event.refused_order}: {event.refused_result}"
     return "info", (
-        f"arming, try {event.number}, the next in {event.again_s:g} s{before if event.refused_order else ''}"
+        f"arming, try {event.number}; next try in {event.again_s:g} s{before if event.refused_order else ''}"
     )
 
 
 def _throttle(event: vehicles.ThrottleAwaited) -> Sentence:
     stick = f"the pilot has moved a stick (channel {event.channel}, by {event.by_us} µs)"
     return "warning", (
-        f"{stick if event.channel else 'the battery'}: it hovers in GUIDED until the throttle stick is in the middle, "
-        "then LOITER is ordered"
+        f"{stick if event.channel else 'the battery'}: the vehicle hovers in GUIDED until the throttle stick is in the "
+        "middle, then LOITER is ordered"
     )
 
 
@@ -129,12 +131,12 @@ def _count_down(event: searches.CountDown) -> Sentence:
 def _paused(event: searches.SearchPaused) -> Sentence:
     if event.reason == "no frame":
         return "warning", f"no frame for {event.limit_s:g} s: hovering"
-    return "warning", f"the receiver says the same over {event.moved_m:g} m of flight: hovering"
+    return "warning", f"the readings did not change over {event.moved_m:g} m of flight: hovering"
 
 
 def _gps_alone(margin_m: float) -> Sentence:
-    held = f"{margin_m:g} m are added (--trust-height: none)" if margin_m else "nothing is added (--trust-height)"
-    return "warning", f"neither rangefinder nor barometer: GPS alone tells the height; to what is held {held}"
+    added = f"{margin_m:g} m are added (--trust-height: none)" if margin_m else "nothing is added (--trust-height)"
+    return "warning", f"no rangefinder and no barometer: the height comes from GPS alone; {added} to the height held"
 
 
 def _resumed(event: searches.SearchResumed) -> Sentence:
@@ -157,27 +159,28 @@ _WAITING: Final = {
     "frame": "a frame from the receiver",
     "pose": "a pose",
     "hover": "a hover",
-    "battery": "the battery: the vehicle calls it not healthy, or has not measured it yet",
+    "battery": "the battery: the vehicle reports it as not healthy, or has not measured it yet",
 }
 _INTERRUPTED: Final = {
-    "arming": "it is disarmed",
-    "disarming": "it is disarmed",
-    "landing": "it goes on landing; the mode switch stops it",
-    "yielding": "the pilot gets it",
+    "arming": "the vehicle is disarmed",
+    "disarming": "the vehicle is disarmed",
+    "landing": "the vehicle lands; the mode switch stops it",
+    "yielding": "the pilot gets the vehicle",
 }
 _HEIGHTS: Final[dict[str, Sentence]] = {
     "rangefinder": ("info", "height above the ground: from the rangefinder"),
     "highest ground": (
         "warning",
-        "the rangefinder says nothing of use: height is held above the highest ground it has seen",
+        "the rangefinder gives no usable values: the height is held above the highest ground that it measured",
     ),
     "estimate": (
         "warning",
-        "no rangefinder is heard: height is held above the take-off point, over slopes it is another one",
+        "no rangefinder is heard: the height is held above the take-off point; over a slope the height above the "
+        "ground is different",
     ),
 }
 _SIGNATURES: Final = {
-    "unsigned": "unsigned packets are ignored, the first from {}: has it been given the key (SETUP_SIGNING)?",
+    "unsigned": "unsigned packets are ignored, the first from {}: does it have the key (SETUP_SIGNING)?",
     "forged": "packets signed with another key are ignored, the first from {}",
     "replayed": "packets with old time stamps are ignored, the first from {}: replayed, or its clock is behind",
 }
@@ -185,16 +188,16 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
     events.ObserverFailed: lambda e: ("error", f"{e.observer} has failed and is switched off: {e.error}"),
     events.LinkLost: lambda e: ("warning", e.reason),
     events.LinkBlocked: lambda e: ("warning", e.reason),
-    events.LinkThere: lambda e: ("info", f"{e.address}: is there"),
+    events.LinkThere: lambda e: ("info", f"{e.address}: is open"),
     events.LinkBack: _link_back,
     events.StrangersIgnored: lambda e: (
         "info",
-        f"{e.address}: what others than its peer send is ignored, as from {e.stranger}",
+        f"{e.address}: other senders than its peer are ignored; the first was {e.stranger}",
     ),
     events.LogLayout: _log_layout,
     events.LogClockSet: lambda e: (
         "warning",
-        f"{e.log}: its clock was set while it was written: time goes on by the vehicles' own clocks",
+        f"{e.log}: the clock of its computer was set during the recording: the vehicles' clocks are used instead",
     ),
     events.FollowedSystemSilent: lambda e: (
         "warning",
@@ -202,22 +205,21 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
         "it are silent until its GLOBAL_POSITION_INT and ATTITUDE come on one of the links",
     ),
     events.FollowedSystemHeard: lambda e: ("info", f"system {e.system} is heard: transmitters follow it"),
-    events.FramesRefused: lambda e: ("warning", "nobody takes the frames: they are dropped until somebody does"),
+    events.FramesRefused: lambda e: ("warning", "nobody takes the frames: they are dropped until somebody reads them"),
     events.FramesTaken: lambda e: ("info", f"frames are taken; {e.dropped} were dropped so far"),
     events.PoseFound: lambda e: ("info", "there is a pose: readings are real from here on"),
     events.PoseLost: _pose_lost,
     events.PoseMissing: lambda e: ("warning", f"still no pose, frames say no signal: {no_pose(e.lacking)}"),
     events.TooFar: _too_far,
     events.DatumSet: _datum,
-    events.HeartbeatMissing: lambda e: ("warning", f"{no_vehicle(e.heard)}; it is still waited for"),
+    events.HeartbeatMissing: lambda e: ("warning", f"{no_vehicle(e.heard)}; still waiting"),
     vehicles.VehicleFound: lambda e: (
         "info",
         f"vehicle {e.label}, MAVLink {e.version}{', signed' if e.signed else ''}",
     ),
     vehicles.SignaturesUnchecked: lambda e: (
         "warning",
-        "its packets are signed, which nobody checks, and it may take no requests without a signature: "
-        "--signing-key FILE",
+        "its packets are signed. They are not checked, and it may refuse unsigned requests: use --signing-key FILE",
     ),
     vehicles.VehicleLost: lambda e: ("warning", f"no heartbeat from vehicle {e.label} for {e.silent_s:g} s"),
     vehicles.VehicleBack: lambda e: ("info", f"vehicle {e.label} is back"),
@@ -229,7 +231,7 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
     ),
     vehicles.ClockLeapt: lambda e: (
         "info",
-        f"the vehicle's clock is ahead by {e.ahead_s:.0f} s: what came before was late",
+        f"the vehicle's clock is ahead by {e.ahead_s:.0f} s: earlier packets came late",
     ),
     vehicles.PositionJumped: lambda e: ("warning", f"the vehicle's position has jumped by {e.by_m:.0f} m"),
     vehicles.StreamRateLowered: lambda e: ("warning", f"{e.stream}: {stream(e)}"),
@@ -241,7 +243,7 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
     searches.WaitingFor: lambda e: ("info", f"waiting for {_WAITING[e.what]}"),
     searches.FailsafesKnown: lambda e: ("info", failsafes(dict(e.parameters), e.autopilot == "px4")),
     searches.SimulatorRecognized: lambda e: ("info", f"{e.label} is a simulator: it answers with {e.message}"),
-    searches.ArmingAllowed: lambda e: ("warning", f"{e.label} is not known to be a simulator: --yes"),
+    searches.ArmingAllowed: lambda e: ("warning", f"{e.label} is not known to be a simulator; --yes allows the flight"),
     searches.ConsentNeeded: _consent,
     searches.DryRunBegun: _dry_run,
     searches.WouldOrder: lambda e: ("info", f"  {e.order}: {e.what}"),
@@ -252,11 +254,11 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
     searches.SearchEnded: lambda e: ("info", f"{e.how}; {'landing' if e.landing else 'hovering'}"),
     searches.SearchInterrupted: lambda e: (
         "info",
-        f"interrupted: {_INTERRUPTED.get(e.phase, 'it is left hovering')}",
+        f"interrupted: {_INTERRUPTED.get(e.phase, 'the vehicle stays hovering')}",
     ),
     searches.SearchHeldUp: lambda e: (
         "warning",
-        f"nothing was done for {e.gap_s:.1f} s: first it is seen who has the vehicle",
+        f"the search did nothing for {e.gap_s:.1f} s: it checks who has the vehicle first",
     ),
     searches.StrategySlow: lambda e: (
         "warning",
@@ -272,9 +274,9 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
     ),
     searches.TransmitterFaded: lambda e: (
         "warning",
-        f"transmitter {_number(e)} is not heard any more: back to the strips",
+        f"transmitter {_number(e)} is not heard any more: back to the search strips",
     ),
-    searches.DescentBegun: lambda e: ("info", "coming down onto the place reported"),
+    searches.DescentBegun: lambda e: ("info", "descending to the place reported"),
     searches.TooLow: lambda e: (
         "warning",
         f"only {e.height_m:.1f} m above the ground, {e.wanted_m:g} m are wanted: climbing",

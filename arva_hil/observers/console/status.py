@@ -1,4 +1,4 @@
-"""How a run stands, a few times a second: the reading first, then what it comes from, as much as there is room for."""
+"""The status of a run: the reading first, then the details, as many as there is room for."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from arva_hil.safe_text import one_line
 
 _SHORT: Final = {"GLOBAL_POSITION_INT": "pos", "ATTITUDE": "att"}
 BETWEEN: Final = " | "
-_NAMES: Final = 3  # of the terminal's columns, a third at most are for names
+_NAMES: Final = 3  # names take at most a third of the terminal's columns
 
 
 class StatusRow(NamedTuple):
-    """One receiver. `readings`: of each channel that hears, the nearest first. `rest`: the most important first."""
+    """One receiver. `readings`: one for each channel that hears, nearest first. `rest`: the most important first."""
 
     name: str
     readings: Sequence[str]
@@ -23,7 +23,7 @@ class StatusRow(NamedTuple):
 
 
 def status_line(report: StatusReport, *, named: bool = False) -> str:
-    """All of it in one line, however long."""
+    """The whole status in one line of any length."""
     lines = []
     for row in _rows(report, aligned=False):
         name = [f"{row.name}:"] if named else []
@@ -32,8 +32,8 @@ def status_line(report: StatusReport, *, named: bool = False) -> str:
 
 
 def status_table(report: StatusReport, columns: int, most: int, *, named: bool = False) -> list[str]:
-    """Lines of at most `columns` characters, at most `most` of them: one a receiver, and one more for each further
-    channel that hears. What does not fit is left out from the right, whole where that is possible.
+    """At most `most` lines of at most `columns` characters: one for each receiver, and one for each further channel
+    that hears. Parts that do not fit are left out from the right, as a whole if possible.
     """
     rows = list(_rows(report, aligned=True))
     width = min(max((len(row.name) for row in rows), default=0), columns // _NAMES) if named else 0
@@ -49,7 +49,7 @@ def status_table(report: StatusReport, columns: int, most: int, *, named: bool =
 
 
 def fit(parts: Sequence[str], columns: int) -> str:
-    """As many of the parts as there is room for, from the left; the first one is cut where it has to be."""
+    """As many of the parts as fit, from the left. The first part is cut if it is too long."""
     line = parts[0][:columns]
     for part in parts[1:]:
         if len(line) + len(BETWEEN) + len(part) > columns:

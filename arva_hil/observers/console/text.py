@@ -1,4 +1,4 @@
-"""Readings, notices and sums in words: what a person sees of a run."""
+"""Readings and notices as text for a person."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from firmware_proto import INNER, OUTER, Channel, Frame
 ZONES: Final = ("outer", "mid", "inner")
 WIDTH: Final = len("#254 inner 32767 cm -180°")  # of a channel that is aligned
 
-# Colours of xterm's 256. They differ to eyes without red, green or blue cones too, and stand out from black and from
-# white. Nothing is said by a colour alone.
+# From xterm's 256 colours. Colour-blind people can tell them apart too, and they are readable on black and on white.
+# No information is in a colour alone.
 GOOD, DOUBTFUL, BAD = 30, 129, 202
 _COLOURS: Final = {"warning": DOUBTFUL, "error": BAD}
 
@@ -22,7 +22,7 @@ _COLOURS: Final = {"warning": DOUBTFUL, "error": BAD}
 def reading(channels: Iterable[Channel]) -> str:
     """The channels of a frame that hear, e.g. '#1 mid 1046 cm +12°', or 'no signal'.
 
-    In the inner zone there is no direction; a form of the frame that carries no zone says OUTER, which hears nothing.
+    The inner zone has no direction. A frame format without zones gives OUTER, in which nothing is heard.
     """
     return ", ".join(_channel(c) for c in channels if c.valid) or "no signal"
 
@@ -34,7 +34,7 @@ def _channel(c: Channel) -> str:
 
 
 def aligned(c: Channel) -> str:
-    """A channel as in `reading`, each part in its own columns; WIDTH characters."""
+    """A channel as in `reading`, with each part in its own columns; WIDTH characters."""
     id_ = "#?" if c.id is None else f"#{c.id}"
     zone = "" if c.zone == OUTER else _zone(c.zone)
     delta = "" if c.zone == INNER else f"{c.delta:+d}°"
@@ -59,7 +59,7 @@ def frame_json(frame: Frame) -> dict[str, Any]:
 
 
 def notice(said: Notice, colour: bool) -> str:
-    """One line, its level named unless it is mere information."""
+    """One line. It begins with the level if that is a warning or an error."""
     if said.level == "info":
         return one_line(said.text)
     line = one_line(f"{said.level}: {said.text}")
@@ -67,12 +67,12 @@ def notice(said: Notice, colour: bool) -> str:
 
 
 def wants_colour(stream: TextIO) -> bool:
-    """A terminal that knows colours, and no NO_COLOR (https://no-color.org)."""
+    """Whether this is a terminal with colours, and NO_COLOR is not set (https://no-color.org)."""
     return is_screen(stream) and not os.environ.get("NO_COLOR")
 
 
 def is_screen(stream: TextIO) -> bool:
-    """A terminal on which what was written can be written over."""
+    """Whether this is a terminal whose lines can be overwritten."""
     return stream.isatty() and os.environ.get("TERM") != "dumb"
 
 
