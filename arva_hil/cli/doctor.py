@@ -1,4 +1,4 @@
-"""`arva-hil doctor`: looks at both sides as `run` would, and says in order what it finds."""
+"""`arva-hil doctor`: examines both links as `run` would use them, and prints findings."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import INTERRUPTED, UsageError
 from arva_hil.cli.run_links import check_sides, choose_autopilot
 from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.doctor import diagnosis as look
-from arva_hil.doctor import port_diagnosis as port_look
+from arva_hil.doctor import diagnosis, port_diagnosis
 from arva_hil.doctor.examination import AutopilotProbe, PortProbe
 from arva_hil.doctor.held import held
 from arva_hil.doctor.tcp_server import accepted
@@ -34,9 +33,9 @@ from arva_hil.runtime.loop import run
 from arva_hil.vehicle.session import Session
 
 BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
-_TRY_S: Final = 1.3  # for each baud rate: a heartbeat comes within
+_TRY_S: Final = 1.3  # for each baud rate; a heartbeat comes in this time
 _ANSWER_S: Final = 2.0  # for a vehicle to stream what it is asked for
-_STAYS: Final = ("permission denied", "busy", "refused")  # cured elsewhere: the option is right
+_STAYS: Final = ("permission denied", "busy", "refused")  # the option is right, and the cure is elsewhere
 _COLOURS: Final = {"ok": GOOD, "note": DOUBTFUL, "fail": BAD}
 
 
@@ -44,16 +43,16 @@ def main(options: argparse.Namespace) -> int:
     address = options.autopilot or choose_autopilot(options.port)
     check_sides(address, options.port, options.format)
     if options.port == "-":
-        raise UsageError("--port -: is stdout, where the findings go; `run` can send frames there")
+        raise UsageError("--port -: this is stdout, where the findings go; `run` can send frames there")
     report, guard, clock = FindingsReport(as_json=options.json), SignalGuard(), RealClock()
     with ExitStack() as stack, guard:
         key = signing(options.signing_key, clock.epoch_us, stack, link=1)  # `run` may go on at the same time
         Doctor(options, address, report, clock, stack, lambda: guard.caught is not None, key).examine()
-    return INTERRUPTED if guard.caught else look.exit_code(report.findings)
+    return INTERRUPTED if guard.caught else diagnosis.exit_code(report.findings)
 
 
 class FindingsReport:
-    """Prints findings as they are known, and remembers them."""
+    """Prints each finding at once, and remembers it."""
 
     def __init__(self, *, as_json: bool) -> None:
         self.findings: list[Finding] = []
@@ -74,7 +73,7 @@ class FindingsReport:
 
 
 class Doctor:
-    """One examination: remembers both links and what was seen of them. `stack` closes them."""
+    """One examination. Remembers both links and what was found. `stack` closes the links."""
 
     def __init__(
         self,
@@ -95,45 +94,45 @@ class Doctor:
         self._address = address
         self._autopilot = parse(address)
         self._out: Link | None = None
-        self._mouth: PortProbe | None = None
-        self._right: dict[str, str | None] = {}  # instead of options that were found wrong, by name
+        self._port_probe: PortProbe | None = None
+        self._right: dict[str, str | None] = {}  # right values of options that were wrong, by name
 
     def examine(self) -> None:
-        """All of it, to the verdict, unless it is stopped."""
+        """Examine everything and print the verdict, unless it is stopped."""
         self._say_autopilot()
         link = self._open(self._autopilot, "link", answered=True)
         self._out = self._open_port()
-        ear = self._listen(link)
-        if ear and not self._stopped():
-            ear = self._judge_packets(ear) or ear
-        if ear and not self._stopped() and ear.known:
-            self._judge_vehicle(ear)
+        probe = self._listen(link)
+        if probe and not self._stopped():
+            probe = self._judge_packets(probe) or probe
+        if probe and not self._stopped() and probe.known:
+            self._judge_vehicle(probe)
         if self._stopped():
             return
-        if self._mouth:
-            way = self._mouth.way()
-            self._report.add(port_look.frames(way, self._options.format))
-            self._report.add(port_look.reader(way))
+        if self._port_probe:
+            traffic = self._port_probe.traffic()
+            self._report.add(port_diagnosis.frames(traffic, self._options.format))
+            self._report.add(port_diagnosis.reader(traffic))
         usb = [port.device for port in _candidates(self._autopilot) if port.usb and port.device != self._options.port]
         if self._right.get("port") and len(usb) == 1:
             self._right["port"] = usb[0]
         command = next_command(self._options, str(self._autopilot), usb, self._right)
-        self._report.add(look.verdict(self._report.findings, command))
+        self._report.add(diagnosis.verdict(self._report.findings, command))
 
     # -- opening ---------------------------------------------------------------------------------------------
 
     def _say_autopilot(self) -> None:
         if self._options.autopilot:
-            why = "as asked" if self._autopilot.kind != "tlog" else "a log, played in real time; nobody can ask it"
+            why = "as asked" if self._autopilot.kind != "tlog" else "a log, played in real time; it answers no requests"
         elif self._address == DEFAULT_AUTOPILOT:
-            why = "none is on USB, so the port where ground stations listen"
+            why = "the usual port of ground stations, because there is no autopilot on USB"
         else:
             named = {port.device: port.description or port.usb for port in list_ports()}
             why = f"on USB: {named.get(self._address, '')}"
         self._report.add(Finding("autopilot", "ok", f"{self._address}, {why}"))
 
     def _open(self, address: Address, check: str, *, answered: bool = False) -> Link | None:
-        """A link, which is a finding; None, which is another."""
+        """Open a link, and add a finding; None if it cannot be opened."""
         far = far_program(address.path) if check == "port" and address.kind == "serial" else ""
         if finding := held(check, str(address), far):
             self._report.add(finding)
@@ -155,7 +154,7 @@ class Doctor:
         if self._options.format not in MAVLINK_FORMATS:
             ports = _candidates(self._autopilot)
             usb = [port.device for port in ports if port.usb]
-            self._report.add(port_look.no_port([port.device for port in ports], usb))
+            self._report.add(port_diagnosis.no_port([port.device for port in ports], usb))
         return None
 
     # -- listening -------------------------------------------------------------------------------------------
@@ -170,62 +169,64 @@ class Doctor:
         )
 
     def _listen(self, link: Link | None) -> AutopilotProbe | None:
-        """Hear the autopilot and send frames, for a while."""
-        ear = AutopilotProbe(link, self._session(), self._clock.now(), self._first_bytes) if link else None
-        if mouth := self._new_mouth(ear, link):
-            self._mouth = mouth
-        if tasks := [task for task in (ear, self._mouth) if task]:
+        """Read the autopilot's link and send frames, for the time of --listen."""
+        probe = AutopilotProbe(link, self._session(), self._clock.now(), self._first_bytes) if link else None
+        if port_probe := self._new_port_probe(probe, link):
+            self._port_probe = port_probe
+        if tasks := [task for task in (probe, self._port_probe) if task]:
             tell(f"listening for {self._options.listen:g} s")
-            self._attend(tasks, ear)
-        return ear
+            self._attend(tasks, probe)
+        return probe
 
-    def _new_mouth(self, ear: AutopilotProbe | None, link: Link | None) -> PortProbe | None:
-        """Who sends frames while the autopilot's link is this one; None where they are sent already, or cannot be."""
+    def _new_port_probe(self, probe: AutopilotProbe | None, link: Link | None) -> PortProbe | None:
+        """A probe that sends frames; None if there is one already, or if there is no link for it."""
         over_mavlink = self._options.format in MAVLINK_FORMATS
         out = link if over_mavlink else self._out
-        if out is None or (self._mouth and not over_mavlink):
+        if out is None or (self._port_probe and not over_mavlink):
             return None
-        session = ear.session if ear else self._session()
+        session = probe.session if probe else self._session()
         address = None if over_mavlink else parse(self._options.port)
         return PortProbe(encoder(self._options.format, session), out, address, self._clock.now())
 
-    def _attend(self, tasks: Sequence[AutopilotProbe | PortProbe], ear: AutopilotProbe | None) -> None:
-        """Serve both sides for as long as asked; a vehicle found late is given the time to answer."""
+    def _attend(self, tasks: Sequence[AutopilotProbe | PortProbe], probe: AutopilotProbe | None) -> None:
+        """Run both probes for as long as asked. A vehicle that is found late gets time to answer."""
         seconds, start = self._options.listen, self._clock.now()
 
         def enough() -> bool:
-            late = ear.followed_at + min(seconds, _ANSWER_S) if ear and ear.session.vehicle else start
-            return (ear is not None and ear.over) or self._clock.now() >= max(start + seconds, late)
+            late = probe.followed_at + min(seconds, _ANSWER_S) if probe and probe.session.vehicle else start
+            return (probe is not None and probe.over) or self._clock.now() >= max(start + seconds, late)
 
         run(tasks, self._clock, stopped=lambda: self._stopped() or enough())
 
     def _first_bytes(self, after_s: float) -> None:
         self._report.add(Finding("bytes", "ok", f"the first came after {after_s:.1f} s"))
 
-    def _judge_packets(self, ear: AutopilotProbe, *, again: bool = False) -> AutopilotProbe | None:
-        """Bytes, packets, baud; the ear that listened `again`, at a rate that brings packets."""
-        now, session = self._clock.now(), ear.session
+    def _judge_packets(self, probe: AutopilotProbe, *, again: bool = False) -> AutopilotProbe | None:
+        """Judge bytes and packets, and try other baud rates. Returns the probe at the rate that brings packets."""
+        now, session = self._clock.now(), probe.session
         if not session.reader.bytes:
             taken = accepted(self._autopilot.port) if self._autopilot.kind == "tcp" and self._autopilot.port else None
-            self._report.add(look.silence(self._autopilot.kind, now - ear.start, refused=ear.refused, accepted=taken))
+            self._report.add(
+                diagnosis.silence(self._autopilot.kind, now - probe.start, refused=probe.refused, accepted=taken)
+            )
             if taken is False:
                 self._right["autopilot"] = "URL"
-        if ear.lost:
-            self._report.add(Finding("link", "fail", ear.lost))
+        if probe.lost:
+            self._report.add(Finding("link", "fail", probe.lost))
         if not session.reader.bytes:
             return None
-        if ear.known:
-            traffic = ear.traffic(now)
-            self._report.add(look.packets(traffic))
-            self._report.add(signatures := look.signing(traffic))
+        if probe.known:
+            traffic = probe.traffic(now)
+            self._report.add(diagnosis.packets(traffic))
+            self._report.add(signatures := diagnosis.signing(traffic))
             if signatures.state == "fail":
                 self._right["signing_key"] = "FILE"
-            self._report.add(look.strangers(*ear.strangers))
+            self._report.add(diagnosis.other_senders(*probe.other_senders))
             return None
-        self._report.add(look.garbage(self._autopilot.kind, session.reader.bytes, bytes(ear.sample)))
-        if self._autopilot.kind != "serial" or ear.lost or again:
+        self._report.add(diagnosis.garbage(self._autopilot.kind, session.reader.bytes, bytes(probe.sample)))
+        if self._autopilot.kind != "serial" or probe.lost or again:
             return None
-        ear.close()
+        probe.close()
         found = self._sweep()
         if self._stopped() or found is None:
             return None
@@ -239,7 +240,7 @@ class Doctor:
         return heard
 
     def _sweep(self) -> int | None:
-        """The baud rate at which there are packets."""
+        """Try other baud rates; returns the one at which packets come, or None."""
         asked = self._autopilot.baud or 115200
         rates = [asked, *(baud for baud in BAUDS if baud != asked)]
         found = None
@@ -248,50 +249,50 @@ class Doctor:
         for baud in rates[1:]:
             with suppress(LinkError):  # a rate that this adapter does not know
                 with closing(open_link(self._autopilot._replace(baud=baud), clock=self._clock)) as link:
-                    ear = AutopilotProbe(link, self._session(), self._clock.now())
-                    self._try(ear, each)
-                if ear.known:
+                    probe = AutopilotProbe(link, self._session(), self._clock.now())
+                    self._try(probe, each)
+                if probe.known:
                     found = baud
             if found or self._stopped():
                 break
         if not self._stopped():
-            self._report.add(look.baud(self._autopilot.path, rates, found))
+            self._report.add(diagnosis.baud(self._autopilot.path, rates, found))
         return found
 
-    def _try(self, ear: AutopilotProbe, seconds: float) -> None:
+    def _try(self, probe: AutopilotProbe, seconds: float) -> None:
         """Listen until there is a packet."""
         until = self._clock.now() + seconds
-        run([ear], self._clock, until=until, stopped=lambda: self._stopped() or ear.over or ear.known > 0)
+        run([probe], self._clock, until=until, stopped=lambda: self._stopped() or probe.over or probe.known > 0)
 
     # -- the vehicle -----------------------------------------------------------------------------------------
 
-    def _judge_vehicle(self, ear: AutopilotProbe) -> None:
-        now, session = self._clock.now(), ear.session
+    def _judge_vehicle(self, probe: AutopilotProbe) -> None:
+        now, session = self._clock.now(), probe.session
         vehicle = session.vehicle
         if vehicle is None and any((session.disbelieved_signatures() or {}).values()):
             return
         followed = (vehicle.system, vehicle.component) if vehicle else None
         target = (self._options.target_system, self._options.target_component)
         add = self._report.add
-        add(look.heartbeat(ear.sources(), followed, target))
+        add(diagnosis.heartbeat(probe.sources(), followed, target))
         if vehicle is None:
-            self._right |= look.target(ear.sources())
+            self._right |= diagnosis.target(probe.sources())
             return
-        streams = ear.streams(now, self._options.stream_rate, recorded=self._autopilot.kind == "tlog")
+        streams = probe.streams(now, self._options.stream_rate, recorded=self._autopilot.kind == "tlog")
         for stream in streams:
-            add(look.stream(stream))
-        if (slow := look.slowest(streams)) is not None:
+            add(diagnosis.stream(stream))
+        if (slow := diagnosis.slowest(streams)) is not None:
             self._right["stream_rate"] = str(slow)
         last = session.track.last_position
         place = (last.lat, last.lon, last.alt) if last else None
-        add(look.position(Position(place, session.navigation.unpositioned, session.navigation.refused, ear.fix)))
-        add(look.home(session.home, armed=vehicle.armed))
+        add(diagnosis.position(Position(place, session.navigation.unpositioned, session.navigation.refused, probe.fix)))
+        add(diagnosis.home(session.home, armed=vehicle.armed))
         state = session.state_at(now, last.frame) if last else None
-        add(look.pose(state.age_s if state else None))
-        add(look.clock(ear.lags(now), session.navigation.reboots))
+        add(diagnosis.pose(state.age_s if state else None))
+        add(diagnosis.clock(probe.lags(now), session.navigation.reboots))
 
 
 def _candidates(autopilot: Address) -> list[SerialPort]:
-    """Serial ports that no autopilot is at."""
+    """Serial ports without an autopilot."""
     taken = os.path.realpath(autopilot.path)
     return [port for port in list_ports() if not port.autopilot and port.device != taken]

@@ -1,6 +1,6 @@
-"""What was measured of both links becomes findings: what it means, and the cure. Values in, values out.
+"""Turns measurements of the autopilot's link into findings with cures. Pure functions.
 
-`arva-hil doctor` measures. Parameters: https://ardupilot.org/copter/docs/parameters.html,
+`arva-hil doctor` makes the measurements. Parameters: https://ardupilot.org/copter/docs/parameters.html,
 https://docs.px4.io/main/en/advanced_config/parameter_reference.html
 """
 
@@ -12,10 +12,10 @@ from typing import Final
 
 from arva_hil.doctor.values import Finding, Position, Source, StreamRate, Traffic
 
-ENOUGH: Final = 0.7  # of the rate asked for; the session asks again below it
+ENOUGH: Final = 0.7  # of the rate asked for; below it the session asks again
 MAX_AGE_S: Final = 2.0  # of a pose, as `run` has it
-_BAD_SHARE: Final = 0.02  # of packets with bad checksums, above which the line is worth a word
-_LATE_S: Final = 0.2  # a pose this much later than the quickest is worth one, too
+_BAD_SHARE: Final = 0.02  # of packets with bad checksums, above which there is a note
+_LATE_S: Final = 0.2  # there is a note too if poses come this much later than the quickest
 _SLOW_HEARTBEAT_HZ: Final = 0.6
 _PRINTABLE: Final = frozenset(range(32, 127)) | {9, 10, 13}
 _NO_LINK: Final = frozenset(("link", "port", "bytes", "packets", "baud", "signing", "heartbeat"))
@@ -35,16 +35,16 @@ _FIX_CURE: Final = (
     "boot; PX4: GPS_1_CONFIG, EKF2_GPS_CTRL, listener vehicle_gps_position"
 )
 _SILENT_CURE: Final = {
-    "serial": f"is it powered, RX on TX, a cable with data lines? {_SERIAL_CURE}",
+    "serial": f"is it powered, is RX connected to TX, does the cable have data lines? {_SERIAL_CURE}",
     "udpin": "ArduPilot: SITL sends here with --serial1 udpclient:HOST:PORT, MAVProxy with --out HOST:PORT; "
-    "PX4: SITL sends to 14550 and 14540, each to whoever answered first, and to 14030 at 8 Hz: take a free one, "
-    "restart it, or let the ground station forward (QGroundControl: to udpin:127.0.0.1:14445)",
+    "PX4: SITL sends to 14550 and 14540, each to the first program that answered, and to 14030 at 8 Hz: take a free "
+    "port, restart SITL, or let the ground station forward (QGroundControl: to udpin:127.0.0.1:14445)",
     "udpout": "does the autopilot listen there? ArduPilot: NET_Pn_TYPE UDP server; PX4: MAV_n_UDP_PRT, SITL 18570",
-    "tcp": "ArduPilot: each port has one client, another may have it, or SERIALn_PROTOCOL is not 2 (MAVLink 2); "
+    "tcp": "ArduPilot: each port has one client, perhaps another program, or SERIALn_PROTOCOL is not 2 (MAVLink 2); "
     "SITL has tcp:127.0.0.1:5760, 5762 and 5763; PX4: speaks UDP, not TCP",
-    "tcpin": "no client speaks; ArduPilot: NET_Pn_TYPE TCP client, in SITL --serial1 tcpclient:HOST:PORT; "
+    "tcpin": "no client sends anything; ArduPilot: NET_Pn_TYPE TCP client, in SITL --serial1 tcpclient:HOST:PORT; "
     "PX4: speaks UDP, not TCP",
-    "pty": "give its path to the program that is the autopilot; ArduPilot: SITL --serial1 uart:PATH",
+    "pty": "give the path of this pty to the autopilot's program; ArduPilot: SITL --serial1 uart:PATH",
     "tlog": "is it a MAVLink telemetry log?",
 }
 _NOT_TAKEN: Final = (
@@ -55,8 +55,8 @@ _TAKEN: Final = (
     "is it a MAVLink port? ArduPilot: SERIALn_PROTOCOL 2, in SITL SERIAL0 is 5760, SERIAL1 5762, SERIAL2 5763; "
     "PX4: speaks UDP, not TCP"
 )
-_TONGUES: Final = (  # what others say → who it is
-    (rb"\xa4\x57\x01", "frames of a receiver, as arva-hil sends them: is it the other port?"),
+_OTHER_PROTOCOLS: Final = (  # the bytes of a protocol → its name
+    (rb"\xa4\x57\x01", "frames of a receiver, as arva-hil sends them: is this the other port?"),
     (rb"\xb5\x62[\x01\x02\x0a]", "u-blox: a GPS receiver"),
     (rb"\$G[A-Z]{4},", "NMEA: a GPS receiver"),
     (rb"nsh>", "PX4's shell"),
@@ -64,7 +64,7 @@ _TONGUES: Final = (  # what others say → who it is
 
 
 def rate(times: Sequence[float], now: float, window_s: float = 2.0) -> float:
-    """Messages per second lately; 0 when there are not two."""
+    """Messages per second in the last `window_s` [s]; 0 if there are fewer than two."""
     recent = [t for t in times if t > now - window_s]
     return (len(recent) - 1) / (now - recent[0]) if len(recent) > 1 and now > recent[0] else 0.0
 
@@ -73,34 +73,34 @@ def rate(times: Sequence[float], now: float, window_s: float = 2.0) -> float:
 
 
 def silence(kind: str, seconds: float, *, refused: bool = False, accepted: bool | None = None) -> Finding:
-    """No byte came. `accepted`: whether a TCP server has taken the connection, when that is known."""
+    """No byte came. `accepted`: whether a TCP server has accepted the connection; None if that is not known."""
     found = f"nothing was heard in {seconds:.1f} s"
     if refused:
         found += ": nobody listens there"
     if accepted is False:
         return Finding(
-            "bytes", "fail", f"{found}: the connection is not taken, another client has the port", _NOT_TAKEN
+            "bytes", "fail", f"{found}: the connection is not accepted, because another client has the port", _NOT_TAKEN
         )
     if accepted:
-        return Finding("bytes", "fail", f"{found}: the connection is taken, and nothing is sent on it", _TAKEN)
+        return Finding("bytes", "fail", f"{found}: the connection is accepted, but nothing is sent on it", _TAKEN)
     return Finding("bytes", "fail", found, _SILENT_CURE.get(kind, _SERIAL_CURE))
 
 
 def garbage(kind: str, size: int, sample: bytes) -> Finding:
-    """Bytes came, and no packet was in them; `sample` is how they begin."""
+    """Bytes came, but no packet. `sample`: the first bytes."""
     found = f"none in {size} bytes"
-    for mark, who in _TONGUES:
+    for mark, who in _OTHER_PROTOCOLS:
         if re.search(mark, sample):
             return Finding("packets", "fail", f"{found}, but {who}", _SERIAL_CURE)
     if sample and sum(byte in _PRINTABLE for byte in sample) > 0.9 * len(sample):
         begins = " ".join(sample.decode("ascii", "replace").split())[:60]
         return Finding("packets", "fail", f"{found}, but plain text: {begins!r}", _SERIAL_CURE)
-    cure = _SERIAL_CURE if kind in ("serial", "pyserial") else f"is it MAVLink that is sent there? {_SERIAL_CURE}"
+    cure = _SERIAL_CURE if kind in ("serial", "pyserial") else f"does the sender send MAVLink? {_SERIAL_CURE}"
     return Finding("packets", "fail", found, cure)
 
 
 def baud(device: str, tried: Sequence[int], found: int | None) -> Finding:
-    """Bytes without packets at the first rate of `tried`, and what the others brought."""
+    """The first rate of `tried` brought bytes without packets. `found`: the rate that brought packets, or None."""
     if found is None:
         rates = ", ".join(map(str, tried))
         return Finding(
@@ -110,59 +110,59 @@ def baud(device: str, tried: Sequence[int], found: int | None) -> Finding:
 
 
 def packets(t: Traffic) -> Finding:
-    """How many, which MAVLink, how clean."""
+    """How many packets came, of which MAVLink version, and how many had bad checksums."""
     versions = {0: "MAVLink 2", t.packets: "MAVLink 1"}.get(t.old, f"MAVLink 2, {t.old} of them MAVLink 1")
     found = f"{t.packets} in {t.seconds:.1f} s, {t.size / 1000 / t.seconds:.1f} kB/s, {versions}"
     share = t.bad / (t.bad + t.packets)
-    found += f", {share:.1%} bad checksums" if t.bad else ", every checksum right"
+    found += f", {share:.1%} bad checksums" if t.bad else ", no bad checksums"
     if t.bad > 2 and share > _BAD_SHARE:
-        cure = "bytes are lost or bent: a shorter cable, a lower baud rate, or flow control (ArduPilot: BRD_SERn_RTSCTS"
+        cure = "bytes are damaged: use a shorter cable, a lower baud rate or flow control (ArduPilot: BRD_SERn_RTSCTS"
         return Finding("packets", "note", found, cure + "; PX4: MAV_n_FLOW_CTRL)")
     return Finding("packets", "ok", found)
 
 
 def signing(t: Traffic) -> Finding:
-    """Whether the vehicle signs, and with the key that was given."""
+    """Whether the vehicle signs, and whether with the key that was given."""
     if t.refused is None:
         if not t.signed:
             return Finding("signing", "ok", "not signed")
-        found = f"{t.signed} of {t.packets} packets are signed: what is asked without a signature may be refused"
-        return Finding("signing", "note", found, f"--signing-key FILE, or clear the vehicle's; {_SIGNING_CURE}")
+        found = f"{t.signed} of {t.packets} packets are signed: the vehicle may refuse unsigned requests"
+        return Finding("signing", "note", found, f"--signing-key FILE, or clear the vehicle's key; {_SIGNING_CURE}")
     good = t.packets - sum(t.refused.values())
     why = ", ".join(f"{count} {name}" for name, count in t.refused.items() if count)
     if not good:
-        cure = f"give the vehicle this very key, or leave out --signing-key; {_SIGNING_CURE}"
-        return Finding("signing", "fail", f"no packet is believed: {why}", cure)
+        cure = f"give the vehicle the same key, or leave out --signing-key; {_SIGNING_CURE}"
+        return Finding("signing", "fail", f"every packet is ignored: {why}", cure)
     if why:
         found = f"{good} of {t.packets} packets are signed with the key; ignored: {why}"
-        return Finding("signing", "note", found, "who else speaks on this link?")
+        return Finding("signing", "note", found, "who else sends on this link?")
     return Finding("signing", "ok", f"all {good} packets are signed with the key")
 
 
-def strangers(count: int, first: str) -> Finding | None:
-    """Who else sends to a UDP port; None when nobody does."""
+def other_senders(count: int, first: str) -> Finding | None:
+    """Datagrams of other senders than the vehicle at a UDP port; None if there are none."""
     if not count:
         return None
-    found = f"{count} datagrams of others are ignored, as from {first}"
-    return Finding("strangers", "note", found, "only where the vehicle speaks from is listened to")
+    found = f"{count} datagrams of other senders are ignored; the first was from {first}"
+    return Finding("strangers", "note", found, "only the vehicle's address is listened to")
 
 
 def heartbeat(
     sources: Sequence[Source], followed: tuple[int, int] | None, target: tuple[int | None, int | None]
 ) -> Finding:
-    """From whom, and which is followed. `followed`: system and component; `target`: those asked for."""
+    """Who sends heartbeats. `followed`: system and component of the vehicle followed; `target`: those asked for."""
     pilots = [s for s in sources if s.pilot]
     heard = ", ".join(map(str, sources))
     if not sources:
-        cure = "who forwards this link has to forward HEARTBEAT; " + _SERIAL_CURE
+        cure = "a program that forwards this link must forward HEARTBEAT too; " + _SERIAL_CURE
         return Finding("heartbeat", "fail", "none from anybody", cure)
     if not pilots:
         cure = (
             "forward the vehicle here (MAVProxy: output add HOST:PORT; QGroundControl: Application Settings, MAVLink, "
-            "forwarding), or take a port of its own (ArduPilot: SITL tcp:127.0.0.1:5762; "
+            "forwarding), or use another port of the vehicle (ArduPilot: SITL tcp:127.0.0.1:5762; "
             "PX4: SITL udpin:127.0.0.1:14540)"
         )
-        return Finding("heartbeat", "fail", f"no autopilot's, only {heard}", cure)
+        return Finding("heartbeat", "fail", f"none from an autopilot, only {heard}", cure)
     if followed is None:
         asked = "/".join("any" if n is None else str(n) for n in (target[0], target[1] or 1))
         return Finding("heartbeat", "fail", f"none from {asked}, but {heard}", _choose(pilots))
@@ -170,14 +170,14 @@ def heartbeat(
     rest = [str(s) for s in sources if s is not mine]
     found = f"{mine} is followed" + (f"; also {', '.join(rest)}" if rest else "")
     if len(pilots) > 1 and target[0] is None:
-        return Finding("heartbeat", "note", found, f"the first heard was taken; {_choose(pilots)} chooses")
+        return Finding("heartbeat", "note", found, f"it was the first one heard; choose with {_choose(pilots)}")
     if mine.hz is not None and mine.hz < _SLOW_HEARTBEAT_HZ:
         return Finding("heartbeat", "note", found, "one a second is usual: the link loses packets or is too slow")
     return Finding("heartbeat", "ok", found)
 
 
 def target(sources: Sequence[Source]) -> dict[str, str | None]:
-    """The options that choose an autopilot, where the one asked for is not there; N for one of several."""
+    """The options that choose an autopilot that was heard; N if there are several."""
     pilots = [s for s in sources if s.pilot]
     if len(pilots) != 1:
         return {"target_system": "N", "target_component": None} if pilots else {}
@@ -198,12 +198,12 @@ def _choose(pilots: Sequence[Source]) -> str:
 
 
 def stream(s: StreamRate) -> Finding:
-    """Whether a pose message comes, and as fast as was asked."""
+    """Whether a pose message comes, and at the rate that was asked for."""
     said = f" ({s.said})" if s.said else ""
     cure = "" if s.recorded else _STREAM_CURE.get(s.name, "")
     if not s.count:
         if s.promised and s.name == "GLOBAL_POSITION_INT":
-            cure = f"promised and silent: PX4 sends no position before it has one; {cure}"
+            cure = f"the vehicle accepted to send it: PX4 sends no position before it has one; {cure}"
         return Finding(s.name, "fail", f"none came{said}", cure)
     if not s.hz:
         return Finding(s.name, "fail", f"{s.count} came, none in the last 2 s{said}", cure)
@@ -216,7 +216,7 @@ def stream(s: StreamRate) -> Finding:
 
 
 def slowest(streams: Sequence[StreamRate]) -> int | None:
-    """The rate to ask for [Hz] where a stream comes much slower than it was asked for; None where none does."""
+    """The rate to ask for [Hz] if a stream is much slower than asked; None if all are fast enough."""
     slow = [s.hz for s in streams if s.hz and not s.recorded and s.hz < ENOUGH * s.wanted_hz]
     return max(1, round(min(slow))) if slow else None
 
@@ -235,19 +235,19 @@ def position(p: Position) -> Finding:
 
 
 def home(place: tuple[float, float, float] | None, *, armed: bool) -> Finding:
-    """Whether the scenario's `datum: home` has a home."""
+    """Whether the vehicle's home is known, for `datum: home`."""
     state = "armed" if armed else "not armed"
     if place:
         return Finding("home", "ok", f"{_lla(place)}, {state}")
     cure = (
         "`run` takes the first valid position after 5 s; wait for the estimator to settle (ArduPilot: 20 s after boot; "
-        "PX4: commander check), or put a datum into the scenario"
+        "PX4: commander check), or give a datum in the scenario"
     )
-    return Finding("home", "note", f"unknown yet, {state}", cure)
+    return Finding("home", "note", f"not known yet, {state}", cure)
 
 
 def pose(age_s: float | None) -> Finding:
-    """Whether a frame made now would have a pose; `age_s` of its older part."""
+    """Whether a frame made now would have a pose. `age_s`: the age of its older part [s], None without a pose."""
     if age_s is None:
         return Finding("pose", "fail", "none: position and attitude are both needed", "see the lines above")
     if age_s > MAX_AGE_S:
@@ -256,9 +256,9 @@ def pose(age_s: float | None) -> Finding:
 
 
 def clock(lags_s: Sequence[float], reboots: int) -> Finding:
-    """How late pose messages come by their boot time; `lags_s` against the quickest of them."""
+    """How late pose messages come by their boot time. `lags_s`: how much later than the quickest message [s]."""
     if reboots:
-        cure = "power? a brown-out on USB? `run` goes on with a new session"
+        cure = "is the power good, also on USB? `run` continues with a new session"
         return Finding("clock", "note", f"boot time went back {reboots} ×: the vehicle has rebooted", cure)
     if not lags_s:
         return Finding("clock", "note", "no boot time came", "see the lines above")
@@ -273,19 +273,19 @@ def _lla(place: tuple[float, float, float]) -> str:
     return "{:.7f}, {:.7f}, {:.1f} m AMSL".format(*place)
 
 
-# -- all in all ----------------------------------------------------------------------------------------------
+# -- the result ----------------------------------------------------------------------------------------------
 
 
 def exit_code(findings: Sequence[Finding]) -> int:
-    """0: it can run; 3: no link or no heartbeat; 1: no valid pose, or frames do not go out."""
+    """0: it can run; 3: no link or no heartbeat; 1: no valid pose, or frames cannot be sent."""
     failed = {finding.check for finding in findings if finding.state == "fail"}
     return (3 if failed & _NO_LINK else 1) if failed else 0
 
 
 def verdict(findings: Sequence[Finding], command: str) -> Finding:
-    """One sentence, with the command that does it."""
+    """Whether it can run, with the command for it."""
     failed = dict.fromkeys(finding.check for finding in findings if finding.state == "fail")
     if not failed:
         return Finding("verdict", "ok", f"it can run: {command}")
     found = f"it cannot run yet, because of: {', '.join(failed)}"
-    return Finding("verdict", "fail", found, f"begin with the first; then: {command}")
+    return Finding("verdict", "fail", found, f"cure the first of them; then: {command}")

@@ -1,4 +1,4 @@
-"""What `arva-hil doctor` does with both links: hears one, sends frames on the other, and counts."""
+"""The probes of `arva-hil doctor`: one reads the autopilot's link, one sends frames to the port. Both count."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from arva_hil.vehicle.session import Session
 from firmware_proto import Frame
 
 _FRAME_S: Final = 0.5
-_SAMPLE: Final = 4096  # bytes kept of what begins
+_SAMPLE: Final = 4096  # bytes kept from the beginning
 _LATELY_S: Final = 2.0
 _MOST_SOURCES: Final = 32  # of heartbeats; a hostile link has 65,536
 _POSE: Final = {
@@ -37,7 +37,7 @@ _POSE: Final = {
 
 @dataclass
 class _Heartbeats:
-    """Of one sender; `first` and `last` are when they came."""
+    """Heartbeats of one sender. `first`, `last`: when they came [s]."""
 
     name: str
     pilot: bool
@@ -51,7 +51,10 @@ class _Heartbeats:
 
 
 class AutopilotProbe:
-    """The autopilot's side: talks as `run` does, and remembers what came. A task for the loop."""
+    """Reads the autopilot's link as `run` does, and remembers what came. A task for the loop.
+
+    `first`: called with the time until the first bytes [s].
+    """
 
     def __init__(
         self, link: Link, session: Session, start: float, first: Callable[[float], None] = lambda after_s: None
@@ -86,7 +89,7 @@ class AutopilotProbe:
             return now + 1.0
         try:
             for sender, chunk in self._link.receive():
-                self.hear(chunk, now, sender)
+                self.receive(chunk, now, sender)
             self._link.follow(self.session.senders.vehicle, self.session.senders.candidates)
             if out := self.session.poll(now):
                 self._link.write(out)
@@ -98,8 +101,8 @@ class AutopilotProbe:
             self.links = []
         return self.session.next_due
 
-    def hear(self, chunk: bytes, now: float, sender: Sender = None) -> None:
-        """Count what came."""
+    def receive(self, chunk: bytes, now: float, sender: Sender = None) -> None:
+        """Count the packets in `chunk`."""
         if chunk and not self.session.reader.bytes:
             self._first(now - self.start)
         self.sample += chunk[: _SAMPLE - len(self.sample)]
@@ -152,7 +155,7 @@ class AutopilotProbe:
             ):
                 self._acks[RESULTS.get(message.result, f"result {message.result}")] += 1
 
-    # -- what it amounts to ----------------------------------------------------------------------------------
+    # -- results ----------------------------------------------------------------------------------
 
     def traffic(self, now: float) -> Traffic:
         session, parser = self.session, self.session.parser
@@ -161,12 +164,12 @@ class AutopilotProbe:
 
     @property
     def refused(self) -> bool:
-        """The far machine has said that nobody listens there."""
+        """Whether the other machine has reported that nobody listens there."""
         return self._link.refusals > 0
 
     @property
-    def strangers(self) -> tuple[int, str]:
-        """How many datagrams came from others than the peer, and from where the first."""
+    def other_senders(self) -> tuple[int, str]:
+        """How many datagrams came from other senders than the peer, and the address of the first."""
         return self._link.strangers, self._link.stranger
 
     def sources(self) -> list[Source]:
@@ -191,16 +194,16 @@ class AutopilotProbe:
         ]
 
     def lags(self, now: float) -> list[float]:
-        """How much later than the quickest each pose message came lately [s]."""
+        """How much later than the quickest one each recent pose message came [s]."""
         offsets = [offset for at, offset in self._offsets if at > now - _LATELY_S]
         return [offset - min(offsets) for offset in offsets]
 
 
 class PortProbe:
-    """The port's side: sends frames that say no signal, and remembers what became of them. A task for the loop.
+    """Sends frames with no signal to the port, and counts those that were accepted. A task for the loop.
 
-    `encode`: (frame, its instant in ms) → its bytes, b"" while there is nobody to send them to. `address`: the link's,
-    None for the autopilot's link, which is read elsewhere.
+    `encode`: (frame, its instant in ms) → bytes, b"" if there is no vehicle to send them to. `address`: the port's;
+    None if frames go over the autopilot's link, which another task reads.
     """
 
     def __init__(
@@ -242,8 +245,8 @@ class PortProbe:
             self._taken += sent
             self._dropped += not sent
 
-    def way(self) -> PortTraffic:
-        """What became of the frames, and who is seen at the other end."""
+    def traffic(self) -> PortTraffic:
+        """How many frames were accepted, and which programs are at the other end."""
         kind, name = (self._address.kind, str(self._address)) if self._address else ("mavlink", "")
         seen: list[str] = []
         waiting = 0

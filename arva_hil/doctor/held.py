@@ -1,4 +1,4 @@
-"""A port that a running command of ours holds, which is no fault: `doctor` says so instead of what the system says."""
+"""A port that a running arva-hil command has open. `doctor` names that command instead of the system's error."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _OURS: Final = re.compile(
 
 
 def held(check: str, link: str, what: str) -> Finding | None:
-    """The finding where `what`, an error or a command line, names a running command of ours; None where it does not."""
+    """The finding if `what`, an error or a command line, names a running arva-hil command; else None."""
     if (found := _OURS.search(what)) is None:
         return None
     command = "run" if found["command"] == "-" else found["command"]
@@ -22,6 +22,6 @@ def held(check: str, link: str, what: str) -> Finding | None:
     return Finding(
         check,
         "fail",
-        f"{link}: held by a running arva-hil {command}{process}",
-        f"it is at work there and shows its own status; to examine this port, end it first ({end})",
+        f"{link}: a running arva-hil {command}{process} has it open",
+        f"that command shows its own status; to examine this port, end it first ({end})",
     )

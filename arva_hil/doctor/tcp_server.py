@@ -1,4 +1,4 @@
-"""Whether the server of a TCP connection has taken it, as this machine's own tables tell. Linux."""
+"""Whether the server of a TCP connection has accepted it, from Linux's table of connections."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _ESTABLISHED = "01"
 
 
 class _Row(NamedTuple):
-    """A connection of /proc/net/tcp: ports of this end and the other one, and the socket, "0" before it is taken."""
+    """A connection in /proc/net/tcp: the ports of this end and the other, and the socket, "0" before it is accepted."""
 
     near: int
     far: int
@@ -18,10 +18,10 @@ class _Row(NamedTuple):
 
 
 def accepted(port: int) -> bool | None:
-    """Whether the program that listens at a port of this machine has taken the connection that this process has to it.
+    """Whether the server at a port of this machine has accepted this process's connection.
 
-    One that serves a single client leaves the next one waiting, who is connected and hears nothing. None: there is no
-    such connection, or the server is another machine's.
+    A server for a single client does not accept the next one, which is connected and receives nothing. None: there is
+    no such connection, or the server is on another machine.
     """
     rows = _connections()
     own = _own_sockets()

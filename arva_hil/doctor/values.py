@@ -1,4 +1,4 @@
-"""What is measured of both links, and what is found."""
+"""Measurements of both links, and findings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ State = Literal["ok", "note", "fail"]
 
 
 class Finding(NamedTuple):
-    """One line: what was looked at, how it is, what was found and, unless that is well, what to do."""
+    """One line: what was checked, its state, what was found, and the cure if there is a problem."""
 
     check: str
     state: State
@@ -20,7 +20,7 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """Packets of everybody, in `seconds`."""
+    """All packets on the link, in `seconds`."""
 
     seconds: float
     size: int  # bytes
@@ -33,7 +33,7 @@ class Traffic:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Who sends heartbeats. `hz` is None when one alone came; `pilot`: it is an autopilot."""
+    """A sender of heartbeats. `hz`: None if only one came; `pilot`: whether it is an autopilot."""
 
     system: int
     component: int
@@ -49,9 +49,9 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class StreamRate:
-    """One kind of pose message. `hz`: lately; `said`: how the vehicle answered when it was asked for.
+    """One kind of pose message. `hz`: its rate lately; `said`: the vehicle's answer to the request.
 
-    `promised`: it accepted to send it.
+    `promised`: whether the vehicle accepted the request.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class PortTraffic:
-    """How the port does. `kind` is a link's, or mavlink; `seen`: who holds the other end; `unread`: bytes there."""
+    """Traffic on the port. `kind`: a link's, or mavlink; `seen`: programs at the other end; `unread`: bytes there."""
 
     kind: str
     name: str

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from arva_hil.cli import doctor
-from arva_hil.doctor import port_diagnosis as port_look
+from arva_hil.doctor import port_diagnosis
 from arva_hil.doctor.examination import PortProbe
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.pty import PtyLink
@@ -160,7 +160,7 @@ def test_frames_inside_mavlink_go_over_the_autopilots_link(examine: Examine, aut
     said = examine("--autopilot", autopilot.address, "--format", "named", listen=HEALTHY_S)
     assert said.code == 0
     assert "port" not in said
-    assert "named frames were taken" in said["frames"]["found"]
+    assert "named frames were accepted" in said["frames"]["found"]
     assert b"ARVA1_DIR" in autopilot.heard
     assert said["verdict"]["found"].endswith("--format named --stream-rate 20")
 
@@ -172,7 +172,7 @@ def test_without_a_port_only_the_autopilots_side_is_looked_at(
     monkeypatch.setattr(doctor, "list_ports", lambda: ports)
     said = examine("--autopilot", autopilot.address, listen=HEALTHY_S)
     assert said.code == 0
-    assert said["port"]["found"] == "none was named; there is /dev/ttyUSB7, /dev/ttyS0"
+    assert said["port"]["found"] == "none was named; free: /dev/ttyUSB7, /dev/ttyS0"
     assert "frames" not in said
     assert "--port /dev/ttyUSB7" in said["verdict"]["found"]
 
@@ -187,7 +187,7 @@ def test_a_log_is_said_to_be_one(examine: Examine) -> None:
 @pytest.mark.parametrize(
     ("ports", "why"),
     [
-        ([], "udpin:127.0.0.1:14550, none is on USB, so the port where ground stations listen"),
+        ([], "udpin:127.0.0.1:14550, the usual port of ground stations, because there is no autopilot on USB"),
         ([SerialPort("/dev/ttyACM9", description="Pixhawk6X", autopilot=True)], "/dev/ttyACM9, on USB: Pixhawk6X"),
     ],
 )
@@ -259,7 +259,7 @@ def test_a_port_that_a_running_run_holds_is_no_fault_of_the_port(start: Start, l
     program.says("frames to")
     _, out, _ = arva("doctor", "--autopilot", "pty", "--port", line.path, "--listen", 0.2)
     (said,) = [text for text in out.splitlines() if text.startswith("FAIL  port")]
-    assert f"{line.path}: held by a running arva-hil run (process {program.process.pid})" in said
+    assert f"{line.path}: a running arva-hil run (process {program.process.pid}) has it open" in said
     assert f"kill -INT {program.process.pid}" in said
 
 
@@ -268,8 +268,8 @@ def test_a_runs_own_pseudo_terminal_is_not_taken_for_an_adapter(start: Start, ar
     program = start("--autopilot", "pty", "--port", f"pty:{tmp_path / 'arva0'}", "--timeout", 60, fresh=True)
     program.says("frames to")
     _, out, _ = arva("doctor", "--autopilot", "pty", "--port", tmp_path / "arva0", "--listen", 0.2)
-    assert f"{tmp_path / 'arva0'}: held by a running arva-hil run" in out
-    assert "frames were taken" not in out
+    assert f"{tmp_path / 'arva0'}: a running arva-hil run" in out
+    assert "frames were accepted" not in out
 
 
 @pytest.mark.parametrize("other", [False, True])
@@ -414,7 +414,7 @@ def test_with_a_key_it_says_whether_it_is_the_vehicles(
         assert f"--signing-key {file}" in said["verdict"]["found"]
     else:
         assert (said.code, failed(said)) == (3, {"signing"})
-        assert "no packet is believed" in said["signing"]["found"]
+        assert "every packet is ignored" in said["signing"]["found"]
         assert "--signing-key FILE" in said["verdict"]["cure"]
 
 
@@ -425,7 +425,7 @@ def test_a_ground_station_is_no_vehicle(examine: Examine, serve: Callable[[Task]
     serve(Says(line, heartbeat(Encoder(255, 190), dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID)))
     said = examine("--autopilot", line.path)
     assert (said.code, failed(said)) == (3, {"heartbeat"})
-    assert said["heartbeat"]["found"].startswith("no autopilot's, only gcs 255/190 ×")
+    assert said["heartbeat"]["found"].startswith("none from an autopilot, only gcs 255/190 ×")
     assert "forward the vehicle here" in said["heartbeat"]["cure"]
 
 
@@ -445,7 +445,7 @@ def test_of_two_autopilots_one_is_chosen(
     assert said["heartbeat"]["state"] == state
     assert "ardupilotmega quadrotor 1/1" in said["heartbeat"]["found"]
     assert "px4 quadrotor 2/1" in said["heartbeat"]["found"]
-    assert ("--target-system 1 or --target-system 2 chooses" in said["heartbeat"]["cure"]) == (not target)
+    assert ("choose with --target-system 1 or --target-system 2" in said["heartbeat"]["cure"]) == (not target)
 
 
 def test_the_autopilot_asked_for_is_another(examine: Examine, autopilot: Autopilot) -> None:
@@ -535,22 +535,22 @@ def test_the_other_end_of_a_pseudo_terminal_is_named(examine: Examine, line: Pty
 def test_a_client_that_is_connected_reads(keep: Keep) -> None:
     server = keep(TcpServerLink())
     keep(TcpLink("127.0.0.1", server.port))
-    mouth = PortProbe(encoded, server, parse(server.name), 0.0)
+    port_probe = PortProbe(encoded, server, parse(server.name), 0.0)
     clock = RealClock()
-    until(lambda: mouth.service(clock) and mouth.way().taken)
-    assert port_look.reader(mouth.way()) == ("reader", "ok", "connected", "")
+    until(lambda: port_probe.service(clock) and port_probe.traffic().taken)
+    assert port_diagnosis.reader(port_probe.traffic()) == ("reader", "ok", "connected", "")
 
 
 def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink) -> None:
-    mouth = PortProbe(encoded, line, parse("pty"), 0.0)
+    port_probe = PortProbe(encoded, line, parse("pty"), 0.0)
     clock = RealClock()
-    mouth.service(clock)
-    assert mouth.way().seen == []
-    until(lambda: mouth.way().unread == 33)  # the kernel hands bytes over on a thread of its own
+    port_probe.service(clock)
+    assert port_probe.traffic().seen == []
+    until(lambda: port_probe.traffic().unread == 33)  # the kernel hands bytes over on a thread of its own
     program = start("listen", line.path, fresh=True)
     program.says("listening at")
-    mouth.service(clock)
-    (who,) = mouth.way().seen
+    port_probe.service(clock)
+    (who,) = port_probe.traffic().seen
     assert who.startswith(f"{program.process.pid} (")
     assert "arva_hil listen" in who
 
@@ -558,10 +558,10 @@ def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink
 def test_a_port_that_is_lost_meanwhile(keep: Keep) -> None:
     consumer = PtyLink()
     port = keep(open_serial(consumer.path))
-    mouth = PortProbe(encoded, port, parse(consumer.path), 0.0)
+    port_probe = PortProbe(encoded, port, parse(consumer.path), 0.0)
     consumer.close()
-    mouth.service(RealClock())
-    assert port_look.frames(mouth.way(), "binary").found.startswith(f"{consumer.path}: lost: ")
+    port_probe.service(RealClock())
+    assert port_diagnosis.frames(port_probe.traffic(), "binary").found.startswith(f"{consumer.path}: lost: ")
 
 
 # -- how it ends ---------------------------------------------------------------------------------------------

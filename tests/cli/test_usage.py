@@ -64,7 +64,7 @@ Arva = Callable[..., Any]
         ("doctor --listen 0", "--listen: '0'", "a number of s 0.2…3600"),
         ("doctor --format tunnel --port pty", "--format tunnel goes over the autopilot's own link", "leave out --port"),
         ("doctor --autopilot -", "--autopilot -: this is stdout", "cannot be read"),
-        ("doctor --autopilot pty --port -", "--port -: is stdout, where the findings go", "`run` can"),
+        ("doctor --autopilot pty --port -", "--port -: this is stdout, where the findings go", "`run` can"),
         ("doctor --port 127.0.0.1:5760", "could be UDP or TCP", "tcp:127.0.0.1:5760"),
         ("doctor --autopilot pty --port x.tlog", "--port x.tlog: this is a log", "frames cannot be sent there"),
         (

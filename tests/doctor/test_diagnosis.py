@@ -6,15 +6,14 @@ from dataclasses import replace
 
 import pytest
 
-from arva_hil.doctor import diagnosis as look
-from arva_hil.doctor import port_diagnosis as port_look
+from arva_hil.doctor import diagnosis, port_diagnosis
 from arva_hil.doctor.values import Finding, PortTraffic, Position, Source, StreamRate, Traffic
 
 PILOT = Source(1, 1, "ardupilotmega quadrotor", True, 6, 1.0)
 OTHER = Source(2, 1, "px4 quadrotor", True, 6, 1.0)
 STATION = Source(255, 190, "gcs", False, 6, 1.0)
 CLEAN = Traffic(seconds=6.0, size=12_000, packets=600, old=0, signed=0, bad=0)
-WAY = PortTraffic("serial", "/dev/ttyUSB0", 12, 0)
+TRAFFIC = PortTraffic("serial", "/dev/ttyUSB0", 12, 0)
 PLACE = (46.0123, 7.7456, 1650.0)
 
 
@@ -39,7 +38,7 @@ def both(cure: str) -> bool:
     ],
 )
 def test_silence_has_a_cure_for_each_kind_of_link(kind: str, cure: str) -> None:
-    finding = look.silence(kind, 6.0)
+    finding = diagnosis.silence(kind, 6.0)
     assert (finding.check, finding.state, finding.found) == ("bytes", "fail", "nothing was heard in 6.0 s")
     assert cure in finding.cure
     assert both(finding.cure)
@@ -48,14 +47,14 @@ def test_silence_has_a_cure_for_each_kind_of_link(kind: str, cure: str) -> None:
 @pytest.mark.parametrize(
     ("accepted", "found", "cure", "never"),
     [
-        (True, "is taken, and nothing is sent", "SERIALn_PROTOCOL 2", "another client"),
+        (True, "is accepted, but nothing is sent", "SERIALn_PROTOCOL 2", "another client"),
         (False, "another client has the port", "take another one", "SERIALn_PROTOCOL"),
     ],
 )
 def test_a_port_that_is_not_mavlink_is_told_from_one_that_another_client_has(
     accepted: bool, found: str, cure: str, never: str
 ) -> None:
-    finding = look.silence("tcp", 6.0, accepted=accepted)
+    finding = diagnosis.silence("tcp", 6.0, accepted=accepted)
     assert found in finding.found
     assert cure in finding.cure
     assert never not in finding.found + finding.cure
@@ -63,7 +62,7 @@ def test_a_port_that_is_not_mavlink_is_told_from_one_that_another_client_has(
 
 
 def test_a_far_machine_that_refuses_is_named() -> None:
-    assert look.silence("udpout", 6.0, refused=True).found.endswith("nobody listens there")
+    assert diagnosis.silence("udpout", 6.0, refused=True).found.endswith("nobody listens there")
 
 
 @pytest.mark.parametrize(
@@ -80,7 +79,7 @@ def test_a_far_machine_that_refuses_is_named() -> None:
     ],
 )
 def test_bytes_that_are_no_packets_are_recognised(sample: bytes, found: str) -> None:
-    finding = look.garbage("serial", 100, sample)
+    finding = diagnosis.garbage("serial", 100, sample)
     assert (finding.check, finding.state) == ("packets", "fail")
     assert found in finding.found
     assert ("but" in finding.found) == ("but" in found)
@@ -88,12 +87,12 @@ def test_bytes_that_are_no_packets_are_recognised(sample: bytes, found: str) -> 
 
 
 def test_the_baud_rate_that_works_is_the_cure() -> None:
-    finding = look.baud("/dev/ttyACM0", (115200, 57600), 57600)
+    finding = diagnosis.baud("/dev/ttyACM0", (115200, 57600), 57600)
     assert finding == ("baud", "fail", "57600 brings packets, 115200 does not", "--autopilot /dev/ttyACM0,57600")
 
 
 def test_no_baud_rate_works() -> None:
-    finding = look.baud("/dev/ttyACM0", (115200, 57600), None)
+    finding = diagnosis.baud("/dev/ttyACM0", (115200, 57600), None)
     assert (finding.state, finding.found) == ("fail", "no MAVLink at 115200, 57600")
     assert finding.cure.startswith("the port's protocol is probably not MAVLink")
 
@@ -101,24 +100,24 @@ def test_no_baud_rate_works() -> None:
 @pytest.mark.parametrize(
     ("traffic", "state", "found"),
     [
-        (CLEAN, "ok", "600 in 6.0 s, 2.0 kB/s, MAVLink 2, every checksum right"),
-        (replace(CLEAN, old=600), "ok", "MAVLink 1, every"),
-        (replace(CLEAN, old=7), "ok", "MAVLink 2, 7 of them MAVLink 1, every"),
+        (CLEAN, "ok", "600 in 6.0 s, 2.0 kB/s, MAVLink 2, no bad checksums"),
+        (replace(CLEAN, old=600), "ok", "MAVLink 1, no bad"),
+        (replace(CLEAN, old=7), "ok", "MAVLink 2, 7 of them MAVLink 1, no bad"),
         (replace(CLEAN, bad=2), "ok", "0.3% bad checksums"),
         (replace(CLEAN, packets=2, bad=2), "ok", "50.0% bad checksums"),  # the beginning of a stream
         (replace(CLEAN, bad=200), "note", "25.0% bad checksums"),
     ],
 )
 def test_packets(traffic: Traffic, state: str, found: str) -> None:
-    finding = look.packets(traffic)
+    finding = diagnosis.packets(traffic)
     assert (finding.check, finding.state) == ("packets", state)
     assert found in finding.found
     assert both(finding.cure) == (state == "note")
 
 
 def test_signing() -> None:
-    assert look.signing(CLEAN) == ("signing", "ok", "not signed", "")
-    finding = look.signing(replace(CLEAN, signed=600))
+    assert diagnosis.signing(CLEAN) == ("signing", "ok", "not signed", "")
+    finding = diagnosis.signing(replace(CLEAN, signed=600))
     assert finding.state == "note"
     assert finding.found.startswith("600 of 600 packets are signed")
     assert both(finding.cure)
@@ -129,21 +128,24 @@ def test_signing() -> None:
     [
         ({"unsigned": 0, "forged": 0}, "ok", "all 600 packets are signed with the key"),
         ({"unsigned": 5, "forged": 0}, "note", "595 of 600 packets are signed with the key; ignored: 5 unsigned"),
-        ({"unsigned": 599, "forged": 1}, "fail", "no packet is believed: 599 unsigned, 1 forged"),
+        ({"unsigned": 599, "forged": 1}, "fail", "every packet is ignored: 599 unsigned, 1 forged"),
     ],
 )
 def test_signing_with_a_key(refused: dict[str, int], state: str, found: str) -> None:
-    finding = look.signing(replace(CLEAN, signed=600, refused=refused))
+    finding = diagnosis.signing(replace(CLEAN, signed=600, refused=refused))
     assert (finding.state, finding.found) == (state, found)
     assert both(finding.cure) == (state == "fail")
-    assert look.exit_code([finding]) == (3 if state == "fail" else 0)
+    assert diagnosis.exit_code([finding]) == (3 if state == "fail" else 0)
 
 
 def test_strangers() -> None:
-    assert look.strangers(0, "") is None
-    finding = look.strangers(7, "10.0.0.9:5555")
+    assert diagnosis.other_senders(0, "") is None
+    finding = diagnosis.other_senders(7, "10.0.0.9:5555")
     assert finding is not None
-    assert (finding.state, finding.found) == ("note", "7 datagrams of others are ignored, as from 10.0.0.9:5555")
+    assert (finding.state, finding.found) == (
+        "note",
+        "7 datagrams of other senders are ignored; the first was from 10.0.0.9:5555",
+    )
 
 
 @pytest.mark.parametrize(
@@ -154,7 +156,7 @@ def test_strangers() -> None:
         ([PILOT, OTHER], (2, 1), (None, None), "note", "px4 quadrotor 2/1", "--target-system 1 or --target-system 2"),
         ([PILOT, OTHER], (2, 1), (2, None), "ok", "px4 quadrotor 2/1", ""),
         ([], None, (None, None), "fail", "none from anybody", "forward HEARTBEAT"),
-        ([STATION], None, (None, None), "fail", "no autopilot's, only gcs 255/190", "forward the vehicle here"),
+        ([STATION], None, (None, None), "fail", "none from an autopilot, only gcs 255/190", "forward the vehicle here"),
         ([PILOT], None, (7, None), "fail", "none from 7/1, but ardupilotmega", "--target-system 1"),
         ([replace(PILOT, component=9)], None, (None, None), "fail", "none from any/1", "--target-component 9"),
         ([replace(PILOT, hz=0.3)], (1, 1), (None, None), "note", "at 0.3 Hz", "loses packets"),
@@ -169,7 +171,7 @@ def test_heartbeats(
     found: str,
     cure: str,
 ) -> None:
-    finding = look.heartbeat(sources, followed, target)
+    finding = diagnosis.heartbeat(sources, followed, target)
     assert (finding.check, finding.state) == ("heartbeat", state)
     assert found in finding.found
     assert cure in finding.cure
@@ -191,7 +193,7 @@ def test_heartbeats(
     ],
 )
 def test_streams(name: str, count: int, hz: float, said: str, state: str, found: str) -> None:
-    finding = look.stream(StreamRate(name, count, hz, 50.0, said))
+    finding = diagnosis.stream(StreamRate(name, count, hz, 50.0, said))
     assert (finding.check, finding.state) == (name, state)
     assert found in finding.found
     assert both(finding.cure) == (state != "ok")
@@ -199,12 +201,16 @@ def test_streams(name: str, count: int, hz: float, said: str, state: str, found:
 
 def test_a_position_that_is_promised_and_silent_waits_for_a_fix() -> None:
     position, attitude = (StreamRate(name, 0, 0.0, 50.0, promised=True) for name in ("GLOBAL_POSITION_INT", "ATTITUDE"))
-    assert "PX4 sends no position before it has one" in look.stream(position).cure
-    assert "before it has one" not in look.stream(attitude).cure
+    assert "PX4 sends no position before it has one" in diagnosis.stream(position).cure
+    assert "before it has one" not in diagnosis.stream(attitude).cure
 
 
 def test_a_log_is_not_measured_by_what_nobody_asked_of_it() -> None:
-    assert look.stream(StreamRate("ATTITUDE", 9, 4.0, 50.0, recorded=True))[1:] == ("ok", "4.0 Hz, as recorded", "")
+    assert diagnosis.stream(StreamRate("ATTITUDE", 9, 4.0, 50.0, recorded=True))[1:] == (
+        "ok",
+        "4.0 Hz, as recorded",
+        "",
+    )
 
 
 @pytest.mark.parametrize(
@@ -218,22 +224,22 @@ def test_a_log_is_not_measured_by_what_nobody_asked_of_it() -> None:
     ],
 )
 def test_position(position: Position, state: str, found: str) -> None:
-    finding = look.position(position)
+    finding = diagnosis.position(position)
     assert (finding.check, finding.state) == ("position", state)
     assert found in finding.found
     assert bool(finding.cure) == (state == "fail")
 
 
 def test_home() -> None:
-    assert look.home(PLACE, armed=True) == ("home", "ok", "46.0123000, 7.7456000, 1650.0 m AMSL, armed", "")
-    finding = look.home(None, armed=False)
-    assert finding[:3] == ("home", "note", "unknown yet, not armed")
+    assert diagnosis.home(PLACE, armed=True) == ("home", "ok", "46.0123000, 7.7456000, 1650.0 m AMSL, armed", "")
+    finding = diagnosis.home(None, armed=False)
+    assert finding[:3] == ("home", "note", "not known yet, not armed")
     assert both(finding.cure)
 
 
 @pytest.mark.parametrize(("age_s", "state"), [(0.012, "ok"), (2.0, "ok"), (2.1, "fail"), (None, "fail")])
 def test_pose(age_s: float | None, state: str) -> None:
-    assert look.pose(age_s).state == state
+    assert diagnosis.pose(age_s).state == state
 
 
 @pytest.mark.parametrize(
@@ -247,7 +253,7 @@ def test_pose(age_s: float | None, state: str) -> None:
     ],
 )
 def test_clock(lags_s: list[float], reboots: int, state: str, found: str) -> None:
-    finding = look.clock(lags_s, reboots)
+    finding = diagnosis.clock(lags_s, reboots)
     assert (finding.check, finding.state) == ("clock", state)
     assert found in finding.found
 
@@ -264,70 +270,70 @@ def test_clock(lags_s: list[float], reboots: int, state: str, found: str) -> Non
     ],
 )
 def test_rate(times: list[float], now: float, hz: float) -> None:
-    assert look.rate(times, now) == pytest.approx(hz)
+    assert diagnosis.rate(times, now) == pytest.approx(hz)
 
 
 # -- the port ------------------------------------------------------------------------------------------------
 
 
 def test_no_port_lists_the_candidates() -> None:
-    finding = port_look.no_port(["/dev/ttyS0", "/dev/ttyUSB3"], ["/dev/ttyUSB3"])
-    assert finding[:3] == ("port", "note", "none was named; there is /dev/ttyS0, /dev/ttyUSB3")
+    finding = port_diagnosis.no_port(["/dev/ttyS0", "/dev/ttyUSB3"], ["/dev/ttyUSB3"])
+    assert finding[:3] == ("port", "note", "none was named; free: /dev/ttyS0, /dev/ttyUSB3")
     assert finding.cure == "--port /dev/ttyUSB3, --port pty, or --format tunnel"
 
 
 def test_no_port_is_proposed_that_is_not_there() -> None:
-    assert port_look.no_port([], []) == (
+    assert port_diagnosis.no_port([], []) == (
         "port", "note", "none was named; no serial port is free for it", "--port pty, or --format tunnel",
     )  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("way", "state", "found"),
+    ("traffic", "state", "found"),
     [
-        (WAY, "ok", "12 of 12 binary frames were taken"),
-        (replace(WAY, dropped=3), "note", "12 of 15"),
-        (replace(WAY, taken=0, dropped=12), "fail", "0 of 12"),
-        (replace(WAY, kind="tcpin", taken=0, dropped=12), "fail", "0 of 12"),
-        (replace(WAY, lost="/dev/ttyUSB0: lost: Input/output error"), "fail", "/dev/ttyUSB0: lost"),
+        (TRAFFIC, "ok", "12 of 12 binary frames were accepted"),
+        (replace(TRAFFIC, dropped=3), "note", "12 of 15"),
+        (replace(TRAFFIC, taken=0, dropped=12), "fail", "0 of 12"),
+        (replace(TRAFFIC, kind="tcpin", taken=0, dropped=12), "fail", "0 of 12"),
+        (replace(TRAFFIC, lost="/dev/ttyUSB0: lost: Input/output error"), "fail", "/dev/ttyUSB0: lost"),
     ],
 )
-def test_frames(way: PortTraffic, state: str, found: str) -> None:
-    finding = port_look.frames(way, "binary")
+def test_frames(traffic: PortTraffic, state: str, found: str) -> None:
+    finding = port_diagnosis.frames(traffic, "binary")
     assert (finding.check, finding.state) == ("frames", state)
     assert found in finding.found
     assert bool(finding.cure) == (state != "ok")
 
 
 @pytest.mark.parametrize(
-    ("way", "state", "found"),
+    ("traffic", "state", "found"),
     [
-        (WAY, "note", "unknown"),
-        (replace(WAY, answered=4), "ok", "4 bytes came back"),
-        (replace(WAY, seen=("cat",)), "ok", "cat has the other end"),
-        (replace(WAY, kind="mavlink"), "note", "unknown"),
-        (replace(WAY, kind="udpout"), "note", "unknown"),
-        (replace(WAY, kind="udpout", refused=True), "fail", "nobody listens there"),
-        (replace(WAY, kind="udpin"), "ok", "a datagram came"),
-        (replace(WAY, kind="tcp"), "ok", "connected"),
-        (replace(WAY, kind="tcpin"), "ok", "connected"),
-        (replace(WAY, kind="pty"), "ok", "somebody reads it"),
-        (replace(WAY, kind="pty", unread=99), "note", "nobody has it open"),
-        (replace(WAY, kind="pty", seen=("7 (cat)",)), "ok", "7 (cat) reads it"),
-        (replace(WAY, kind="pty", seen=("7 (cat)",), unread=99), "note", "7 (cat) has it open and left 99 bytes"),
+        (TRAFFIC, "note", "unknown"),
+        (replace(TRAFFIC, answered=4), "ok", "4 bytes came back"),
+        (replace(TRAFFIC, seen=("cat",)), "ok", "cat has the other end"),
+        (replace(TRAFFIC, kind="mavlink"), "note", "unknown"),
+        (replace(TRAFFIC, kind="udpout"), "note", "unknown"),
+        (replace(TRAFFIC, kind="udpout", refused=True), "fail", "nobody listens there"),
+        (replace(TRAFFIC, kind="udpin"), "ok", "a datagram came"),
+        (replace(TRAFFIC, kind="tcp"), "ok", "connected"),
+        (replace(TRAFFIC, kind="tcpin"), "ok", "connected"),
+        (replace(TRAFFIC, kind="pty"), "ok", "somebody reads it"),
+        (replace(TRAFFIC, kind="pty", unread=99), "note", "nobody has it open"),
+        (replace(TRAFFIC, kind="pty", seen=("7 (cat)",)), "ok", "7 (cat) reads it"),
+        (replace(TRAFFIC, kind="pty", seen=("7 (cat)",), unread=99), "note", "7 (cat) has it open and left 99 bytes"),
     ],
 )
-def test_reader(way: PortTraffic, state: str, found: str) -> None:
-    finding = port_look.reader(way)
+def test_reader(traffic: PortTraffic, state: str, found: str) -> None:
+    finding = port_diagnosis.reader(traffic)
     assert finding is not None
     assert (finding.check, finding.state) == ("reader", state)
     assert found in finding.found
     assert bool(finding.cure) == (state != "ok")
 
 
-@pytest.mark.parametrize("way", [replace(WAY, taken=0, dropped=3), replace(WAY, lost="gone")])
-def test_of_a_port_that_takes_nothing_no_reader_is_told(way: PortTraffic) -> None:
-    assert port_look.reader(way) is None
+@pytest.mark.parametrize("traffic", [replace(TRAFFIC, taken=0, dropped=3), replace(TRAFFIC, lost="gone")])
+def test_of_a_port_that_takes_nothing_no_reader_is_told(traffic: PortTraffic) -> None:
+    assert port_diagnosis.reader(traffic) is None
 
 
 # -- all in all ----------------------------------------------------------------------------------------------
@@ -352,8 +358,8 @@ def test_of_a_port_that_takes_nothing_no_reader_is_told(way: PortTraffic) -> Non
 )
 def test_the_exit_code_and_the_verdict_are_those_of_what_failed(failed: list[str], code: int) -> None:
     findings = [Finding("home", "note", "unknown yet"), *(Finding(check, "fail", "") for check in failed)]
-    verdict = look.verdict(findings, "arva-hil run …")
-    assert look.exit_code(findings) == code
+    verdict = diagnosis.verdict(findings, "arva-hil run …")
+    assert diagnosis.exit_code(findings) == code
     assert verdict.state == ("fail" if failed else "ok")
     assert "arva-hil run …" in verdict.found + verdict.cure
     assert all(check in verdict.found for check in failed)
