@@ -347,7 +347,7 @@ def test_a_scheduler_that_is_not_there_is_no_link(arva: Arva, plan: Path, monkey
         code, _, err = arva("campaign", plan, "--scheduler", address, "--out", plan.parent / "r")
     assert code == 3
     assert f"no Dask scheduler answers at {address}" in err
-    assert "goes on once there is a scheduler" in err
+    assert "continues it once there is a scheduler" in err
 
 
 def test_without_dask_it_is_said_how_to_get_it(arva: Arva, plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ Arva = Callable[..., Any]
 
 def error_m(err: str) -> float:
     """How far from the transmitter it was reported, m."""
-    found = re.search(r"^the transmitter lies ([\d.]+) m from there$", err, re.MULTILINE)
+    found = re.search(r"^the transmitter is ([\d.]+) m from there$", err, re.MULTILINE)
     assert found, err
     return float(found[1])
 
@@ -42,7 +42,7 @@ def test_it_finds_the_transmitter_and_lands(arva: Arva, form: str, tmp_path: Pat
     code, out, err = arva(*MAX, "--format", form, "--record", tmp_path)
     assert (code, out) == (0, "")
     assert error_m(err) < 1.0
-    down = re.search(r"^the vehicle has come down ([\d.]+) m from it$", err, re.MULTILINE)
+    down = re.search(r"^the vehicle has landed ([\d.]+) m from it$", err, re.MULTILINE)
     assert down
     assert float(down[1]) < 1.0
     name = "a transmitter" if form == "text" else "transmitter 1"

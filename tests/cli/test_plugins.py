@@ -323,7 +323,7 @@ def test_a_module_that_is_there_twice_is_refused_with_both_places(
     [
         ("class Bad:\n    def __init__(self, x): ...\n    def observe(self, e): ...\n", "cannot be created (TypeError"),
         ("class Bad:\n    def observe(self, e): raise KeyError(5)\n", "Bad"),
-        ("class Bad:\n    def observe(self, e): ...\n    def close(self): raise KeyError(5)\n", "its close failed"),
+        ("class Bad:\n    def observe(self, e): ...\n    def close(self): raise KeyError(5)\n", "close() failed"),
     ],
 )
 def test_an_observer_that_raises_stops_nothing(install: Callable[..., None], arva: Arva, code: str, said: str) -> None:

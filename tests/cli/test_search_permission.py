@@ -66,7 +66,7 @@ def test_without_a_terminal_and_a_yes_it_is_refused(
 
 def test_yes_on_the_command_line(start: Start, real: Autopilot, beacon: Beacon) -> None:
     program = start(*arguments(real, beacon), "--yes")
-    program.says("warning: .* is not known to be a simulator: --yes")
+    program.says("warning: .* is not known to be a simulator; --yes")
     program.says("arming")
     program.send(signal.SIGINT)
     assert program.ends() == 130
