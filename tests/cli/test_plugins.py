@@ -329,7 +329,7 @@ def test_a_module_that_is_there_twice_is_refused_with_both_places(
 def test_an_observer_that_raises_stops_nothing(install: Callable[..., None], arva: Arva, code: str, said: str) -> None:
     install("broken", "arva_hil.observers", "bad = broken:Bad", code)
     ran = arva("replay", LOG, "--observer", "bad")
-    assert ran.code == (2 if "made" in said else 0)
+    assert ran.code == (2 if "created" in said else 0)
     assert said in ran.err
 
 

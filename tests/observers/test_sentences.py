@@ -177,12 +177,12 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.ConsentNeeded(1.0, LABEL, True),
         "warning",
-        "px4 quadrotor 1/1 is not known to be a simulator: before it flies, yes would have to be typed here",
+        "px4 quadrotor 1/1 is not known to be a simulator: before it flies, you would have to type yes here",
     ),
     (
         searches.ConsentNeeded(1.0, LABEL, False),
         "warning",
-        "px4 quadrotor 1/1 is not known to be a simulator: before it flies, it would need --yes, for nobody can be "
+        "px4 quadrotor 1/1 is not known to be a simulator: before it flies, it would need --yes, because nobody can be "
         "asked here",
     ),
     (

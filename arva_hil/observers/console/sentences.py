@@ -108,7 +108,7 @@ def _launched(event: searches.Launched) -> Sentence:
 
 
 def _consent(event: searches.ConsentNeeded) -> Sentence:
-    how = "yes would have to be typed here" if event.asked else "it would need --yes, for nobody can be asked here"
+    how = "you would have to type yes here" if event.asked else "it would need --yes, because nobody can be asked here"
     return "warning", f"{event.label} is not known to be a simulator: before it flies, {how}"
 
 
