@@ -82,7 +82,7 @@ def test_who_speaks_from_another_address_changes_nothing_and_is_counted(
     program.stops()
     assert hears(frames[-1])
     assert len(re.findall("datum: ", program.err)) == 1
-    assert len(re.findall("is ignored", program.err)) == 1
+    assert len(re.findall("are ignored", program.err)) == 1
     counters = json.loads((tmp_path / "run.json").read_text())["counters"]
     assert counters["autopilot_link_strangers"] == 20
     assert counters["packets_ignored"] == counters["stray_times"] == counters["reboots"] == 0
