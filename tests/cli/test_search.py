@@ -390,6 +390,6 @@ def test_two_ctrl_c_end_it_at_once(start: Start, autopilot: Autopilot, beacon: B
     program.says("arming")
     autopilot.pause()  # it will never say that it is disarmed
     program.send(signal.SIGINT)
-    program.says("interrupted: it ")
+    program.says("interrupted: the vehicle ")
     program.send(signal.SIGINT)
     assert program.ends() == 130
