@@ -204,7 +204,7 @@ class Emulator:
     def advance(self, now: float) -> None:
         """Do what is due until `now`."""
         for vehicle in self.vehicles:
-            self._make_frames(vehicle, now, self._ready(vehicle, now))
+            self._make_frames(vehicle, now)
             self._answer(vehicle, now)
         if now >= self._next_status:
             self._next_status = now + _STATUS_S
@@ -215,7 +215,7 @@ class Emulator:
         """Nothing more will come: make the frames that still wait for it, release what faults hold up."""
         self.advance(now)
         for vehicle in self.vehicles:
-            self._make_frames(vehicle, now, lambda t: True)
+            self._make_frames(vehicle, now, last=True)
             self._tell_missing(vehicle, now)
 
     # -- out -----------------------------------------------------------------------------------------------
@@ -224,7 +224,9 @@ class Emulator:
         """When to call `advance` again at the latest."""
         due = self._next_status
         for vehicle in self.vehicles:
-            due = min(due, vehicle.session.next_due, *(source.next_due for source in vehicle.sources))
+            due = min(due, vehicle.session.next_due)
+            for source in vehicle.sources:
+                due = min(due, source.next_due)
         return due
 
     def output(self) -> list[Output]:
@@ -266,9 +268,11 @@ class Emulator:
             heard |= vehicle.session.hear(share, now, sender) and bool(share.every)
         return packets.every if heard else []
 
-    def _make_frames(self, vehicle: EmulatedVehicle, now: float, ready: Callable[[float], bool]) -> None:
+    def _make_frames(self, vehicle: EmulatedVehicle, now: float, *, last: bool = False) -> None:
+        """Those that are due and do not wait for what comes; the `last` ones wait for nothing."""
         for source in vehicle.sources:
             if source.next_due <= now:
+                ready = self._ready(vehicle, math.inf if last else now)
                 source.advance(now, vehicle, live=not self._look_ahead_s, ready=ready)
                 self._collect(source)
 

@@ -116,8 +116,8 @@ class FrameSource:
     @property
     def next_due(self) -> float:
         """When there is something to do."""
-        held_until = self.faults.outbox.next_due if self.faults else math.inf
-        return min(self.schedule.deadline, self.receiver.next_due, held_until)
+        due = min(self.schedule.deadline, self.receiver.next_due)
+        return min(due, self.faults.outbox.next_due) if self.faults else due
 
     def place(self, frame: LocalFrame, scenario: Scenario) -> None:
         """The datum is there now."""

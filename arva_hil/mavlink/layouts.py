@@ -45,3 +45,24 @@ def layout(msgid: int) -> tuple[Any, Any, Callable[[Sequence[Any]], Iterable[Any
     if len(ordered) > 1 and all(isinstance(at, int) for at in ordered):
         return kind, kind.unpacker, operator.itemgetter(*ordered)
     return kind, kind.unpacker, lambda values: [list(values[at]) if type(at) is slice else values[at] for at in ordered]
+
+
+@functools.cache
+def payload_writer(msgid: int) -> Callable[[Any], bytes] | None:
+    """What makes the payload, whole, out of a message of several numbers; None for other messages.
+
+    It raises struct.error for a number that does not fit and for an array that is too short.
+    """
+    kind = dialect.mavlink_map[msgid]
+    if "char" in kind.fieldtypes or len(kind.fieldnames) < 2:
+        return None
+    values, lengths = operator.attrgetter(*kind.ordered_fieldnames), kind.lengths
+    pack: Callable[..., bytes] = kind.unpacker.pack
+    if max(lengths) == 1:
+        return lambda message: pack(*values(message))
+
+    def write(message: Any) -> bytes:
+        fields = zip(values(message), lengths, strict=True)
+        return pack(*itertools.chain.from_iterable(value[:n] if n > 1 else (value,) for value, n in fields))
+
+    return write

@@ -19,6 +19,7 @@ from arva_hil.runtime.clock import Clock
 from arva_hil.runtime.link_monitor import LinkMonitor
 
 _LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within it
+_LOOK_S: Final = 0.05  # at least so long between two looks at the state of the links; none of them is a deadline
 _STALL_S: Final = 0.05  # a frame that is late by more than this waits until all that has come is read
 _MOST_READS: Final = 64
 LOOK_AHEAD_S: Final = 1.0  # how far a log is read past a frame's instant, to interpolate
@@ -43,6 +44,7 @@ class Live:
         self._monitors = [LinkMonitor(name, link) for name, link in self._sinks.items()]
         self._audience = audience
         self._next_look = -math.inf
+        self._deadline = emulator.next_deadline()
         self._gone: set[str] = set()
         for name, link in autopilots.items():
             if link.away:  # it is not there yet
@@ -55,20 +57,21 @@ class Live:
         from the future.
         """
         emulator = self.emulator
-        stalled = clock.now() - emulator.next_deadline() > _STALL_S
+        stalled = clock.now() - self._deadline > _STALL_S
         for name, link in self._autopilots.items():
             if name not in self._gone:
                 self._read(name, link, clock, _MOST_READS if stalled else 1)
         now = clock.now()
         if now >= self._next_look:
-            self._next_look = now + _LONGEST_WAIT_S
+            self._next_look = now + _LOOK_S
             self._look_at_links(now)
         emulator.advance(now)
         lost = [error for output in emulator.output() if (error := self._write(output, now))]
         self._audience.tell(emulator.events())
         if lost:
             raise lost[0]
-        return min(emulator.next_deadline(), self._next_look)
+        self._deadline = emulator.next_deadline()
+        return self._deadline
 
     def counts(self) -> dict[str, int]:
         """Of each link: how often it was lost and came back, and what strangers sent to it."""

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 from arva_hil.events import Event, LinkBack, LinkBlocked, LinkLost, LinkThere, StrangersIgnored
 from arva_hil.links import Link
 
 _WORTH_SAYING_S: Final = 0.05  # a link that was away for less was not away
+
+
+class _Seen(NamedTuple):
+    """Of a link, as `Link` has them."""
+
+    losses: int
+    renewals: int
+    returns: int
+    strangers: int
+    away: bool
+    why: str
 
 
 class LinkMonitor:
@@ -17,36 +28,37 @@ class LinkMonitor:
         self.name = name
         self.link = link
         self._lost_at = 0.0
-        self._note()
+        self._seen = _seen(link)
 
     @property
     def lost_again(self) -> bool:
-        return self.link.losses > self._losses
+        return self.link.losses > self._seen.losses
 
     @property
     def renewed_again(self) -> bool:
-        return self.link.renewals > self._renewals
+        return self.link.renewals > self._seen.renewals
 
     def look(self, now: float) -> list[Event]:
         """What has happened to it since the last look."""
-        link, events = self.link, list[Event]()
-        about = now, self.name, link.name
-        if self.lost_again:
+        before, seen, events = self._seen, _seen(self.link), list[Event]()
+        if seen == before:
+            return events
+        self._seen = seen
+        about = now, self.name, self.link.name
+        if seen.losses > before.losses:
             self._lost_at = now
-            events.append(LinkLost(*about, link.why))
-        elif link.away and link.why != self._why:
-            events.append(LinkBlocked(*about, link.why))
-        if link.returns > self._returns:
+            events.append(LinkLost(*about, seen.why))
+        elif seen.away and seen.why != before.why:
+            events.append(LinkBlocked(*about, seen.why))
+        if seen.returns > before.returns:
             away = now - self._lost_at
             events.append(LinkBack(*about, away if away > _WORTH_SAYING_S else 0.0))
-        elif self._away and not link.away:
+        elif before.away and not seen.away:
             events.append(LinkThere(*about))
-        if link.strangers and not self._strangers:
-            events.append(StrangersIgnored(*about, link.stranger))
-        self._note()
+        if seen.strangers and not before.strangers:
+            events.append(StrangersIgnored(*about, self.link.stranger))
         return events
 
-    def _note(self) -> None:
-        link = self.link
-        self._losses, self._renewals, self._returns, self._why = link.losses, link.renewals, link.returns, link.why
-        self._strangers, self._away = link.strangers, link.away
+
+def _seen(link: Link) -> _Seen:
+    return _Seen(link.losses, link.renewals, link.returns, link.strangers, link.away, link.why)

@@ -11,19 +11,13 @@ from numpy.typing import NDArray
 
 from arva_hil.field import rotation
 from arva_hil.field.geodesy import LocalFrame
+from arva_hil.vehicle.extrapolation import attitude_ahead
 
 Vector = NDArray[np.float64]
 
 _KEEP_S: Final = 10.0
 _KEEP_SAMPLES: Final = 8192  # 10 s at the fastest stream there is, twice over
 _WIDEST_GAP_S: Final = 2.0  # two samples further apart do not tell what was between them
-# How long body rates tell the attitude to come. Over two recorded square flights the tilt half a second ahead is wrong
-# by 5.4° (root mean square) when the rates go on, by 2.9° when they stop after 0.15 s and by 2.6° when it is held;
-# the heading by 4.7° when the turn goes on for 0.5 s, and by 9.6° when it is held (tools/measure_extrapolation.py).
-_TILT_S: Final = 0.15
-_HEADING_S: Final = 0.5
-_MOST_TURN: Final = np.pi / 6  # rad, by body rates
-_MOST_HEADING: Final = np.pi / 3  # rad, by the turn that goes on
 
 
 class PositionSample(NamedTuple):
@@ -82,9 +76,8 @@ class PoseTrack:
     """Remembers the last seconds of position and attitude.
 
     Between two samples the pose is interpolated (position: cubic Hermite, which meets both velocities; attitude:
-    slerp). After the newest it is extrapolated: the position with its velocity; the attitude with its body rates for
-    0.15 s and at most 30°, then with the turn about the vertical up to 0.5 s and by at most 60°, then it is held.
-    Before the first there is none.
+    slerp). After the newest it is extrapolated: the position with its velocity; the attitude for a while with its body
+    rates (`extrapolation.py`). Before the first there is none.
     """
 
     def __init__(self) -> None:
@@ -167,13 +160,4 @@ def _position_at(boot: float, a: PositionSample, b: PositionSample | None, frame
 def _attitude_at(boot: float, a: AttitudeSample, b: AttitudeSample | None) -> Vector:
     if b is not None:
         return rotation.slerp(a.quaternion, b.quaternion, (boot - a.boot) / (b.boot - a.boot))
-    ahead, rates, quaternion = boot - a.boot, np.array(a.rates), a.quaternion
-    turned = rates * min(ahead, _TILT_S)
-    if (angle := float(np.linalg.norm(turned))) > _MOST_TURN:
-        turned *= _MOST_TURN / angle
-    attitude = rotation.multiply(quaternion, rotation.from_rotation_vector(turned))
-    if ahead <= _TILT_S:
-        return attitude
-    heading = float((rotation.to_matrix(quaternion) @ rates)[2]) * (min(ahead, _HEADING_S) - _TILT_S)
-    heading = max(-_MOST_HEADING, min(_MOST_HEADING, heading))
-    return rotation.multiply(rotation.from_rotation_vector(np.array([0.0, 0.0, heading])), attitude)
+    return np.array(attitude_ahead(a.angles, a.rates, boot - a.boot))

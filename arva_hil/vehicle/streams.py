@@ -82,6 +82,7 @@ class Streams:
         self._pending: tuple[Stream, float] | None = None
         self._home_next = now
         self._home_asks = 0
+        self._next_ask = 0.0  # when the first of the streams is to be looked at
         self.home_wanted = True
         self.wanted = [
             Stream(
@@ -107,12 +108,9 @@ class Streams:
         """These too: message id → Hz."""
         for msgid, rate_hz in extras.items():
             self.extras.append(Stream(f"message {msgid}", msgid, frozenset({msgid}), 0, rate_hz, needed=False))
+        self._all, self._next_ask = self.wanted + self.extras, 0.0
         self._seen = {msgid: times for stream in self._all for msgid, times in stream.seen.items()}
         self.extra_ids = frozenset(stream.request for stream in self.extras)
-
-    @property
-    def _all(self) -> list[Stream]:
-        return self.wanted + self.extras
 
     def note(self, msgid: int, now: float) -> None:
         """One of the wanted messages came from the vehicle."""
@@ -125,7 +123,7 @@ class Streams:
     def renew(self, now: float) -> None:
         """The vehicle may have forgotten: ask for all of them at once, in the way that has worked so far."""
         self._since = now
-        self._pending = None
+        self._pending, self._next_ask = None, 0.0
         self._home_next = now
         self._home_asks = 0
         for stream in self._all:
@@ -143,15 +141,19 @@ class Streams:
             stream, _ = self._pending
             stream.asked = Request("SET_MESSAGE_INTERVAL", stream.want_hz)
             self._pending = None
+        if self._pending or now < self._next_ask:
+            return messages
         for stream in self._all:
             if self._pending:
-                break
+                return messages  # the others once it is answered
             if now < stream.next_ask or stream.refused:
                 continue
             if stream.anew or self._too_slow(stream, now):
                 messages.append(self._ask(stream, now, system, component))
             else:
                 stream.tries, stream.next_ask = 0, now + _LOOK_S
+        if not self._pending:
+            self._next_ask = min(stream.next_ask for stream in self._all if not stream.refused)
         return messages
 
     def acknowledged(self, command: int, result: int, now: float) -> None:
@@ -159,7 +161,7 @@ class Streams:
         if command != _SET_INTERVAL or not self._pending or result == dialect.MAV_RESULT_IN_PROGRESS:
             return
         stream, _ = self._pending
-        self._pending = None
+        self._pending, self._next_ask = None, 0.0
         if not stream.needed:
             stream.refused = stream.refused or result != dialect.MAV_RESULT_ACCEPTED
             return
