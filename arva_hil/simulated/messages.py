@@ -6,91 +6,20 @@ Fields: https://mavlink.io/en/messages/common.html
 from __future__ import annotations
 
 import math
-import random
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
-from arva_hil.field.geodesy import LocalFrame
 from arva_hil.mavlink.codec import dialect
 from arva_hil.simulated.autopilot import Mode, SetPoint, SimulatedAutopilot
 from arva_hil.simulated.multirotor import Motion, Multirotor, Vector
+from arva_hil.simulated.position import Home
 
-__all__ = ["BUILDERS", "GROUPS", "PARAMETERS", "SENSORS", "Home", "PositionError", "VehicleReport", "read_set_point"]
+__all__ = ["BUILDERS", "SENSORS", "VehicleReport", "read_set_point"]
 
 Message = Any  # pymavlink's generated classes carry no types
 
-_NODE_US: Final = 1_000_000
-_REMEMBERED: Final = math.exp(-_NODE_US / 30e6)  # of the raw error after a second
-_SLOW: Final = math.exp(-_NODE_US / 5e6)  # of the smoothed one
-_SMOOTHED: Final = math.sqrt((1 - _SLOW) / (1 + _SLOW) * (1 + _SLOW * _REMEMBERED) / (1 - _SLOW * _REMEMBERED))
-# by which smoothing lessens the standard deviation
 _RANGE_CM: Final = 4000
 SENSORS: Final = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE | dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION
-
-
-class Home:
-    """Where the vehicle was switched on: degrees and metres above mean sea level, and the frame around it."""
-
-    def __init__(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
-        self.alt_m = alt_m
-        self._frame = LocalFrame(lat_deg, lon_deg, alt_m)
-        self._cell: tuple[int, ...] = ()
-        self._linear: list[list[float]] = []
-
-    def lla(self, ned: Vector) -> Vector:
-        """Latitude and longitude in degrees, altitude in metres above mean sea level."""
-        lat, lon, alt = self._frame.lla(ned)
-        return float(lat), float(lon), float(alt)
-
-    def lla_fast(self, ned: Vector) -> Vector:
-        """The same within 0.1 mm and ten times as fast: a plane in each cube of 16 m."""
-        n, e, d = ned
-        cell = round(n / 16), round(e / 16), round(d / 16)
-        x, y, z = cell[0] * 16.0, cell[1] * 16.0, cell[2] * 16.0
-        if cell != self._cell:
-            corners = self._frame.lla([(x, y, z), (x + 1, y, z), (x, y + 1, z), (x, y, z + 1)])
-            self._linear = [[float(v[0]), *(v[1:] - v[0]).tolist()] for v in corners]
-            self._cell = cell
-        lat, lon, alt = (a + b * (n - x) + c * (e - y) + f * (d - z) for a, b, c, f in self._linear)
-        return lat, lon, alt
-
-
-class PositionError:
-    """The error of an estimated position: on each axis a Gauss-Markov process, smoothed as an estimator does it.
-
-    `sigma`: its standard deviation, metres. The process forgets in 30 s, and is low-pass filtered with 5 s, so that
-    the error drifts and does not jitter. It begins with 0, because home is where the estimator begins. Drawn once a
-    second, straight lines between. Remembers the second it has come to; the same seed gives the same error at the same
-    time.
-    """
-
-    def __init__(self, sigma: float, seed: int) -> None:
-        self._random = random.Random(seed)
-        self._node = 0
-        self._raw_sigma = sigma / _SMOOTHED
-        self._raw = self._from = self._to = (0.0, 0.0, 0.0)
-
-    def at(self, time_us: int) -> Vector:
-        """Metres NED, to be added to the true position. Time never goes back."""
-        while self._node < time_us // _NODE_US:
-            self._node += 1
-            self._advance()
-        share = time_us / _NODE_US - self._node
-        (a, b, c), (d, e, f) = self._from, self._to
-        return a + (d - a) * share, b + (e - b) * share, c + (f - c) * share
-
-    def _advance(self) -> None:
-        fresh = math.sqrt(1 - _REMEMBERED**2)
-        self._raw = _mixed(self._raw, _REMEMBERED, self._draw(), fresh)
-        self._from, self._to = self._to, _mixed(self._to, _SLOW, self._raw, 1 - _SLOW)
-
-    def _draw(self) -> Vector:
-        gauss = self._random.gauss
-        return gauss(0, self._raw_sigma), gauss(0, self._raw_sigma), gauss(0, self._raw_sigma)
-
-
-def _mixed(a: Vector, of_a: float, b: Vector, of_b: float) -> Vector:
-    return a[0] * of_a + b[0] * of_b, a[1] * of_a + b[1] * of_b, a[2] * of_a + b[2] * of_b
 
 
 class VehicleReport(NamedTuple):
@@ -309,16 +238,4 @@ BUILDERS: Final[dict[int, Callable[[VehicleReport], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     dialect.MAVLINK_MSG_ID_SIMSTATE: _simstate,
     dialect.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
-}
-
-# ArduCopter's, and their defaults.
-PARAMETERS: Final = {"FS_THR_ENABLE": 1, "FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "GUID_TIMEOUT": 3, "RCMAP_THROTTLE": 3}
-
-# What each stream of REQUEST_DATA_STREAM holds.
-GROUPS: Final[dict[int, tuple[int, ...]]] = {
-    dialect.MAV_DATA_STREAM_EXTENDED_STATUS: (1, 24),
-    dialect.MAV_DATA_STREAM_POSITION: (33, 32),
-    dialect.MAV_DATA_STREAM_EXTRA1: (30,),
-    dialect.MAV_DATA_STREAM_EXTRA3: (132,),
-    dialect.MAV_DATA_STREAM_ALL: (1, 24, 33, 32, 30, 132),
 }

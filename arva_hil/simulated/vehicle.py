@@ -1,13 +1,12 @@
 """The built-in vehicle: a simulated multirotor that answers as ArduCopter does, over any link.
 
-It says HEARTBEAT once a second and nothing else until it is asked, and has a handful of parameters. Commands: the
-table at the end; every other one is UNSUPPORTED. A rate above 333 Hz or an id it does not know is DENIED, and the old
-rate stays.
+It says HEARTBEAT once a second and nothing else until it is asked, and has a handful of parameters. It knows the
+commands in `orders.py` and those that ask for messages; every other one is UNSUPPORTED. A rate above 333 Hz or an id it
+does not know is DENIED, and the old rate stays.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
@@ -16,32 +15,19 @@ from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing
 from arva_hil.simulated.autopilot import Mode, SimulatedAutopilot
 from arva_hil.simulated.failsafes import Failsafe
-from arva_hil.simulated.messages import (
-    BUILDERS,
-    GROUPS,
-    PARAMETERS,
-    SENSORS,
-    Home,
-    PositionError,
-    VehicleReport,
-    read_set_point,
-)
+from arva_hil.simulated.message_rates import MessageRates
+from arva_hil.simulated.messages import BUILDERS, SENSORS, VehicleReport, read_set_point
 from arva_hil.simulated.multirotor import STEP_US, Vector
+from arva_hil.simulated.orders import ACCEPTED, DENIED, FAILED, ORDERS, UNSUPPORTED, Params, set_mode, whole
+from arva_hil.simulated.parameters import every_value, value_asked_for
+from arva_hil.simulated.position import Home, PositionError
 
 __all__ = ["SimulatedVehicle", "Truth"]
 
 Message = Any  # pymavlink's generated classes carry no types
 
 _COMPONENT: Final = dialect.MAV_COMP_ID_AUTOPILOT1
-_HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _HOME_POSITION: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
-_SHORTEST_US: Final = 3000
-_BY_FORCE: Final = 21196  # MAV_CMD_COMPONENT_ARM_DISARM, param 2
-
-_ACCEPTED: Final[int] = dialect.MAV_RESULT_ACCEPTED
-_DENIED: Final[int] = dialect.MAV_RESULT_DENIED
-_UNSUPPORTED: Final[int] = dialect.MAV_RESULT_UNSUPPORTED
-_FAILED: Final[int] = dialect.MAV_RESULT_FAILED
 
 
 class Truth(NamedTuple):
@@ -90,9 +76,7 @@ class SimulatedVehicle:
         self._error = PositionError(gps_noise_m, seed)
         self._origin = boot_time
         self._fix_us = round(fix_after * 1e6)
-        self._defaults = {msgid: round(1e6 / hz) for msgid, hz in (streams or {}).items()}
-        if not all(msgid in BUILDERS and us >= _SHORTEST_US for msgid, us in self._defaults.items()):
-            raise ValueError(f"streams {streams}: an id the vehicle does not send, or a rate above 333 Hz")
+        self._rates = MessageRates(streams or {})
         self._now = 0  # µs since the origin, as are all times inside
         self._outbox = bytearray()
         self._boot(0)
@@ -106,9 +90,7 @@ class SimulatedVehicle:
         self._pilot.disarm(force=True)
         self._pilot.set_mode(Mode.STABILIZE)
         self._pilot.ready = False
-        self._intervals = {_HEARTBEAT: 1_000_000} | self._defaults
-        self._due = {msgid: at + interval for msgid, interval in self._intervals.items()}
-        self._due[_HEARTBEAT] = at
+        self._rates.boot(at)
 
     def feed(self, chunk: bytes, now: float, link: int = 0) -> None:
         """Take bytes, cut anywhere, that have arrived on a link by `now`."""
@@ -141,7 +123,7 @@ class SimulatedVehicle:
     @property
     def next_due(self) -> float:
         """When `poll` has something to say."""
-        due = self._now if self._outbox else min(self._due.values())
+        due = self._now if self._outbox else self._rates.next_due
         return self._origin + due * 1e-6
 
     @property
@@ -180,24 +162,25 @@ class SimulatedVehicle:
 
     def _advance(self, until: int) -> None:
         """Fly, and say what falls due on the way."""
-        while (due := min(self._due.values())) <= until:
+        while (due := self._rates.next_due) <= until:
             self._fly(due)
             report = self._report(due)
-            for msgid, at in self._due.items():
-                if at == due:
-                    self._send(BUILDERS[msgid](report))
-                    self._due[msgid] = due + self._intervals[msgid]
+            for msgid in self._rates.take_due():
+                self._send(BUILDERS[msgid](report))
         self._fly(until)
 
     def _fly(self, until: int) -> None:
-        pilot = self._pilot
-        while pilot.motion.steps <= until // STEP_US:
+        pilot, motion, last = self._pilot, self._pilot.motion, until // STEP_US
+        while motion.steps <= last:
             pilot.step()
-        self._now = max(self._now, until)
+        if until > self._now:
+            self._now = until
         self._tell_events()
 
     def _tell_events(self) -> None:
         pilot = self._pilot
+        if pilot.ready and self._was_armed == pilot.armed:
+            return
         armed, self._was_armed = self._was_armed != pilot.armed, pilot.armed
         fixed = not pilot.ready and self._now >= self._boot_at + self._fix_us
         pilot.ready |= fixed
@@ -234,16 +217,25 @@ class SimulatedVehicle:
         )
         params = (message.param1, message.param2, message.param3, message.param4, x, y, z)
         frame = getattr(message, "frame", dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT)
-        handler = _COMMANDS.get(command)
-        result = _UNSUPPORTED if handler is None else handler(self, params, frame)
+        result = self._carry_out(command, params, frame)
         self._acknowledge(command, result, packet)
-        if result != _ACCEPTED:
+        if result != ACCEPTED:
             return
         if command == dialect.MAV_CMD_REQUEST_MESSAGE:
-            self._send(BUILDERS[_whole(params[0])](self._report(self._now)))
+            self._send(BUILDERS[whole(params[0])](self._report(self._now)))
         elif command == dialect.MAV_CMD_GET_MESSAGE_INTERVAL:
-            msgid = _whole(params[0])
-            self._send(dialect.MAVLink_message_interval_message(msgid, self._intervals.get(msgid, -1)))
+            msgid = whole(params[0])
+            self._send(dialect.MAVLink_message_interval_message(msgid, self._rates.interval(msgid)))
+
+    def _carry_out(self, command: int, params: Params, frame: int) -> int:
+        """Gives back a MAV_RESULT."""
+        if command in ORDERS:
+            return ORDERS[command](self._pilot, params, frame)
+        if command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return ACCEPTED if self._rates.ask(whole(params[0]), whole(params[1]), self._now) else DENIED
+        if command in (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_GET_MESSAGE_INTERVAL):
+            return ACCEPTED if whole(params[0]) in BUILDERS else FAILED
+        return UNSUPPORTED
 
     def _acknowledge(self, command: int, result: int, packet: Packet) -> None:
         self._send(
@@ -253,13 +245,12 @@ class SimulatedVehicle:
         )
 
     def _on_set_mode(self, message: Message, packet: Packet) -> None:
-        result = self._set_mode((message.base_mode, message.custom_mode), 0)
+        result = set_mode(self._pilot, (message.base_mode, message.custom_mode), 0)
         self._acknowledge(packet.msgid, result, packet)
 
     def _on_data_stream(self, message: Message, _: Packet) -> None:
-        rate = message.req_message_rate if message.start_stop else 0
-        for msgid in GROUPS.get(message.req_stream_id, ()):
-            self._stream(msgid, max(1_000_000 // rate, _SHORTEST_US) if rate else None)
+        rate_hz = message.req_message_rate if message.start_stop else 0
+        self._rates.ask_group(message.req_stream_id, rate_hz, self._now)
 
     def _on_timesync(self, message: Message, _: Packet) -> None:
         if message.tc1 == 0:
@@ -267,20 +258,12 @@ class SimulatedVehicle:
             self._send(dialect.MAVLink_timesync_message(boot_ns, message.ts1))
 
     def _on_parameter(self, message: Message, _: Packet) -> None:
-        names = list(PARAMETERS)
-        if message.param_index == -1 and message.param_id in PARAMETERS:
-            self._tell_parameter(names.index(message.param_id))
-        elif 0 <= message.param_index < len(names):
-            self._tell_parameter(message.param_index)
+        for answer in value_asked_for(message):
+            self._send(answer)
 
     def _on_parameter_list(self, _: Message, __: Packet) -> None:
-        for index in range(len(PARAMETERS)):
-            self._tell_parameter(index)
-
-    def _tell_parameter(self, index: int) -> None:
-        name, value = list(PARAMETERS.items())[index]
-        kind = dialect.MAV_PARAM_TYPE_REAL32
-        self._send(dialect.MAVLink_param_value_message(name.encode(), value, kind, len(PARAMETERS), index))
+        for value in every_value():
+            self._send(value)
 
     def _on_mission_list(self, message: Message, packet: Packet) -> None:
         """It has no mission; ground stations ask."""
@@ -291,59 +274,6 @@ class SimulatedVehicle:
         set_point = read_set_point(message, self._pilot.motion)
         if set_point is not None and self._pilot.mode == Mode.GUIDED:
             self._pilot.steer(set_point)
-
-    # What it is ordered: the parameters and the frame of a command, answered with a MAV_RESULT
-
-    def _arm(self, params: tuple[float, ...], _: int) -> int:
-        if (wanted := _whole(params[0])) not in (0, 1):
-            return _DENIED
-        by_force = _whole(params[1]) == _BY_FORCE
-        return _ACCEPTED if (self._pilot.arm() if wanted else self._pilot.disarm(by_force)) else _FAILED
-
-    def _set_mode(self, params: tuple[float, ...], _: int) -> int:
-        if not _whole(params[0]) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-            return _DENIED
-        return _ACCEPTED if self._pilot.set_mode(_whole(params[1])) else _FAILED
-
-    def _take_off(self, params: tuple[float, ...], frame: int) -> int:
-        if frame not in (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT):
-            return _DENIED
-        return _ACCEPTED if self._pilot.take_off(params[6]) else _FAILED
-
-    def _land(self, _: tuple[float, ...], __: int) -> int:
-        return _ACCEPTED if self._pilot.set_mode(Mode.LAND) else _FAILED
-
-    def _set_interval(self, params: tuple[float, ...], _: int) -> int:
-        msgid, interval = _whole(params[0]), _whole(params[1])
-        if msgid not in BUILDERS:
-            return _DENIED
-        if msgid == _HEARTBEAT and interval in (0, -1):
-            self._stream(msgid, 1_000_000)
-        elif interval == 0:
-            self._stream(msgid, self._defaults.get(msgid))
-        elif interval == -1:
-            self._stream(msgid, None)
-        elif interval >= _SHORTEST_US:
-            self._stream(msgid, interval)
-        else:
-            return _DENIED
-        return _ACCEPTED
-
-    def _known(self, params: tuple[float, ...], _: int) -> int:
-        return _ACCEPTED if _whole(params[0]) in BUILDERS else _FAILED
-
-    def _stream(self, msgid: int, interval: int | None) -> None:
-        if interval is None:
-            self._intervals.pop(msgid, None)
-            self._due.pop(msgid, None)
-        elif self._intervals.get(msgid) != interval:
-            self._intervals[msgid] = interval
-            self._due[msgid] = self._now + interval
-
-
-def _whole(value: float) -> int:
-    """An integer parameter; NaN and infinity become -2, which means nothing anywhere."""
-    return int(value) if math.isfinite(value) else -2
 
 
 _HANDLERS: Final = {
@@ -356,14 +286,4 @@ _HANDLERS: Final = {
     dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: SimulatedVehicle._on_parameter_list,
     dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: SimulatedVehicle._on_mission_list,
     dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: SimulatedVehicle._on_set_point,
-}
-
-_COMMANDS: Final = {
-    dialect.MAV_CMD_COMPONENT_ARM_DISARM: SimulatedVehicle._arm,
-    dialect.MAV_CMD_DO_SET_MODE: SimulatedVehicle._set_mode,
-    dialect.MAV_CMD_NAV_TAKEOFF: SimulatedVehicle._take_off,
-    dialect.MAV_CMD_NAV_LAND: SimulatedVehicle._land,
-    dialect.MAV_CMD_SET_MESSAGE_INTERVAL: SimulatedVehicle._set_interval,
-    dialect.MAV_CMD_REQUEST_MESSAGE: SimulatedVehicle._known,
-    dialect.MAV_CMD_GET_MESSAGE_INTERVAL: SimulatedVehicle._known,
 }

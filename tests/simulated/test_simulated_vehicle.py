@@ -13,7 +13,7 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.simulated.messages import Home, PositionError
+from arva_hil.simulated.position import Home, PositionError
 from arva_hil.simulated.vehicle import SimulatedVehicle, Truth
 
 HOME = (46.5, 11.35, 1800.0)

@@ -1,0 +1,31 @@
+"""The handful of parameters of the built-in vehicle: ArduCopter's names, and their defaults there."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from arva_hil.mavlink.codec import dialect
+
+__all__ = ["every_value", "value_asked_for"]
+
+Message = Any  # pymavlink's generated classes carry no types
+
+_VALUES: Final = {"FS_THR_ENABLE": 1, "FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "GUID_TIMEOUT": 3, "RCMAP_THROTTLE": 3}
+_NAMES: Final = list(_VALUES)
+
+
+def value_asked_for(message: Message) -> list[Message]:
+    """What answers a PARAM_REQUEST_READ, by name or by index: nothing for one that there is not."""
+    if message.param_index == -1 and message.param_id in _VALUES:
+        return [_value(_NAMES.index(message.param_id))]
+    return [_value(message.param_index)] if 0 <= message.param_index < len(_NAMES) else []
+
+
+def every_value() -> list[Message]:
+    """What answers a PARAM_REQUEST_LIST."""
+    return [_value(index) for index in range(len(_NAMES))]
+
+
+def _value(index: int) -> Message:
+    name, kind = _NAMES[index], dialect.MAV_PARAM_TYPE_REAL32
+    return dialect.MAVLink_param_value_message(name.encode(), _VALUES[name], kind, len(_NAMES), index)

@@ -1,0 +1,86 @@
+"""Where the built-in vehicle reports to be: around its home, and with the slow error of a GPS."""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Final
+
+from arva_hil.field.geodesy import LocalFrame
+from arva_hil.simulated.multirotor import Vector
+
+__all__ = ["Home", "PositionError"]
+
+_NODE_US: Final = 1_000_000
+_REMEMBERED: Final = math.exp(-_NODE_US / 30e6)  # of the raw error after a second
+_SLOW: Final = math.exp(-_NODE_US / 5e6)  # of the smoothed one
+_SMOOTHED: Final = math.sqrt((1 - _SLOW) / (1 + _SLOW) * (1 + _SLOW * _REMEMBERED) / (1 - _SLOW * _REMEMBERED))
+# by which smoothing lessens the standard deviation
+
+
+class Home:
+    """Where the vehicle was switched on: degrees and metres above mean sea level, and the frame around it."""
+
+    def __init__(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
+        self.alt_m = alt_m
+        self._frame = LocalFrame(lat_deg, lon_deg, alt_m)
+        self._cell: tuple[int, ...] = ()
+        self._linear: list[list[float]] = []
+
+    def lla(self, ned: Vector) -> Vector:
+        """Latitude and longitude in degrees, altitude in metres above mean sea level."""
+        lat, lon, alt = self._frame.lla(ned)
+        return float(lat), float(lon), float(alt)
+
+    def lla_fast(self, ned: Vector) -> Vector:
+        """The same within 0.1 mm and ten times as fast: a plane in each cube of 16 m."""
+        n, e, d = ned
+        cell = round(n / 16), round(e / 16), round(d / 16)
+        x, y, z = cell[0] * 16.0, cell[1] * 16.0, cell[2] * 16.0
+        if cell != self._cell:
+            corners = self._frame.lla([(x, y, z), (x + 1, y, z), (x, y + 1, z), (x, y, z + 1)])
+            self._linear = [[float(v[0]), *(v[1:] - v[0]).tolist()] for v in corners]
+            self._cell = cell
+        n, e, d = n - x, e - y, d - z
+        (a, a_n, a_e, a_d), (b, b_n, b_e, b_d), (c, c_n, c_e, c_d) = self._linear
+        return a + a_n * n + a_e * e + a_d * d, b + b_n * n + b_e * e + b_d * d, c + c_n * n + c_e * e + c_d * d
+
+
+class PositionError:
+    """The error of an estimated position: on each axis a Gauss-Markov process, smoothed as an estimator does it.
+
+    `sigma`: its standard deviation, metres. The process forgets in 30 s, and is low-pass filtered with 5 s, so that
+    the error drifts and does not jitter. It begins with 0, because home is where the estimator begins. Drawn once a
+    second, straight lines between. Remembers the second it has come to; the same seed gives the same error at the same
+    time.
+    """
+
+    def __init__(self, sigma: float, seed: int) -> None:
+        self._random = random.Random(seed)
+        self._node = 0
+        self._raw_sigma = sigma / _SMOOTHED
+        self._raw = self._from = self._to = (0.0, 0.0, 0.0)
+
+    def at(self, time_us: int) -> Vector:
+        """Metres NED, to be added to the true position. Time never goes back."""
+        if not self._raw_sigma:
+            return self._raw
+        while self._node < time_us // _NODE_US:
+            self._node += 1
+            self._advance()
+        share = time_us / _NODE_US - self._node
+        (a, b, c), (d, e, f) = self._from, self._to
+        return a + (d - a) * share, b + (e - b) * share, c + (f - c) * share
+
+    def _advance(self) -> None:
+        fresh = math.sqrt(1 - _REMEMBERED**2)
+        self._raw = _mixed(self._raw, _REMEMBERED, self._draw(), fresh)
+        self._from, self._to = self._to, _mixed(self._to, _SLOW, self._raw, 1 - _SLOW)
+
+    def _draw(self) -> Vector:
+        gauss = self._random.gauss
+        return gauss(0, self._raw_sigma), gauss(0, self._raw_sigma), gauss(0, self._raw_sigma)
+
+
+def _mixed(a: Vector, of_a: float, b: Vector, of_b: float) -> Vector:
+    return a[0] * of_a + b[0] * of_b, a[1] * of_a + b[1] * of_b, a[2] * of_a + b[2] * of_b
