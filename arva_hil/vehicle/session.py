@@ -1,11 +1,11 @@
-"""The session with one vehicle: which one, what it streams, its clock and its pose. Bytes in, bytes out."""
+"""The session with one vehicle: bytes in, bytes out. What is then known of the vehicle is in `followed.py`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from arva_hil.events import Event
 from arva_hil.events.vehicles import (
@@ -17,18 +17,12 @@ from arva_hil.events.vehicles import (
     VehicleLost,
     VehicleRebooted,
 )
-from arva_hil.field import LocalFrame
-from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.codec import Packet, Parser, dialect
 from arva_hil.mavlink.packet_reader import PacketReader, Packets
 from arva_hil.mavlink.signing import Signing, Verdict
-from arva_hil.vehicle.clock_map import ClockMap
-from arva_hil.vehicle.discovery import Vehicle, VehicleDiscovery
+from arva_hil.vehicle.discovery import Vehicle
+from arva_hil.vehicle.followed import FollowedVehicle
 from arva_hil.vehicle.identity import Identity
-from arva_hil.vehicle.navigation import Navigation, Place
-from arva_hil.vehicle.news import EventQueue
-from arva_hil.vehicle.pose_track import PoseTrack, VehicleState
-from arva_hil.vehicle.reasons import NoPose, NoVehicle, SilentStream
-from arva_hil.vehicle.senders import Senders
 from arva_hil.vehicle.streams import Streams
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
@@ -48,7 +42,7 @@ def heartbeat() -> Any:
     return dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, active, 3)
 
 
-class Session:
+class Session(FollowedVehicle):
     """Remembers one vehicle: chosen by its first heartbeat, followed by its system and component ids.
 
     `target_system`, `target_component`: follow only these (default: the first autopilot, component 1).
@@ -72,30 +66,18 @@ class Session:
         signing: Signing | None = None,
         reader: PacketReader | None = None,
     ) -> None:
-        self.news = EventQueue()
-        self.reader = reader or PacketReader(signing)
-        self.target_system = target_system
-        self.senders = Senders()
-        self._strangers = Parser()  # what other senders than the vehicle's sent
-        self.encoder = Encoder(target_system or 1, component, signing=self.reader.signing)
-        self.component = component
-        self.vehicle: Vehicle | None = None
-        self.navigation = Navigation(self.news)
-        self._wanted = self.navigation.handles | {_ACK}
-        self.own: list[Packet] = []  # of what was fed last, the vehicle's own packets that are believed
-        self.ignored = 0  # packets of other systems and components, and of who only claims to be the vehicle
+        super().__init__(
+            reader or PacketReader(signing),
+            target_system=target_system,
+            target_component=target_component,
+            rate_hz=rate_hz,
+            passive=passive,
+            component=component,
+        )
         self.next_due = -math.inf
-        self._finder = VehicleDiscovery(target_system, target_component)
-        self.rate_hz = rate_hz
-        self._passive = passive
-        self._signing = self.reader.signing
-        self._disbelieved: set[Verdict] = set()
-        self._streams: Streams | None = None
+        self._wanted = self.navigation.handles | {_ACK}
+        self._strangers = Parser()  # what other senders than the vehicle's sent
         self._extras: dict[int, float] = {}
-        self._identity: Identity | None = None  # of the vehicle, once it is pinned
-        self._last_heartbeat = -math.inf
-        self._lost = False
-        self._interrupted = ""  # why the link is lost
         self._next_heartbeat = -math.inf
 
     # -- bytes in ------------------------------------------------------------------------------------------
@@ -121,11 +103,6 @@ class Session:
         self._take_all(packets, now, sender)
         return self.vehicle is None or bool(sender == self.senders.vehicle)
 
-    @property
-    def parser(self) -> Parser:
-        """Of the link."""
-        return self.reader.parser
-
     def want(self, streams: Mapping[int, float]) -> None:
         """Ask for these too, message id → Hz, and do without where they are not granted."""
         self._extras.update(streams)
@@ -136,81 +113,6 @@ class Session:
         """From now on the vehicle never changes: another one is none, whatever it says, and `usurped` tells."""
         self._identity = Identity(self.clock.rate)
         self.senders.pin()
-
-    @property
-    def usurped(self) -> str:
-        """Why what speaks is not the vehicle that was pinned; "" while it is."""
-        return self._identity.why if self._identity else ""
-
-    @property
-    def doubtful(self) -> bool:
-        """What was heard last may be another vehicle's than the one that was pinned."""
-        return self._identity is not None and self._identity.doubtful
-
-    @property
-    def track(self) -> PoseTrack:
-        """The vehicle's pose over the last seconds."""
-        return self.navigation.track
-
-    @property
-    def clock(self) -> ClockMap:
-        """The vehicle's clock."""
-        return self.navigation.clock
-
-    @property
-    def home(self) -> Place | None:
-        """Its home, once it has said so."""
-        return self.navigation.home
-
-    @property
-    def lost(self) -> bool:
-        """There is a vehicle, and its heartbeat has stopped."""
-        return self._lost
-
-    def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
-        """The vehicle's pose at host time `now` in the NED frame `frame`, None when it is unknown."""
-        boot = self.clock.boot(now)
-        return None if boot is None else self.track.at(boot, frame)
-
-    def rates(self, now: float) -> dict[str, float]:
-        """Measured rates [Hz] of the pose streams."""
-        return self._streams.rates(now) if self._streams else {}
-
-    def answers_us(self, message: Any) -> bool:
-        """Whether a COMMAND_ACK is for us, or, from an older autopilot, for nobody by name."""
-        addressee = (message.target_system, message.target_component)
-        return addressee in ((self.encoder.system, self.component), (0, 0))
-
-    def counts(self) -> dict[str, int]:
-        """What was heard, and what of it was not believed."""
-        return {
-            "bytes_received": self.reader.bytes,
-            "packets_received": self.parser.packets,
-            "bad_checksums": self.parser.bad_crc,
-            "bytes_skipped": self.parser.skipped,
-            "packets_ignored": self.ignored,
-            **self.disbelieved(),
-            "positions_before_fix": self.navigation.unpositioned,
-            "reboots": self.navigation.reboots,
-            "clock_leaps": self.navigation.leaps,
-            "position_jumps": self.navigation.jumps,
-        }
-
-    def disbelieved(self) -> dict[str, int]:
-        """What came whole, and changed nothing all the same."""
-        signatures = self.disbelieved_signatures() or {}
-        return {
-            "packets_incompatible": self.parser.incompatible,
-            "packets_malformed": self.parser.malformed,
-            **{f"packets_{why}": count for why, count in signatures.items()},
-            "values_refused": self.navigation.refused,
-            "stray_times": self.navigation.stray_times,
-            "stray_positions": self.navigation.stray_positions,
-        }
-
-    def disbelieved_signatures(self) -> dict[str, int] | None:
-        """How many packets were refused for their signature, by why; None without a key."""
-        return dict(self._signing.refused) if self._signing else None
 
     def take_events(self) -> list[Event]:
         """What has happened since the last call."""
@@ -265,36 +167,6 @@ class Session:
     def skip(self, now: float) -> None:
         """Nothing was read for a while: silence until now is no vehicle's fault."""
         self._last_heartbeat = max(self._last_heartbeat, now)
-
-    # -- what is lacking -----------------------------------------------------------------------------------
-
-    def heard(self) -> NoVehicle:
-        """What was heard, when no vehicle was found."""
-        if self._interrupted:
-            return NoVehicle("link lost", self._interrupted)
-        packets, refused = self.parser.packets, tuple(self._signing.refused.items()) if self._signing else ()
-        if not packets:
-            return NoVehicle("no packets" if self.reader.bytes else "silence", bytes=self.reader.bytes)
-        reason: Literal["no signature", "no heartbeat"] = "no signature" if self._disbelieved else "no heartbeat"
-        return NoVehicle(reason, "", self.reader.bytes, packets, refused, self._finder.sources)
-
-    def why_no_pose(self) -> NoPose:
-        """Why there is no pose though there is a vehicle."""
-        if self._streams is None:
-            return NoPose("no vehicle")
-        nowhere = self.track.first_position is None
-        zeros = nowhere and self.navigation.unpositioned > 0
-        missing = []
-        for stream in self._streams.wanted:
-            is_position = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT in stream.ids
-            if not any(stream.seen.values()) and not (zeros and is_position):
-                promised = is_position and stream.promised
-                missing.append(SilentStream(stream.name, *stream.asked, self._passive, promised))
-        if zeros:
-            return NoPose("zero position", tuple(missing))
-        if missing:
-            return NoPose("streams missing", tuple(missing))
-        return NoPose("impossible position" if nowhere else "streams stopped")
 
     # -- the vehicle ---------------------------------------------------------------------------------------
 

@@ -1,0 +1,163 @@
+"""What is known of one vehicle, and of what was heard on its link: questions only, which change nothing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Literal
+
+from arva_hil.field import LocalFrame
+from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.mavlink.packet_reader import PacketReader
+from arva_hil.mavlink.signing import Verdict
+from arva_hil.vehicle.clock_map import ClockMap
+from arva_hil.vehicle.discovery import Vehicle, VehicleDiscovery
+from arva_hil.vehicle.identity import Identity
+from arva_hil.vehicle.navigation import Navigation, Place
+from arva_hil.vehicle.news import EventQueue
+from arva_hil.vehicle.pose_track import PoseTrack, VehicleState
+from arva_hil.vehicle.reasons import NoPose, NoVehicle, SilentStream
+from arva_hil.vehicle.senders import Senders
+from arva_hil.vehicle.streams import Streams
+
+
+class FollowedVehicle:
+    """Remembers what a `Session` has learnt; the arguments are explained there."""
+
+    def __init__(
+        self,
+        reader: PacketReader,
+        *,
+        target_system: int | None,
+        target_component: int | None,
+        rate_hz: float,
+        passive: bool,
+        component: int,
+    ) -> None:
+        self.news = EventQueue()
+        self.reader = reader
+        self.target_system = target_system
+        self.senders = Senders()
+        self.encoder = Encoder(target_system or 1, component, signing=reader.signing)
+        self.component = component
+        self.vehicle: Vehicle | None = None
+        self.navigation = Navigation(self.news)
+        self.own: list[Packet] = []  # of what was fed last, the vehicle's own packets that are believed
+        self.ignored = 0  # packets of other systems and components, and of who only claims to be the vehicle
+        self.rate_hz = rate_hz
+        self._finder = VehicleDiscovery(target_system, target_component)
+        self._passive = passive
+        self._signing = reader.signing
+        self._disbelieved: set[Verdict] = set()
+        self._streams: Streams | None = None
+        self._identity: Identity | None = None  # of the vehicle, once it is pinned
+        self._last_heartbeat = -math.inf
+        self._lost = False
+        self._interrupted = ""  # why the link is lost
+
+    @property
+    def parser(self) -> Parser:
+        """Of the link."""
+        return self.reader.parser
+
+    @property
+    def usurped(self) -> str:
+        """Why what speaks is not the vehicle that was pinned; "" while it is."""
+        return self._identity.why if self._identity else ""
+
+    @property
+    def doubtful(self) -> bool:
+        """What was heard last may be another vehicle's than the one that was pinned."""
+        return self._identity is not None and self._identity.doubtful
+
+    @property
+    def track(self) -> PoseTrack:
+        """The vehicle's pose over the last seconds."""
+        return self.navigation.track
+
+    @property
+    def clock(self) -> ClockMap:
+        """The vehicle's clock."""
+        return self.navigation.clock
+
+    @property
+    def home(self) -> Place | None:
+        """Its home, once it has said so."""
+        return self.navigation.home
+
+    @property
+    def lost(self) -> bool:
+        """There is a vehicle, and its heartbeat has stopped."""
+        return self._lost
+
+    def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
+        """The vehicle's pose at host time `now` in the NED frame `frame`, None when it is unknown."""
+        boot = self.clock.boot(now)
+        return None if boot is None else self.track.at(boot, frame)
+
+    def rates(self, now: float) -> dict[str, float]:
+        """Measured rates [Hz] of the pose streams."""
+        return self._streams.rates(now) if self._streams else {}
+
+    def answers_us(self, message: Any) -> bool:
+        """Whether a COMMAND_ACK is for us, or, from an older autopilot, for nobody by name."""
+        addressee = (message.target_system, message.target_component)
+        return addressee in ((self.encoder.system, self.component), (0, 0))
+
+    def counts(self) -> dict[str, int]:
+        """What was heard, and what of it was not believed."""
+        return {
+            "bytes_received": self.reader.bytes,
+            "packets_received": self.parser.packets,
+            "bad_checksums": self.parser.bad_crc,
+            "bytes_skipped": self.parser.skipped,
+            "packets_ignored": self.ignored,
+            **self.disbelieved(),
+            "positions_before_fix": self.navigation.unpositioned,
+            "reboots": self.navigation.reboots,
+            "clock_leaps": self.navigation.leaps,
+            "position_jumps": self.navigation.jumps,
+        }
+
+    def disbelieved(self) -> dict[str, int]:
+        """What came whole, and changed nothing all the same."""
+        signatures = self.disbelieved_signatures() or {}
+        return {
+            "packets_incompatible": self.parser.incompatible,
+            "packets_malformed": self.parser.malformed,
+            **{f"packets_{why}": count for why, count in signatures.items()},
+            "values_refused": self.navigation.refused,
+            "stray_times": self.navigation.stray_times,
+            "stray_positions": self.navigation.stray_positions,
+        }
+
+    def disbelieved_signatures(self) -> dict[str, int] | None:
+        """How many packets were refused for their signature, by why; None without a key."""
+        return dict(self._signing.refused) if self._signing else None
+
+    def heard(self) -> NoVehicle:
+        """What was heard, when no vehicle was found."""
+        if self._interrupted:
+            return NoVehicle("link lost", self._interrupted)
+        packets, refused = self.parser.packets, tuple(self._signing.refused.items()) if self._signing else ()
+        if not packets:
+            return NoVehicle("no packets" if self.reader.bytes else "silence", bytes=self.reader.bytes)
+        reason: Literal["no signature", "no heartbeat"] = "no signature" if self._disbelieved else "no heartbeat"
+        return NoVehicle(reason, "", self.reader.bytes, packets, refused, self._finder.sources)
+
+    def why_no_pose(self) -> NoPose:
+        """Why there is no pose though there is a vehicle."""
+        if self._streams is None:
+            return NoPose("no vehicle")
+        nowhere = self.track.first_position is None
+        zeros = nowhere and self.navigation.unpositioned > 0
+        missing = []
+        for stream in self._streams.wanted:
+            is_position = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT in stream.ids
+            if not any(stream.seen.values()) and not (zeros and is_position):
+                promised = is_position and stream.promised
+                missing.append(SilentStream(stream.name, *stream.asked, self._passive, promised))
+        if zeros:
+            return NoPose("zero position", tuple(missing))
+        if missing:
+            return NoPose("streams missing", tuple(missing))
+        return NoPose("impossible position" if nowhere else "streams stopped")
