@@ -1,4 +1,4 @@
-"""The errors of arva-hil: one root. Each leaf is where it is raised, and `import arva_hil` has them all."""
+"""The root of arva-hil's errors. Each module defines its own, and `import arva_hil` has them all."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ __all__ = ["ArvaError", "KindError", "UnknownKindError"]
 
 
 class ArvaError(Exception):
-    """What this program raises on purpose; `str()` says what is wrong, where and the cure.
+    """The base of all errors of this package. `str()` says what is wrong, where, and the cure.
 
-    A caller's mistake is a ValueError, some of which are ArvaErrors too.
+    A caller's mistake raises ValueError; some of these are ArvaErrors too.
     """
 
 
 class KindError(ArvaError):
     """A receiver model, format, link, fault, strategy or observer cannot be used.
 
-    `found` says what is wrong, `cure` what to do; `nearest` is the name that may have been meant.
+    `found`: what is wrong; `cure`: what to do; `nearest`: the most similar name.
     """
 
     def __init__(self, found: str, cure: str, nearest: str | None = None) -> None:
@@ -26,4 +26,4 @@ class KindError(ArvaError):
 
 
 class UnknownKindError(KindError):
-    """Nothing is built in under that name, and no installed package has it."""
+    """No kind of this name is built in or in an installed package."""

@@ -1,6 +1,6 @@
-"""Files that this program writes into a folder: new ones, ones that grow, ones replaced as a whole.
+"""Writes files in a folder: new ones, ones that grow, and ones that are replaced as a whole.
 
-The folder that a user names may be a symlink. A file in it never is: nothing is written through one.
+The folder may be a symlink. A file in it may not: this program does not write through symlinks.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from io import FileIO
 from pathlib import Path
 from typing import Final
 
-_MODE: Final = 0o666  # less what the umask takes
-_SYMLINK: Final = "is a symlink, and nothing is written through one"
-_NO_FILE: Final = "is no regular file"
+_MODE: Final = 0o666  # without the bits of the umask
+_SYMLINK: Final = "is a symlink, and this program does not write through symlinks"
+_NO_FILE: Final = "is not a regular file"
 
 
 def there(path: Path) -> bool:
-    """Whether anything has this name: a file, a folder, or a symlink wherever it leads."""
+    """Whether anything has this name: a file, a folder, or a symlink, also a broken one."""
     return os.path.lexists(path)
 
 
 def refuse_special(path: Path) -> None:
-    """For a file that somebody else opens. Raises OSError: it is a symlink, or no regular file."""
+    """Check a file before a library opens it. Raises OSError if it is a symlink, or not a regular file."""
     with contextlib.suppress(FileNotFoundError):
         mode = path.lstat().st_mode
         if not stat.S_ISREG(mode):
@@ -32,18 +32,18 @@ def refuse_special(path: Path) -> None:
 
 
 def create(path: Path) -> FileIO:
-    """A new file to write to, unbuffered. Raises FileExistsError when anything has this name, a symlink too."""
+    """Make a new file for writing, unbuffered. Raises FileExistsError if anything has this name, also a symlink."""
     return path.open("xb", buffering=0)
 
 
 def grow(path: Path, mode: int = _MODE) -> FileIO:
-    """A file to read and to write at its end, unbuffered, made when there is none.
+    """Open a file for reading and for writing at its end, unbuffered. Makes it if there is none.
 
-    Raises OSError: it is a symlink, or no regular file.
+    Raises OSError if it is a symlink, or not a regular file.
     """
 
     def opener(name: str, flags: int) -> int:
-        flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # a pipe is not waited for
+        flags |= getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # does not wait for the reader of a pipe
         try:
             return os.open(name, flags, mode)
         except OSError as error:
@@ -59,14 +59,14 @@ def grow(path: Path, mode: int = _MODE) -> FileIO:
 
 
 def replace(path: Path, data: bytes, mode: int = _MODE) -> None:
-    """Write a file as a whole or not at all, and have it on the disk when this returns.
+    """Replace a file atomically. It is on the disk when this returns.
 
-    Who reads it meanwhile gets the old one or the new one. A symlink of this name is replaced, not followed. Raises
-    OSError, and what was there before is still there.
+    A reader gets either the old or the new file. A symlink of this name is replaced, not followed. Raises OSError; the
+    old file is still there then.
     """
     new = path.with_name(path.name + ".new")
     with contextlib.suppress(FileNotFoundError):
-        new.unlink()  # of a run that was killed
+        new.unlink()  # left by a run that was killed
     try:
         with open(new, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
             file.write(data)
@@ -81,7 +81,7 @@ def replace(path: Path, data: bytes, mode: int = _MODE) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the names in it on the disk too, where the system can."""
+    """Write the folder's names to the disk too, if the system can."""
     with contextlib.suppress(OSError):
         fd = os.open(folder, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
         try:

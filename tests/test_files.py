@@ -34,7 +34,7 @@ def test_a_new_file_is_not_made_through_a_symlink(tmp_path: Path, elsewhere: Pat
 def test_a_file_does_not_grow_through_a_symlink(tmp_path: Path, elsewhere: Path, target: str) -> None:
     link = elsewhere.parent / "folder" / "link"
     link.symlink_to(tmp_path / target)
-    with pytest.raises(OSError, match="is a symlink, and nothing is written through one"):
+    with pytest.raises(OSError, match="is a symlink, and this program does not write through symlinks"):
         files.grow(link)
     assert not (tmp_path / "not there yet").exists()
     assert elsewhere.read_bytes() == b"mine"
@@ -74,7 +74,7 @@ def test_a_growing_file_keeps_what_it_held(tmp_path: Path) -> None:
 
 def test_a_pipe_is_no_file_that_grows_and_is_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(OSError, match="is no regular file"):
+    with pytest.raises(OSError, match="is not a regular file"):
         files.grow(tmp_path / "pipe")
 
 

@@ -1,6 +1,6 @@
-"""How bytes travel: `open_link("udpin:127.0.0.1:14550", clock=clock)` and its like.
+"""Links carry bytes: `open_link("udpin:127.0.0.1:14550", clock=clock)`.
 
-Every kind of link is its own small module, listed in `arva_hil.registry` and imported when it is first opened.
+Each kind of link is a module, listed in `arva_hil.registry` and imported when a link of that kind is first opened.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ __all__ = [
 def open_link(
     address: str | Address, *, baud: int = 115200, clock: Clock, brief: bool = False, answered: bool = False
 ) -> Link:
-    """Open the link an address names; `baud` (bit/s) is for serial ports whose address names none.
+    """Open the link of an address. `baud` [bit/s]: for serial ports whose address has no baud rate.
 
-    `clock` paces a log file and tells how long a client has taken nothing. `brief`: one try of many, so be quick about
-    it and name no cures. `answered`: the far end takes what it is sent, or the connection is dead (TCP).
-    Raises AddressError for a string that cannot be read, LinkError for a link that cannot be opened, KindError for a
+    `clock`: for the time of a log file and for time-outs of clients. `brief`: this is one of many tries, so use short
+    time-outs and errors without cures. `answered`: close a TCP connection whose far end acknowledges nothing for 5 s.
+    Raises AddressError for a wrong connection string, LinkError for a link that cannot be opened, KindError for a
     kind of link that cannot be used.
     """
     if isinstance(address, str):

@@ -1,4 +1,4 @@
-"""What every way for bytes to travel has in common: the `Link`, and the one error it raises."""
+"""The base class of all links, and their errors."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import NamedTuple
 from arva_hil.errors import ArvaError
 from arva_hil.runtime.clock import Clock, await_descriptors
 
-Sender = Hashable  # one of several on a link; None where a link has but one
+Sender = Hashable  # one of several senders on a link; None if the link has only one
 
 
 class LinkError(ArvaError):
-    """A link that could not be opened or was lost. `str()` is the whole message: what, where and the cure."""
+    """A link could not be opened, or was lost. `str()` is the whole message: where, what and the cure."""
 
     def __init__(self, link: str, what: str, hint: str = "") -> None:
         self.link = link
@@ -23,15 +23,15 @@ class LinkError(ArvaError):
 
 
 class Absent(LinkError):
-    """A link that cannot be opened because its far end is not there, or not yet."""
+    """A link cannot be opened because its far end is not there, or not there yet."""
 
 
 class LinkEnded(LinkError):
-    """A link that came to the end it was bound to have: a log that was played."""
+    """A link has come to its normal end: all of a log was played."""
 
 
 class Opening(NamedTuple):
-    """How a link is to be opened: see `open_link`."""
+    """How to open a link: see `open_link`."""
 
     clock: Clock
     baud: int = 115200
@@ -42,17 +42,16 @@ class Opening(NamedTuple):
 class Link(ABC):
     """A two-way byte stream that never blocks.
 
-    A kind of link that a connection string can name has a class method `open(address: Address, how: Opening)`, which
-    gives a link or raises LinkError. `reopened`: one that is lost is to be opened again.
+    A kind of link with a connection string has a class method `open(address: Address, how: Opening)`, which returns
+    a link or raises LinkError. `reopened`: a lost link of this kind should be opened again.
 
-    `name` is the connection string a person knows it by. `dropped` counts the writes that were dropped whole
-    because nobody empties the far end, `refusals` how often the far machine said that nobody listens there,
-    `strangers` what came from another address than the far end's and was not read; `stranger` is the first of those
-    addresses.
+    `name`: the connection string for a person. `dropped`: the number of writes that were dropped because the far end
+    does not read. `refusals`: how often the far machine reported that nobody listens there. `strangers`: the number
+    of reads from other senders than the peer; `stranger`: the address of the first of them.
 
-    Some kinds outlive their far end. They count `losses`, `why` being the last one's message, or what a person has to
-    see to before it can be back; `renewals`, each of
-    which put a new far end in the place of a lost one; and `returns`, the renewals that lasted.
+    Some kinds survive the loss of their far end. `losses`: how often it was lost; `why`: the message of the last
+    loss, or what a person must do before the link can return; `renewals`: how often a new far end replaced a lost
+    one; `returns`: the renewals that lasted.
     """
 
     reopened: bool = False
@@ -68,51 +67,51 @@ class Link(ABC):
 
     @property
     def away(self) -> bool:
-        """True from a loss to the return behind it."""
+        """True after a loss, until the return."""
         return self.losses > self.returns
 
     @abstractmethod
     def read(self) -> bytes:
-        """All that is there now, b"" when nothing is. Raises LinkError when the link is lost."""
+        """All bytes that have arrived, b"" if there are none. Raises LinkError if the link is lost."""
 
     @abstractmethod
     def write(self, data: bytes) -> bool:
-        """Send `data` whole, or drop it whole, count it and return False. Raises LinkError when lost."""
+        """Send all of `data`; or drop all of it, count it and return False. Raises LinkError if the link is lost."""
 
     def receive(self) -> list[tuple[Sender, bytes]]:
-        """As `read`, but what several senders sent is kept apart: each sender and its bytes, the peer's first."""
+        """As `read`, but with separate bytes for each sender: (sender, bytes), the peer first."""
         data = self.read()
         return [(None, data)] if data else []
 
     def follow(self, peer: Sender, others: Collection[Sender] = ()) -> None:  # noqa: B027
-        """Whom writes go to: `peer`, one of the senders that `receive` names; `others` while it is None, not known yet.
+        """Set where writes go: to `peer`, a sender that `receive` named; or to `others` if `peer` is not known (None).
 
-        A peer in the place of another is a loss and a return. Without a call to this, every sender gets them.
+        A new peer instead of an earlier one counts as a loss and a return. Without a call, writes go to every sender.
         """
 
     def pin(self) -> None:  # noqa: B027
-        """From now on nobody takes the peer's place: others are not read; who leaves is lost for good."""
+        """Keep the peer for ever: other senders are not read, and a peer that leaves is not replaced."""
 
     @abstractmethod
     def close(self) -> None:
-        """Give everything back; a second call does nothing."""
+        """Close the link. A second call does nothing."""
 
     def _gone(self, why: LinkError) -> None:
-        """The far end is lost; one that has been lost and did not return is lost once."""
+        """Count a loss of the far end, unless it is lost already."""
         if not self.away:
             self.losses += 1
             self.why = str(why)
 
     def _renewed(self, *, lasting: bool = True) -> None:
-        """There is a new far end; if it is `lasting`, this is the return."""
+        """Count a new far end; if it is `lasting`, count a return too."""
         self.renewals += 1
         self.returns += lasting
 
     def fileno(self) -> int | None:
-        """What the system can wait on; None where there is no such thing, and `ready` is polled instead."""
+        """A descriptor to wait on; None if there is none, and `ready` must be polled."""
         return None
 
     def ready(self) -> bool:
-        """True when `read` has something to give or an error to raise."""
+        """Whether `read` would return bytes or raise an error."""
         fd = self.fileno()
         return fd is not None and await_descriptors([fd])

@@ -1,4 +1,4 @@
-"""When somebody closes a file: inotify, which Python has no module for (Linux)."""
+"""Detects that a program closes a file, with inotify (Linux). Python has no module for it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _IN_CLOSE: Final = 0x18
 
 
 class Closings:
-    """Watches a file. `seen` tells of closings, and `fd` can be waited on; where the system cannot tell it is −1."""
+    """Watches a file. `fd` can be waited on; it is −1 if the system has no inotify."""
 
     def __init__(self, path: str) -> None:
         self.fd = -1
@@ -23,7 +23,7 @@ class Closings:
                 libc.inotify_add_watch(self.fd, os.fsencode(path), _IN_CLOSE)
 
     def seen(self) -> bool:
-        """Whether anybody has closed it since the last call."""
+        """Whether a program has closed the file since the last call."""
         if self.fd < 0:
             return False
         try:

@@ -1,4 +1,4 @@
-"""Two links in one process, each the other's far end: for tests and the built-in vehicle."""
+"""Two links in one process, connected to each other: for tests and the built-in vehicle."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from arva_hil.links.base import Link, LinkError
 
 
 class MemoryLink(Link):
-    """One end of a `pair`. It is polled: `ready` is true when bytes wait or the far end closed."""
+    """One end of a `pair`. `ready` must be polled: it is true if bytes wait or the far end has closed."""
 
     def __init__(self, name: str, capacity: int | None) -> None:
         self.name = name
@@ -51,7 +51,7 @@ class MemoryLink(Link):
 
 
 def pair(capacity: int | None = None) -> tuple[MemoryLink, MemoryLink]:
-    """Two ends. `capacity` (bytes each way) makes an end that nobody reads drop what does not fit."""
+    """Two connected links. `capacity` [bytes each way]: a write that does not fit is dropped; None: no limit."""
     a, b = MemoryLink("memory:a", capacity), MemoryLink("memory:b", capacity)
     a._far, b._far = b, a
     return a, b

@@ -18,13 +18,12 @@ _TIOCGEXCL: Final = 0x80045440  # Linux: whether TIOCEXCL was set
 
 
 class PtyLink(FdLink):
-    """The master's side of a new pseudo-terminal, raw from the first byte on.
+    """The master's side of a new pseudo-terminal, in raw mode.
 
-    `path` is the slave's device; `symlink`, when given, is a file name that leads there until `close`. One
-    descriptor of the slave is held, so the other program may come, go and come again: it is never "lost". What a
-    program does to the terminal, as to make it cooked or exclusive, is undone when it closes it, and so is a hang-up
-    (Linux tells of these, other systems do not).
-    Raises LinkError where there are no pseudo-terminals and when the symlink's name is taken.
+    `path`: the slave's device. `symlink`: the name of a symlink to it, which exists until `close`. The link keeps the
+    slave open, so it is not lost when the other program closes it. On Linux the terminal's settings are restored when
+    a program closes it, and after a hang-up.
+    Raises LinkError if there are no pseudo-terminals, or if the symlink's name is taken.
     """
 
     @classmethod
@@ -86,7 +85,7 @@ class PtyLink(FdLink):
         raise BlockingIOError
 
     def _current(self) -> list[Any] | None:
-        """The terminal's settings; None after a hang-up, which closes every descriptor of the slave."""
+        """The terminal's settings; None after a hang-up, which makes every descriptor of the slave useless."""
         import termios
 
         try:
@@ -95,7 +94,7 @@ class PtyLink(FdLink):
             return None
 
     def _restore(self) -> None:
-        """Make the terminal what it was in the beginning. Raises LinkError when that cannot be done any more."""
+        """Restore the terminal's first settings. Raises LinkError if that is not possible."""
         import fcntl
         import termios
 
@@ -114,7 +113,7 @@ class PtyLink(FdLink):
         os.close(self._slave)
         self._slave = slave
         if self.symlink:
-            symlinks.vouch(slave, self._inode)
+            symlinks.mark_in_use(slave, self._inode)
 
     def _shut(self) -> None:
         with contextlib.suppress(OSError):
@@ -127,10 +126,9 @@ class PtyLink(FdLink):
 
 
 def make_symlink(link: str, path: str, slave: int) -> int:
-    """Make `link` lead to the new pseudo-terminal `path`, and vouch for it by `slave`; the link's inode.
+    """Make the symlink `link` to the pseudo-terminal `path`, and mark it as in use. Returns the symlink's inode.
 
-    One that a program left which has ended is replaced, in one step; whatever else is there is left alone. Raises
-    LinkError.
+    Replaces a symlink of a program that has ended, atomically. Raises LinkError if anything else has the name.
     """
     name = f"pty:{link}"
     try:
@@ -138,7 +136,7 @@ def make_symlink(link: str, path: str, slave: int) -> int:
             os.symlink(path, link)
         else:
             if os.path.realpath(link) != path and not symlinks.stale(link):
-                held = f"is a symlink to {symlinks.target(link)}, which is not ours to replace"
+                held = f"is a symlink to {symlinks.target(link)}, which another program made"
                 if who := far_program(link):
                     held = f"is a symlink to {symlinks.target(link)}, which is in use: held by {who}"
                 raise LinkError(name, held, "take another name")
@@ -146,8 +144,8 @@ def make_symlink(link: str, path: str, slave: int) -> int:
             os.replace(new, link)
         inode = os.lstat(link).st_ino
     except FileExistsError:
-        raise LinkError(name, "exists and is no symlink", "take another name") from None
+        raise LinkError(name, "exists and is not a symlink", "take another name") from None
     except OSError as error:
         raise LinkError(name, f"the symlink cannot be made: {error.strerror}") from error
-    symlinks.vouch(slave, inode)
+    symlinks.mark_in_use(slave, inode)
     return inode

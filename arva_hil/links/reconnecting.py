@@ -1,4 +1,4 @@
-"""Links that come back: what is lost is opened again until it is there."""
+"""Opens a lost link again until it works."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Job = Callable[[], None]
 
 _FIRST_PAUSE_S: Final = 0.05  # before the first try, and twice as long before each further one
 _LONGEST_PAUSE_S: Final = 0.4
-_LASTING_S: Final = 0.3  # a connection that holds for so long, or brings bytes, is no false start
+_LASTING_S: Final = 0.3  # a new connection counts as a return after this time, or with its first bytes
 
 
 def on_a_thread(job: Job) -> None:
@@ -28,13 +28,12 @@ def on_a_thread(job: Job) -> None:
 
 
 class ReconnectingLink(Link):
-    """A link around one that may be lost: while it is away nothing is read, and writes are dropped and counted.
+    """Wraps a link that may be lost. While it is away, reads return b"", and writes are dropped and counted.
 
-    `link` may be the error of one that is not there yet: it is away from the start, which is no loss.
-    `opener` opens it again; `start` runs that on a thread, for it may take its time. A LinkError or OSError of it
-    only means: not yet, and of a Barred one `why` tells from then on. Whatever else it raises, `read` and `write`
-    raise. `sought` is what a person is told. `wanted` is asked at a loss: where it says no, the loss is raised and
-    for good.
+    `link`: an open link, or the error of one that is not there yet, which does not count as a loss.
+    `opener` opens it again; `start` runs it on a thread, because it may block. After a LinkError or OSError it is
+    tried again; a Barred error sets `why`. `read` and `write` raise its other errors. `sought`: what is looked for,
+    for a person. `wanted` is called at a loss: if it returns False, the loss is raised and the link stays closed.
     """
 
     def __init__(
@@ -62,7 +61,7 @@ class ReconnectingLink(Link):
         self._next_try = clock.now() + self._pause if self._awaited else math.inf
         self._since = -math.inf
         self._open = True
-        self._waker, self._wake = socket.socketpair()  # select waits on it while there is nothing else
+        self._waker, self._wake = socket.socketpair()  # to wait on while there is no link
         self._wake.setblocking(False)
 
     @property
@@ -119,7 +118,7 @@ class ReconnectingLink(Link):
         return self._open and self._attempt is not None and self._attempt.finished
 
     def _current(self) -> Link | None:
-        """The link as it is now, after what can be done to have one."""
+        """The link, after a try to open it again if it is away."""
         if not self._open:
             raise LinkError(self.name, "is closed")
         now = self._clock.now()
@@ -169,12 +168,12 @@ class ReconnectingLink(Link):
             self._renewed(lasting=False)
 
     def _last(self) -> None:
-        """This is no false start."""
+        """The new connection lasts: count a return."""
         self.returns += 1
 
 
 class OpeningAttempt:
-    """One try to open a link: remembers how it went, and closes what nobody wants any more."""
+    """One try to open a link. Remembers the result, and closes the link if the try is abandoned."""
 
     def __init__(self, opener: Callable[[], Link], wake: socket.socket) -> None:
         self.finished = False
@@ -195,12 +194,12 @@ class OpeningAttempt:
                 self._link = link
                 if self._abandoned:
                     link.close()
-        with contextlib.suppress(OSError):  # it is closed when nobody waits
+        with contextlib.suppress(OSError):  # it is closed if nobody waits
             self._wake.send(b"!")
         self.finished = True
 
     def result(self) -> Link:
-        """The link; raises what the opener raised."""
+        """The link. Raises the opener's error."""
         if self._error:
             raise self._error
         assert self._link is not None
@@ -221,11 +220,11 @@ def open_reconnecting(
     patient: bool = False,
     wanted: Callable[[], bool] = lambda: True,
 ) -> Link:
-    """Open a link that is opened again whenever it is lost and `wanted`; see `open_link` for what it raises.
+    """Open a link that is opened again after each loss if `wanted()` is true. Raises the errors of `open_link`.
 
-    `patient`: one that is not there yet is no error but away, and looked for. A serial port is looked for by its stable
-    name. Kinds that are not to be `reopened` are as they were: what listens outlives its far ends by itself, and a log
-    or a pipe has nothing to come back.
+    `patient`: if the link is not there yet, wait for it instead of raising Absent. A serial port is looked for by its
+    stable name. Kinds without `reopened` are returned as they are: a server waits for its next client by itself, and
+    a log or a pipe cannot return.
     """
     if isinstance(address, str):
         address = parse(address)

@@ -1,4 +1,4 @@
-"""Serial ports through pyserial, opened exclusively; and every other thing pyserial has a URL for."""
+"""Serial ports, opened exclusively with pyserial, and pyserial's URLs."""
 
 from __future__ import annotations
 
@@ -21,10 +21,9 @@ if TYPE_CHECKING:
 
 
 def open_serial(device: str, baud: int = 115200, *, brief: bool = False) -> Link:
-    """Open a serial port at `baud` bit/s, 8N1, no flow control, for this program alone.
+    """Open a serial port exclusively at `baud` bit/s, 8N1, without flow control.
 
-    Raises LinkError: no such port, no permission, busy, no serial port at all; each with its cure, unless it has
-    to be `brief`.
+    Raises LinkError with the cure: no such port, no permission, busy, not a serial port. `brief`: without the cure.
     """
     import serial
 
@@ -50,7 +49,7 @@ def open_url(url: str, baud: int = 115200) -> Link:
     """Open a pyserial URL: rfc2217://, socket://, loop://, spy://, hwgrep://, alt://. Raises LinkError."""
     import serial
 
-    patient = url.lower().startswith("loop:")  # it would refuse any write that takes longer than the timeout
+    patient = url.lower().startswith("loop:")  # its write fails if it takes longer than the timeout
     try:
         timeout = None if patient else 0
         port = serial.serial_for_url(url, baud, timeout=0, write_timeout=timeout, exclusive=True)
@@ -60,7 +59,7 @@ def open_url(url: str, baud: int = 115200) -> Link:
 
 
 class SerialLink(FdLink):
-    """An open serial port on POSIX: pyserial sets it up, the bytes go through its file descriptor."""
+    """An open serial port on POSIX. pyserial sets it up; bytes are read and written by its file descriptor."""
 
     hint = "was it unplugged, or did the program behind it end?"
 
@@ -79,7 +78,7 @@ class SerialLink(FdLink):
 
 
 class PyserialLink(StreamLink):
-    """What pyserial opened that is no POSIX device: a port on Windows, a URL. Polled where it must be."""
+    """A port on Windows, or a URL, opened by pyserial. Polled if it has no descriptor."""
 
     hint = "was it unplugged, or did the program behind it end?"
 
@@ -144,7 +143,7 @@ def _open_error(device: str, error: Exception) -> LinkError:
 
 def _existing() -> str:
     devices = [port.device for port in list_ports()]
-    return f"there is {', '.join(devices[:10])}" if devices else "there is none on this machine"
+    return f"the ports here are {', '.join(devices[:10])}" if devices else "this machine has no serial port"
 
 
 def _permission_hint(device: str) -> str:
@@ -154,7 +153,7 @@ def _permission_hint(device: str) -> str:
         status = os.stat(device)
         group = grp.getgrgid(status.st_gid).gr_name
     except (ImportError, OSError, KeyError):
-        return "may another user open it?"
+        return "can another user open it?"
     if status.st_mode & 0o060 != 0o060 or group == "root":
         return f"only its owner may open it: ls -l {device}"
     return f"add yourself to group {group}: sudo usermod -aG {group} $USER, then log in again"

@@ -1,4 +1,4 @@
-"""How a serial port that was lost is opened again, whatever its number is now; and why it cannot be."""
+"""Opens a lost serial port again, also if its number has changed, and finds out why that fails."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from arva_hil.links.base import Link, LinkError
 from arva_hil.links.serial_ports import far_program, stable_name
 from arva_hil.runtime.clock import Clock
 
-_STUBBORN_S: Final = 1.0  # while a port is plugged in, its permissions come late, and others have a look at it
+_STUBBORN_S: Final = 1.0  # after a port is plugged in, its permissions are set late, and other programs probe it
 _BARRED: Final = frozenset((errno.EBUSY, errno.EAGAIN, errno.EACCES, errno.EPERM))
 
 
 class Barred(LinkError):
-    """A link that is there, and that cannot be opened unless a person does something about it."""
+    """A link that exists, but can only be opened after a person has done something."""
 
 
 class SerialOpener:
-    """Opens a serial port again, found by its stable name. One that stays busy or forbidden is looked into, once.
+    """Opens a serial port again by its stable name. If it stays busy or forbidden, raises Barred once with the cause.
 
-    A pseudo-terminal without a name of its own must be the same program's as before: numbers are given away.
+    A pseudo-terminal without a symlink must belong to the same program as before, because the system reuses numbers.
     """
 
     def __init__(self, address: Address, clock: Clock) -> None:
@@ -32,8 +32,8 @@ class SerialOpener:
         self._clock = clock
         known = os.path.exists(self.path) and not os.path.islink(self.path)
         self._program = far_program(self.path) if known else None
-        self._bar = ""  # what has been in the way of every try
-        self._since = 0.0  # when that began; infinite once it was told
+        self._bar = ""  # the error of all tries so far
+        self._since = 0.0  # when it began; infinite after it was reported
 
     def __call__(self) -> Link:
         try:
@@ -54,16 +54,16 @@ class SerialOpener:
             raise
 
     def _open(self, *, brief: bool) -> Link:
-        if self._program and not os.path.exists(self.path):  # nobody has to be asked whose it is
+        if self._program and not os.path.exists(self.path):  # saves the search for its program
             raise LinkError(self.path, "no such port")
         if self._program is not None and (other := far_program(self.path)) != self._program:
             whose = f": {other[:60]}" if other else ""
-            hint = "a symlink finds a pseudo-terminal whatever its number"
-            raise Barred(self.path, f"is another program's now{whose}", hint)
+            hint = "name a symlink, which finds the pseudo-terminal if its number changes"
+            raise Barred(self.path, f"now belongs to another program{whose}", hint)
         return open_link(self._address, clock=self._clock, brief=brief)
 
     def _stubborn(self, bar: str) -> bool:
-        """Whether it has been this for long, and was not told."""
+        """Whether the error has lasted for long, and was not reported yet."""
         now = self._clock.now()
         if bar != self._bar:
             self._bar, self._since = bar, now

@@ -1,4 +1,4 @@
-"""Which serial ports there are, which of them look like an autopilot, and who holds one."""
+"""Lists serial ports, those that look like an autopilot, and the programs that have one open."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _WORDS: Final = re.compile(
 
 
 class SerialPort(NamedTuple):
-    """A serial port. `by_id` is its name wherever it is plugged in, "" when it has none."""
+    """A serial port. `by_id`: its stable name, the same in every USB socket; "" if it has none."""
 
     device: str
     by_id: str = ""
@@ -53,12 +53,12 @@ class SerialPort(NamedTuple):
     pid: int | None = None
     manufacturer: str = ""
     product: str = ""
-    location: str = ""  # USB bus and socket, "1-2:1.0"; behind the colon the interface of the one plug
+    location: str = ""  # USB bus and socket, and the interface after the colon: "1-2:1.0"
     autopilot: bool = False  # a guess
 
     @property
     def usb(self) -> str:
-        """Vendor and product as in `1209:5740`, "" when it is not on USB."""
+        """Vendor and product, e.g. `1209:5740`; "" if it is not on USB."""
         return "" if self.vid is None or self.pid is None else f"{self.vid:04x}:{self.pid:04x}"
 
 
@@ -84,9 +84,9 @@ def list_ports() -> list[SerialPort]:
 
 
 def find_autopilot(ports: Iterable[SerialPort], exclude: Collection[str] = ()) -> list[SerialPort]:
-    """The ports that look like an autopilot, one a plug: the first interface, where a board has several.
+    """The ports that look like an autopilot. If a board has several interfaces, only the first.
 
-    `exclude` names ports in use for something else, as devices, stable names or symlinks to them.
+    `exclude`: ports that are used for something else, as devices, stable names or symlinks.
     """
     taken = {name for path in exclude if path for name in (path, os.path.realpath(path))}
     plugs: dict[str, SerialPort] = {}
@@ -97,17 +97,17 @@ def find_autopilot(ports: Iterable[SerialPort], exclude: Collection[str] = ()) -
 
 
 def stable_name(device: str) -> str:
-    """The name under which a port is found when it is plugged in again; `device` where it has no better one.
+    """The name by which a port is found after it is plugged in again; `device` if there is no stable name.
 
-    A symlink is the choice of whoever typed it, and stays.
+    A symlink is kept as it is.
     """
     return device if os.path.islink(device) else _stable_names().get(os.path.realpath(device), device)
 
 
 def far_program(device: str) -> str:
-    """The command that holds the other end of a pseudo-terminal, "" when that is unknown or it is none. Linux.
+    """The command of the program with the master of a pseudo-terminal; "" if it is unknown or not one. Linux.
 
-    The number of a pseudo-terminal that is gone is given to the next one there is, whosever that be.
+    The system reuses the numbers of pseudo-terminals, so another program may have the same device later.
     """
     real = os.path.realpath(device)
     if not real.startswith(_PTYS):
@@ -123,13 +123,13 @@ def far_program(device: str) -> str:
 
 
 def holders(device: str) -> list[str]:
-    """Each process seen to have a device open, as `1234 (command)`. Linux; others' processes only as root."""
+    """Each process that has a device open, as `1234 (command)`. Linux; other users' processes only as root."""
     real = os.path.realpath(device)
     return _who(lambda fd, target: target == real and is_here(fd, real))
 
 
 def listeners(port: int, protocol: str) -> list[str]:
-    """Each process seen to listen at a port of this machine, as `1234 (command)`. Linux, as `holders`.
+    """Each process that listens at a port of this machine, as `1234 (command)`. Linux, as `holders`.
 
     `protocol` is tcp or udp.
     """
@@ -138,7 +138,7 @@ def listeners(port: int, protocol: str) -> list[str]:
 
 
 def unread(device: str) -> int:
-    """Bytes that wait in a terminal for whoever reads it; 0 where that cannot be told."""
+    """The number of unread bytes in a terminal; 0 if it is not known."""
     with contextlib.suppress(ImportError, OSError):
         import fcntl
         import termios
@@ -152,7 +152,7 @@ def unread(device: str) -> int:
 
 
 def _who(wanted: Callable[[str, str], bool]) -> list[str]:
-    """Each process that has such a thing open; `wanted` is asked about a descriptor's path and its target."""
+    """Each process with a descriptor for which `wanted(path, target)` is true."""
     found = []
     for process in sorted(glob.glob("/proc/[0-9]*"), key=natural):
         try:
@@ -166,7 +166,7 @@ def _who(wanted: Callable[[str, str], bool]) -> list[str]:
 
 
 def is_here(fd: str, device: str) -> bool:
-    """Whether what is open is this machine's: a container has pseudo-terminals of its own, by the same names."""
+    """Whether an open descriptor is this machine's device, not one of the same name in a container."""
     return not device.startswith(_PTYS) or os.stat(fd).st_dev == os.stat(device).st_dev
 
 
@@ -179,7 +179,7 @@ def is_master(fd: str, fdinfo: str, device: str) -> bool:
 
 
 def _bound(table: str, port: int) -> list[str]:
-    """Inodes of the sockets in /proc/net that are bound to a port, and for TCP listen there."""
+    """Inodes of the sockets in /proc/net that are bound to a port (UDP) or listen there (TCP)."""
     try:
         with open(f"/proc/net/{table}") as file:
             rows = [line.split() for line in file][1:]
@@ -195,7 +195,7 @@ def command_of(process: str) -> str:
 
 
 def _number_of(fdinfo: str) -> str:
-    """Of the pseudo-terminal whose master a descriptor is."""
+    """The number of the pseudo-terminal whose master is this descriptor."""
     with open(fdinfo) as file:
         return next((line.split()[1] for line in file if line.startswith("tty-index:")), "")
 

@@ -1,4 +1,4 @@
-"""A binary file or standard output as a link that is only written to."""
+"""A link that only writes: to a binary file or standard output."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from arva_hil.links.base import Link, LinkError, Opening
 from arva_hil.links.url import Address
 from arva_hil.runtime.clock import await_descriptors
 
-_AT_ONCE: Final = getattr(select, "PIPE_BUF", 512)  # bytes that a pipe takes without waiting when it takes any
-_ASK_S: Final = 0.1  # how often it is asked whether to give up
+_AT_ONCE: Final = getattr(select, "PIPE_BUF", 512)  # if a pipe is writable, it accepts this many bytes without waiting
+_ASK_S: Final = 0.1  # time between calls of `give_up`
 
 
 class ReaderGone(LinkError):
-    """Nobody reads the pipe any more: there is no use in going on, and nothing that is wrong."""
+    """Nobody reads the pipe any more. The program should end, but this is not a fault."""
 
 
 class StdoutLink(Link):
-    """Writes whole to `file`. It reads nothing.
+    """Writes to `file`. It reads nothing.
 
-    This one link waits for a slow reader, until `give_up` says to drop the write instead. `write` raises ReaderGone
-    when the reader went away, LinkError when the disk is full; then the file ends where the write before it did.
-    `close` leaves `file` open.
+    Unlike other links it waits for a slow reader, until `give_up()` is true; then it drops the write. `write` raises
+    ReaderGone if the reader is gone, and LinkError if the disk is full; then no part of the write stays in the file.
+    `close` does not close `file`.
     """
 
     @classmethod
@@ -70,7 +70,7 @@ class StdoutLink(Link):
         self._file = None
 
     def _has_room(self, file: BinaryIO) -> bool:
-        """Wait for room, or until it is no use."""
+        """Wait for room. Returns False if `give_up()` is true first."""
         pause = 0.0
         while not await_descriptors(write=[file.fileno()], timeout_s=pause):
             if self.give_up():
@@ -79,20 +79,20 @@ class StdoutLink(Link):
         return True
 
     def _cut(self, file: BinaryIO, size: int) -> None:
-        """Take back the last `size` bytes of a file: the beginning of what does not fit."""
+        """Remove the last `size` bytes of a file: the first part of a write that did not fit."""
         with contextlib.suppress(OSError, ValueError):
             if size and file.tell() == os.fstat(file.fileno()).st_size:
                 file.truncate(file.tell() - size)
 
 
 def open_stdout() -> StdoutLink:
-    """Standard output without its buffer, which would fail once more at exit when the reader went away."""
+    """Standard output without its buffer. A buffer would fail again at exit if the reader is gone."""
     buffer = sys.stdout.buffer
     return StdoutLink(getattr(buffer, "raw", buffer))
 
 
 def _fills(file: BinaryIO) -> bool:
-    """Whether somebody has to read what is written, or there is no more room."""
+    """Whether the file becomes full if nobody reads it, as a pipe does."""
     try:
         return not stat.S_ISREG(os.fstat(file.fileno()).st_mode)
     except (OSError, io.UnsupportedOperation):

@@ -1,4 +1,4 @@
-"""What links to a byte stream share: reading all there is, writing without blocking or tearing a write."""
+"""The base of links to a byte stream: reads all that is there, and never blocks or sends a part of a write."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from arva_hil.links.base import Link, LinkError
 from arva_hil.runtime.clock import await_descriptors
 
 CHUNK: Final = 65536  # bytes asked of the system at a time
-AT_ONCE: Final = 1 << 16  # bytes one `read` returns, give or take a chunk: a flood cannot hold the loop
+AT_ONCE: Final = 1 << 16  # bytes that one `read` returns, plus one chunk at most: a flood cannot block the loop
 
 
 class EndOfStream(ArvaError, ConnectionError):
-    """The far end closed, in good order."""
+    """The far end has closed the stream."""
 
 
 class StreamLink(Link):
-    """A byte stream. Remembers the rest of a write that the system took in part; it goes before the next.
+    """A byte stream. If the system accepted a part of a write, remembers the rest and sends it before the next write.
 
-    A subclass gives `_receive`, `_send` and `_shut`. They raise BlockingIOError for "not now", any other
-    OSError for "lost"; `_receive` returns b"" when the far end closed.
+    A subclass has `_receive`, `_send` and `_shut`. They raise BlockingIOError for "not now" and any other OSError
+    for "lost"; `_receive` returns b"" if the far end has closed.
     """
 
-    hint = ""  # what a person can do when this kind of link is lost
+    hint = ""  # the cure when this kind of link is lost
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -44,7 +44,7 @@ class StreamLink(Link):
 
     def read(self) -> bytes:
         self._check_open()
-        with contextlib.suppress(OSError):  # if it is lost, receiving will tell, after what is still there
+        with contextlib.suppress(OSError):  # if the link is lost, `_receive` raises it after the last bytes
             self._send_rest()
         data = bytearray()
         try:
@@ -84,7 +84,7 @@ class StreamLink(Link):
             self._rest = self._rest[self._push(self._rest) :]
 
     def _push(self, data: bytes) -> int:
-        """Bytes that the system took now."""
+        """The number of bytes that the system accepted."""
         try:
             return self._send(data)
         except BlockingIOError:
@@ -99,7 +99,7 @@ class StreamLink(Link):
 
 
 class FdLink(StreamLink):
-    """A stream behind a non-blocking file descriptor of a terminal (POSIX)."""
+    """A stream over a non-blocking file descriptor of a terminal (POSIX)."""
 
     def __init__(self, name: str, fd: int) -> None:
         super().__init__(name)

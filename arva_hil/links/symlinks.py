@@ -1,8 +1,8 @@
-"""Symlinks that lead to a pseudo-terminal: whose they are, and whether they still lead where they did.
+"""Symlinks to pseudo-terminals, and whether the program that made one still runs.
 
-The number of a pseudo-terminal that is gone is given to the next one, and a symlink that a killed program left then
-leads to a stranger's. Such a link is older than what it leads to. A program that is alive vouches for its
-link: it holds a lock on the slave, at the byte whose number is the link's inode. The lock ends with the program.
+The system reuses the numbers of pseudo-terminals. The symlink of a killed program may therefore lead to another
+program's terminal; then the symlink is older than the terminal. A running program marks its symlink as in use: it
+locks the byte of the slave whose number is the symlink's inode. The lock ends with the program.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ import os
 from typing import Final
 
 PTYS: Final = "/dev/pts/"
-_LONGEST: Final = 40  # links that lead to one another; Linux follows no more
+_LONGEST: Final = 40  # symlinks in a chain; Linux follows no more
 
 
 def target(link: str) -> str:
-    """Where a symlink leads as it is written, "" when it is none."""
+    """The target of a symlink as written; "" if `link` is not a symlink."""
     try:
         return os.readlink(link)
     except OSError:
         return ""
 
 
-def vouch(slave: int, inode: int) -> None:
-    """Say that the symlink with this inode leads to the pseudo-terminal whose slave is open as `slave`, while it is."""
+def mark_in_use(slave: int, inode: int) -> None:
+    """Mark the symlink with this inode as in use while the descriptor `slave` of its pseudo-terminal is open."""
     with contextlib.suppress(ImportError, AttributeError, OSError):  # Linux
         import fcntl
         import struct
@@ -33,8 +33,8 @@ def vouch(slave: int, inode: int) -> None:
         fcntl.fcntl(slave, fcntl.F_OFD_SETLK, lock)
 
 
-def vouched(link: str) -> bool:
-    """Whether a living program says that `link` leads to its pseudo-terminal."""
+def is_in_use(link: str) -> bool:
+    """Whether a running program has marked `link` as in use."""
     with contextlib.suppress(OSError):
         device, inode = os.stat(link), os.lstat(link).st_ino
         place = f"{os.major(device.st_dev):02x}:{os.minor(device.st_dev):02x}:{device.st_ino}"
@@ -44,13 +44,11 @@ def vouched(link: str) -> bool:
 
 
 def stale(path: str) -> bool:
-    """Whether `path` is a symlink, or leads to one, that a program left which has ended: it leads nowhere or to the
-    pseudo-terminal of another.
-    """
+    """Whether `path` leads over a symlink of a program that has ended: to nothing, or to another program's terminal."""
     link = path
     for _ in range(_LONGEST):
         to = target(link)
-        if not to or link.startswith("/proc/"):  # its links are made when they are looked at
+        if not to or link.startswith("/proc/"):  # symlinks there have no age
             return False
         if to.startswith(PTYS):
             break
@@ -61,4 +59,4 @@ def stale(path: str) -> bool:
         device = os.stat(link)
     except OSError:
         return True
-    return device.st_ctime_ns > os.lstat(link).st_mtime_ns and not vouched(link)
+    return device.st_ctime_ns > os.lstat(link).st_mtime_ns and not is_in_use(link)

@@ -1,4 +1,4 @@
-"""TCP: a client, and what a server has in common with it; and the address errors UDP shares."""
+"""TCP: a client, the parts that the server uses too, and the address errors that UDP shares."""
 
 from __future__ import annotations
 
@@ -11,13 +11,17 @@ from arva_hil.links.serial_ports import listeners
 from arva_hil.links.stream import CHUNK, StreamLink
 from arva_hil.links.url import Address
 
-CONNECT_S: Final = 5.0  # for an answer to the first try to connect,
-BRIEF_S: Final = 0.5  # to one of many
+CONNECT_S: Final = 5.0  # time-out of the first try to connect
+BRIEF_S: Final = 0.5  # time-out of each later try
 _LATE_PORTS: Final = (5762, 5763)
 _SITL: Final = "ArduPilot's simulator listens there only once a client is connected to 5760"
-_ANSWER_MS: Final = 5000  # of an `answered` connection: bytes acknowledged later than this never will be,
-_TAKE_MS: Final = 10_000  # of another
-_KEEP_ALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 5}  # s of silence, s between probes, probes
+_ANSWER_MS: Final = 5000  # an `answered` connection is lost if bytes are not acknowledged in this time
+_TAKE_MS: Final = 10_000  # the same for other connections
+_KEEP_ALIVE: Final = {
+    "TCP_KEEPIDLE": 5,
+    "TCP_KEEPINTVL": 1,
+    "TCP_KEEPCNT": 5,
+}  # seconds of silence, seconds between probes, number of probes
 
 
 class SocketLink(StreamLink):
@@ -41,10 +45,10 @@ class SocketLink(StreamLink):
 
 
 class TcpLink(SocketLink):
-    """A client. Opening waits `timeout` seconds at most; afterwards nothing waits.
+    """A client. Opening waits for `timeout` seconds at most; later calls do not wait.
 
-    Raises LinkError when nobody listens or answers there, and once the far end closed, or vanished without a word: it
-    has not taken for 10 s what it was sent, or `answered`: for 5 s, as when its cable is out or it reads no more.
+    Raises LinkError if nobody listens or answers there, if the far end closes, or if it acknowledges nothing for 10 s
+    (5 s if `answered`), e.g. because its cable is out or it does not read any more.
     """
 
     hint = "is the autopilot running?"
@@ -75,14 +79,14 @@ class TcpLink(SocketLink):
 
 def _connect(host: str, port: int, timeout: float) -> socket.socket:
     sock = socket.create_connection((host, port), timeout)
-    if sock.getsockname() == sock.getpeername():  # nobody listens there, and it got that very port for its own end
+    if sock.getsockname() == sock.getpeername():  # nobody listens there, and the socket is connected to itself
         sock.close()
         raise ConnectionRefusedError
     return sock
 
 
 def set_up(sock: socket.socket, *, answered: bool) -> None:
-    """Waits for nothing, sends small writes at once, and tells before long that the far end has vanished."""
+    """Set the socket's options: never block, send small writes at once, and detect soon that the far end is gone."""
     sock.setblocking(False)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -96,7 +100,7 @@ def show(host: str, port: int) -> str:
 
 
 def resolve(name: str, host: str, port: int, kind: int) -> tuple[int, Any]:
-    """The address family and socket address of a host. Raises LinkError when nobody knows it."""
+    """The address family and socket address of a host. Raises LinkError if it is unknown."""
     try:
         found = socket.getaddrinfo(host, port, type=kind)[0]
     except (socket.gaierror, UnicodeError) as error:
@@ -105,7 +109,7 @@ def resolve(name: str, host: str, port: int, kind: int) -> tuple[int, Any]:
 
 
 def listen_error(name: str, error: OSError, port: int, protocol: Literal["tcp", "udp"]) -> LinkError:
-    """Why an address cannot be listened at, and the cure."""
+    """Why it is not possible to listen at an address, and the cure."""
     if error.errno == errno.EADDRINUSE:
         what, hint = "another program listens there", "take another port"
         if protocol == "udp":
@@ -114,7 +118,7 @@ def listen_error(name: str, error: OSError, port: int, protocol: Literal["tcp", 
             return LinkError(name, f"{what}, held by {', '.join(who)}", hint)
         return LinkError(name, what, f"{hint}; to see who: ss -l{protocol[0]}np 'sport = :{port}'")
     if error.errno == errno.EADDRNOTAVAIL:
-        return LinkError(name, "is no address of this machine", "0.0.0.0 is all of them")
+        return LinkError(name, "is not an address of this machine", "0.0.0.0 means all of them")
     if error.errno == errno.EACCES:
         return LinkError(name, "permission denied", "take a port above 1023")
     return LinkError(name, f"cannot listen: {error.strerror or error}")

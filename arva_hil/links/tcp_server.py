@@ -1,4 +1,4 @@
-"""A TCP server: several clients at once, each kept apart and dropped by itself."""
+"""A TCP server for several clients."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from arva_hil.links.tcp import SocketLink, listen_error, resolve, set_up, show
 from arva_hil.links.url import Address
 from arva_hil.runtime.clock import Clock, RealClock
 
-MOST_CLIENTS: Final = 8  # one more waits until there is room
-FULL_S: Final = 10.0  # a client that has taken nothing for this long while something waits for it is dropped
+MOST_CLIENTS: Final = 8  # further clients wait until there is room
+FULL_S: Final = 10.0  # a client that accepts no waiting bytes for this long is dropped
 
 
 class TcpServerLink(Link):
-    """Listens at `host:port` for clients, 8 at most. Each of them is a sender, see `receive`.
+    """Listens at `host:port` for clients, 8 at most. Each client is a sender, see `receive`.
 
-    Until somebody says by `follow` who the peer is, all are read, and each gets every write that it has room for. One
-    that takes nothing for 10 s by `clock` is dropped. The link is lost when the last has left, or the peer, and is back
-    with the next. A client that closes its sending side has left; but one that never said a word may still listen, and
-    stays until it takes no more or its place is needed. A write that nobody takes is dropped and counted. `answered` as
-    for TcpLink. Port 0 takes a free one, see `port`. Raises LinkError when the address cannot be listened at; once
-    pinned, also when the peer has left.
+    Until `follow` sets the peer, all clients are read, and each gets every write that it has room for. A client that
+    accepts nothing for 10 s by `clock` is dropped. The link is lost when the last client or the peer leaves, and
+    returns with the next. A client that closes its sending side has left; but if it never sent anything it may still
+    listen, and stays until it accepts nothing more or its place is needed. A write that no client accepts is dropped
+    and counted. `answered` as for TcpLink. Port 0 means a free port, see `port`. Raises LinkError if it cannot listen
+    at the address; after `pin` also if the peer has left.
     """
 
     @classmethod
@@ -47,9 +47,9 @@ class TcpServerLink(Link):
         self.name = f"tcpin:{show(host, self.port)}"
         self._clock = clock or RealClock()
         self._answered = answered
-        self._clients: dict[Sender, _Client] = {}  # who came or spoke last at the end
+        self._clients: dict[Sender, _Client] = {}  # in the order of their last bytes, or of their connection
         self._peer: Sender = None
-        self._others: Collection[Sender] | None = None  # who gets what is written; None: every client does
+        self._others: Collection[Sender] | None = None  # receivers of writes while there is no peer; None: all clients
         self._pinned = False
         self._open = True
         self._selector = selectors.DefaultSelector()
@@ -136,7 +136,7 @@ class TcpServerLink(Link):
         return data
 
     def _accept(self) -> None:
-        """Take in who waits, as far as there is room."""
+        """Accept waiting clients while there is room."""
         while room := len(self._clients) < MOST_CLIENTS or self._dispensable() is not None:
             try:
                 sock, sender = self._listener.accept()
@@ -156,7 +156,7 @@ class TcpServerLink(Link):
         self._listen(room)
 
     def _listen(self, wanted: bool) -> None:
-        """Whether one who waits to be taken in is something to be ready for."""
+        """Wait for new clients only if they are `wanted`."""
         listened = self._listener in self._selector.get_map()
         if wanted and not listened:
             self._selector.register(self._listener, selectors.EVENT_READ)
@@ -164,7 +164,7 @@ class TcpServerLink(Link):
             self._selector.unregister(self._listener)
 
     def _dispensable(self) -> Sender:
-        """Who gives way to the next, if anybody: one that closed its sending side, or of strangers the most silent."""
+        """The client to drop for the next one: one that closed its sending side, else the most silent stranger."""
         if mute := [sender for sender, client in self._clients.items() if client.mute]:
             return mute[0]
         if self._others is None:
@@ -172,7 +172,7 @@ class TcpServerLink(Link):
         return next((s for s in self._clients if s != self._peer and s not in self._others), None)
 
     def _leave(self, sender: Sender, why: LinkError) -> None:
-        """Forget a client, and with it the rest of a write that only it can make sense of."""
+        """Close a client, and forget the unsent rest of its last write."""
         client = self._clients.pop(sender)
         if not client.mute:
             self._selector.unregister(client.sock)
@@ -191,17 +191,17 @@ class TcpServerLink(Link):
 
 
 class _Client(SocketLink):
-    """One of the clients: remembers what it said, and when it last took something."""
+    """One client. Remembers whether it sent anything, and when it last accepted bytes."""
 
     def __init__(self, name: str, sock: socket.socket, now: float) -> None:
         super().__init__(name, sock)
         self.spoke = False
         self.mute = False  # it has closed its sending side, and never spoke
-        self._took = True  # something, since it was last asked
+        self._took = True  # whether it accepted bytes since the last call of `full_for`
         self._took_at = now
 
     def full_for(self, now: float) -> float:
-        """How long it has taken nothing [s]; to be asked after each write."""
+        """How long it has accepted nothing [s]. To be called after each write."""
         if self._took:
             self._took, self._took_at = False, now
         return now - self._took_at

@@ -1,4 +1,4 @@
-"""Who else reads a terminal: two readers of one line each get a part of its bytes, and neither is told."""
+"""Finds other readers of a terminal. Each of two readers would get only a part of the bytes, without an error."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from arva_hil.links.serial_ports import command_of, is_here, is_master, natural
 
 
 def other_readers(device: str) -> list[str]:
-    """Each other process seen to have a terminal open for reading, as `1234 (command)`.
+    """Each other process that has a terminal open for reading, as `1234 (command)`.
 
-    Who holds the master of a pseudo-terminal serves it and is none. Linux; others' processes only as root. Nothing for
-    what is no device.
+    The process with the master of a pseudo-terminal does not count. Linux; other users' processes only as root. Empty
+    if `device` is not a device.
     """
     try:
         if not stat.S_ISCHR(os.stat(device).st_mode):
@@ -44,6 +44,6 @@ def _reads(process: str, device: str) -> bool:
 
 
 def _flags(fdinfo: str) -> int:
-    """What a descriptor was opened with."""
+    """The flags with which a descriptor was opened."""
     with open(fdinfo) as file:
         return next((int(line.split()[1], 8) for line in file if line.startswith("flags:")), os.O_RDWR)

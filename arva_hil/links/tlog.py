@@ -1,6 +1,7 @@
-"""MAVLink telemetry logs: again and again 8 bytes, big-endian microseconds since 1970, then one raw packet.
+"""MAVLink telemetry logs. Each record is a time stamp and one raw packet.
 
-Logs with little-endian times are read too, and streams of packets without times.
+A time stamp is 8 bytes: microseconds since 1970, big-endian. Logs with little-endian time stamps are read too, and
+streams of packets without time stamps.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from arva_hil.runtime.clock import Clock
 __all__ = ["Record", "TlogLink", "TlogReader", "read_tlog", "tlog_record"]
 
 _CHUNK: Final = 65536
-_AHEAD: Final = 4 * LONGEST  # bytes kept in sight: a record and those that it is judged by
+_AHEAD: Final = 4 * LONGEST  # bytes kept in the buffer: a record and those needed to judge it
 
 
 def tlog_record(time_us: int, raw: bytes) -> bytes:
@@ -30,21 +31,21 @@ def tlog_record(time_us: int, raw: bytes) -> bytes:
 
 
 def read_tlog(path: str | os.PathLike[str]) -> TlogReader:
-    """Open a log to iterate over its records. Raises LinkError: missing, a directory, no permission."""
+    """Open a log to iterate over its records. Raises LinkError: no such file, a directory, no permission."""
     return TlogReader(path)
 
 
 class TlogReader(Iterator[Record]):
-    """The records of a log, once, in the file's order, whatever else is in the file; memory stays flat.
+    """Iterates once over the records of a log, in the file's order. Skips garbage. Needs little memory.
 
-    Counters, right at any moment of the iteration: `records`; `skipped`, bytes of garbage between records;
-    `torn`, bytes of a last record that the file's end cuts; `consumed` of `size` bytes. `first_us` and
-    `last_us` are the times of the first and the latest record, None before the first.
+    Counters, right during the iteration too: `records`; `skipped`: bytes of garbage between records; `torn`: bytes of
+    an incomplete last record; `consumed` of `size` bytes. `first_us` and `last_us`: the times of the first and the
+    latest record, None before the first.
 
-    A record's time is within a day of the one before, the first one's in 2001…2100; a clock that steps further, or is
-    wrong from the start, is believed where records go on without a gap. Behind garbage a record counts only when
-    another one or the file's end follows it. A record that another one starts inside of was cut and counts as garbage.
-    Without times (`stamped` is false) every record's time is 0; `layout` says how the file is laid out.
+    A record's time must be within a day of the one before, and the first in 2001…2100. Other times are accepted if
+    records follow without a gap. After garbage, a record counts only if another record or the file's end follows it.
+    A record inside which another one starts counts as garbage. Without time stamps (`stamped` is false) every
+    record's time is 0. `layout` is the layout of the records, for a person.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -65,7 +66,7 @@ class TlogReader(Iterator[Record]):
 
     @property
     def layout(self) -> str:
-        """Which times there are, for a person."""
+        """The kind of time stamps, for a person."""
         return self._layout.name
 
     def __iter__(self) -> Iterator[Record]:
@@ -82,8 +83,8 @@ class TlogReader(Iterator[Record]):
         layout, before = self._layout, self._layout.before
         buffer, at, ended = self._start, 0, False
         self._start = b""
-        length = time_us = 0  # of the record at `at`; 0: not known yet, or none starts there
-        in_step = True  # at the file's start or right behind a record
+        length = time_us = 0  # of the record at `at`; 0: not known yet, or no record starts there
+        in_step = True  # at the file's start or directly after a record
         while True:
             if len(buffer) - at < _AHEAD and not ended:
                 chunk = self._chunk()
@@ -91,7 +92,7 @@ class TlogReader(Iterator[Record]):
                 continue
             size, last = len(buffer), self.last_us
             if length and last is not None and layout is not BARE and -DAY_US <= time_us - last <= DAY_US:
-                while size - at >= _AHEAD:  # the many that simply follow each other, without the calls below
+                while size - at >= _AHEAD:  # the usual case, without the calls below
                     next_us, magic, payload, flags = layout.unpack(buffer, end := at + length)
                     if not -DAY_US <= next_us - time_us <= DAY_US or (magic != 0xFD and magic != 0xFE):
                         break
@@ -110,7 +111,7 @@ class TlogReader(Iterator[Record]):
                 following = look(buffer, end, layout)
                 if (last is not None and -DAY_US <= time_us - last <= DAY_US) or follows(last, time_us, layout):
                     good = (following[0] and -DAY_US <= following[1] - time_us <= DAY_US) or end == size
-                    if not good and in_step and end < size:  # garbage follows, unless this one was cut by another
+                    if not good and in_step and end < size:  # garbage follows, or this record was cut by another
                         good = find(buffer, at + 1, end, self.last_us, layout) is None
                 else:
                     good = is_step(buffer, at, self.last_us if in_step else None, layout)
@@ -145,10 +146,10 @@ class TlogReader(Iterator[Record]):
 
 
 class TlogLink(Link):
-    """A log as if it came from a vehicle: each packet at its time behind the first one, which comes at once.
+    """Plays a log in real time by `clock`. The first packet comes at once.
 
-    Where the log's clock was set, its `Timeline` goes on. Time is `clock`'s, counted from when the link was opened.
-    Writes go nowhere. `read` raises LinkEnded behind the last record. `reader` has the counters.
+    A `Timeline` removes the steps of the log's clock. Writes are discarded. `read` raises LinkEnded after the last
+    record. `reader` has the counters.
     """
 
     @classmethod
@@ -191,7 +192,7 @@ class TlogLink(Link):
 
 def _open_regular(path: str) -> BinaryIO:
     try:
-        mode = os.stat(path).st_mode  # before it is opened: opening a pipe would wait
+        mode = os.stat(path).st_mode  # before `open`, which would wait for the writer of a pipe
         if not stat.S_ISREG(mode):
             raise LinkError(path, "is a directory" if stat.S_ISDIR(mode) else "is not a regular file")
         return open(path, "rb")

@@ -1,6 +1,6 @@
-"""How records lie in a telemetry log: which times there are, where a record starts, what may follow it.
+"""The layout of records in a telemetry log: the time stamp, where a record starts, what may follow it.
 
-All that is known of MAVLink here is how long a packet is: https://mavlink.io/en/guide/serialization.html
+This module knows only the length of MAVLink packets: https://mavlink.io/en/guide/serialization.html
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ _YEAR_2100_US: Final = 4_102_444_800_000_000
 
 
 class TlogLayout:
-    """How a record is laid out: `name` for a person, `before` bytes before the packet, `size` of time and head."""
+    """A layout of records. `name`: for a person; `before`: bytes before the packet; `size`: bytes of time and head."""
 
     def __init__(self, name: str, time: str, begins: bytes, enough: int) -> None:
         self.name = name
-        self.begins = re.compile(begins)  # a time before 2100 and a magic, roughly
-        self.enough = enough  # records in a row are no chance
-        head = struct.Struct(f"{time}3B")  # time, then of the packet: magic, payload length, flags (MAVLink 2)
+        self.begins = re.compile(begins)  # matches the time stamp and the magic byte, roughly
+        self.enough = enough  # this many records in a row cannot be chance
+        head = struct.Struct(f"{time}3B")  # time, and the packet's magic, payload length and flags (MAVLink 2)
         self.size = head.size
         self.before = head.size - 3
         self.unpack = head.unpack_from
@@ -48,7 +48,7 @@ BARE: Final = TlogLayout("no times", "", rb"[\xfd\xfe]", 10)
 
 
 def look(buffer: bytes, at: int, layout: TlogLayout) -> tuple[int, int]:
-    """Length [bytes] and time of the record at `at`; (0, 0) when by its time or magic none starts there."""
+    """Length [bytes] and time [µs] of the record at `at`; (0, 0) if its time or magic is impossible."""
     if at + layout.size > len(buffer):
         return 0, 0
     if layout is BARE:
@@ -63,15 +63,15 @@ def look(buffer: bytes, at: int, layout: TlogLayout) -> tuple[int, int]:
 
 
 def follows(near: int | None, time_us: int, layout: TlogLayout) -> bool:
-    """Whether a record's time needs no explanation behind one at `near`, None: behind none."""
+    """Whether a record's time is plausible after one at `near`; None: it is the first record."""
     if near is None:
         return time_us >= _YEAR_2001_US or layout is BARE
     return abs(time_us - near) <= DAY_US
 
 
 def is_step(buffer: bytes, at: int, before: int | None, layout: TlogLayout) -> bool:
-    """Whether the record at `at` shows a clock that was set: two more follow it, or the file's end, without a gap, and
-    their times agree with its own. Right behind a record at `before` it may also be the only one that is off.
+    """Whether the log's clock was set before the record at `at`: two more records, or the file's end, follow without a
+    gap, and their times agree with it. If a record at time `before` is directly before it, they may agree with that.
     """
     length, first = look(buffer, at, layout)
     near = [first] if before is None else [first, before]
@@ -87,7 +87,7 @@ def is_step(buffer: bytes, at: int, before: int | None, layout: TlogLayout) -> b
 
 
 def find(buffer: bytes, start: int, stop: int, near: int | None, layout: TlogLayout) -> int | None:
-    """Where the first record starts in [start, stop) that another one follows, or the buffer's end."""
+    """The start of the first record in [start, stop) that is followed by another one or by the buffer's end."""
     found = layout.begins.search(buffer, start)
     while found and found.start() < stop:
         at = found.start()
@@ -103,16 +103,16 @@ def find(buffer: bytes, start: int, stop: int, near: int | None, layout: TlogLay
 
 
 def layout_of(start: bytes) -> TlogLayout:
-    """How the file is laid out that begins so."""
+    """The layout of the file with these first bytes."""
     if _row(start, 0, BIG):
         return BIG
     if _covered(start, LITTLE) > (big := _covered(start, BIG)):
         return LITTLE
-    return BARE if not big and _covered(start, BARE) > len(start) / 2 else BIG  # packets are found in anything
+    return BARE if not big and _covered(start, BARE) > len(start) / 2 else BIG  # any data contain packets by chance
 
 
 def _row(buffer: bytes, at: int, layout: TlogLayout) -> int:
-    """Bytes of the records that follow each other from `at` on; 0 when they are so few that it may be chance."""
+    """Bytes of the records in a row from `at` on; 0 if so few may be chance."""
     start, count, near = at, 0, 0
     while True:
         length, time_us = look(buffer, at, layout)
@@ -122,7 +122,7 @@ def _row(buffer: bytes, at: int, layout: TlogLayout) -> int:
 
 
 def _covered(buffer: bytes, layout: TlogLayout) -> int:
-    """Bytes of records that are there for certain."""
+    """Bytes of records in rows that cannot be chance."""
     covered = 0
     found = layout.begins.search(buffer)
     while found:

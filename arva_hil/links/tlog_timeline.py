@@ -1,6 +1,6 @@
-"""One time line through a log, whatever its clock does: by the vehicle's own clock where the log's was set.
+"""The times of a log without the steps of its clock. Where the clock was set, the vehicles' clocks are used.
 
-All that is known of messages here is that three of them begin with `time_boot_ms`, milliseconds since the vehicle was
+This module knows only that three messages begin with `time_boot_ms`, milliseconds since the vehicle was
 switched on: https://mavlink.io/en/messages/common.html#ATTITUDE
 """
 
@@ -13,23 +13,23 @@ from statistics import median
 from typing import Final, NamedTuple
 
 _BOOT_IDS: Final = (30, 31, 33)  # ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT
-_BACK_US: Final = 1_000_000  # two writers of one log may disagree by so much
-_AHEAD_US: Final = 3_000_000  # a pause that needs no explanation
+_BACK_US: Final = 1_000_000  # two writers of one log may differ by this
+_AHEAD_US: Final = 3_000_000  # the longest pause that is not checked
 _HOUR_US: Final = 3_600_000_000
 _DAY_US: Final = 86_400_000_000
 _REMEMBERED: Final = 1024  # records
-_LOOK_AHEAD: Final = 400  # records, and
-_LOOK_AHEAD_US: Final = 3_000_000  # so much of the log's new time, before a step is judged
-_AGREE_US: Final = 1_000_000  # boot times of one moment, through a link that delays
-_SAME_US: Final = 2_000_000  # a pause by the log's clock and by the vehicle's is the same one: within this,
-_SAME_SHARE: Final = 0.05  # or this much of it
+_LOOK_AHEAD: Final = 400  # records that are read before a step is judged
+_LOOK_AHEAD_US: Final = 3_000_000  # at most this much of the log's new time
+_AGREE_US: Final = 1_000_000  # boot times of one instant may differ by this, because of delays
+_SAME_US: Final = 2_000_000  # a pause by the log's clock and by the vehicle's may differ by this
+_SAME_SHARE: Final = 0.05  # or by this share of it
 _MOST_SOURCES: Final = 16
 
 _Source = tuple[int, int]  # system, component
 
 
 class Record(NamedTuple):
-    """One packet and when it was received, in microseconds since 1970."""
+    """One packet, and when it was received [µs since 1970]."""
 
     time_us: int
     raw: bytes
@@ -41,14 +41,14 @@ class Record(NamedTuple):
 
 
 class Timeline(Iterator[Record]):
-    """The records of a log, once and in order, with times that go on: never back by more than a second.
+    """Iterates once over the records of a log. Their times never go back by more than a second.
 
-    The log's stamps are kept while they go on. Where they step, the step is taken out: how long the pause was is told
-    by the boot times of the vehicles that were heard on both sides; a pause that they confirm, or one of up to an hour
-    that they say nothing about, is one. Without stamps (`stamped` false) boot times alone make the time, from 0.
+    The log's time stamps are kept if they are continuous. A step is removed: the boot times of vehicles heard before
+    and after it give the true length of the pause. A pause that they confirm is kept, and so is one of up to an hour
+    without boot times. Without stamps (`stamped` is false) the time comes from boot times alone, and begins at 0.
 
-    Counters: `steps`, how often the log's clock was set; `strays`, single records with a time of their own. `tell` is
-    called when the first of either is met.
+    Counters: `steps`: how often the log's clock was set; `strays`: single records with a wrong time. `tell` is called
+    at the first step or stray.
     """
 
     def __init__(
@@ -58,11 +58,11 @@ class Timeline(Iterator[Record]):
         self.strays = 0
         self._tell = tell
         self._records = iter(records)
-        self._ahead: deque[Record] = deque()  # read already, not given out
-        self._past: deque[Record] = deque(maxlen=_REMEMBERED)  # given out lately
-        self._shift = 0  # µs, from the log's stamps to the time line
-        self._clocks: dict[_Source, int] = {}  # without stamps: µs, from a vehicle's boot time to the time line
-        self._doubted: dict[_Source, int] = {}  # without stamps: a boot time that does not follow
+        self._ahead: deque[Record] = deque()  # read, but not returned yet
+        self._past: deque[Record] = deque(maxlen=_REMEMBERED)  # returned lately
+        self._shift = 0  # time line minus the log's stamps [µs]
+        self._clocks: dict[_Source, int] = {}  # without stamps: time line minus a vehicle's boot time [µs]
+        self._doubted: dict[_Source, int] = {}  # without stamps: a boot time that is not continuous
         self._line = self._by_stamps() if stamped else self._by_boot_times()
 
     def __iter__(self) -> Iterator[Record]:
@@ -75,7 +75,7 @@ class Timeline(Iterator[Record]):
 
     def _by_stamps(self) -> Iterator[Record]:
         ahead, records, remember = self._ahead, self._records, self._past.append
-        heard: int | None = None  # the latest time given out
+        heard: int | None = None  # the latest time returned
         shift = 0
         while (record := ahead.popleft() if ahead else next(records, None)) is not None:
             time_us = record.time_us + shift
@@ -91,7 +91,7 @@ class Timeline(Iterator[Record]):
             yield record
 
     def _placed(self, record: Record, heard: int) -> int:
-        """The time [µs] of a record whose stamp does not follow from those before."""
+        """The time [µs] of a record whose stamp is not continuous."""
         self._read_ahead(record.time_us)
         follows = any(-_BACK_US <= r.time_us + self._shift - heard <= _AHEAD_US for r in list(self._ahead)[:2])
         if follows or not self._ahead:
@@ -121,9 +121,9 @@ class Timeline(Iterator[Record]):
             self._ahead.append(record)
 
     def _told_by_boot_times(self, record: Record) -> int | None:
-        """The time of a record, by boot times of those who were heard before it and are heard behind it.
+        """The time of a record [µs], by boot times of vehicles that are heard before and after it.
 
-        None when nobody was, or no two of them agree. Of messages that a link has delayed the quickest counts.
+        None if there is no such vehicle, or if no two boot times agree. The least delayed message counts.
         """
         clocks: dict[_Source, list[int]] = {}
         for past in self._past:
@@ -147,7 +147,7 @@ class Timeline(Iterator[Record]):
             yield Record(heard, record.raw)
 
     def _advanced(self, source: _Source, boot_us: int, heard: int) -> int:
-        """The time line when this was heard; what does not follow is believed when the next one agrees with it."""
+        """The time [µs] of a boot time. One that is not continuous is used only if the next one agrees with it."""
         if source not in self._clocks:
             if len(self._clocks) < _MOST_SOURCES:
                 self._clocks[source] = heard - boot_us
@@ -173,7 +173,7 @@ class Timeline(Iterator[Record]):
 
 
 def _boot_time(raw: bytes) -> tuple[_Source, int] | None:
-    """Who says in a packet how long it has been switched on, and how long [µs]; None when it says nothing of it."""
+    """The sender of a packet and its boot time [µs]; None if the packet has no boot time."""
     if raw[0] == 0xFD:
         if len(raw) < 12 or raw[7] not in _BOOT_IDS or raw[8] or raw[9]:
             return None

@@ -1,4 +1,4 @@
-"""UDP: one write is one datagram; what several datagrams of one sender bring is read joined."""
+"""UDP: one write is one datagram; datagrams of one sender are joined when they are read."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from arva_hil.links.stream import AT_ONCE, CHUNK
 from arva_hil.links.tcp import listen_error, resolve, show
 from arva_hil.links.url import Address
 
-_MOST_SENDERS: Final = 8  # that get what is written, while none is the peer
+_MOST_SENDERS: Final = 8  # that get each write while there is no peer
 
 
 class _UdpLink(Link):
-    """Everything but who the far end is."""
+    """The base of both UDP links."""
 
     def __init__(self, name: str, sock: socket.socket) -> None:
         self.name = name
@@ -31,7 +31,7 @@ class _UdpLink(Link):
         return b"".join([datagram for datagram, _ in self._datagrams()])
 
     def _datagrams(self) -> Iterator[tuple[bytes, Any]]:
-        """What came, and from where; not more than one read should give."""
+        """The datagrams that came, with their senders; at most what one read should return."""
         size = 0
         for _ in range(AT_ONCE // 1024):
             try:
@@ -47,8 +47,8 @@ class _UdpLink(Link):
                 return
 
     def write(self, data: bytes) -> bool:
-        """Send one datagram; ValueError when `data` is longer than one can be."""
-        for _ in range(2):  # the first try may only report what happened to the datagram before
+        """Send one datagram. Raises ValueError if `data` is too long for one."""
+        for _ in range(2):  # the first try may only report an error of the datagram before
             try:
                 self._transmit(data)
                 return True
@@ -68,16 +68,16 @@ class _UdpLink(Link):
         self._socket.send(data)
 
     def _judge(self, error: OSError) -> None:
-        """Raise LinkError when the link is closed. All else says that nobody hears now; somebody may later."""
+        """Raise LinkError if the link is closed. All other errors mean that nobody listens now."""
         self.refusals += error.errno == errno.ECONNREFUSED
         if self.fileno() is None:
             raise LinkError(self.name, "is closed") from error
 
 
 class UdpOutLink(_UdpLink):
-    """Sends to `host:port` and hears nobody else. That nobody listens there is no error: it may start later.
+    """Sends to `host:port`, and receives only from there. It is no error if nobody listens there yet.
 
-    Raises LinkError when the host is unknown or there is no route to it.
+    Raises LinkError if the host is unknown or there is no route to it.
     """
 
     @classmethod
@@ -98,12 +98,12 @@ class UdpOutLink(_UdpLink):
 
 
 class UdpInLink(_UdpLink):
-    """Listens at `host:port`; each address that sends there is a sender, see `receive`.
+    """Listens at `host:port`. Each address that sends there is a sender, see `receive`.
 
-    Until somebody says by `follow` who the peer is, all is read, and writes go to every sender, to the 8 heard last
-    at most. From then on they go to the `peer` alone; what others send can still be received, apart, and is counted.
-    Once pinned, only the peer is heard. A write without anybody to send it to is dropped and counted. Port 0 takes a
-    free one, see `port`. Raises LinkError when the address cannot be listened at.
+    Until `follow` sets the peer, all senders are read, and writes go to the 8 senders heard last. After that writes go
+    to the `peer` only; the other senders can still be received, and their datagrams are counted. After `pin` only the
+    peer is read. A write is dropped and counted if there is no sender yet. Port 0 means a free port, see `port`.
+    Raises LinkError if it cannot listen at the address.
     """
 
     @classmethod
@@ -122,8 +122,8 @@ class UdpInLink(_UdpLink):
             raise listen_error(name, error, port, "udp") from error
         self.port: int = sock.getsockname()[1]
         self.peer: Any = None
-        self._senders: dict[Any, None] = {}  # the one heard last at the end
-        self._others: Collection[Any] | None = None  # who gets what is written; None: every sender does
+        self._senders: dict[Any, None] = {}  # in the order in which they were heard
+        self._others: Collection[Any] | None = None  # receivers of writes while there is no peer; None: every sender
         self._pinned = False
         super().__init__(f"udpin:{show(host, self.port)}", sock)
 
@@ -155,7 +155,7 @@ class UdpInLink(_UdpLink):
         self._pinned = True
 
     def _hears(self, sender: Any) -> bool:
-        """Whether one who is not the peer is heard at all."""
+        """Whether a sender that is not the peer is read. Counts or remembers it."""
         if self.peer is not None:
             self.strangers += 1
             self.stranger = self.stranger or show(*sender[:2])

@@ -1,4 +1,4 @@
-"""Connection strings: `parse` turns what a person typed into an `Address`, or says what is wrong with it."""
+"""Connection strings: `parse` turns one into an `Address`, or says what is wrong with it."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _EXAMPLES: Final = (
 
 
 class AddressError(ArvaError, ValueError):
-    """A connection string that cannot be read; `str()` says what was found and what to write instead."""
+    """A wrong connection string. `str()` says what was found and what to write instead."""
 
 
 class Address(NamedTuple):
-    """Where a link goes. `kind` is a name in the registry of links. `path` is a device, a file, a symlink to make
-    (pty), one of pyserial's URLs, or of a kind without a spelling of its own all that stands behind its scheme.
+    """A parsed connection string. `kind`: a name in the registry of links. `path`: a device, a file, a symlink to make
+    (pty), or a URL of pyserial; for the kinds of other packages, all that follows the scheme.
 
-    `baud` (bit/s) is None when the string names none. `str()` is a spelling that `parse` reads back.
+    `baud` [bit/s]: None if the string has none. `parse(str(address))` gives the same address.
     """
 
     kind: str
@@ -66,7 +66,7 @@ class Address(NamedTuple):
 
 
 def parse(text: str) -> Address:
-    """Read a connection string. Raises AddressError, with examples, for one that is wrong or ambiguous."""
+    """Parse a connection string. Raises AddressError, with examples, if it is wrong or ambiguous."""
     text = text.strip()
     if not text:
         raise _refused(text, "is empty", *_EXAMPLES)
@@ -95,7 +95,7 @@ def parse(text: str) -> Address:
     if scheme and scheme not in _KINDS and scheme in LINKS:
         return Address(scheme, path=rest)
     if scheme:
-        raise _refused(text, f"starts with {scheme!r}, which is no kind of link", *_EXAMPLES)
+        raise _refused(text, f"starts with {scheme!r}, which is not a kind of link", *_EXAMPLES)
     if _is_log(text):
         return Address("tlog", path=text)
     if re.match(_DEVICE, text):
@@ -139,7 +139,7 @@ def _network(text: str, scheme: str, rest: str) -> Address:
 
 
 def _serial(text: str, rest: str, *, colon: bool) -> Address:
-    """A device and the baud rate behind it: after a comma, or a colon where the scheme is written."""
+    """A device and its baud rate, after a comma; after a scheme a colon is allowed too."""
     path, comma, baud = rest.rpartition(",")
     if not comma:
         path, baud = rest, ""
@@ -161,7 +161,7 @@ def _is_log(path: str) -> bool:
 
 
 def _target(rest: str) -> str:
-    """What was typed as host:port, completed so that it makes an example."""
+    """The typed host:port, completed for an example."""
     host, _, port = rest.rpartition(":")
     if not port.isdecimal():
         host, port = host or port, "14550"

@@ -304,7 +304,7 @@ def test_a_folder_that_cannot_be_is_named(tmp_path: Path) -> None:
     for name in (NAME, TABLE, REPORT):
         folder = tmp_path / f"with {name}"
         (folder / name).mkdir(parents=True)
-        with pytest.raises(ResultsError, match=rf"{folder / name}: is no regular file"), opened(folder):
+        with pytest.raises(ResultsError, match=rf"{folder / name}: is not a regular file"), opened(folder):
             pass
 
 

@@ -45,7 +45,7 @@ def test_a_serial_port_that_is_not_there(arva: Arva, side: str) -> None:
     other = "--autopilot" if side == "--port" else "--port"
     code, out, err = arva(other, "pty", side, "/dev/ttyNONE7")
     assert (code, out) == (3, "")
-    assert "arva-hil: /dev/ttyNONE7: no such port; there is " in err
+    assert "arva-hil: /dev/ttyNONE7: no such port; the ports here are " in err
     assert all(port.device in err for port in list_ports()[:10])
 
 

@@ -209,7 +209,7 @@ def test_an_address_in_use_says_how_to_find_who_where_that_cannot_be_seen(
 
 @pytest.mark.parametrize("kind", [UdpInLink, TcpServerLink])
 def test_an_address_that_is_not_ours(kind: Callable[[str, int], Link]) -> None:
-    with pytest.raises(LinkError, match="is no address of this machine"):
+    with pytest.raises(LinkError, match="is not an address of this machine"):
         kind("192.0.2.1", 14550)
 
 

@@ -188,7 +188,7 @@ class Killed:
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
             assert child.stdout
             self.number = child.stdout.readline().decode().strip()
-            assert symlinks.vouched(str(self.link))
+            assert symlinks.is_in_use(str(self.link))
             child.send_signal(signal.SIGKILL)
         assert os.readlink(self.link) == self.number
 
@@ -269,7 +269,7 @@ def test_our_own_living_link_is_followed_whoever_changed_the_terminals_permissio
     assert isinstance(near, PtyLink)
     os.utime(link, ns=(0, 0), follow_symlinks=False)
     os.chmod(near.path, 0o666)
-    assert symlinks.vouched(str(link))
+    assert symlinks.is_in_use(str(link))
     keep(open_serial(str(link))).close()
     (chain := tmp_path / "chain").symlink_to("arva0")
     keep(open_serial(str(chain)))
@@ -283,10 +283,10 @@ def test_a_link_is_vouched_for_until_its_program_closes_it(tmp_path: Path, keep:
     near = keep(PtyLink(str(link)))
     assert isinstance(near, PtyLink)
     other.symlink_to(near.path)
-    assert symlinks.vouched(str(link))
-    assert not symlinks.vouched(str(other))
+    assert symlinks.is_in_use(str(link))
+    assert not symlinks.is_in_use(str(other))
     near.close()
-    assert not symlinks.vouched(str(link))
+    assert not symlinks.is_in_use(str(link))
 
 
 def test_what_is_no_symlink_is_not_stale(tmp_path: Path, line: PtyLink) -> None:

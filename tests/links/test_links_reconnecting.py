@@ -423,7 +423,10 @@ def test_the_number_of_a_pseudo_terminal_may_be_another_programs_now(
         os.close(pair[0])
         os.close(pair[1])
         assert "sys.stdin.read()" in far_program(str(number))
-        until(lambda: near.read() == b"" and f"{number}: is another program's now: {sys.executable}" in near.why, near)
+        until(
+            lambda: near.read() == b"" and f"{number}: now belongs to another program: {sys.executable}" in near.why,
+            near,
+        )
         assert (near.away, near.renewals) == (True, 0)
         other.stdin.close()
     number.unlink()

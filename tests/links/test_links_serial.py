@@ -65,13 +65,13 @@ def test_a_closed_port_can_be_opened_again(master: PtyLink, keep: Keep) -> None:
 
 @pytest.mark.usefixtures("two_ports")
 def test_no_such_port_lists_those_there_are() -> None:
-    with pytest.raises(LinkError, match=r"^/dev/ttyNONE: no such port; there is /dev/ttyACM0, /dev/ttyUSB1$"):
+    with pytest.raises(LinkError, match=r"^/dev/ttyNONE: no such port; the ports here are /dev/ttyACM0, /dev/ttyUSB1$"):
         open_serial("/dev/ttyNONE")
 
 
 def test_no_such_port_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serial_module, "list_ports", lambda: [])
-    with pytest.raises(LinkError, match="no such port; there is none on this machine"):
+    with pytest.raises(LinkError, match="no such port; this machine has no serial port"):
         open_serial("/dev/ttyNONE")
 
 
@@ -252,10 +252,10 @@ def test_a_live_symlink_a_file_and_a_directory_are_left_alone(tmp_path: Path) ->
     file.write_bytes(b"precious")
     folder.mkdir()
     for path, what in (
-        (live, "is a symlink to /dev/null, which is not ours to replace; take another name"),
-        (unplugged, "is a symlink to /dev/serial/by-id/x, which is not ours to replace"),
-        (file, "exists and is no symlink"),
-        (folder, "exists and is no symlink"),
+        (live, "is a symlink to /dev/null, which another program made; take another name"),
+        (unplugged, "is a symlink to /dev/serial/by-id/x, which another program made"),
+        (file, "exists and is not a symlink"),
+        (folder, "exists and is not a symlink"),
         (tmp_path / "none" / "x", "cannot be made: No such file"),
     ):
         with pytest.raises(LinkError, match=what):
