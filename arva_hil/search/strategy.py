@@ -78,7 +78,10 @@ class Strategy(Protocol):
         """Take what one more frame says; in it the transmitter may not be heard."""
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """Where to fly now. Asked for several times between frames."""
+        """Where to fly now: two finite numbers, STILL to stay. Asked for several times between frames.
+
+        As everything that a strategy does, it has to take less than a second: nothing else is done meanwhile.
+        """
 
 
 def towards(position: Position, place: tuple[float, float], speed: float, *, gain: float = 1.0) -> Velocity:

@@ -8,6 +8,7 @@ import traceback
 from pathlib import Path
 from typing import Any, Final
 
+from arva_hil.errors import ArvaError
 from arva_hil.search.strategy import Found, Velocity
 
 SLOW_S: Final = 1.0  # for one answer: no set-point leaves meanwhile, and PX4 waits no longer (COM_OF_LOSS_T)
@@ -18,7 +19,7 @@ _CALLER: Final = Path(__file__).with_name("mission.py")
 _MOST: Final = 200  # characters of an error that is not ours
 
 
-class StrategyError(Exception):
+class StrategyError(ArvaError):
     """A strategy has said what it must not say."""
 
 
