@@ -1,4 +1,4 @@
-"""A scenario from a file, and the emulator run with it: live, or by a recorded flight."""
+"""Loads a scenario, and runs the emulator with it: live, or with a recorded flight."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = ["load_scenario", "replay", "run_live"]
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
-    """The scenario in a file (YAML). Raises ScenarioError with every mistake, each with file, line and column.
+    """Load a scenario file (YAML). Raises ScenarioError with all mistakes, each with file, line and column.
 
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp(), "one.yaml")
@@ -51,15 +51,15 @@ def run_live(
     on_event: Callable[[Event], object] = lambda event: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Emulate the scenario's receiver until `duration_s` have passed or `stopped` says so, which is asked often.
+    """Emulate the scenario's receiver for `duration_s`, or until `stopped()` is true, which is called often.
 
-    `autopilot`, `port`: connection strings; a format inside MAVLink has no port. A link that is lost is opened again.
-    `timeout_s`: for the first heartbeat. `max_age_s`: older poses are no pose. `stream_hz`: of the pose that the
-    autopilot is asked for. `target_system`, `target_component`: follow only these. `on_event` gets every event, and has
-    to be quick: frames wait for it. What it raises ends the run.
+    `autopilot`, `port`: connection strings; formats inside MAVLink have no port. A lost link is opened again.
+    `timeout_s`: for the first heartbeat. `max_age_s`: older poses are not used. `stream_hz`: the rate of position and
+    attitude to request. `target_system`, `target_component`: follow only this vehicle. `on_event`: called with every
+    event; it must be quick, because frames wait for it. An exception in it ends the run and is raised here.
 
-    Raises AddressError for a string that is no address, LinkError for a link that cannot be opened, is gone for good,
-    or on which no heartbeat comes in time, ValueError for arguments that do not fit together.
+    Raises AddressError for a wrong connection string; LinkError if a link cannot be opened or is lost for good, or if
+    no heartbeat comes in time; ValueError for arguments that do not fit together.
     """
     _check_single(scenario)
     over_mavlink = scenario.output_format in MAVLINK_FORMATS
@@ -97,10 +97,10 @@ def replay(
     port: str | None = None,
     on_event: Callable[[Event], object] = lambda event: None,
 ) -> list[FrameMade]:
-    """Every frame that the scenario's receiver would have sent on a recorded flight (.tlog), as fast as possible.
+    """Return all frames that the scenario's receiver would send on a recorded flight (.tlog), as fast as possible.
 
-    The same log and scenario give the same frames. `port`: a connection string to send them to, too. For the other
-    arguments see `run_live`. Raises LinkError for a file that cannot be read or is no log.
+    The same log and scenario give the same frames. `port`: a connection string; frames are sent there too. For the
+    other arguments see `run_live`. Raises LinkError if the file cannot be read or is not a log.
     """
     _check_single(scenario)
     frames: list[FrameMade] = []
@@ -136,7 +136,7 @@ def _check_single(scenario: Scenario) -> None:
 
 
 class _Watcher:
-    """Remembers why the run has to end."""
+    """Remembers why the run must end."""
 
     def __init__(self, on_event: Callable[[Event], object]) -> None:
         self._on_event = on_event
@@ -157,7 +157,7 @@ class _Watcher:
                 self._error = error
 
     def finish(self, address: str = "") -> None:
-        """Raise what ended the run; that no vehicle was heard is an error where an `address` should have one."""
+        """Raise the error that ended the run. With an `address`, raise LinkError if no vehicle was heard there."""
         if self._error:
             raise self._error
         if self._missing and address:

@@ -1,7 +1,7 @@
-"""What there may be more of, by name: receiver models, wire formats, links, faults, strategies and observers.
+"""Receiver models, wire formats, links, faults, strategies and observers by name.
 
-Those built in are listed here, one line each, and imported when they are first asked for. Other packages add theirs by
-entry points, which are looked up only for a name that is not built in.
+The built-in ones are listed here, one line each, and imported when they are first used. Other packages add their own
+with entry points, which are looked up only for names that are not built in.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 
 class Registry:
-    """The kinds of one thing by name: remembers in `loaded` those that were asked for.
+    """Finds kinds by name. Remembers those that were used in `loaded`.
 
-    `what`: one of them, in words. `group`: the entry points of other packages. `built_in`: `module:attribute` by name,
-    which nobody can take over. `requires`: what each needs to have. `references`: `module:attribute` is a name too.
-    Of a class whose objects are `made_with` these arguments each object needs to have `attributes` besides.
-    Iterating gives the names built in.
+    `what`: the word for one of them. `group`: the group of entry points of other packages. `built_in`:
+    `module:attribute` by name; other packages cannot replace these. `requires`: attributes that each kind must have.
+    `references`: whether `module:attribute` is a valid name too. `attributes`: attributes that each object of a class
+    must have; to check them, an object is made with the arguments `made_with`. Iterating gives the built-in names.
     """
 
     def __init__(
@@ -57,11 +57,11 @@ class Registry:
         return iter(self._built_in)
 
     def __contains__(self, name: object) -> bool:
-        """Whether there is one of that name, which may be broken."""
+        """Whether there is a kind of that name. It may be broken."""
         return name in self._built_in or name in self.loaded or bool(self._entries(str(name)))
 
     def __getitem__(self, name: str) -> Any:
-        """The kind of that name. Raises KindError when there is none, there are two, or it cannot be used."""
+        """The kind of that name. Raises KindError if there is none, if there are two, or if it cannot be used."""
         if name not in self.loaded:
             if name in self._built_in:
                 self.loaded[name] = _resolve(self._built_in[name])
@@ -72,7 +72,7 @@ class Registry:
         return self.loaded[name]
 
     def names(self) -> list[str]:
-        """All names: those built in, then those of other packages."""
+        """All names: the built-in ones, then those of other packages."""
         return list(dict.fromkeys([*self._built_in, *sorted(entry.name for entry in self._entries())]))
 
     def _entries(self, name: str | None = None) -> list[EntryPoint]:
@@ -99,7 +99,7 @@ class Registry:
         return thing
 
     def _reference(self, name: str) -> Any:
-        """What `module:attribute` names; a module is looked for in the current folder too."""
+        """Import `module:attribute`; modules in the current folder are found too."""
         module, _, attribute = name.partition(":")
         if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
             raise KindError(f"{self.what} {name!r} is no name of a class", "write MODULE:CLASS, e.g. my_search:Spiral")
@@ -126,7 +126,7 @@ class Registry:
         return thing
 
     def _unfit(self, thing: Any) -> str:
-        """Why it is none of these, "" if it is."""
+        """Why `thing` cannot be used as such a kind, "" if it can."""
         missing = [name for name in self._requires if not _has(thing, name)]
         if self._attributes and not missing:
             if never := [name for name in self._requires if inspect.iscoroutinefunction(getattr(thing, name))]:
@@ -152,7 +152,7 @@ class Registry:
 
 
 class _CurrentFolder:
-    """Behind all other folders, the current one is searched for modules."""
+    """Adds the current folder to the end of the module search path."""
 
     def __enter__(self) -> None:
         sys.path.append("")
@@ -176,7 +176,7 @@ def _files(module: str) -> list[str]:
 
 
 def _has(thing: Any, name: str) -> bool:
-    """Whether something has an attribute of its own: that of a protocol, or an abstract one, is only asked for."""
+    """Whether `thing` has an attribute. Those of a protocol and abstract ones do not count."""
     if not isinstance(thing, type):
         return hasattr(thing, name)
     owner = next((cls for cls in thing.__mro__ if name in {*vars(cls), *vars(cls).get("__annotations__", ())}), None)
@@ -213,12 +213,12 @@ FORMATS: Final = Registry(
     ("encode", "decoder", "numbered"),
 )
 MAVLINK_FORMATS: Final = ("tunnel", "named", "named_float", "debug_vect")
-"""They go over the autopilot's own link, all others to a port."""
+"""Formats sent over the autopilot's link; all others are sent to a port."""
 
 FAULTS: Final = Registry(
     "fault",
     "arva_hil.faults",
-    {  # in the order in which they strike; those of other packages behind them
+    {  # in the order in which they are applied; those of other packages come last
         "transmitter_off": "arva_hil.faults.hearing:OFF",
         "transmitter_moved": "arva_hil.faults.hearing:MOVED",
         "transmitter_fading": "arva_hil.faults.hearing:FADING",
@@ -241,7 +241,7 @@ FAULTS: Final = Registry(
     },
     ("stage", "valid", "help", "strike", "needs"),
 )
-LINKS: Final = Registry(  # by the kind of an address, which for those of other packages is its scheme
+LINKS: Final = Registry(  # by an address's kind; for links of other packages this is its scheme
     "kind of link",
     "arva_hil.links",
     {

@@ -1,8 +1,7 @@
-"""The news of an engine: frozen values, each with its time and the vehicle, receiver or link that it concerns.
+"""The events of an engine: frozen values, each with its time and its vehicle, receiver or link.
 
-There is no other news. Nothing in here is a sentence: the console makes those. What the engine and its links tell is
-here, in `vehicles` what the session with a vehicle and its commander tell of it. Times are seconds on the clock of
-whoever drives the engine.
+Events have no sentences; the console makes those. This module has the events of the engine and its links; `vehicles`
+has those of a vehicle's session and commander. Times are seconds on the clock of the engine's driver.
 """
 
 from __future__ import annotations
@@ -33,60 +32,60 @@ class ObserverFailed(Event):
 
 
 class LinkEvent(Event):
-    """`link`: its name in the engine."""
+    """`link`: the link's name in the engine."""
 
     link: str
 
 
 class LinkLost(LinkEvent):
-    """`address`: its connection string. `reason`: the error of the link, with its cure."""
+    """A link is lost. `address`: its connection string. `reason`: its error, with the cure."""
 
     address: str
     reason: str
 
 
 class LinkBlocked(LinkEvent):
-    """It is there again and cannot be opened, or there is another reason why it is not back."""
+    """A lost link cannot be opened again. `reason`: why, e.g. another program has the port."""
 
     address: str
     reason: str
 
 
 class LinkThere(LinkEvent):
-    """What was not there yet when the run began is there now."""
+    """A link that was not there at the start of the run is open now."""
 
     address: str
 
 
 class LinkBack(LinkEvent):
-    """`away_s`: how long it was lost."""
+    """A lost link is open again. `away_s`: how long it was lost."""
 
     address: str
     away_s: float
 
 
 class StrangersIgnored(LinkEvent):
-    """Others than the link's peer have sent something, `stranger` the first of them. Once a link."""
+    """Other senders than the link's peer are ignored; `stranger` is the first. Once for each link."""
 
     address: str
     stranger: str
 
 
 class PacketsReceived(LinkEvent):
-    """Every packet of one chunk, whoever sent it, believed or not."""
+    """All packets of one chunk, of every sender, also those that are not used."""
 
     packets: Sequence[Packet]
 
 
 class LogLayout(Event):
-    """A log is not laid out as usual: `layout` says how, "" when it has no times at all."""
+    """A log has an unusual layout, `layout`; "" if it has no time stamps."""
 
     log: str
     layout: str
 
 
 class LogClockSet(Event):
-    """The clock of whoever wrote the log was set meanwhile: time goes on by the vehicles' own clocks."""
+    """The clock of the log's computer was set during the recording. The vehicles' clocks are used instead."""
 
     log: str
 
@@ -95,9 +94,9 @@ class LogClockSet(Event):
 
 
 class FollowedSystemSilent(Event):
-    """No pose of MAVLink system `system` is heard on any link: the transmitters that follow it are silent.
+    """No pose of MAVLink system `system` is heard on any link. Transmitters that follow it are silent.
 
-    `was_heard`: before.
+    `was_heard`: whether it was heard before.
     """
 
     system: int
@@ -105,7 +104,7 @@ class FollowedSystemSilent(Event):
 
 
 class FollowedSystemHeard(Event):
-    """Its pose is heard, after it was not: the transmitters that follow it are where it is."""
+    """The pose of the system is heard. Transmitters follow it from here on."""
 
     system: int
 
@@ -121,10 +120,10 @@ class ReceiverEvent(Event):
 
 
 class FrameMade(ReceiverEvent):
-    """One frame: its instant, what the receiver shows then, the pose that this was heard at, and what the frame says.
+    """One frame: its instant, the reading, the pose of this reading, and the frame's content.
 
-    `pose` is where the receiver truly was, `reported_pose` where it would be if its vehicle were where it reports to
-    be; the same object where the report counts as the truth.
+    `pose`: the receiver's true pose. `reported_pose`: its pose by the vehicle's reported pose; the same object if the
+    reported pose counts as true.
     """
 
     number: int  # 0…
@@ -134,20 +133,20 @@ class FrameMade(ReceiverEvent):
     age_s: float | None  # of the pose
     reading: Reading
     frame: Frame
-    sent: bool  # False: nobody took it, or a fault keeps it from being sent
+    sent: bool  # False: nobody read it, or a fault held it back
     late_s: float  # how long after its instant it was made
-    faults: tuple[str, ...] = ()  # that it met
+    faults: tuple[str, ...] = ()  # that changed it
     reported_pose: Pose | None = None  # None: no report, or one too old
 
 
 class BytesSent(ReceiverEvent):
-    """What a port took: a frame, or what faults left of it."""
+    """Bytes that a port accepted: a frame, or what faults made of it."""
 
     data: bytes
 
 
 class FramesRefused(ReceiverEvent):
-    """Nobody takes the frames: they are dropped until somebody does."""
+    """Nobody takes the frames. They are dropped until somebody reads them."""
 
 
 class FramesTaken(ReceiverEvent):
@@ -157,26 +156,27 @@ class FramesTaken(ReceiverEvent):
 
 
 class PoseFound(ReceiverEvent):
-    """Readings are real from here on."""
+    """There is a pose. Readings are real from here on."""
 
 
 class PoseLost(ReceiverEvent):
-    """Frames say no signal. `age_s`: of the newest pose, None when there is none; `lacking`: why there is none."""
+    """There is no pose any more, so frames say no signal. `age_s`: of the newest pose, None if none; `lacking`: why."""
 
     age_s: float | None
     lacking: NoPose
 
 
 class PoseMissing(ReceiverEvent):
-    """There is a vehicle for some time, and still no pose."""
+    """A vehicle was found some time ago, and there is still no pose."""
 
     lacking: NoPose
 
 
 class TooFar(ReceiverEvent):
-    """No transmitter can be heard from here. Once for each datum.
+    """The receiver is too far from all transmitters to hear one. Once for each datum.
 
-    `from_datum_m`: horizontally; `nearest_m`: to the nearest transmitter; `fixed`: the datum is not the vehicle's home.
+    `from_datum_m`: horizontal distance; `nearest_m`: distance to the nearest transmitter; `fixed`: the scenario gives
+    the datum, so it is not the vehicle's home.
     """
 
     from_datum_m: float
@@ -194,9 +194,9 @@ class VehicleEvent(Event):
 
 
 class DatumSet(VehicleEvent):
-    """Where this vehicle's scenario has its origin now: degrees, degrees, metres AMSL.
+    """The vehicle has a new datum, the origin of the scenario: degrees, degrees, metres AMSL.
 
-    `reason`: why it is no longer where it was, "" for the first one.
+    `reason`: why the datum has changed, "" for the first one.
     """
 
     lat: float
@@ -206,19 +206,19 @@ class DatumSet(VehicleEvent):
 
 
 class HeartbeatMissing(VehicleEvent):
-    """No autopilot was heard in time; `heard` is what was heard instead."""
+    """No autopilot was heard in time. `heard`: what was heard instead."""
 
     heard: NoVehicle
 
 
 class StatusReport(Event):
-    """How things stand, a few times a second: one entry a vehicle."""
+    """The status of the run, a few times a second: one entry for each vehicle."""
 
     vehicles: Sequence[VehicleStatus]
 
 
 class VehicleStatus(Frozen):
-    """`label`: what it is, "" before there is one. `rates`: Hz by message name. `receivers`: one entry each."""
+    """`label`: the kind of vehicle and its ids, "" before it is found. `rates`: Hz by message name."""
 
     name: str
     label: str
@@ -227,7 +227,7 @@ class VehicleStatus(Frozen):
 
 
 class ReceiverStatus(Frozen):
-    """`frames`: that were to be sent; `dropped` of them nobody took. `last`: the newest, None before the first."""
+    """`frames`: the number of frames to send; `dropped`: those nobody took. `last`: the newest, None if none."""
 
     name: str
     last: FrameMade | None

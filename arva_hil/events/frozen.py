@@ -1,4 +1,4 @@
-"""What events are: frozen dataclasses that are cheap to define."""
+"""The base of events: frozen dataclasses that are quick to define."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any, ClassVar, Never, dataclass_transform
 
 @dataclass_transform(frozen_default=True)
 class Frozen:
-    """Its subclasses are dataclasses, as by `@dataclass(frozen=True)`: `fields`, `replace`, equality and all.
+    """Makes each subclass a dataclass as `@dataclass(frozen=True)` does, with `fields`, `replace` and equality.
 
-    That would compile six methods for each class, and seventy classes would be a tenth of the start-up. These share
-    them. Raises TypeError for fields that are missing or unknown, FrozenInstanceError when one is set later.
+    `@dataclass` compiles six methods for each class, a tenth of the start-up for seventy classes. Here the classes
+    share these methods. Raises TypeError for missing or unknown fields, FrozenInstanceError if a field is set later.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]

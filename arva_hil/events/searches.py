@@ -1,4 +1,4 @@
-"""News of a search. It flies one vehicle by one receiver. Places are metres from the take-off point."""
+"""Events of a search, which flies one vehicle with one receiver. Positions are in metres from the take-off point."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from arva_hil.events import Event
 
 
 class FromSearch(Event):
-    """What the search tells where an emulator runs beside it in one program."""
+    """An event of a search that runs in one program with an emulator."""
 
     event: Event
 
@@ -22,15 +22,15 @@ class SearchEvent(Event):
 
 
 class WaitingFor(SearchEvent):
-    """What is lacking before the vehicle can be launched."""
+    """The search waits for `what` before it launches the vehicle."""
 
     what: Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
 
 
 class FailsafesKnown(SearchEvent):
-    """What the vehicle does when it is left alone follows from its `parameters`: (name, value) each.
+    """The vehicle's failsafe `parameters`: (name, value). They say what it does if it gets no orders.
 
-    `autopilot`: whose they are; of what it did not answer there is nothing.
+    `autopilot`: the kind of autopilot. Parameters that it did not report are left out.
     """
 
     autopilot: Literal["ardupilot", "px4"]
@@ -38,14 +38,14 @@ class FailsafesKnown(SearchEvent):
 
 
 class SimulatorRecognized(SearchEvent):
-    """The vehicle answers with the `message` that only simulators send: it may be armed."""
+    """The vehicle may be armed, because it answers with a `message` that only simulators send."""
 
     label: str
     message: str
 
 
 class ArmingAllowed(SearchEvent):
-    """The vehicle is not known to be a simulator, and was allowed to be armed beforehand, by --yes."""
+    """The vehicle is not known to be a simulator. It may be armed because of --yes."""
 
     label: str
 
@@ -86,7 +86,7 @@ class SetPointPlanned(SearchEvent):
 
 
 class CountDown(SearchEvent):
-    """So many seconds until the vehicle is armed, or taken over."""
+    """The vehicle is armed or taken over in `left_s` seconds."""
 
     left_s: int
     take_over: bool
@@ -109,20 +109,20 @@ class SearchBegun(SearchEvent):
 
 
 class SearchEnded(SearchEvent):
-    """Nothing more is looked for. `how`: as in the outcome; `landing`: it lands, else it hovers."""
+    """The search has ended. `how`: as in the outcome; `landing`: the vehicle lands, else it hovers."""
 
     how: str
     landing: bool
 
 
 class SearchInterrupted(SearchEvent):
-    """Somebody has broken it off, in this phase of the flight, e.g. "flying"."""
+    """Somebody has interrupted the search. `phase`: of the flight, e.g. "flying"."""
 
     phase: str
 
 
 class SearchHeldUp(SearchEvent):
-    """The program did nothing for `gap_s`: before anything is ordered it is seen who has the vehicle."""
+    """The program did nothing for `gap_s`. Before the next order it checks who has the vehicle."""
 
     gap_s: float
 
@@ -134,7 +134,7 @@ class StrategySlow(SearchEvent):
 
 
 class SearchPaused(SearchEvent):
-    """It hovers. No frame came for `limit_s`, or the readings are the same over `moved_m` of flight."""
+    """The vehicle hovers: no frame came for `limit_s`, or the readings did not change over `moved_m` of flight."""
 
     reason: Literal["no frame", "same readings"]
     limit_s: float
@@ -142,25 +142,25 @@ class SearchPaused(SearchEvent):
 
 
 class SearchResumed(SearchEvent):
-    """`reason`: why it hovered."""
+    """The search goes on. `reason`: why the vehicle hovered."""
 
     reason: Literal["no frame", "same readings"]
 
 
 class ReceiverGone(SearchEvent):
-    """The receiver's link is gone for good. `error`: the link's."""
+    """The receiver's link is lost for good. `error`: the link's."""
 
     error: str
 
 
 class TransmitterEvent(SearchEvent):
-    """`transmitter`: its id, None when the frames carry none."""
+    """`transmitter`: its id, None if the frames have no ids."""
 
     transmitter: int | None
 
 
 class TransmitterHeard(TransmitterEvent):
-    """For the first time, `distance_m` away by the reading; `north_m`, `east_m`: where the receiver is."""
+    """A transmitter is heard for the first time, in the distance `distance_m`; `north_m`, `east_m`: the receiver's."""
 
     distance_m: float
     north_m: float
@@ -168,32 +168,32 @@ class TransmitterHeard(TransmitterEvent):
 
 
 class TransmitterChosen(TransmitterEvent):
-    """It is gone for from here on, `distance_m` away by the reading."""
+    """The vehicle flies to this transmitter from here on. `distance_m`: by the reading."""
 
     distance_m: float
 
 
 class TransmitterFaded(TransmitterEvent):
-    """It is not heard any more: strips are flown again."""
+    """The transmitter is not heard any more. The vehicle flies search strips again."""
 
 
 class DescentBegun(SearchEvent):
-    """It comes down onto the place reported."""
+    """The vehicle descends to the place reported."""
 
 
 class TooLow(SearchEvent):
-    """Only `height_m` above the ground where `wanted_m` are wanted: nothing is flown but up."""
+    """The vehicle is only `height_m` above the ground instead of `wanted_m`. It climbs before it flies on."""
 
     height_m: float
     wanted_m: float
 
 
 class HeightSource(SearchEvent):
-    """What the height above the ground comes from now.
+    """The source of the height above the ground has changed.
 
-    "rangefinder"; "estimate": none is heard, it is above the take-off point; "highest ground": the rangefinder has
-    nothing of use to say any more, it is above the highest ground that it has seen; "GPS": neither it nor a barometer
-    is there, and it is held `margin_m` higher than was asked for.
+    "rangefinder"; "estimate": there is no rangefinder, the height is above the take-off point; "highest ground": the
+    rangefinder gives no usable values any more, the height is above the highest ground that it measured; "GPS": there
+    is no rangefinder and no barometer, and the vehicle flies `margin_m` higher than asked.
     """
 
     source: Literal["rangefinder", "estimate", "highest ground", "GPS"]

@@ -1,6 +1,6 @@
-"""News of a vehicle, from the session with it and from who commands it.
+"""Events of a vehicle, from its session and its commander.
 
-`label` is what the vehicle is, e.g. "ardupilotmega quadrotor 1/1". Names of results are MAVLink's, e.g.
+`label`: the kind of vehicle and its ids, e.g. "ardupilotmega quadrotor 1/1". Names of results are MAVLink's, e.g.
 "MAV_RESULT_DENIED".
 """
 
@@ -10,7 +10,7 @@ from arva_hil.events import VehicleEvent
 
 
 class VehicleFound(VehicleEvent):
-    """A vehicle is followed from here on. `version`: of MAVLink; `signed`: its packets are."""
+    """A vehicle is followed from here on. `version`: MAVLink's; `signed`: whether its packets are signed."""
 
     label: str
     version: int
@@ -18,7 +18,7 @@ class VehicleFound(VehicleEvent):
 
 
 class SignaturesUnchecked(VehicleEvent):
-    """The vehicle signs its packets, and there is no key to check them by, or to sign requests with."""
+    """The vehicle signs its packets, but there is no key to check them and to sign requests."""
 
 
 class VehicleLost(VehicleEvent):
@@ -29,19 +29,19 @@ class VehicleLost(VehicleEvent):
 
 
 class VehicleBack(VehicleEvent):
-    """The vehicle that was lost is heard again."""
+    """The lost vehicle is heard again."""
 
     label: str
 
 
 class VehicleRebooted(VehicleEvent):
-    """Its boot time has gone back: all that was known of it is forgotten."""
+    """The vehicle's boot time has gone back. A new session begins."""
 
     label: str
 
 
 class OtherAutopilotIgnored(VehicleEvent):
-    """Another autopilot speaks on the link, once for each. `same_ids`: with the ids of the vehicle."""
+    """Another autopilot on the link is ignored. Once for each. `same_ids`: it has the vehicle's ids."""
 
     system: int
     component: int
@@ -49,9 +49,9 @@ class OtherAutopilotIgnored(VehicleEvent):
 
 
 class SignatureRefused(VehicleEvent):
-    """Packets are ignored for their signature, once for each `verdict`: "unsigned", "forged" or "replayed".
+    """Packets are ignored because of their signature. Once for each `verdict`: "unsigned", "forged" or "replayed".
 
-    Those of these ids were the first.
+    `system`, `component`: the sender of the first such packet.
     """
 
     system: int
@@ -60,19 +60,19 @@ class SignatureRefused(VehicleEvent):
 
 
 class ClockLeapt(VehicleEvent):
-    """The vehicle's clock is ahead of what it was by `ahead_s`: what came before was late."""
+    """The vehicle's clock is `ahead_s` further than expected, so earlier packets came late."""
 
     ahead_s: float
 
 
 class PositionJumped(VehicleEvent):
-    """Its position is `by_m` away from where it was, and stays there."""
+    """The vehicle's position has jumped by `by_m`, and stays there."""
 
     by_m: float
 
 
 class StreamEvent(VehicleEvent):
-    """`stream`: the message's name. `command`, `asked_hz`: the last request for it; `result`: of it, "" for none."""
+    """`stream`: the message's name. `command`, `asked_hz`: the last request; `result`: its result, "" if none came."""
 
     stream: str
     command: str
@@ -81,13 +81,13 @@ class StreamEvent(VehicleEvent):
 
 
 class StreamRateLowered(StreamEvent):
-    """The rate was denied: `next_hz` are asked for from here on."""
+    """The vehicle denied the rate. `next_hz`: the rate of the next request."""
 
     next_hz: float
 
 
 class StreamAskedOtherwise(StreamEvent):
-    """It is slower than the `wanted_hz`: REQUEST_DATA_STREAM is tried."""
+    """The stream is slower than `wanted_hz`. The next request uses REQUEST_DATA_STREAM."""
 
     wanted_hz: float
 
@@ -96,15 +96,15 @@ class StreamAskedOtherwise(StreamEvent):
 
 
 class AutopilotText(VehicleEvent):
-    """A STATUSTEXT of warning or worse, whole, in the autopilot's own words."""
+    """A whole STATUSTEXT of severity warning or worse."""
 
     text: str
 
 
 class ArmingTried(VehicleEvent):
-    """An order to arm goes out, the `number`th, and another one `again_s` later.
+    """The `number`th order to arm is sent. The next one follows after `again_s`.
 
-    `refused_order`, `refused_result`: what was refused before, e.g. "arming", "FAILED"; "" when nothing was.
+    `refused_order`, `refused_result`: the last order that was refused, e.g. "arming", "FAILED"; "" if none was.
     """
 
     number: int
@@ -114,9 +114,9 @@ class ArmingTried(VehicleEvent):
 
 
 class ThrottleAwaited(VehicleEvent):
-    """The pilot is to have the vehicle, and gets it when the throttle stick is in the middle.
+    """The pilot gets the vehicle as soon as the throttle stick is in the middle.
 
-    `channel`: of the stick that was moved, from 1, and by how much; 0 where it is for the battery.
+    `channel`: of the stick that was moved, from 1; 0 if the battery is the reason. `by_us`: how far it was moved.
     """
 
     channel: int

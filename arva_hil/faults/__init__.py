@@ -1,1 +1,1 @@
-"""Faults on purpose, in the order of the data's way: what is heard, what is sent and when, the bytes on the wire."""
+"""Faults on purpose: of hearing, of sending, and of the bytes on the wire."""

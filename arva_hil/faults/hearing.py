@@ -23,9 +23,9 @@ _LIMIT_RANGE_M: Final = Antennas().floor_range_m  # the noise a receiver is made
 
 
 class FaultyReceiver:
-    """A receiver that hears what faults leave it; a `ReceiverModel` around another one.
+    """A `ReceiverModel` around another one, which applies the faults of hearing.
 
-    Remembers what it shows, for a fault that holds it, and its newest look. `scenario`: with the receiver's noise.
+    Remembers its last reading, for the fault `stuck`, and its newest look. `scenario`: has the receiver's noise.
     """
 
     def __init__(self, model: ReceiverModel, scenario: Scenario, switches: Sequence[Switch]) -> None:
@@ -53,7 +53,7 @@ class FaultyReceiver:
         self._model.look(look)
 
     def show(self, time_s: float) -> Reading:
-        """See `ReceiverModel`; while it is stuck what it showed before, its true ranges those of its newest look."""
+        """See `ReceiverModel`. While it is stuck: the earlier reading, with the true ranges of the newest look."""
         reading, time_us = self._model.show(time_s), round(time_s * 1e6)
         stuck = [switch for switch in self._stuck if switch.turn(time_us)]
         if self._shown is None or not stuck:
@@ -69,7 +69,7 @@ class FaultyReceiver:
 
 
 def _interference(scenario: Scenario, switch: Switch) -> NoiseSource:
-    """Noise up to `value` times what the receiver is made for, from numbers of its own."""
+    """Noise up to `value` times the receiver's specified noise, from its own random numbers."""
     noise, bound_m = scenario.receiver.noise, _LIMIT_RANGE_M / math.cbrt(switch.fault.value)
     kind = "uniform" if noise.kind == "off" else noise.kind
     seed = switch.random(-1).getrandbits(63)
@@ -77,7 +77,7 @@ def _interference(scenario: Scenario, switch: Switch) -> NoiseSource:
 
 
 def _strike(switch: Switch) -> Strike | None:
-    """How a fault changes a look, None if it does not."""
+    """The function with which a fault changes a look, None if it does not."""
     kind: FaultKind = FAULTS[switch.fault.name]
     return kind.strike if kind.stage == "heard" else None
 
@@ -94,7 +94,7 @@ def _moved(look: Look, switch: Switch) -> Look:
 
 
 def _fading(look: Look, switch: Switch) -> Look:
-    """Its field falls evenly to nothing."""
+    """The transmitter's field falls linearly to zero."""
     assert switch.since_s is not None
     assert switch.fault.over_s is not None
     return _weakened(look, switch, max(0.0, 1 - switch.since_s / switch.fault.over_s))

@@ -1,4 +1,4 @@
-"""The faults of one run, as the emulator meets them."""
+"""Applies the faults of one run."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from firmware_proto import Frame
 
 
 class Faults:
-    """Remembers which faults are on, which of them the present frame met, and what waits to be sent.
+    """Remembers the faults that are on, those that changed the present frame, and the frames that wait to be sent.
 
-    `receiver` is the `model` with those of hearing. For each frame: `begin`, then `send`. Same scenario, same frame,
-    same faults.
+    `receiver`: the `model` with the faults of hearing. Call `begin`, then `send`, for each frame. The same scenario
+    gives the same faults in each frame.
     """
 
     def __init__(self, scenario: Scenario, model: ReceiverModel) -> None:
@@ -49,10 +49,10 @@ class Faults:
                 self._meet(switch)
 
     def send(self, frame: Frame, t: float, boot_ms: int, encode: Callable[[Frame, int], bytes]) -> tuple[Frame, int]:
-        """Put a frame into the outbox; what it says now, and how many copies of it are left.
+        """Put a frame into the outbox. Returns the frame after faults, and the number of its copies.
 
-        `t` is its instant on the caller's clock [s]. `encode` gives the frame's bytes, and is asked only while there
-        are faults on the wire.
+        `t`: its instant on the caller's clock [s]. `encode` gives the frame's bytes; it is called only while faults on
+        the wire are on.
         """
         sending = Sending(frame, may_wait=not self.outbox.holds)
         for switch in self._of_stage("sent"):
@@ -66,7 +66,7 @@ class Faults:
         return sending.frame, len(queued)
 
     def counts(self) -> dict[str, dict[str, int]]:
-        """By name: how many frames met it, and how many bytes it hit."""
+        """For each fault by name: how many frames and how many bytes it changed."""
         names = dict.fromkeys(switch.fault.name for switch in self._switches)
         return {
             name: {"frames": self._frames[name]}
@@ -75,7 +75,7 @@ class Faults:
         }
 
     def _garble(self, queued: list[QueuedFrame], data: bytes, switches: list[Switch]) -> list[QueuedFrame]:
-        """The copies after all that befalls their bytes; those of which nothing is left are gone."""
+        """The copies after the faults on the wire. Empty ones are removed."""
         left = [data] * len(queued)
         for switch in switches:
             random, hits = switch.random(self._number), 0

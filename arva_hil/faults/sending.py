@@ -1,4 +1,4 @@
-"""Faults of sending: what a frame says of itself, whether, how often and when it goes, and what waits to go."""
+"""Faults of sending: sequence number and status, loss, copies and delay; and the frames that wait to be sent."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from firmware_proto import Frame
 
 
 class QueuedFrame(NamedTuple):
-    """A frame to be handed to the port, or the bytes that faults left of it. `whole`: its frame is in them."""
+    """A frame for the port, or its bytes after faults. `whole`: whether the whole frame is in them."""
 
     frame: Frame
     boot_ms: int
@@ -25,7 +25,7 @@ class QueuedFrame(NamedTuple):
 
 @dataclass
 class Sending:
-    """How one frame is going to be sent. `may_wait`: no other is waiting to be overtaken."""
+    """How to send one frame. `may_wait`: no other frame waits to be overtaken."""
 
     frame: Frame
     may_wait: bool
@@ -35,9 +35,9 @@ class Sending:
 
 
 class Outbox:
-    """What waits to be sent, first in, first out: a late frame holds up those behind it, as on a line.
+    """Frames that wait to be sent, first in, first out. A late frame delays those after it, as on a serial line.
 
-    The exception is a frame that is to be overtaken: it waits for the next one, and follows it.
+    A frame that is to be overtaken waits for the next one, and is sent after it.
     """
 
     def __init__(self) -> None:
@@ -54,11 +54,11 @@ class Outbox:
 
     @property
     def next_due(self) -> float:
-        """When there is something to take."""
+        """When the first frame is due."""
         return self._line[0][0] if self._line else math.inf
 
     def put(self, queued: list[QueuedFrame], due: float, overtaken: bool = False) -> None:
-        """The copies of one frame, to be sent at `due` or as soon after as those before are gone."""
+        """Add the copies of one frame, to be sent at `due`, or later if earlier frames are late."""
         if not queued:
             return
         if overtaken:
@@ -68,7 +68,7 @@ class Outbox:
         self._overtaken.clear()
 
     def take(self, now: float) -> QueuedFrame | None:
-        """The next that is due, None when nothing is."""
+        """Remove and return the next frame that is due, None if none is."""
         return self._line.popleft()[1] if self.next_due <= now else None
 
 
@@ -85,7 +85,7 @@ def _self_test(sending: Sending, value: float, random: Random) -> bool:
 
 
 def _sequence(sending: Sending, share: float, random: Random) -> bool:
-    """Any number but its own."""
+    """Set another sequence number."""
     if random.random() >= share:
         return False
     wrong = (sending.frame.sequence + random.randrange(1, 256)) % 256
@@ -111,7 +111,7 @@ def _jitter(sending: Sending, seconds: float, random: Random) -> bool:
 
 
 def _reorder(sending: Sending, share: float, random: Random) -> bool:
-    """It changes places with the next frame, which therefore cannot with its own next."""
+    """Exchange the frame with the next one. The next one cannot be exchanged again."""
     sending.overtaken = random.random() < share and sending.may_wait
     return sending.overtaken
 

@@ -8,9 +8,9 @@ from arva_hil.config import Fault
 
 
 class Switch:
-    """A fault of the scenario: remembers since when it is on.
+    """A fault of the scenario. Remembers since when it is on.
 
-    What befalls a frame depends on `key` and the frame's number alone, whatever other faults there are.
+    Its effect on a frame depends only on `key` and the frame's number, not on other faults.
     """
 
     def __init__(self, fault: Fault, key: str) -> None:
@@ -19,7 +19,7 @@ class Switch:
         self._key = key
 
     def turn(self, time_us: int) -> bool:
-        """On or off, as it has to be at this time of the run [µs]; which of them."""
+        """Switch on or off for this time of the run [µs]. Returns whether it is on."""
         since = self.fault.since(time_us)
         self.since_s = None if since is None else since / 1e6
         return since is not None

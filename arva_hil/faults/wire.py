@@ -1,4 +1,4 @@
-"""Faults on the wire: bytes in, bytes out, and how many of them were hit."""
+"""Faults on the wire: functions of bytes that return the changed bytes and the number of changes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from arva_hil.config.sorts import Number
 
 
 def _truncate(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
-    """With this probability only the beginning: at least one byte, and at least one is missing."""
+    """With this probability, cut the end off: at least one byte stays, and at least one is removed."""
     if random.random() >= share or len(data) < 2:
         return data, 0
     kept = random.randrange(1, len(data))
@@ -19,7 +19,7 @@ def _truncate(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
 
 
 def _corrupt(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
-    """With this probability one byte, anywhere, is another."""
+    """With this probability, change one byte at a random place."""
     if random.random() >= share or not data:
         return data, 0
     at = random.randrange(len(data))
@@ -33,7 +33,7 @@ def _drop_bytes(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
 
 
 def _insert_bytes(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
-    """Behind each byte but the last, with this probability, one that is not the same."""
+    """With this probability, insert a different byte after each byte but the last."""
     more = bytearray()
     for byte in data[:-1]:
         more.append(byte)
@@ -44,7 +44,7 @@ def _insert_bytes(data: bytes, share: float, random: Random) -> tuple[bytes, int
 
 
 def _flip_bytes(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
-    """One bit of a byte, each with this probability."""
+    """With this probability, flip one bit of each byte."""
     flips = [1 << random.randrange(8) if random.random() < share else 0 for _ in data]
     return bytes(byte ^ flip for byte, flip in zip(data, flips, strict=True)), sum(map(bool, flips))
 
@@ -55,10 +55,9 @@ def _baud_ratio(data: bytes, ratio: float, random: Random) -> tuple[bytes, int]:
 
 
 def resample(data: bytes, ratio: float) -> bytes:
-    """What a host hears when the receiver's baud rate is `ratio` times its own: 8N1, each bit looked at once, amid.
+    """The bytes that a host receives if the receiver's baud rate is `ratio` times the host's. 8N1, sampled mid-bit.
 
-    A byte without a stop bit is taken all the same, as a serial port does that was not told to mind. Up to 5 % of
-    mismatch changes nothing.
+    A byte without a stop bit is accepted too, as serial ports do by default. A mismatch of up to 5 % changes nothing.
     """
     line = [1]  # idle, before, after
     for byte in data:

@@ -1,4 +1,4 @@
-"""The transmitters' field: dipoles, where they are at a time, places on Earth, rotations. NED, metres; only numpy."""
+"""The transmitters' field: dipoles and their motion, geodesy, rotations. NED, metres; needs only numpy."""
 
 from .dipole import Transmitters, dipole_field
 from .geodesy import LocalFrame

@@ -1,4 +1,4 @@
-"""What callers give as arrays: lists of numbers are taken, everything else is refused by the argument's name."""
+"""Checks arguments that are arrays: accepts lists of numbers, and refuses all else with the argument's name."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ Array = NDArray[np.float64]
 
 
 def floats(name: str, value: ArrayLike, *shape: int | None) -> Array:
-    """`value` as an array of floats, whose last dimensions are `shape`; None there is any length.
+    """`value` as an array of floats whose last dimensions are `shape`; None in it means any length.
 
-    Raises ValueError that names the argument, what was found and what was expected.
+    Raises ValueError with the argument's name, what was found, and what was expected.
     """
     try:
         array = np.asarray(value, float)

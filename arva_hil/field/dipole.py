@@ -17,9 +17,9 @@ _NEAREST_M = 0.01  # a receiver closer than this reads as if it were this far: t
 
 @dataclass(frozen=True, eq=False)
 class Transmitters:
-    """M transmitters at one instant. Lists are taken as arrays. Raises ValueError when the shapes do not agree.
+    """M transmitters at one instant. Lists are accepted as arrays. Raises ValueError if the shapes do not agree.
 
-    `unplaced`: ids of those whose place is not known. They are silent, and no range to them is true.
+    `unplaced`: ids of transmitters whose position is not known. They are silent, and have no true range.
 
     >>> Transmitters((1,), [[20, 5, 0]], [[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], [1.0]).ranges([20, 0, 0])
     {1: 5.0}
@@ -37,7 +37,7 @@ class Transmitters:
             object.__setattr__(self, name, vector(name, getattr(self, name), *shape))
 
     def ranges(self, point: ArrayLike) -> dict[int, float]:
-        """How far [m] each is from a point (3,) in NED, by id."""
+        """The distance [m] of each transmitter from a point (3,) in NED, by id."""
         at = vector("point", point, 3).tolist()
         every = zip(self.ids, self.positions.tolist(), strict=True)
         return {id_: math.dist(at, place) for id_, place in every if id_ not in self.unplaced}
@@ -49,8 +49,8 @@ def dipole_field(points: ArrayLike, positions: ArrayLike, rotations: ArrayLike, 
     `positions` (M, 3) in NED, metres; `rotations` (M, 3, 3) transmitter → NED, the dipole along the transmitter's x;
     `strengths` (M,) κ‖m‖, 1 for the reference transmitter. The field is in units of that: 1 / (2π) on the axis at 1 m.
     Eq. 1 and 2 with A(r) and R_t multiplied out: h = κ‖m‖ / (4π‖r‖³) · (3(a·n)n − a), where a is the dipole's
-    axis and n = r/‖r‖, both in NED. Finite everywhere: nearer than 1 cm it is as at 1 cm.
-    Lists are taken as arrays. Raises ValueError when a shape is not as said.
+    axis and n = r/‖r‖, both in NED. Finite everywhere: nearer than 1 cm it is the same as at 1 cm.
+    Lists are accepted as arrays. Raises ValueError for wrong shapes.
 
     >>> field = dipole_field([[1, 0, 0], [0, 2, 0]], [[0, 0, 0]], [[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], [1])
     >>> field.shape
@@ -65,7 +65,7 @@ def dipole_field(points: ArrayLike, positions: ArrayLike, rotations: ArrayLike, 
 
 
 def field_of(points: Array, positions: Array, rotations: Array, strengths: Array) -> Array:
-    """The same as `dipole_field`, of arrays that are known to be right."""
+    """As `dipole_field`, without checking the arrays."""
     r = points[..., None, :] - positions
     axis = rotations[..., 0]
     distance = np.hypot(np.hypot(r[..., 0], r[..., 1]), r[..., 2])[..., None]

@@ -1,8 +1,8 @@
-"""WGS-84, exact: latitude, longitude and altitude to local north, east, down and back.
+"""Converts WGS-84 latitude, longitude and altitude to local north, east, down and back, exactly.
 
 Degrees and metres; any leading shape (...). Altitudes are above mean sea level for the datum and the vehicle
-alike, where WGS-84 wants them above its ellipsoid: the geoid's undulation cancels in their difference to
-second order (at most 1 mm in 60 m).
+alike. WGS-84 needs them above its ellipsoid, but the geoid's undulation cancels in their difference to second order
+(at most 1 mm in 60 m).
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ def _from_ecef(ecef: Array) -> tuple[Array, Array, Array]:
 
 
 class LocalFrame:
-    """North, east, down, metres, in the plane that touches the ellipsoid's parallel surface at the datum.
+    """A frame with north, east, down in metres, tangent to the ellipsoid at the datum.
 
-    The datum is WGS-84 latitude and longitude in degrees, altitude in metres above mean sea level. Lists are taken as
-    arrays. Raises ValueError for what is no number, or has another shape.
+    The datum is WGS-84 latitude and longitude in degrees, altitude in metres above mean sea level. Lists are accepted
+    as arrays. Raises ValueError for values that are not numbers, or have a wrong shape.
 
     >>> frame = LocalFrame(46.0, 7.0, 1650.0)
     >>> frame.ned(46.001, 7.0, 1640.0).round(1)  # north, east, down

@@ -1,4 +1,4 @@
-"""Where transmitters are at a time: at rest, on timed waypoints, or with a vehicle that is heard."""
+"""The motion of transmitters: at rest, on timed waypoints, or with another vehicle."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _SILENT: Final = 0.0
 
 @dataclass(frozen=True, eq=False)
 class Waypoints:
-    """Straight lines between points. Raises ValueError without a point, or unless the times rise.
+    """Straight lines between points. Raises ValueError if there is no point, or if the times do not increase.
 
-    `times` (n,): seconds from the start of the run; `points` (n, 3): NED, metres. Before the first time it is at the
-    first point; behind the last it stays at the last, or begins anew (`loop`).
+    `times` (n,): seconds from the start of the run; `points` (n, 3): NED, metres. Before the first time the position
+    is the first point. After the last time it stays at the last point, or begins again (`loop`).
     """
 
     times: Array
@@ -47,21 +47,21 @@ class Waypoints:
 
 @dataclass(frozen=True, eq=False)
 class Following:
-    """With the vehicle of a system id: `offset` (3,) in its body frame FRD, metres. It turns as that vehicle turns."""
+    """Carried by the vehicle with a system id. `offset` (3,): in its body frame FRD, metres; turns with the vehicle."""
 
     system: int
     offset: Array
 
 
 class MovingTransmitters:
-    """Remembers transmitters, and how some of them move: `motions` by index. Those at rest are never copied."""
+    """Transmitters of which some move: `motions` by index. Those at rest are never copied."""
 
     def __init__(self, rest: Transmitters, motions: Mapping[int, Waypoints | Following]) -> None:
         self._rest = rest
         self._motions = motions
 
     def at(self, time_s: float, pose_of: PoseOf) -> Transmitters:
-        """All of them at `time_s`, seconds from the start of the run. One whose vehicle is not heard is silent."""
+        """The transmitters at `time_s`, seconds from the start of the run. Those of unheard vehicles are silent."""
         rest = self._rest
         if not self._motions:
             return rest

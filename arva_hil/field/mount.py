@@ -1,4 +1,4 @@
-"""How something sits on a vehicle: where, and how it is turned."""
+"""The mount of a receiver on a vehicle: position and attitude."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Array = NDArray[np.float64]
 
 
 class Mount:
-    """A place on a vehicle: `position` (3,) metres, body frame FRD; `attitude` (4,) quaternion, mounted → body."""
+    """`position` (3,) in metres, body frame FRD; `attitude` (4,): quaternion, mounted → body."""
 
     def __init__(self, position: ArrayLike = (0.0, 0.0, 0.0), attitude: ArrayLike = (1.0, 0.0, 0.0, 0.0)) -> None:
         self._position = np.asarray(position, float)
         self._rotation = to_matrix(attitude)
 
     def pose(self, position: ArrayLike, attitude: ArrayLike) -> tuple[Array, Array]:
-        """What is mounted: p (..., 3) in NED, metres, and R (..., 3, 3), mounted → NED.
+        """The pose of the mounted part: p (..., 3) in NED, metres, and R (..., 3, 3), mounted → NED.
 
         From the vehicle's position (..., 3) in NED, metres, and its attitude (..., 4), body → NED.
         """

@@ -1,7 +1,7 @@
-"""Rotations: quaternions (w, x, y, z) that take body coordinates to the world's, as MAVLink has them.
+"""Rotations: quaternions (w, x, y, z) from body to world coordinates, as in MAVLink.
 
-Angles in radians. Every function takes any leading shape (...). Quaternions come in at any length but 0 and
-go out at length 1; one of length 0, or not finite, is a ValueError.
+Angles in radians. Every function accepts any leading shape (...). Input quaternions may have any length but 0;
+returned ones have length 1. Raises ValueError for length 0 or values that are not finite.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
 def to_euler(rotation: ArrayLike) -> Array:
     """(roll, pitch, yaw) (..., 3) of quaternions (..., 4) or matrices (..., 3, 3); pitch in [−π/2, π/2].
 
-    Holds at pitch ±π/2 too, where only roll ∓ yaw is defined: the yaw returned goes with the roll returned.
+    Right at pitch ±π/2 too, where only roll ∓ yaw is defined: the returned yaw fits the returned roll.
     """
     rotation = np.asarray(rotation, float)
     m = to_matrix(rotation) if rotation.shape[-1] == 4 else rotation

@@ -1,1 +1,1 @@
-"""Those who watch an engine: console, record, service manager, pictures."""
+"""Observers of an engine: console, record, service manager, pictures."""

@@ -1,4 +1,4 @@
-"""Those who watch an engine. They get frozen events, and cannot change, slow or stop anything."""
+"""Gives events to observers. They get frozen events, and cannot change or stop the engine."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from arva_hil.events import Event, ObserverFailed
 
 
 class Observer(Protocol):
-    """Whoever hears of every event, in order. A method `close` of one from another package is called at the end."""
+    """Gets every event, in order. `close` of an observer from another package is called at the end, if it has one."""
 
     def observe(self, event: Event) -> None:
-        """Take one event; it must not wait for anything."""
+        """Handle one event. Must not block."""
 
 
 class Audience:
-    """Remembers who observes. One that raises is switched off, which the others hear of, and stops nothing."""
+    """The observers. One that raises is switched off, and the others get an `ObserverFailed`."""
 
     def __init__(self, observers: Sequence[Observer]) -> None:
         self.failed = 0
         self._observers = list(observers)
 
     def tell(self, events: Sequence[Event]) -> None:
-        """Give every event to everybody."""
+        """Give each event to all observers."""
         for event in events:
             for observer in tuple(self._observers):
                 try:

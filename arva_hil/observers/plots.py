@@ -15,7 +15,7 @@ Place = tuple[float, float]  # north, east of the take-off point, m
 
 
 class Track(NamedTuple):
-    """One search to draw: the steps of its log, and the place that it reports. Tracks of one name share a colour."""
+    """One search to draw: the steps of its log, and the place that it reported. Tracks of one name share a colour."""
 
     name: str
     rows: Sequence[SearchStep]
@@ -27,8 +27,8 @@ def draw_search(
 ) -> None:
     """A PNG: trajectories seen from above, and the receiver's d and the true distance over time.
 
-    `truth`: the transmitters by id, empty when they are not known. `target`: the id of the one searched for.
-    A file or symlink of this name is replaced. Raises ImportError without matplotlib, OSError when that cannot be done.
+    `truth`: the transmitters by id, empty if they are not known. `target`: the id of the transmitter searched for.
+    A file or symlink of this name is replaced. Raises ImportError without matplotlib, OSError if it cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""What a service manager is told, by systemd's protocol: a datagram each, to the socket that NOTIFY_SOCKET names."""
+"""Notifies a service manager by systemd's protocol: datagrams to the socket NOTIFY_SOCKET."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _STATUS_S: Final = 5.0
 
 
 class Watchdog:
-    """Says READY=1 after the loop's first turn, WATCHDOG=1 twice in every WATCHDOG_USEC from then on, STATUS= now and
-    then, and STOPPING=1 when it is closed. Where NOTIFY_SOCKET is not set, nothing.
+    """Sends READY=1 after the loop's first turn, WATCHDOG=1 twice in every WATCHDOG_USEC after that, STATUS= every few
+    seconds, and STOPPING=1 when it is closed. Sends nothing if NOTIFY_SOCKET is not set.
 
-    It is a task, to be served last: a loop that is stuck, whoever holds it up, sends no WATCHDOG=1, and the service
-    manager kills the program and starts it again. A socket that fails or is full never holds up the loop.
+    It is the last task of the loop: a loop that is stuck sends no WATCHDOG=1, and the service manager kills the program
+    and starts it again. A socket that fails or is full does not block the loop.
     """
 
     links: Sequence[Waitable] = ()
@@ -54,7 +54,7 @@ class Watchdog:
             self._socket, self._next = None, math.inf
 
     def _send(self, message: str) -> bool:
-        """Whether it was taken."""
+        """Send a datagram; returns whether it was accepted."""
         assert self._socket
         try:
             self._socket.sendto(message.encode(), self._address)
@@ -64,14 +64,14 @@ class Watchdog:
 
 
 def _address(name: str) -> str:
-    """The socket's address, "" where there is none: a path, or an abstract name behind `@`."""
+    """The socket's address: a path, or `@` and an abstract name; "" if there is none."""
     if name.startswith("@"):
         return "\0" + name[1:]
     return name if name.startswith("/") else ""
 
 
 def _socket() -> socket.socket | None:
-    """One that never waits, None where there is no such thing."""
+    """A non-blocking socket, None if the system has no such sockets."""
     try:
         made = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     except (AttributeError, OSError):
@@ -81,7 +81,7 @@ def _socket() -> socket.socket | None:
 
 
 def _interval_s(environment: Mapping[str, str]) -> float:
-    """How long this process may be silent [s]; infinite where no watchdog waits for it."""
+    """How long this process may be silent [s]; infinite without a watchdog."""
     microseconds, pid = environment.get("WATCHDOG_USEC", ""), environment.get("WATCHDOG_PID", "")
     if not microseconds.isdecimal() or int(microseconds) == 0 or pid not in ("", str(os.getpid())):
         return math.inf

@@ -1,4 +1,4 @@
-"""Receivers: the protocol of any receiver model, what a reading is, and the paper's receiver."""
+"""Receivers: the protocol of receiver models, readings, and the paper's receiver."""
 
 from .paper import Antennas, NoiseKind, PaperReceiver, outputs
 from .reading import ChannelReading, Reading, Zone, with_true_ranges

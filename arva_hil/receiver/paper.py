@@ -1,4 +1,4 @@
-"""The receiver: antennas and noise (eq. 3, 4, 5), the integers it puts out (eq. 6, 7, 8), its slots."""
+"""The paper's receiver: antennas and noise (eq. 3, 4, 5), output values (eq. 6, 7, 8), and slots."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NORMAL: Final = NormalDist()
 
 @dataclass(frozen=True)
 class Antennas:
-    """What sets one receiver apart from another. Raises ValueError when a value is out of range."""
+    """The properties of a receiver's antennas. Raises ValueError if a value is out of range."""
 
     sensitivity: tuple[float, float, float] = (1.0, 0.8, 0.6)  # diagonal of Q; the paper gives none
     kappa_eq: float = 1.542  # mean of √(1 + 3cos²θ) over a circle
@@ -59,8 +59,8 @@ def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
 def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) -> Array:
     """Noise w (m, 3) in NED: direction uniform on the sphere, ‖w‖ ≤ bound.
 
-    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, cut at the bound. Takes 3 doubles for
-    each of the m (z, azimuth, magnitude) whatever comes out; `off` is 0 and takes none.
+    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, limited to the bound. Draws 3 doubles for
+    each of the m (z, azimuth, magnitude) in any case; `off` is 0 and draws none.
     """
     if kind == "off":
         return np.zeros((m, 3))
@@ -76,7 +76,7 @@ def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) 
 
 
 def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
-    """What the antennas read (eq. 3): h_r = R_rᵀ h + Q R_rᵀ w, (..., M, 3) in the receiver's frame.
+    """The signal at the antennas (eq. 3): h_r = R_rᵀ h + Q R_rᵀ w, (..., M, 3) in the receiver's frame.
 
     h and w (..., M, 3) in NED, R_r (..., 3, 3) receiver → NED, Q (3,) the diagonal.
     """
@@ -84,10 +84,9 @@ def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
 
 
 def outputs(h_r: ArrayLike, kappa_eq: float) -> tuple[Ints, Ints, Ints]:
-    """(d in cm, δ in degrees, `Zone`), each (...), of what the antennas read (..., 3) (eq. 6, 7, 8).
+    """(d in cm, δ in degrees, `Zone`), each (...), from the signal at the antennas (..., 3) (eq. 6, 7, 8).
 
-    OUTER is (−1, −1). h_x = 0 is δ = ±89, by the sign of h_y. In the inner zone it does not matter whether
-    L_xy h_r is 0.
+    OUTER gives (−1, −1). h_x = 0 gives δ = ±89 with the sign of h_y. In the inner zone L_xy h_r may be 0.
     """
     h_r = np.asarray(h_r, float)
     x, y, z = h_r[..., 0], h_r[..., 1], h_r[..., 2]
@@ -103,18 +102,18 @@ def outputs(h_r: ArrayLike, kappa_eq: float) -> tuple[Ints, Ints, Ints]:
 
 
 def _distance(h: Array, kappa_eq: float) -> Array:
-    """Eq. 6, 8; where h is 0 a length beyond every zone, yet finite."""
+    """Eq. 6, 8. If h is 0, a finite distance beyond every zone."""
     return math.cbrt(kappa_eq / (4 * math.pi)) / np.cbrt(np.maximum(h, 1e-200))
 
 
 def _rounded(x: Array) -> Array:
-    """To whole numbers, half away from zero, exactly."""
+    """Rounds to whole numbers, half away from zero, exactly."""
     whole = np.trunc(x)
     return whole + np.trunc(2 * (x - whole))
 
 
 class NoiseSource:
-    """Remembers a random generator: noise of one kind, up to a bound, from a seed."""
+    """Draws noise of one kind, up to a bound, from a seed. Remembers its random generator."""
 
     def __init__(self, kind: NoiseKind, bound: float, seed: int) -> None:
         self._kind = kind
@@ -127,11 +126,11 @@ class NoiseSource:
 
 
 class PaperReceiver:
-    """The receiver of the paper: what a frame says is heard at its instant; a `ReceiverModel`.
+    """The receiver of the paper, a `ReceiverModel`. It looks once for each frame, at the frame's instant.
 
-    Remembers its random generator and what it has heard last. `channels`: slots. `no_signal`: (d, δ) of an empty one.
-    Noise is drawn for every transmitter in its order and for every look, so that it depends on the seed and the look's
-    number alone. It takes no commands.
+    Remembers its random generator and its last reading. `channels`: the number of slots. `no_signal`: (d, δ) of an
+    empty slot. Noise is drawn for every transmitter in each look, so it depends only on the seed and the look's
+    number. It accepts no commands.
     """
 
     def __init__(
@@ -160,7 +159,7 @@ class PaperReceiver:
         return frame_s
 
     def look(self, look: Look) -> None:
-        """See `ReceiverModel`. Without a pose every slot is empty, and the noise is drawn all the same."""
+        """See `ReceiverModel`. Without a pose every slot is empty, but the noise is drawn too."""
         t, own = look.transmitters, self._noise.draw(len(look.transmitters.ids))
         w = own if look.noise is None else look.noise
         may_interfere = self._may_interfere or look.noise is not None

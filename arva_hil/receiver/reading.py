@@ -1,4 +1,4 @@
-"""What the receiver says: the values that leave the model, in the receiver's own centimetres and degrees."""
+"""Readings: the output of a receiver model, in centimetres and degrees."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ __all__ = ["ChannelReading", "Reading", "Zone", "with_true_ranges"]
 
 
 class Zone(IntEnum):
-    """How well a transmitter is heard; false when it is not."""
+    """The zone of a transmitter. OUTER, in which it is not heard, is false."""
 
     OUTER = 0
     MID = 1  # two antennas: distance and direction
@@ -19,10 +19,10 @@ class Zone(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ChannelReading:
-    """One slot of the receiver. An empty one has no id, zone OUTER and the no-signal pair.
+    """One slot of the receiver. An empty slot has no id, zone OUTER and the no-signal values.
 
-    `true_range_m`: to the slot's transmitter. Empty slots have those of the transmitters that no slot shows, nearest
-    first. None where there is no such transmitter, or no pose.
+    `true_range_m`: the distance to the slot's transmitter. Empty slots have the distances of transmitters that no slot
+    shows, nearest first. None if there is no such transmitter, or no pose.
     """
 
     id: int | None
@@ -34,7 +34,7 @@ class ChannelReading:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One frame's worth: all the slots, nearest first, empty ones last."""
+    """The content of one frame: all slots, nearest first, empty ones last."""
 
     channels: tuple[ChannelReading, ...]
     interference: bool  # noise above the floor that a receiver is specified for
@@ -42,7 +42,7 @@ class Reading:
 
 
 def with_true_ranges(channels: Iterable[ChannelReading], ranges: Mapping[int, float]) -> tuple[ChannelReading, ...]:
-    """The same slots with the true ranges that follow from those of all transmitters [m], by id."""
+    """The same slots with their true ranges. `ranges`: the distances of all transmitters [m], by id."""
     every = tuple(channels)
     shown = {c.id for c in every}
     rest = iter(sorted(metres for id_, metres in ranges.items() if id_ not in shown))

@@ -1,4 +1,4 @@
-"""What any virtual receiver has to do: look when it wants to, show what it has heard, take its host's commands.
+"""The protocol of receiver models: when they look, what they show, and commands of their host.
 
 Times are seconds from the start of the run; poses and places NED, metres, from the datum.
 """
@@ -21,7 +21,7 @@ __all__ = ["Answer", "Look", "Pose", "ReceiverModel", "ReceiverSettings"]
 class Pose:
     """The receiver's own pose, mount included: position (3,) NED [m] from the datum, rotation (3, 3) receiver → NED.
 
-    Lists are taken as arrays. Raises ValueError for another shape.
+    Lists are accepted as arrays. Raises ValueError for another shape.
     """
 
     position: Array
@@ -34,11 +34,11 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What there is for a receiver to hear at one instant.
+    """What a receiver can hear at one instant.
 
-    `pose`: its own, None when that is unknown. `transmitters`: as they are then, always as many in the same order.
-    `noise` (M, 3), NED: what interference adds to the field of each, instead of the noise of the receiver itself, which
-    draws its own all the same.
+    `pose`: the receiver's own, None if it is unknown. `transmitters`: at this instant; always the same number in the
+    same order. `noise` (M, 3), NED: added to the field of each instead of the receiver's own noise, during
+    interference; the receiver draws its own noise too.
     """
 
     time_s: float
@@ -48,7 +48,7 @@ class Look:
 
 
 class Answer(Enum):
-    """What a receiver says to a command."""
+    """The answer of a receiver to a command."""
 
     DONE = "done"
     REFUSED = "refused"  # it knows the command, and cannot do it now or not with these values
@@ -66,7 +66,7 @@ class NoiseSettings(Protocol):
 
 
 class ReceiverSettings(Protocol):
-    """What a scenario says of a receiver, as far as a model may want to know it.
+    """The settings of a receiver in the scenario, for its model.
 
     `channels`: slots; `rate_hz`: of the frames; `kappa_eq`, `sensitivity`, `noise`: see `Antennas`; `no_signal`:
     (d, δ) of an empty slot; `options`: the model's own keys, an `Options` of it, None if it has none.
@@ -89,24 +89,24 @@ class ReceiverSettings(Protocol):
 
 
 class ReceiverModel(Protocol):
-    """One receiver. It knows no vehicle, no frames and no faults; whoever has it asks in the order of time.
+    """One receiver. It knows no vehicle, no frames and no faults. Times of calls never go back.
 
-    A scenario's `model:` names a class whose objects are like this. It has a class method
-    `from_settings(settings: ReceiverSettings, seed: int)`, which makes one of them, the same seed with the same noise.
-    If it has keys of its own, it has a class `Options` too: a frozen dataclass, whose fields are those keys.
+    `model:` in a scenario names a class of such objects. The class has a class method
+    `from_settings(settings: ReceiverSettings, seed: int)`, which makes one; the same seed gives the same noise.
+    If the model has keys of its own, the class has a class `Options`: a frozen dataclass whose fields are those keys.
     """
 
     def next_look(self, after_s: float, frame_s: float) -> float:
-        """The first instant later than `after_s` at which it looks, when its next frame is due at `frame_s`.
+        """The first instant after `after_s` at which it looks. `frame_s`: the instant of the next frame.
 
-        A look at the instant of a frame comes before that frame. Asked again after each look and each frame.
+        A look at the instant of a frame comes before that frame. Called after each look and each frame.
         """
 
     def look(self, look: Look) -> None:
-        """Hear what there is."""
+        """Hear the transmitters at one instant."""
 
     def show(self, time_s: float) -> Reading:
-        """What it says at an instant not before its newest look; with every slot empty before the first."""
+        """The reading at an instant, not before the newest look. Before the first look every slot is empty."""
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
-        """Take a command of its host."""
+        """Handle a command of the host."""

@@ -1,4 +1,4 @@
-"""The record of a run, for the tools that others use: QGroundControl, PlotJuggler, a spreadsheet."""
+"""The record of a run, for tools such as QGroundControl, PlotJuggler and spreadsheets."""
 
 from .layout import RecordLayout
 from .recorder import Recorder, RecordError

@@ -1,4 +1,4 @@
-"""Where in a record's folder the files of each receiver and of each link are."""
+"""The paths of the files in a record's folder."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _OF_RECEIVERS: Final = (FRAMES, TABLE, READINGS)
 class RecordLayout:
     """`receivers`: names of vehicle and receiver; `links`: the engine's names of the links that are recorded.
 
-    With one receiver its files are beside run.json, with several in `VEHICLE/RECEIVER/`. With one link what came there
-    is in autopilot.tlog, with several in autopilot-1.tlog, autopilot-2.tlog and so on.
+    With one receiver its files are beside run.json, with several in `VEHICLE/RECEIVER/`. The packets of one link are
+    in autopilot.tlog, those of several in autopilot-1.tlog, autopilot-2.tlog and so on.
     """
 
     receivers: tuple[tuple[str, str], ...] = ()
     links: tuple[str, ...] = ()
 
     def tlog(self, link: str) -> str:
-        """The file of what came on a link."""
+        """The file of a link's packets."""
         return TLOG if len(self.links) < 2 else f"autopilot-{self.links.index(link) + 1}.tlog"
 
     def of_receiver(self, vehicle: str, receiver: str, file: str) -> str:
@@ -31,7 +31,7 @@ class RecordLayout:
 
     @property
     def folders(self) -> list[str]:
-        """Those to be made, the outer ones first."""
+        """The folders to make, the outer ones first."""
         if len(self.receivers) < 2:
             return []
         vehicles = dict.fromkeys(vehicle for vehicle, _ in self.receivers)

@@ -1,4 +1,4 @@
-"""The record of a run: what came in, what went out, what was read and from where, how it ended."""
+"""The record of a run: packets, frames, readings with their poses, and how it ended."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ _MANY_JOBS: Final = 10_000  # a batch each, of 0.2 s
 
 
 class RecordError(ArvaError):
-    """The record could not be made or went wrong; `str()` says where and why."""
+    """The record could not be written. `str()` says where and why."""
 
 
 class Recorder:
     """Writes `autopilot.tlog`, `frames.bin`, `frames.csv`, `readings.csv` and `run.json` into a folder of its own, and
     with several receivers or links into the files of `layout`.
 
-    `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: what is known of the run already; run.json says
-    that, and that it has not ended, until `close`. `patient`: the loop may be held up while the disk catches up, as a
-    replay may and a live run may not. `clock`: real time, whatever the loop's is. Files are new: nothing is written
-    through a symlink. Raises RecordError when the folder cannot be written or holds a record already.
+    `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: the first content of run.json, which also says
+    until `close` that the run has not ended. `patient`: whether the loop may wait for a slow disk, as a replay may.
+    `clock`: real time, whatever the loop's clock is. All files are new, and symlinks are not followed. Raises
+    RecordError if the folder cannot be written or contains a record already.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class Recorder:
             self._flush()
 
     def close(self, run: Mapping[str, Any]) -> None:
-        """Close all files and replace run.json by `run`, whatever went wrong before; RecordError when anything did."""
+        """Close all files and replace run.json by `run`, also after errors. Raises RecordError if there were any."""
         for table in self._layout.tables:
             if table not in self._begun:
                 self._pending[table] += header_of_frames(0).encode()
@@ -140,7 +140,7 @@ class Recorder:
             raise RecordError(f"{self._folder}: the disk does not take the record in time")
 
     def _flush_now_and_then(self, *, full: bool = False) -> None:
-        """Hand over what is pending when some time has passed or there is much of it."""
+        """Pass pending data to the thread after some time, or if there is much of it."""
         now = self._clock.now()
         if now < self._next_flush and not full:
             return
@@ -161,7 +161,7 @@ class Recorder:
             os.fsync(file.fileno())
 
     def _take_back(self) -> None:
-        """Remove the empty files that were made: the same folder can be tried again."""
+        """Remove the empty files that were made, so that the same folder can be tried again."""
         for name, file in self._files.items():
             file.close()
             with contextlib.suppress(OSError):
@@ -183,7 +183,7 @@ def _json(run: Mapping[str, Any]) -> bytes:
 
 
 def _writing(file: FileIO, data: bytes | bytearray) -> Callable[[], None]:
-    """A job that writes all of `data` or, where the disk is full, nothing: a file ends with a whole frame."""
+    """A job that writes all of `data`, or nothing if the disk is full: a file ends with a whole frame."""
 
     def write() -> None:
         start, left = file.tell(), memoryview(data)
@@ -199,7 +199,7 @@ def _writing(file: FileIO, data: bytes | bytearray) -> Callable[[], None]:
 
 
 def _closing(file: FileIO) -> Callable[[], None]:
-    """A job that closes a file once the disk has it."""
+    """A job that closes a file after it is on the disk."""
 
     def close() -> None:
         with file:
@@ -209,7 +209,7 @@ def _closing(file: FileIO) -> Callable[[], None]:
 
 
 def why(folder: Path, error: Exception) -> str:
-    """What went wrong with a record, for a person."""
+    """The error of a record, for a person."""
     if isinstance(error, OSError):
         where = error.filename or folder
         return f"{where}: cannot record: {error.strerror or error}"
