@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import difflib
 import importlib
-import inspect
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
@@ -129,6 +128,8 @@ class Registry:
         """Why `thing` cannot be used as such a kind, "" if it can."""
         missing = [name for name in self._requires if not _has(thing, name)]
         if self._attributes and not missing:
+            import inspect  # slow to load, and only a class is looked into
+
             if never := [name for name in self._requires if inspect.iscoroutinefunction(getattr(thing, name))]:
                 return f"has async {', '.join(never)}, for which nobody waits (write def, not async def)"
             try:
