@@ -162,7 +162,7 @@ def _hold(lifeline: Connection) -> None:
 
 
 def _result(future: Future[Result]) -> Result | None:
-    """None when the crew has lost it."""
+    """None when the worker pool has lost it."""
     if future.cancelled() or isinstance(error := future.exception(), BrokenExecutor):
         return None
     return _failure(error) if error else future.result()
