@@ -58,7 +58,7 @@ class WorkerPool:
     ) -> Iterator[tuple[Planned, Result]]:
         """Trials and what came of them, in the order of their ends; `fly` is a function of a module.
 
-        A trial that raises has an outcome that says so. Raises CrewError when a worker dies or the cluster goes.
+        A trial that raises has an outcome that says so. Raises WorkerPoolError when a worker dies or the cluster goes.
         """
         queue = iter(planned)
         waiting: dict[Future[Result], Planned] = {}
