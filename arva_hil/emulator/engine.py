@@ -224,9 +224,7 @@ class Emulator:
         """When to call `advance` again at the latest."""
         due = self._next_status
         for vehicle in self.vehicles:
-            due = min(due, vehicle.session.next_due)
-            for source in vehicle.sources:
-                due = min(due, source.next_due)
+            due = min(due, vehicle.session.next_due, *[source.next_due for source in vehicle.sources])
         return due
 
     def output(self) -> list[Output]:
@@ -269,10 +267,9 @@ class Emulator:
         return packets.every if heard else []
 
     def _make_frames(self, vehicle: EmulatedVehicle, now: float, *, last: bool = False) -> None:
-        """Those that are due and do not wait for what comes; the `last` ones wait for nothing."""
         for source in vehicle.sources:
             if source.next_due <= now:
-                ready = self._ready(vehicle, math.inf if last else now)
+                ready = self._ready(vehicle, math.inf if last else now)  # the last ones wait for nothing
                 source.advance(now, vehicle, live=not self._look_ahead_s, ready=ready)
                 self._collect(source)
 
