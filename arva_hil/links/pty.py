@@ -54,10 +54,13 @@ class PtyLink(FdLink):
         try:
             if symlink:
                 self._inode = make_symlink(symlink, self.path, self._slave)
-        except BaseException:
+                self.symlink = symlink
+        except BaseException:  # also a signal, right behind making it
+            if symlinks.target(symlink) == self.path:
+                with contextlib.suppress(OSError):
+                    os.unlink(symlink)
             self.close()
             raise
-        self.symlink = symlink
 
     def fileno(self) -> int | None:
         fileno = getattr(self._selector, "fileno", None)

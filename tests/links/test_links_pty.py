@@ -294,3 +294,14 @@ def test_what_is_no_symlink_is_not_stale(tmp_path: Path, line: PtyLink) -> None:
     (loop := tmp_path / "loop").symlink_to(loop)
     for path in (file, loop, line.path, "/dev/stdin", tmp_path / "none", "COM5", f"/proc/self/fd/{line._slave}"):
         assert not symlinks.stale(str(path))
+
+
+def test_a_signal_right_behind_making_the_symlink_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(symlinks, "mark_in_use", interrupted)
+    link = tmp_path / "arva0"
+    with pytest.raises(KeyboardInterrupt):
+        PtyLink(str(link))
+    assert not link.is_symlink()
