@@ -63,10 +63,13 @@ def flights(gate: Path) -> list[tuple[int, str]]:
 
 def rows(out: Path) -> int:
     """How many there are in the database, looked at past its lock: -1 when that is at a wrong moment."""
+    journal = out / "results.sqlite-journal"
     try:
         with closing(sqlite3.connect(f"file:{out / 'results.sqlite'}?immutable=1", uri=True)) as database:
-            return int(database.execute("SELECT count(*) FROM results").fetchone()[0])
-    except sqlite3.DatabaseError:
+            count = int(database.execute("SELECT count(*) FROM results").fetchone()[0])
+        written = not journal.exists() or not journal.read_bytes()[:8].strip(b"\0")  # else the last may be taken back
+        return count if written else -1
+    except (sqlite3.DatabaseError, FileNotFoundError):
         return -1
 
 
