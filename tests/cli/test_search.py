@@ -164,7 +164,7 @@ def test_a_port_that_is_none_leaves_no_record(arva: Arva, tmp_path: Path) -> Non
 
 def test_a_receiver_whose_port_is_not_there_in_time_is_the_reason_given(start: Start, autopilot: Autopilot) -> None:
     program = start("search", "--autopilot", autopilot.address, "--receiver", "/dev/ttyNONE7", "--timeout", 1)
-    program.says("waiting for /dev/ttyNONE7: no such port; there is ")
+    program.says("waiting for /dev/ttyNONE7: no such port; ")
     assert program.ends() == 3
     assert "error: no frame from the receiver: /dev/ttyNONE7: no such port" in program.err
 
