@@ -6,8 +6,9 @@ Names are imported when they are first used. `docs/howto/python.md` has examples
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
+
+from arva_hil.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from arva_hil.api import load_scenario, replay, run_live
@@ -105,13 +106,7 @@ __all__ = [
     "run_live",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = lazy_names(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:

@@ -23,8 +23,7 @@ from arva_hil.doctor.tcp_server import accepted
 from arva_hil.doctor.values import Finding, Position
 from arva_hil.emulator.formats import encoder
 from arva_hil.links import Address, Link, LinkError, open_link, parse
-from arva_hil.links.serial_ports import SerialPort as SerialPort
-from arva_hil.links.serial_ports import far_program, list_ports
+from arva_hil.links.serial_ports import SerialPort, far_program, list_ports
 from arva_hil.mavlink.signing import Signing
 from arva_hil.observers.console.text import BAD, DOUBTFUL, GOOD, coloured, wants_colour
 from arva_hil.registry import MAVLINK_FORMATS

@@ -5,8 +5,9 @@ A command's `--help` imports only `words`, which needs nothing.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
+
+from arva_hil.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from arva_hil.config.faults import Fault, FaultKind, misfit, parse_fault, plain_fault
@@ -61,10 +62,4 @@ __all__ = [
     "to_dict",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
+__getattr__ = lazy_names(__name__, _HOMES)

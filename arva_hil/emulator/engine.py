@@ -149,8 +149,8 @@ class Emulator:
     ) -> None:
         scenarios = (receiver.scenario for setup in vehicles for receiver in setup.receivers)
         self._followed = FollowedSystems(scenarios, start)
-        self._follows_none = not self._followed
         self.vehicles = [EmulatedVehicle(setup, self._followed, start=start, max_age_s=max_age_s) for setup in vehicles]
+        self._vehicle_of = {source: vehicle for vehicle in self.vehicles for source in vehicle.sources}
         self._on_link: dict[str, list[EmulatedVehicle]] = {}
         for vehicle in self.vehicles:
             self._on_link.setdefault(vehicle.link, []).append(vehicle)
@@ -173,7 +173,7 @@ class Emulator:
         `sender`: which of several on the link they came from. `whole`: no packet goes on in the next bytes.
         """
         vehicles = self._on_link[link]
-        if self._follows_none and len(vehicles) == 1:
+        if not self._followed and len(vehicles) == 1:
             packets: Sequence[Packet] = vehicles[0].session.feed(data, now, sender, whole=whole)
         else:
             read = vehicles[0].session.reader.read(data, now, sender, whole=whole)
@@ -245,8 +245,8 @@ class Emulator:
         """Whether the link took all of an output."""
         source = output.source
         if source is not None:
-            vehicle = next(vehicle for vehicle in self.vehicles if source in vehicle.sources)
-            source.written(output, taken, now, lost=output.sink in self._lost, vehicle_known=vehicle.known)
+            known = self._vehicle_of[source].known
+            source.written(output, taken, now, lost=output.sink in self._lost, vehicle_known=known)
             self._collect(source)
 
     def events(self) -> list[Event]:

@@ -13,10 +13,11 @@ import math
 from collections import deque
 from typing import Final, NamedTuple
 
+from arva_hil.field.quaternion import Quaternion, from_euler
+
 __all__ = ["STEP_US", "Motion", "Multirotor", "Vector"]
 
 Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 
 STEP_US: Final = 10_000
 _STEP: Final = STEP_US * 1e-6
@@ -168,15 +169,7 @@ def _quaternion(node: _Node) -> Quaternion:
     x, y = down_n * cos + down_e * sin, down_e * cos - down_n * sin
     pitch = math.atan2(x, down_d)
     roll = math.atan2(-y, math.hypot(x, down_d))
-    sr, cr = math.sin(roll / 2), math.cos(roll / 2)
-    sp, cp = math.sin(pitch / 2), math.cos(pitch / 2)
-    sy, cy = math.sin(yaw / 2), math.cos(yaw / 2)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
+    return from_euler(roll, pitch, yaw)
 
 
 def _turn(a: Quaternion, b: Quaternion, share: float) -> tuple[Quaternion, Vector]:

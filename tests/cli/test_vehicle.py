@@ -8,11 +8,13 @@ from typing import Any
 
 import pytest
 
+from arva_hil.cli.arguments import vehicle as arguments
 from arva_hil.links import Link
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.udp import UdpInLink
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
 from arva_hil.runtime.clock import RealClock
+from arva_hil.simulated.failsafes import FAILSAFES
 
 from .conftest import Ended
 from .far_ends import DEADLINE_S, Program, free_port
@@ -115,3 +117,7 @@ def test_a_link_that_is_taken_is_said(arva: Callable[..., Ended], keep: Keep) ->
     code, _, err = arva("vehicle", "--link", f"tcpin:127.0.0.1:{taken.getsockname()[1]}")
     assert code == 3
     assert "another program listens there" in err
+
+
+def test_every_failsafe_of_the_vehicle_can_be_asked_for() -> None:
+    assert list(FAILSAFES) == list(arguments.FAILSAFES)
