@@ -119,9 +119,9 @@ class EmulatedVehicle:
         return DatumSet(now, self.name, *change.lat_lon_alt, change.why)
 
     def status(self, now: float) -> VehicleStatus:
-        session = self.session
+        session, receivers = self.session, [source.status() for source in self.sources]
         label = session.vehicle.short if session.vehicle else ""
-        return VehicleStatus(self.name, label, session.rates(now), [source.status() for source in self.sources])
+        return VehicleStatus(self.name, label, session.rates(now), receivers, tuple(session.counts().items()))
 
     def _place(self) -> None:
         assert self.datum.frame is not None

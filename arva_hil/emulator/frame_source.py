@@ -166,7 +166,8 @@ class FrameSource:
 
     def status(self) -> ReceiverStatus:
         c = self.counters
-        return ReceiverStatus(self.name, self.last, c.delivered + c.damaged + c.dropped, c.dropped)
+        there = self.receiver.seen.transmitters
+        return ReceiverStatus(self.name, self.last, c.delivered + c.damaged + c.dropped, c.dropped, there)
 
     def take_events(self) -> list[Event]:
         events, self.events = self.events, []
@@ -183,7 +184,7 @@ class FrameSource:
         boot = vehicle.boot(t)
         reading, told = self.receiver.show(t, now, vehicle)
         self.events += told
-        _, pose, reported_pose, _ = self.receiver.seen
+        _, pose, reported_pose, _, _ = self.receiver.seen
         age = self.receiver.age_s(t)
         frame = frame_of(reading, number % 256)
         boot_ms = 0 if boot is None else max(0, round(boot * 1e3)) % 2**32

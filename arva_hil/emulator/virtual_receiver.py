@@ -13,7 +13,7 @@ from arva_hil.config import Scenario
 from arva_hil.emulator.build import mount, moving_transmitters
 from arva_hil.emulator.datum import Datum
 from arva_hil.events import Event, PoseFound, PoseLost, PoseMissing, TooFar
-from arva_hil.field import LocalFrame
+from arva_hil.field import LocalFrame, Transmitters
 from arva_hil.receiver import Look, Pose, Reading, ReceiverModel
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.reasons import NoPose
@@ -48,12 +48,15 @@ class PoseSource(Protocol):
 
 
 class Seen(NamedTuple):
-    """What was known at the newest look: the receiver's own pose, the same by what its vehicle reports, their age."""
+    """What was known at the newest look: the receiver's own pose, the same by what its vehicle reports, their age, and
+    the transmitters.
+    """
 
     t: float
     pose: Pose | None
     reported_pose: Pose | None
     age_s: float | None
+    transmitters: Transmitters | None = None
 
 
 class VirtualReceiver:
@@ -104,8 +107,8 @@ class VirtualReceiver:
         reported_pose = pose
         if reported is not state:
             reported_pose = self._pose(reported) if self._is_fresh(reported) else None
-        self.seen = Seen(t, pose, reported_pose, state.age_s if state else None)
         there = self._transmitters.at(self._look_s, lambda system: vehicle.pose_of(system, t))
+        self.seen = Seen(t, pose, reported_pose, state.age_s if state else None, there)
         self._model.look(Look(self._look_s, pose, there))
         return events
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from arva_hil.events.frozen import Frozen
+from arva_hil.field.dipole import Transmitters
 from arva_hil.mavlink.codec import Packet
 from arva_hil.receiver import Pose, Reading
 from arva_hil.vehicle.reasons import NoPose, NoVehicle
@@ -218,18 +219,26 @@ class StatusReport(Event):
 
 
 class VehicleStatus(Frozen):
-    """`label`: the kind of vehicle and its ids, "" before it is found. `rates`: Hz by message name."""
+    """`label`: the kind of vehicle and its ids, "" before it is found. `rates`: Hz by message name.
+
+    `counters`: what was heard of it and what of that was not used, by name, from the start.
+    """
 
     name: str
     label: str
     rates: Mapping[str, float]
     receivers: Sequence[ReceiverStatus]
+    counters: Sequence[tuple[str, int]] = ()
 
 
 class ReceiverStatus(Frozen):
-    """`frames`: the number of frames to send; `dropped`: those nobody took. `last`: the newest, None if none."""
+    """`frames`: the number of frames to send; `dropped`: those nobody took. `last`: the newest, None if none.
+
+    `transmitters`: at the receiver's newest look, NED from the vehicle's datum; None before the first.
+    """
 
     name: str
     last: FrameMade | None
     frames: int
     dropped: int
+    transmitters: Transmitters | None = None

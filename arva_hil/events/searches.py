@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from arva_hil.events import Event
+from firmware_proto import Frame
 
 
 class FromSearch(Event):
@@ -153,6 +154,24 @@ class ReceiverGone(SearchEvent):
     error: str
 
 
+class TakeOffPoint(SearchEvent):
+    """Where the vehicle has taken off, the origin of all positions of the search: degrees, degrees, metres AMSL."""
+
+    lat: float
+    lon: float
+    alt: float
+
+
+class FrameHeard(SearchEvent):
+    """A frame of the receiver, at most 10 a second. `position`: the receiver's by the vehicle's pose, NED;
+    `heading_deg`: its x axis, from north. None while there is no take-off point or no pose.
+    """
+
+    frame: Frame
+    position: tuple[float, float, float] | None
+    heading_deg: float | None
+
+
 class TransmitterEvent(SearchEvent):
     """`transmitter`: its id, None if the frames have no ids."""
 
@@ -175,6 +194,27 @@ class TransmitterChosen(TransmitterEvent):
 
 class TransmitterFaded(TransmitterEvent):
     """The transmitter is not heard any more. The vehicle flies search strips again."""
+
+
+class BeliefChanged(TransmitterEvent):
+    """What the strategy believes now, at most twice a second. Only strategies that tell it have one.
+
+    `hypotheses`: places (north_m, east_m) and their shares, which add up to 1. `covariance`: of the place that they
+    give on average, m², (nn, ne, ee), None if it is not known. `goal`: (north_m, east_m) of where it flies to, or None.
+    """
+
+    hypotheses: Sequence[tuple[float, float, float]]
+    covariance: tuple[float, float, float] | None
+    goal: tuple[float, float] | None
+
+
+class PlaceFound(TransmitterEvent):
+    """The search ends above this place. `covariance`: as above. `sure`: the readings agree with it."""
+
+    north_m: float
+    east_m: float
+    covariance: tuple[float, float, float] | None
+    sure: bool
 
 
 class DescentBegun(SearchEvent):

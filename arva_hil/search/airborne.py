@@ -7,15 +7,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from arva_hil.events import Event
 from arva_hil.events.searches import SearchBegun, SearchEnded
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.field.rotation import to_euler, to_matrix
 from arva_hil.flight.commander import Commander, Phase
 from arva_hil.observers.console.reasons import no_pose
+from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground
 from arva_hil.search.mission import Mission, SearchPlan
 from arva_hil.search.outcome import SearchStep
@@ -57,12 +55,15 @@ class Flight:
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
         self._skipped_s = 0.0  # in gaps, which are no part of the mission
+        self._frames = FramesTold(plan.mount, session.news.emit)
 
     def hear(self, frame: Frame, now: float) -> None:
         self._new_frame = frame
-        if self.mission is not None and (state := self._state(now)) is not None:
+        state = self._state(now)
+        if self.mission is not None and state is not None:
             place, rotation = self._plan.mount.pose(state.position, state.attitude)
             self.mission.hear(frame, now - self._skipped_s, as_position(place), rotation)
+        self._frames.tell(frame, now, state)
 
     def took(self, seconds: float, now: float) -> None:
         """So long the mission was busy, with what was heard and where to fly."""
@@ -83,6 +84,7 @@ class Flight:
         """One step in the air."""
         if self.origin is None and (origin := self._commander.origin):
             self.origin = origin.frame
+            self._session.news.emit(take_off_point(now, self.origin))
         phase, state, velocity = self._commander.phase, self._state(now), STAY
         if not self._commander.settled:
             return
@@ -146,9 +148,3 @@ def reading_of(frame: Frame, target: int | None) -> tuple[int | None, int, int, 
     """Id, d, δ and zone of the transmitter searched for, else of the first channel."""
     channel = next((c for c in frame.channels if c.valid and c.id == target), frame.channels[0])
     return channel.id, channel.d, channel.delta, channel.zone
-
-
-def as_position(place: NDArray[np.float64]) -> Position:
-    """As numbers of Python."""
-    north, east, down = place.tolist()
-    return north, east, down

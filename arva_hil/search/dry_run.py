@@ -13,7 +13,8 @@ from arva_hil.events.searches import DryRunBegun, SetPointPlanned, WouldOrder
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.field.rotation import to_euler, to_matrix
 from arva_hil.flight.set_points import EVERY_S
-from arva_hil.search.airborne import STAY, as_position, reading_of
+from arva_hil.search.airborne import STAY, reading_of
+from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground, Height
 from arva_hil.search.mission import Mission, SearchPlan
 from arva_hil.search.outcome import Refusal, SearchStep
@@ -64,15 +65,16 @@ class DryRun:
         self._origin: LocalFrame | None = None
         self._modes: Modes | None = None
         self._last: Frame | None = None  # since the last row of the log
+        self._frames = FramesTold(plan.mount, session.news.emit)
 
     def hear(self, frame: Frame, now: float) -> None:
         """Take a new frame."""
         self._last = frame
-        if self._mission is None or self._origin is None:
-            return
-        if (state := self._session.state_at(now, self._origin)) is not None:
+        state = self._session.state_at(now, self._origin) if self._origin else None
+        if self._mission is not None and state is not None:
             place, rotation = self._plan.mount.pose(state.position, state.attitude)
             self._mission.hear(frame, now, as_position(place), rotation)
+        self._frames.tell(frame, now, state)
 
     def took(self, seconds: float, now: float) -> None:
         """So long the mission was busy."""
@@ -105,6 +107,7 @@ class DryRun:
         place = place._replace(alt=home[2]) if self._take_over and home else place
         self._begun_s, self._origin = now, place.frame
         emit = session.news.emit
+        emit(take_off_point(now, place.frame))
         emit(DryRunBegun(now, str(session.vehicle), self._take_over, self._countdown_s))
         if not self._take_over:
             if mode != modes.hold:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from . import dipole
-from .strategy import STILL, Found, Observation, Position, Velocity, towards
+from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
 _STEP_M: Final = 0.48  # flown between two readings that are kept,
 _STEP_S: Final = 0.2  # and the time at least
@@ -51,6 +51,13 @@ class Estimate:
     @property
     def found(self) -> Found | None:
         return self._found
+
+    @property
+    def belief(self) -> Belief:
+        """The hypotheses, the covariance of their average, and where it flies to."""
+        (nn, ne), (_, ee) = self._covariance.tolist()
+        every = np.column_stack([self._x[:, :2], self._share]).tolist()
+        return Belief(tuple(map(tuple, every)), (nn, ne, ee) if every else None, self._target)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
         return towards(position, self._target, self._speed, gain=_GAIN) if self._target else STILL

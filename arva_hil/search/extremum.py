@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity, towards
+from arva_hil.search.strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
 _DITHER: Final = 0.8  # times the speed: on the circle
 _DRIFT: Final = 0.8  # times the speed: of its centre, at most; what both exceed the speed by is cut
@@ -74,6 +74,11 @@ class Extremum:
                 self._round.popleft()
             if self._phase - self._round[0][0] > _ENOUGH:
                 self._steer(turned)
+
+    @property
+    def belief(self) -> Belief:
+        """The centre of the circle."""
+        return Belief(goal=self._centre)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
         """Round the drifting centre; to what was found."""

@@ -27,6 +27,11 @@ class HeardTransmitter:
     evidence: Evidence = field(default_factory=Evidence)
 
 
+def id_of(id_: int | None) -> int | None:
+    """As a frame has it."""
+    return None if id_ == NO_ID else id_
+
+
 def nearest(frame: Frame) -> dict[int, Channel]:
     """The channels that hear, one a transmitter: the nearest where an id, or none, comes more than once."""
     best: dict[int, Channel] = {}

@@ -25,8 +25,9 @@ from arva_hil.events.searches import (
     TransmitterHeard,
 )
 from arva_hil.field.mount import Mount
+from arva_hil.search.beliefs import Beliefs
 from arva_hil.search.ground import Height
-from arva_hil.search.heard import NO_ID, HeardTransmitter, nearest
+from arva_hil.search.heard import HeardTransmitter, id_of, nearest
 from arva_hil.search.height import Descent, HeightKeeper
 from arva_hil.search.reading_checks import StuckReadings
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Strategy, Velocity, towards
@@ -108,6 +109,7 @@ class Mission:
         self._descent: Descent | None = None
         self._land = land
         self._emit = emit
+        self._beliefs = Beliefs(emit)
 
     def hear(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
         """Take a new frame, and the receiver's pose when it came: NED and the matrix receiver FRD → NED."""
@@ -123,6 +125,7 @@ class Mission:
             with self._failing():
                 self._choose(channels.keys(), time_s)
                 self._observe(channels.keys(), Observation(time_s, position, rotation, -1, -1, False))
+                self._beliefs.look(time_s, id_of(self.target), self._strategy)
 
     def fly(
         self, time_s: float, position: Position, *, receiver: Position | None = None, height: Height | None = None
@@ -239,7 +242,7 @@ class Mission:
             if len(self.heard) >= _MOST_HEARD:
                 return
             self.heard[id_] = HeardTransmitter()
-            self._emit(TransmitterHeard(observation.time_s, _id_of(id_), observation.d_m, north, east))
+            self._emit(TransmitterHeard(observation.time_s, id_of(id_), observation.d_m, north, east))
         heard = self.heard[id_]
         heard.last_m, heard.last_s = observation.d_m, observation.time_s
         if heard.last_m < heard.nearest_m:
@@ -252,14 +255,14 @@ class Mission:
         current = self.heard.get(self.target) if self.target is not None else None
         if current is not None and self._strategy is not None and time_s - current.last_s > _DEAF_S:
             self._strategy = None
-            self._emit(TransmitterFaded(time_s, _id_of(self.target)))
+            self._emit(TransmitterFaded(time_s, id_of(self.target)))
         heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard}
         if not heard:
             return
         closest = min(heard, key=lambda id_: heard[id_].last_m)
         if current is None or self._strategy is None or heard[closest].last_m < _NEARER * current.last_m:
             if closest != self.target:
-                self._emit(TransmitterChosen(time_s, _id_of(closest), heard[closest].last_m))
+                self._emit(TransmitterChosen(time_s, id_of(closest), heard[closest].last_m))
             if closest != self.target or self._strategy is None:
                 self.target = closest
                 self._strategy = self.plan.strategy(self.plan.speed)
@@ -274,6 +277,7 @@ class Mission:
         if (found := checked_found(self._strategy.found)) is not None:
             self.found = found
             self.sure = self._agrees(self.heard[self.target], found)
+            self._beliefs.found(nothing.time_s, id_of(self.target), found, self.sure)
 
     def _agrees(self, heard: HeardTransmitter, found: Found) -> bool:
         """Whatever strategy has found it: what was heard is what is heard of a transmitter there."""
@@ -291,8 +295,3 @@ class Mission:
     def _end(self, how: str, *, broken: bool = False) -> Velocity:
         self.ended, self.broken = how, broken
         return STILL
-
-
-def _id_of(id_: int | None) -> int | None:
-    """As a frame has it."""
-    return None if id_ == NO_ID else id_

@@ -65,6 +65,18 @@ class Found(NamedTuple):
         return math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne))
 
 
+class Belief(NamedTuple):
+    """What a strategy believes, for whoever watches. A strategy that tells it has a property `belief`.
+
+    `hypotheses`: (north, east, share), the shares add up to 1. `covariance`: as in `Found`. `goal`: (north, east) of
+    where it flies to.
+    """
+
+    hypotheses: tuple[tuple[float, float, float], ...] = ()
+    covariance: tuple[float, float, float] | None = None
+    goal: tuple[float, float] | None = None
+
+
 class Strategy(Protocol):
     """Remembers what was heard of one transmitter. Made with the speed not to be exceeded [m/s]."""
 

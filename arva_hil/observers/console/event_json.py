@@ -9,9 +9,18 @@ import re
 from typing import Any, Final
 
 from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
-from arva_hil.events.searches import FromSearch
+from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
 
-NOT_NEWS: Final = (FrameMade, BytesSent, PacketsReceived, StatusReport)  # frames have objects of their own
+NOT_NEWS: Final = (  # frames have objects of their own; the others are for observers that draw
+    FrameMade,
+    BytesSent,
+    PacketsReceived,
+    StatusReport,
+    FrameHeard,
+    BeliefChanged,
+    PlaceFound,
+    TakeOffPoint,
+)
 
 
 def event_name(kind: type[Event]) -> str:
@@ -21,7 +30,8 @@ def event_name(kind: type[Event]) -> str:
 
 def event_json(event: Event) -> str | None:
     """An event as a JSON object of numbers, strings, lists, true, false and null; None for those in NOT_NEWS."""
-    return None if isinstance(event, NOT_NEWS) else json.dumps(_object(event))
+    told = event.event if isinstance(event, FromSearch) else event
+    return None if isinstance(told, NOT_NEWS) else json.dumps(_object(event))
 
 
 def _object(event: Event) -> dict[str, Any]:

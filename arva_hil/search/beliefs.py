@@ -1,0 +1,40 @@
+"""Tells now and then what a strategy believes, for whoever watches a search."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from arva_hil.events import Event
+from arva_hil.events.searches import BeliefChanged, PlaceFound
+from arva_hil.search.strategy import Belief, Found, Strategy
+
+_EVERY_S: Final = 0.5
+_MOST: Final = 64  # hypotheses
+
+
+class Beliefs:
+    """Emits a `BeliefChanged` at most twice a second, if the strategy tells what it believes.
+
+    Remembers when it is due next. What a strategy of another package tells is left out if it is no `Belief`.
+    """
+
+    def __init__(self, emit: Callable[[Event], None]) -> None:
+        self._emit = emit
+        self._due_s = -math.inf
+
+    def look(self, time_s: float, transmitter: int | None, strategy: Strategy | None) -> None:
+        """Ask the strategy, if it is time to."""
+        if strategy is None or time_s < self._due_s:
+            return
+        belief = getattr(strategy, "belief", None)
+        if isinstance(belief, Belief):
+            self._due_s = time_s + _EVERY_S
+            hypotheses, covariance, goal = belief
+            self._emit(BeliefChanged(time_s, transmitter, hypotheses[:_MOST], covariance, goal))
+
+    def found(self, time_s: float, transmitter: int | None, found: Found, sure: bool) -> None:
+        """The strategy has found a place. `sure`: the readings agree with it."""
+        north, east, _, covariance = found
+        self._emit(PlaceFound(time_s, transmitter, north, east, covariance, sure))

@@ -1,0 +1,117 @@
+"""What a search tells of itself to whoever watches: frames and where they were heard, beliefs, the place found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from world import PAPER, fly
+
+from arva_hil.config import DEFAULT
+from arva_hil.events import Event
+from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
+from arva_hil.field import LocalFrame, Mount
+from arva_hil.links import memory
+from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.loop import run
+from arva_hil.search.beliefs import Beliefs
+from arva_hil.search.estimate import Estimate
+from arva_hil.search.extremum import Extremum
+from arva_hil.search.frames_told import FramesTold, take_off_point
+from arva_hil.search.mission import SearchPlan
+from arva_hil.search.strategy import Belief, Found
+from arva_hil.simulated.closed_loop import HOME, ClosedLoop
+from arva_hil.vehicle.pose_track import VehicleState
+from firmware_proto import Channel, Frame
+
+FRAME = Frame(1, 1, (Channel(1, 1, 1234, 17),))
+
+
+class Watcher:
+    def __init__(self) -> None:
+        self.told: list[Event] = []
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, FromSearch):
+            self.told.append(event.event)
+
+
+class Thinker(Estimate):
+    """Believes what it is told to."""
+
+    said: object = Belief(((1.0, 2.0, 1.0),), None, (3.0, 4.0))
+
+    @property
+    def belief(self) -> Belief:
+        return self.said  # type: ignore[return-value]
+
+
+def test_a_flight_tells_its_take_off_point_its_frames_its_beliefs_and_the_place() -> None:
+    watcher, clock = Watcher(), StepClock()
+    loop = ClosedLoop(
+        DEFAULT,
+        SearchPlan(Estimate),
+        autopilot=memory.pair(),
+        commands=memory.pair(),
+        port=memory.pair(),
+        start=clock.now(),
+        observers=[watcher],
+    )
+    run(loop.tasks, clock, until=300.0, stopped=lambda: loop.search.outcome is not None)
+    (point,) = (event for event in watcher.told if isinstance(event, TakeOffPoint))
+    assert (point.lat, point.lon, point.alt) == pytest.approx(HOME, abs=1e-3)
+    frames = [event for event in watcher.told if isinstance(event, FrameHeard)]
+    placed = [event.position for event in frames if event.position is not None]
+    assert placed
+    assert any(event.position is None for event in frames)  # on the ground, before the take-off point is known
+    beliefs = [event for event in watcher.told if isinstance(event, BeliefChanged)]
+    assert all(math.isclose(sum(share for _, _, share in b.hypotheses), 1.0, abs_tol=1e-9) for b in beliefs)
+    assert len(beliefs[0].hypotheses) > 1
+    assert all(belief.goal is not None for belief in beliefs)
+    (found,) = (event for event in watcher.told if isinstance(event, PlaceFound))
+    assert math.dist((found.north_m, found.east_m), (20.0, 5.0)) < 1.0
+    assert found.sure
+    assert found.covariance is not None
+
+
+def test_beliefs_are_told_twice_a_second_at_most_and_only_by_strategies_that_have_some() -> None:
+    told: list[Event] = []
+    beliefs = Beliefs(told.append)
+    for step in range(21):
+        beliefs.look(step / 10, 7, Thinker(1.0))
+    assert [event.time_s for event in told] == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert told[0] == BeliefChanged(0.0, 7, ((1.0, 2.0, 1.0),), None, (3.0, 4.0))
+    beliefs.look(9.0, None, None)
+    unsaid = Thinker(1.0)
+    unsaid.said = "left, I think"
+    beliefs.look(9.0, None, unsaid)
+    assert len(told) == 5
+    beliefs.found(9.5, 7, Found(1.0, 2.0), False)
+    assert told[5:] == [PlaceFound(9.5, 7, 1.0, 2.0, None, False)]
+
+
+def test_an_estimate_believes_in_where_it_goes() -> None:
+    estimate = Estimate(1.0)
+    assert estimate.belief == Belief()
+    flight = fly(estimate, PAPER[0])
+    assert flight.found is not None
+    best = max(estimate.belief.hypotheses, key=lambda place: place[2])
+    assert math.dist(best[:2], flight.found[:2]) < 0.5
+    assert Extremum(1.0).belief == Belief()
+
+
+def test_frames_are_told_ten_times_a_second_with_the_place_of_the_receiver() -> None:
+    told: list[Event] = []
+    frames = FramesTold(Mount((1.0, 0.0, 0.0)), told.append)
+    half = math.sqrt(0.5)
+    east = VehicleState(0.0, np.array([3.0, 2.0, -1.0]), np.zeros(3), np.array([half, 0.0, 0.0, half]), 0.0)
+    for step in range(5):
+        frames.tell(FRAME, step / 20, east if step else None)
+    assert told[0] == FrameHeard(0.0, FRAME, None, None)
+    (second, third) = told[1:]
+    assert (second.time_s, third.time_s) == (0.1, 0.2)
+    assert isinstance(second, FrameHeard)
+    assert second.position == pytest.approx((3.0, 3.0, -1.0))
+    assert second.heading_deg == pytest.approx(90.0)
+    assert take_off_point(1.0, LocalFrame(46.0, 7.0, 1650.0)).lat == pytest.approx(46.0)
