@@ -1,0 +1,55 @@
+"""Frames of ROS (REP 103): the world is east, north, up; bodies are forward, left, up.
+
+All else in arva-hil is north, east, down and forward, right, down.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from arva_hil.field import quaternion, rotation
+from arva_hil.messages.types import Point, Pose, Quaternion, Transform, Vector3
+
+_NED_TO_ENU = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # (w, x, y, z): half a turn about the line north-east
+_FLU_TO_FRD = (0.0, 1.0, 0.0, 0.0)  # half a turn about forward
+
+
+def point(ned: Sequence[float]) -> Point:
+    """A place NED as one ENU; metres."""
+    north, east, down = ned
+    return Point(east, north, -down)
+
+
+def body_vector(frd: Sequence[float]) -> Vector3:
+    """A vector of a body FRD as one FLU."""
+    forward, right, down = frd
+    return Vector3(forward, -right, -down)
+
+
+def orientation(matrix: ArrayLike) -> Quaternion:
+    """The rotation (3, 3) FRD → NED as the quaternion FLU → ENU."""
+    of_body = quaternion.from_euler(*rotation.to_euler(matrix).tolist())
+    w, x, y, z = quaternion.multiply(quaternion.multiply(_NED_TO_ENU, of_body), _FLU_TO_FRD)
+    return Quaternion(x, y, z, w)
+
+
+def pose(position: ArrayLike, matrix: ArrayLike) -> Pose:
+    """Position (3,) NED, metres, and rotation (3, 3) FRD → NED as a pose in ENU."""
+    return Pose(point(np.asarray(position, float).tolist()), orientation(matrix))
+
+
+def transform(of: Pose) -> Transform:
+    """A pose as the transform from its body to the world."""
+    at = of.position
+    return Transform(Vector3(at.x, at.y, at.z), of.orientation)
+
+
+def pose_of_frame(origin: ArrayLike, matrix: ArrayLike) -> Pose:
+    """The pose of another world: its origin (3,) NED, and the rotation (3, 3) from its NED to this one's."""
+    of_world = quaternion.from_euler(*rotation.to_euler(matrix).tolist())
+    w, x, y, z = quaternion.multiply(quaternion.multiply(_NED_TO_ENU, of_world), _NED_TO_ENU)
+    return Pose(point(np.asarray(origin, float).tolist()), Quaternion(-x, -y, -z, -w))

@@ -1,0 +1,70 @@
+"""Names of topics and frames, of the letters, digits and underscores that ROS allows."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+MAP: Final = "map"  # the world, its origin the scenario's
+TF: Final = "/tf"
+DIAGNOSTICS: Final = "/diagnostics"
+
+
+class ReceiverNames(NamedTuple):
+    """Of one receiver. `map`: the frame in which it is; `frame`: its own; `transmitter`: those of transmitters,
+    before their ids. The others are topics.
+    """
+
+    map: str
+    frame: str
+    transmitter: str
+    arva: str
+    pose: str
+    reported_pose: str
+    fix: str
+    visualization: str
+
+
+def names_of(receivers: Sequence[tuple[str, str]]) -> dict[tuple[str, str], ReceiverNames]:
+    """The names of all receivers, by vehicle and receiver; one alone, with its vehicle, has them without a prefix."""
+    if len(receivers) < 2:
+        return {of: _names("", MAP) for of in receivers or [("vehicle", "receiver")]}
+    vehicles = unique([vehicle for vehicle, _ in receivers])
+    prefixes = unique([f"{vehicles[vehicle]}/{receiver}" for vehicle, receiver in receivers])
+    return {
+        (vehicle, receiver): _names(f"{prefixes[f'{vehicles[vehicle]}/{receiver}']}/", f"{vehicles[vehicle]}/{MAP}")
+        for vehicle, receiver in receivers
+    }
+
+
+def word(name: str) -> str:
+    """A name as ROS allows it: letters, digits and underscores, no digit first."""
+    allowed = re.sub("[^A-Za-z0-9_]", "_", name)
+    return f"_{allowed}" if allowed[:1].isdigit() else allowed
+
+
+def unique(names: Sequence[str]) -> dict[str, str]:
+    """Each name as ROS allows it, unlike the others; slashes stay."""
+    given: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        allowed = "/".join(map(word, name.split("/")))
+        number, free = 2, allowed
+        while free in given.values():
+            free, number = f"{allowed}_{number}", number + 1
+        given[name] = free
+    return given
+
+
+def _names(prefix: str, world: str) -> ReceiverNames:
+    own = world.removesuffix(MAP)
+    return ReceiverNames(
+        world,
+        f"{prefix}arva_receiver",
+        f"{own}arva_data_",
+        f"/{prefix}arva",
+        f"/{prefix}arva/pose",
+        f"/{prefix}arva/reported_pose",
+        f"/{prefix}arva/fix",
+        f"/{prefix}arva/visualization",
+    )

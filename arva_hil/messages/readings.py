@@ -1,0 +1,187 @@
+"""The messages of a run: each reading, where it was taken, what was there to hear, and how all is.
+
+They are made from the events of a live run, or from the rows of a record; so both give the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.config import Scenario
+from arva_hil.emulator.build import moving_transmitters
+from arva_hil.emulator.fleet import receivers_of
+from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
+from arva_hil.field import LocalFrame, MovingTransmitters, Transmitters
+from arva_hil.field.dipole import field_of
+from arva_hil.messages import frames, markers
+from arva_hil.messages.diagnostics import diagnostics
+from arva_hil.messages.names import DIAGNOSTICS, MAP, TF, ReceiverNames, names_of
+from arva_hil.messages.publication import Publication, header, stamp_of
+from arva_hil.messages.types import (
+    Arva,
+    ArvaData,
+    MarkerArray,
+    NavSatFix,
+    NavSatStatus,
+    PoseStamped,
+    TFMessage,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
+from arva_hil.receiver import Pose
+from arva_hil.receiver.reading import ChannelReading
+
+_EMPTY: Final = -1  # the id of an empty slot
+_NOWHERE: Final = Vector3(0.0, 0.0, 0.0)
+_SHAPES_S: Final = 0.2  # shapes are not drawn anew sooner
+_STATUS_S: Final = 1.0
+_FIX: Final = NavSatStatus(0, 1)  # a fix, of GPS
+_UNKNOWN: Final = (0.0,) * 9
+
+
+class Taken(NamedTuple):
+    """One reading. `stamp_ns`: of its instant, since 1970; `instant_s`: the same from the start of the run; `pose`: the
+    receiver's true one, `reported`: by what its vehicle says; None: not known.
+    """
+
+    vehicle: str
+    receiver: str
+    stamp_ns: int
+    instant_s: float
+    pose: Pose | None
+    reported: Pose | None
+    channels: Sequence[ChannelReading]
+
+
+class RunMessages:
+    """Makes the messages of one run. Remembers each vehicle's datum and transmitters, and what was published when.
+
+    `epoch_us`: microseconds since 1970 at the loop's time 0. Transmitters that follow a vehicle are not drawn, and
+    their field is not known here.
+    """
+
+    def __init__(self, scenario: Scenario, epoch_us: int) -> None:
+        self._scenario = scenario
+        self._epoch_us = epoch_us
+        self._names = names_of(receivers_of(scenario))
+        self._datums: dict[str, LocalFrame] = {}
+        self._there: dict[str, MovingTransmitters] = {}
+        self._shaped: dict[tuple[str, str], int] = {}  # when, ns
+        self._next_status_ns = 0
+
+    def of_event(self, event: Event) -> list[Publication]:
+        """The messages of an event of a live run; none of most."""
+        if isinstance(event, FrameMade):
+            stamp = stamp_of(self._epoch_us, event.time_s - event.late_s)
+            poses = event.pose, event.reported_pose
+            return self.of_reading(
+                Taken(event.vehicle, event.receiver, stamp, event.instant_s, *poses, event.reading.channels)
+            )
+        if isinstance(event, DatumSet):
+            stamp = stamp_of(self._epoch_us, event.time_s)
+            return self.place(event.vehicle, (event.lat, event.lon, event.alt), stamp)
+        if isinstance(event, StatusReport):
+            return self._of_status(event)
+        return []
+
+    def place(self, vehicle: str, lla: tuple[float, float, float], stamp_ns: int) -> list[Publication]:
+        """The vehicle's datum: degrees, degrees, metres AMSL. With several vehicles, where its map is in the world."""
+        self._datums[vehicle] = own = LocalFrame(*lla)
+        self._there[vehicle] = moving_transmitters(self._scenario, own)
+        maps = {names.map for (of, _), names in self._names.items() if of == vehicle} - {MAP}
+        world = next(iter(self._datums.values()))
+        return [
+            Publication(
+                TF,
+                stamp_ns,
+                TFMessage([TransformStamped(header(stamp_ns, MAP), map_, between(world, own))]),
+            )
+            for map_ in sorted(maps)
+        ]
+
+    def of_reading(self, taken: Taken) -> list[Publication]:
+        """The messages of one reading."""
+        key, stamp = (taken.vehicle, taken.receiver), taken.stamp_ns
+        if (names := self._names.get(key)) is None:
+            return []
+        there = self._transmitters(taken)
+        directions = _directions(taken.pose, there)
+        own, world = header(stamp, names.frame), header(stamp, names.map)
+        slots = [_slot(channel, directions) for channel in taken.channels]
+        made = [Publication(names.arva, stamp, Arva(own, slots))]
+        transforms = []
+        if taken.pose is not None:
+            pose = frames.pose(taken.pose.position, taken.pose.rotation)
+            made.append(Publication(names.pose, stamp, PoseStamped(world, pose)))
+            transforms.append(TransformStamped(world, names.frame, frames.transform(pose)))
+            if datum := self._datums.get(taken.vehicle):
+                lat, lon, alt = map(float, datum.lla(taken.pose.position))
+                made.append(Publication(names.fix, stamp, NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0)))
+        if taken.reported is not None and taken.reported is not taken.pose:
+            reported = frames.pose(taken.reported.position, taken.reported.rotation)
+            made.append(Publication(names.reported_pose, stamp, PoseStamped(world, reported)))
+        if self._may_draw(key, stamp):
+            shapes = [markers.field(own, n, slot.id, slot.direction) for n, slot in enumerate(slots, 1)]
+            for id_, place, rotation in _placed(there):
+                pose = frames.pose(place, rotation)
+                shapes += markers.transmitter(world, id_, pose)
+                transforms.append(TransformStamped(world, f"{names.transmitter}{id_}", frames.transform(pose)))
+            made.append(Publication(names.visualization, stamp, MarkerArray(shapes)))
+        if transforms:
+            made.insert(0, Publication(TF, stamp, TFMessage(transforms)))
+        return made
+
+    def names(self, vehicle: str, receiver: str) -> ReceiverNames | None:
+        """The receiver's topics and frames."""
+        return self._names.get((vehicle, receiver))
+
+    def _of_status(self, report: StatusReport) -> list[Publication]:
+        stamp = stamp_of(self._epoch_us, report.time_s)
+        if stamp < self._next_status_ns:
+            return []
+        self._next_status_ns = stamp + round(_STATUS_S * 1e9)
+        return [Publication(DIAGNOSTICS, stamp, diagnostics(report, header(stamp, "")))]
+
+    def _transmitters(self, taken: Taken) -> Transmitters | None:
+        there = self._there.get(taken.vehicle)
+        return None if there is None else there.at(taken.instant_s, lambda system: None)
+
+    def _may_draw(self, key: tuple[str, str], stamp_ns: int) -> bool:
+        if abs(stamp_ns - self._shaped.get(key, -(2**63))) < _SHAPES_S * 1e9:
+            return False
+        self._shaped[key] = stamp_ns
+        return True
+
+
+def between(world: LocalFrame, own: LocalFrame) -> Transform:
+    """The transform from `own`'s ENU to that of `world`."""
+    origin, *ends = world.ned(*own.lla([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]))
+    return frames.transform(frames.pose_of_frame(origin, np.stack([end - origin for end in ends], axis=1)))
+
+
+def _placed(there: Transmitters | None) -> list[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
+    """Id, place NED and rotation of the transmitters whose place is known."""
+    if there is None:
+        return []
+    every = zip(there.ids, there.positions, there.rotations, strict=True)
+    return [one for one in every if one[0] not in there.unplaced]
+
+
+def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, Vector3]:
+    """The field at the receiver by transmitter, FLU."""
+    if pose is None or there is None or not there.ids:
+        return {}
+    field = field_of(pose.position, there.positions, there.rotations, there.strengths) @ pose.rotation
+    every = zip(there.ids, field.tolist(), strict=True)
+    return {id_: frames.body_vector(frd) for id_, frd in every if id_ not in there.unplaced}
+
+
+def _slot(channel: ChannelReading, directions: dict[int, Vector3]) -> ArvaData:
+    id_ = _EMPTY if channel.id is None else channel.id
+    direction = directions.get(id_, _NOWHERE)
+    return ArvaData(id_, float(channel.d_cm), direction, channel.delta_deg, int(channel.zone))
