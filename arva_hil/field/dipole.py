@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from arva_hil.field.arrays import Array, floats, vector
+from arva_hil.field.keying import Keying
 
 __all__ = ["Transmitters", "dipole_field", "field_of"]
 
@@ -30,11 +31,14 @@ class Transmitters:
     rotations: Array  # (M, 3, 3) R_t, transmitter → NED; the dipole lies along the transmitter's x
     strengths: Array  # (M,) κ‖m‖; 1 is the reference transmitter
     unplaced: frozenset[int] = frozenset()
+    keyings: tuple[Keying, ...] = ()  # of each; none: nothing is said of when they send
 
     def __post_init__(self) -> None:
         m = len(self.ids)
         for name, shape in ("positions", (m, 3)), ("rotations", (m, 3, 3)), ("strengths", (m,)):
             object.__setattr__(self, name, vector(name, getattr(self, name), *shape))
+        if len(self.keyings) not in (0, m):
+            raise ValueError(f"{len(self.keyings)} keyings: expected {m}, one for each transmitter, or none")
 
     def ranges(self, point: ArrayLike) -> dict[int, float]:
         """The distance [m] of each transmitter from a point (3,) in NED, by id."""
