@@ -196,7 +196,10 @@ def _said(error: BaseException) -> str:
 RECEIVERS: Final = Registry(
     "receiver model",
     "arva_hil.receivers",
-    {"paper": "arva_hil.receiver.paper:PaperReceiver"},
+    {
+        "paper": "arva_hil.receiver.paper:PaperReceiver",
+        "pulsed": "arva_hil.receiver.pulsed:PulsedReceiver",
+    },
     ("from_settings", "next_look", "look", "show", "command"),
 )
 FORMATS: Final = Registry(

@@ -154,7 +154,7 @@ EVERYBODY = {"arva_hil.errors", "arva_hil.registry"}  # they import nothing of o
 OF_OTHERS = {  # a room → the only packages it may import that are neither ours nor Python's
     "firmware_proto": {"fastcrc"},
     "arva_hil/field": {"numpy"},
-    "arva_hil/receiver": {"numpy"},
+    "arva_hil/receiver": {"annotated_types", "numpy"},
     "arva_hil/links": {"serial"},
     "arva_hil/messages": {"numpy"},
     "arva_hil/config": {"pydantic", "pydantic_core", "yaml"},

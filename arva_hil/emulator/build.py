@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from arva_hil import config
 from arva_hil.field import Following, LocalFrame, Mount, MovingTransmitters, Transmitters, Waypoints, rotation
+from arva_hil.field.keying import KEYING_CLASSES, draw_keying
 from arva_hil.receiver import ReceiverModel
 from arva_hil.registry import RECEIVERS
 
@@ -21,6 +22,7 @@ def transmitters(scenario: config.Scenario, frame: LocalFrame) -> Transmitters:
         np.array([_place(t, frame) for t in every]),
         np.array([rotation.to_matrix(_quaternion(t.attitude)) for t in every]),
         np.array([t.strength for t in every]),
+        keyings=tuple(draw_keying(KEYING_CLASSES["modern"], scenario.seed, t.id) for t in every),
     )
 
 

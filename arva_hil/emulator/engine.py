@@ -87,7 +87,7 @@ class EmulatedVehicle:
         ]
         self.told_missing = False
         self._followed = followed
-        self._scenarios = [receiver.scenario for receiver in setup.receivers]
+        self._scenario = setup.scenario
         if self.datum.frame:
             self._place()
 
@@ -125,8 +125,8 @@ class EmulatedVehicle:
 
     def _place(self) -> None:
         assert self.datum.frame is not None
-        for source, scenario in zip(self.sources, self._scenarios, strict=True):
-            source.place(self.datum.frame, scenario)
+        for source in self.sources:  # all hear the same transmitters
+            source.place(self.datum.frame, self._scenario)
 
 
 class Emulator:

@@ -22,7 +22,10 @@ _WORST_BACKLOG_S: Final = 1.0  # frames that are late by more than this are skip
 
 
 class Schedule:
-    """Absolute deadlines: n / rate after `start`, each up to `jitter_s` late. Lateness never adds up."""
+    """Absolute deadlines: n / rate after `start`, each up to `jitter_s` late. Lateness never adds up.
+
+    From a frame on that was brought forward, the deadlines are counted anew.
+    """
 
     def __init__(self, start: float, rate_hz: float, jitter_s: float, seed: int) -> None:
         self.number = 0
@@ -35,6 +38,11 @@ class Schedule:
     def advance(self) -> None:
         self.number += 1
         self.deadline = self._at(self.number)
+
+    def bring_forward(self, t: float) -> None:
+        """The next frame is due at `t`, no later than its deadline."""
+        self._start = t - self.number / self._rate
+        self.deadline = t
 
     def _at(self, number: int) -> float:
         late = self._jitter * self._random.random() if self._jitter else 0.0
@@ -133,7 +141,10 @@ class FrameSource:
         while (t := min(receiver.next_due, schedule.deadline)) <= now and ready(t):
             at = now if live else t
             if receiver.next_due <= t:
-                self.events += receiver.look(at, vehicle)
+                wanted, told = receiver.look(at, vehicle)
+                self.events += told
+                if wanted:
+                    schedule.bring_forward(t)
             if t < schedule.deadline:
                 receiver.plan(schedule.deadline)
                 continue

@@ -97,8 +97,8 @@ class VirtualReceiver:
             raise ValueError(f"the receiver's model looks at {self._next_look_s:g} s, not later than {after_s:g} s")
         self.next_due = frame if self._next_look_s == frame_s else self._start + self._next_look_s
 
-    def look(self, now: float, vehicle: PoseSource) -> list[Event]:
-        """Look as planned, at the instant `next_due`; what there is to tell at `now`."""
+    def look(self, now: float, vehicle: PoseSource) -> tuple[bool, list[Event]]:
+        """Look as planned, at the instant `next_due`: whether a frame is wanted at once, and what to tell at `now`."""
         t, self._look_s = self.next_due, self._next_look_s
         state, reported = vehicle.states(t)
         fresh = self._is_fresh(state)
@@ -109,8 +109,7 @@ class VirtualReceiver:
             reported_pose = self._pose(reported) if self._is_fresh(reported) else None
         there = self._transmitters.at(self._look_s, lambda system: vehicle.pose_of(system, t))
         self.seen = Seen(t, pose, reported_pose, state.age_s if state else None, there)
-        self._model.look(Look(self._look_s, pose, there))
-        return events
+        return bool(self._model.look(Look(self._look_s, pose, there))), events
 
     def show(self, t: float, now: float, vehicle: PoseSource) -> tuple[Reading, Sequence[Event]]:
         """What it says at `t`, and what there is to tell of it at `now`."""

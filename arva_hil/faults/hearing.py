@@ -40,7 +40,7 @@ class FaultyReceiver:
         """See `ReceiverModel`."""
         return self._model.next_look(after_s, frame_s)
 
-    def look(self, look: Look) -> None:
+    def look(self, look: Look) -> bool | None:
         """See `ReceiverModel`."""
         time_us = round(look.time_s * 1e6)
         for switch, strike in self._changes:
@@ -50,7 +50,7 @@ class FaultyReceiver:
         if loud := [noise.draw(m) for switch, noise in self._loud if switch.turn(time_us)]:
             look = replace(look, noise=sum(loud[1:], loud[0]))
         self._look = look
-        self._model.look(look)
+        return self._model.look(look)
 
     def show(self, time_s: float) -> Reading:
         """See `ReceiverModel`. While it is stuck: the earlier reading, with the true ranges of the newest look."""

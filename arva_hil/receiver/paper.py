@@ -15,7 +15,17 @@ from arva_hil.field.dipole import field_of
 from arva_hil.receiver.reading import ChannelReading, Reading, Zone, with_true_ranges
 from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
 
-__all__ = ["Antennas", "NoiseKind", "NoiseSource", "PaperReceiver", "draw_noise", "noise_bound", "outputs", "receive"]
+__all__ = [
+    "Antennas",
+    "NoiseKind",
+    "NoiseSource",
+    "PaperReceiver",
+    "distance",
+    "draw_noise",
+    "noise_bound",
+    "outputs",
+    "receive",
+]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -83,26 +93,29 @@ def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
     return h @ R_r + Q * (w @ R_r)
 
 
-def outputs(h_r: ArrayLike, kappa_eq: float) -> tuple[Ints, Ints, Ints]:
+def outputs(
+    h_r: ArrayLike, kappa_eq: float, inner_m: float = _INNER_M, mid_m: float = _MID_M
+) -> tuple[Ints, Ints, Ints]:
     """(d in cm, δ in degrees, `Zone`), each (...), from the signal at the antennas (..., 3) (eq. 6, 7, 8).
 
     OUTER gives (−1, −1). h_x = 0 gives δ = ±89 with the sign of h_y. In the inner zone L_xy h_r may be 0.
+    `inner_m`, `mid_m`: the largest d of those zones.
     """
     h_r = np.asarray(h_r, float)
     x, y, z = h_r[..., 0], h_r[..., 1], h_r[..., 2]
     flat = np.hypot(x, y)
-    d_full, d_xy = _distance(np.hypot(flat, z), kappa_eq), _distance(flat, kappa_eq)
-    inner = d_full <= _INNER_M
+    d_full, d_xy = distance(np.hypot(flat, z), kappa_eq), distance(flat, kappa_eq)
+    inner = d_full <= inner_m
     d = np.where(inner, d_full, d_xy)
-    heard = d <= _MID_M
+    heard = d <= mid_m
     d_cm = np.where(heard, _rounded(100 * d), -1)
     delta = _rounded(np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x))))
     delta_deg = np.where(heard & ~inner, np.minimum(np.maximum(delta, -89), 89), inner - 1)
     return d_cm.astype(np.int64), delta_deg.astype(np.int64), inner.astype(np.int64) + heard
 
 
-def _distance(h: Array, kappa_eq: float) -> Array:
-    """Eq. 6, 8. If h is 0, a finite distance beyond every zone."""
+def distance(h: Array, kappa_eq: float) -> Array:
+    """d [m] of a field's magnitude (...) (eq. 6, 8). If h is 0, a finite distance beyond every zone."""
     return math.cbrt(kappa_eq / (4 * math.pi)) / np.cbrt(np.maximum(h, 1e-200))
 
 

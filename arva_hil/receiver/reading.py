@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-__all__ = ["ChannelReading", "Reading", "Zone", "with_true_ranges"]
+__all__ = ["ChannelReading", "PulseReading", "Reading", "Zone", "with_true_ranges"]
 
 
 class Zone(IntEnum):
@@ -18,11 +18,26 @@ class Zone(IntEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class PulseReading:
+    """The newest pulse of a slot, as a receiver that hands on what it measures has it.
+
+    The signs are relative to each other: a receiver does not know the phase of the transmitter. Antennas that it has
+    not give 0.
+    """
+
+    time_s: float  # its end, seconds from the start of the run
+    signal_na_m: tuple[float, float, float]  # at the antennas x, y, z, signed, nA/m
+    period_s: float | None  # of the transmitter; None: not known
+    carrier_hz: float | None  # offset from 457 kHz; None: not known
+
+
+@dataclass(frozen=True, slots=True)
 class ChannelReading:
     """One slot of the receiver. An empty slot has no id, zone OUTER and the no-signal values.
 
     `true_range_m`: the distance to the slot's transmitter. Empty slots have the distances of transmitters that no slot
-    shows, nearest first. None if there is no such transmitter, or no pose.
+    shows, nearest first. None if there is no such transmitter, or no pose. A slot whose transmitter is not heard for
+    the moment is blank: it has an id, zone OUTER and the no-signal values.
     """
 
     id: int | None
@@ -30,15 +45,19 @@ class ChannelReading:
     d_cm: int
     delta_deg: int  # positive to the right; the 180° ambiguity is the receiver's own
     true_range_m: float | None
+    marked: bool = False  # by the host, as found
+    pulse: PulseReading | None = None  # of receivers that measure pulses
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """The content of one frame: all slots, nearest first, empty ones last."""
+    """The content of one frame: all slots, nearest first, marked ones behind the others, empty ones last."""
 
     channels: tuple[ChannelReading, ...]
     interference: bool  # noise above the floor that a receiver is specified for
     more_heard: bool  # more transmitters than slots
+    overlapping: bool = False  # pulses of several transmitters disturb each other
+    searching: bool = True  # False: it has gone back to sending by itself, and hears nothing
 
 
 def with_true_ranges(channels: Iterable[ChannelReading], ranges: Mapping[int, float]) -> tuple[ChannelReading, ...]:
@@ -47,6 +66,14 @@ def with_true_ranges(channels: Iterable[ChannelReading], ranges: Mapping[int, fl
     shown = {c.id for c in every}
     rest = iter(sorted(metres for id_, metres in ranges.items() if id_ not in shown))
     return tuple(
-        ChannelReading(c.id, c.zone, c.d_cm, c.delta_deg, next(rest, None) if c.id is None else ranges.get(c.id))
+        ChannelReading(
+            c.id,
+            c.zone,
+            c.d_cm,
+            c.delta_deg,
+            next(rest, None) if c.id is None else ranges.get(c.id),
+            c.marked,
+            c.pulse,
+        )
         for c in every
     )

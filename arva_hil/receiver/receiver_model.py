@@ -102,8 +102,8 @@ class ReceiverModel(Protocol):
         A look at the instant of a frame comes before that frame. Called after each look and each frame.
         """
 
-    def look(self, look: Look) -> None:
-        """Hear the transmitters at one instant."""
+    def look(self, look: Look) -> bool | None:
+        """Hear the transmitters at one instant. True asks for a frame of this instant, before the next one is due."""
 
     def show(self, time_s: float) -> Reading:
         """The reading at an instant, not before the newest look. Before the first look every slot is empty."""

@@ -1,0 +1,90 @@
+"""A `pulsed` receiver that hovers among transmitters: time goes on, readings come out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from arva_hil.config import Noise, ReceiverOptions
+from arva_hil.field import Transmitters
+from arva_hil.field.keying import Keying
+from arva_hil.receiver import Look, Pose, Reading
+from arva_hil.receiver.pulsed import PulsedReceiver
+
+PAPER = {"threshold_na_m": 6.168, "start_s": 0.0, "steps": "cm"}
+"""The keys that make of it the paper's receiver: 50 m, three antennas, whole centimetres."""
+
+
+def transmitters(
+    *places: ArrayLike, keyings: Sequence[Keying], strengths: Sequence[float] = (), rotations: ArrayLike | None = None
+) -> Transmitters:
+    """With ids 1, 2, …; their dipoles point north unless told otherwise."""
+    m = len(places)
+    turned = np.tile(np.eye(3), (m, 1, 1)) if rotations is None else np.asarray(rotations, float)
+    return Transmitters(
+        tuple(range(1, m + 1)),
+        np.array(places, float),
+        turned,
+        np.array(strengths or [1.0] * m),
+        keyings=tuple(keyings),
+    )
+
+
+class Hovering:
+    """At `position`, turned by `rotation`; both may be set anew. `options`: keys of the model."""
+
+    def __init__(
+        self,
+        there: Transmitters,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rotation: ArrayLike | None = None,
+        *,
+        noise: str = "off",
+        channels: int = 4,
+        seed: int = 1,
+        **options: Any,
+    ) -> None:
+        self.transmitters = there
+        self.position: NDArray[np.float64] = np.asarray(position, float)
+        self.rotation = np.eye(3) if rotation is None else np.asarray(rotation, float)
+        settings = ReceiverOptions(
+            channels=channels,
+            noise=Noise(noise),  # type: ignore[arg-type]
+            model="pulsed",
+            options=options,
+        )
+        self.model = PulsedReceiver.from_settings(settings, seed)
+        self.now = -1e-9
+
+    def looks(self, until_s: float) -> Iterator[bool]:
+        """Let time pass; each look, and whether it asks for a frame."""
+        while (t := self.model.next_look(self.now, until_s)) <= until_s:
+            self.now = t
+            yield self.model.look(Look(t, Pose(self.position, self.rotation), self.transmitters))
+
+    def read(self, until_s: float) -> Reading:
+        """Let time pass, and the reading then."""
+        for _ in self.looks(until_s):
+            pass
+        return self.model.show(until_s)
+
+    def readings(self, until_s: float, step_s: float) -> list[Reading]:
+        """Of every step until then."""
+        times = np.arange(self.now + step_s, until_s, step_s).tolist()
+        return [self.read(t) for t in times]
+
+    def change(self, index: int, **of_keying: Any) -> None:
+        """Another way of sending of one transmitter."""
+        keyings = list(self.transmitters.keyings)
+        keyings[index] = replace(keyings[index], **of_keying)
+        self.transmitters = replace(self.transmitters, keyings=tuple(keyings))
+
+    def silence(self, *indices: int) -> None:
+        """Switch transmitters off, and all others on."""
+        strengths = np.ones(len(self.transmitters.ids))
+        strengths[list(indices)] = 0.0
+        self.transmitters = replace(self.transmitters, strengths=strengths)

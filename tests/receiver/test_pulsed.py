@@ -1,0 +1,279 @@
+"""The receiver that listens to pulses: the paper's integers, rhythm, hold and blanks, overlap, slots, marks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from arva_hil.field.keying import Keying
+from arva_hil.receiver import Answer, Antennas, Look, PaperReceiver, Pose, Reading, Zone
+from tests.pulsed_receiver import PAPER, Hovering, transmitters
+
+STEADY = Keying(1.0, 0.08, 0.25)
+OTHER = Keying(0.83, 0.08, 0.6, carrier_hz=40.0)
+PLACES = st.tuples(*[st.floats(-45, 45)] * 3)
+
+
+def ids(reading: Reading) -> list[int | None]:
+    return [channel.id for channel in reading.channels if channel.id is not None]
+
+
+def shown(reading: Reading) -> dict[int, int]:
+    """d in cm by id, of slots that are not blank."""
+    return {c.id: c.d_cm for c in reading.channels if c.id is not None and c.zone}
+
+
+@settings(max_examples=200, deadline=None)
+@given(PLACES, st.integers(0, 2**32 - 1), st.floats(0.5, 2.24), st.sampled_from([1, 3, 4]))
+def test_with_pulses_and_noise_off_one_transmitter_hovering_it_settles_to_the_integers_of_the_paper(
+    place: tuple[float, float, float], turns: int, strength: float, channels: int
+) -> None:
+    rng = np.random.default_rng(turns)
+    R_t, R_r = Rotation.random(2, rng).as_matrix()
+    there = transmitters([0.0, 0.0, 0.0], keyings=[STEADY], strengths=[strength], rotations=[R_t])
+    paper = PaperReceiver(Antennas(noise="off"), channels)
+    paper.look(Look(0.0, Pose(place, R_r), there))
+    expected = [(c.id, c.zone, c.d_cm, c.delta_deg, c.true_range_m) for c in paper.show(0.0).channels]
+    reading = Hovering(there, place, R_r, channels=channels, **PAPER).read(2.4)
+    assert [(c.id, c.zone, c.d_cm, c.delta_deg, c.true_range_m) for c in reading.channels] == expected
+    assert not reading.interference
+    assert not reading.more_heard
+
+
+def test_a_slot_opens_with_the_second_pulse_behind_the_start() -> None:
+    receiver = Hovering(transmitters([20, 0, 0], keyings=[STEADY]))
+    assert ids(receiver.read(3.0)) == []
+    assert ids(receiver.read(4.32)) == []
+    assert ids(receiver.read(4.34)) == [1]  # pulses end at 3.33 and 4.33 s
+
+
+def test_it_looks_once_a_pulse_and_asks_for_a_frame_then_if_told_so() -> None:
+    there = transmitters([20, 0, 0], keyings=[STEADY])
+    receiver = Hovering(there, start_s=0.0, frames="pulses")
+    asked = list(receiver.looks(10.0))
+    assert sum(asked) == 9  # ten pulses, the first of which opens nothing
+    assert not any(Hovering(there, start_s=0.0).looks(10.0))
+
+
+def test_a_reading_is_held_for_a_period_and_a_half_then_blank_then_the_slot_is_dropped() -> None:
+    receiver = Hovering(transmitters([20, 0, 0], keyings=[STEADY]))
+    assert shown(receiver.read(5.4)) == {1: 1800}  # the newest pulse ended at 5.33 s
+    receiver.silence(0)
+    assert shown(receiver.read(6.82)) == {1: 1800}
+    blank = receiver.read(6.84)
+    assert ids(blank) == [1]
+    assert (blank.channels[0].zone, blank.channels[0].d_cm, blank.channels[0].delta_deg) == (Zone.OUTER, -1, -1)
+    assert ids(receiver.read(10.8)) == [1]
+    assert ids(receiver.read(10.85)) == []
+    receiver.silence()
+    assert shown(receiver.read(12.4)) == {1: 1800}
+
+
+def test_a_pulse_out_of_rhythm_does_not_count() -> None:
+    receiver = Hovering(transmitters([20, 0, 0], keyings=[STEADY]))
+    receiver.read(5.4)
+    receiver.transmitters = transmitters([10, 0, 0], keyings=[STEADY])
+    assert shown(receiver.read(6.4)) == {1: 920}
+    rough = Hovering(transmitters([20, 0, 0], keyings=[Keying(1.0, 0.08, 0.25, jitter_s=0.02)]))
+    blanks = sum(not shown(reading) for reading in rough.readings(200.0, 1.0)[5:])
+    assert 50 < blanks < 180
+
+
+def test_weaker_than_the_threshold_is_not_heard() -> None:
+    for threshold, d_m in [(6.168, 54.4), (2.25, 76.2)]:  # on the axis
+        for further, expected in [(0.0, [1]), (0.3, [])]:
+            receiver = Hovering(transmitters([d_m + further, 0, 0], keyings=[STEADY]), threshold_na_m=threshold)
+            assert ids(receiver.read(8.0)) == expected, (threshold, d_m, further)
+
+
+def test_two_pulses_that_touch_are_lost_or_the_6_db_stronger_one_is_read() -> None:
+    """Two transmitters in step, on carriers that can be told apart."""
+    in_step = [STEADY, Keying(1.0, 0.08, 0.29, carrier_hz=40.0)]
+    alike = Hovering(transmitters([20, 0, 0], [-20, 0, 0], keyings=in_step)).read(10.0)
+    assert ids(alike) == []
+    farther = Hovering(transmitters([20, 0, 0], [40, 0, 0], keyings=in_step)).read(10.0)
+    assert shown(farther) == {1: 1800}
+
+
+def test_while_overlapped_others_vanish_and_it_says_so() -> None:
+    receiver = Hovering(
+        transmitters([20, 0, 0], [25, 0, 0], keyings=[STEADY, Keying(1.05, 0.08, 0.6, carrier_hz=40.0)])
+    )
+    readings = receiver.readings(120.0, 0.25)[24:]
+    both = [len(shown(reading)) for reading in readings]
+    assert set(both) == {0, 2} or set(both) == {0, 1, 2}
+    assert any(reading.overlapping for reading in readings)
+
+
+def test_on_one_carrier_they_merge_into_one_sum_with_a_random_phase() -> None:
+    together = [Keying(1.0, 0.08, 0.25), Keying(1.0, 0.08, 0.251, carrier_hz=3.0)]
+    receiver = Hovering(transmitters([20, 0, 0], [20, 0.1, 0], keyings=together), **PAPER)
+    every = [shown(reading) for reading in receiver.readings(200.0, 1.0)[5:]]
+    assert not any(2 in reading for reading in every)
+    d = [reading[1] for reading in every if reading]
+    assert min(d) == pytest.approx(1834 / 2 ** (1 / 3), rel=0.01)  # in phase: twice the field
+    assert max(d) > 2500
+    assert len(set(d)) > 100
+
+
+def test_a_carrier_in_the_pauses_hides_a_weaker_transmitter() -> None:
+    """2 m from an old set, another one at 35 m: weaker than what leaks."""
+    old = Keying(0.9, 0.2, 0.0, carrier_hz=-40.0, leak_db=-71.0)
+    places = [2, 0, 0], [35, 0, 0]
+    assert ids(Hovering(transmitters(*places, keyings=[old, STEADY])).read(30.0)) == [1]
+    clean = Keying(0.9, 0.2, 0.0, carrier_hz=-40.0)
+    assert ids(Hovering(transmitters(*places, keyings=[clean, STEADY])).read(30.0)) == [1, 2]
+
+
+def test_the_nearest_take_the_slots_and_marked_ones_come_behind() -> None:
+    keyings = [
+        Keying(1.0, 0.07, 0.1),
+        Keying(1.0, 0.07, 0.4, carrier_hz=30.0),
+        Keying(1.0, 0.07, 0.7, carrier_hz=-30.0),
+    ]
+    receiver = Hovering(transmitters([5, 0, 0], [3.5, 0, 0], [30, 0, 0], keyings=keyings), channels=2)
+    reading = receiver.read(6.0)
+    assert ids(reading) == [2, 1]
+    assert reading.more_heard
+    assert receiver.model.command(6.0, "mark", [2]) is Answer.DONE
+    marked = receiver.read(6.05)
+    assert [(c.id, c.marked) for c in marked.channels] == [(1, False), (3, False)]
+    assert receiver.model.command(6.1, "mark", [1]) is Answer.DONE
+    assert [(c.id, c.marked) for c in receiver.read(6.15).channels] == [(3, False), (2, True)]
+    assert receiver.model.command(6.2, "unmark", [2]) is Answer.DONE
+    assert ids(receiver.read(6.25)) == [2, 3]
+
+
+def test_a_mark_is_refused_far_away_unheard_and_while_overlapped() -> None:
+    far = Hovering(transmitters([8, 0, 0], keyings=[STEADY]))
+    assert far.model.command(0.0, "mark", [1]) is Answer.REFUSED
+    far.read(6.0)
+    assert far.model.command(6.0, "mark", [1]) is Answer.REFUSED
+    assert far.model.command(6.0, "mark", [9]) is Answer.REFUSED
+    assert far.model.command(6.0, "mark", []) is Answer.REFUSED
+    assert far.model.command(6.0, "dance", []) is Answer.UNKNOWN
+    keyings = [Keying(1.0, 0.08, 0.25), Keying(0.9, 0.08, 0.25, carrier_hz=40.0)]
+    near = Hovering(transmitters([4, 0, 0], [-4, 0, 0], keyings=keyings))
+    answers = []
+    for n in range(60, 1000):
+        if 1 in shown(near.read(n / 10)):
+            answers.append(near.model.command(n / 10, "mark", [1]))
+    assert 0.7 < answers.count(Answer.DONE) / len(answers) < 0.95
+
+
+def test_a_mark_outlives_a_few_missed_pulses_and_comes_back_to_the_same_rhythm() -> None:
+    receiver = Hovering(transmitters([4, 0, 0], keyings=[STEADY]))
+    receiver.read(6.0)
+    assert receiver.model.command(6.0, "mark", [1]) is Answer.DONE
+    receiver.silence(0)
+    assert ids(receiver.read(30.0)) == []
+    receiver.silence()
+    assert receiver.read(33.0).channels[0].marked
+
+
+def test_a_mark_that_is_lost_goes_to_whoever_has_its_rhythm_and_so_the_host_is_led_back() -> None:
+    keyings = [STEADY, Keying(1.001, 0.08, 0.6, carrier_hz=5.0)]
+    receiver = Hovering(transmitters([4, 0, 0], [0, 4, 0], keyings=keyings))
+    receiver.silence(1)
+    receiver.read(6.0)
+    assert receiver.model.command(6.0, "mark", [1]) is Answer.DONE
+    receiver.silence(0, 1)
+    receiver.read(30.0)
+    receiver.silence(0)
+    assert [(c.id, c.marked) for c in receiver.read(33.0).channels[:1]] == [(2, True)]
+    receiver.silence()
+    assert [(c.id, c.marked) for c in receiver.read(36.0).channels[:2]] == [(1, False), (2, True)]
+
+
+def test_restart_forgets_marks_and_rhythms_and_takes_its_time() -> None:
+    receiver = Hovering(transmitters([4, 0, 0], keyings=[STEADY]))
+    receiver.read(6.0)
+    receiver.model.command(6.0, "mark", [1])
+    assert receiver.model.command(6.1, "restart", []) is Answer.DONE
+    assert ids(receiver.read(9.1)) == []
+    reading = receiver.read(12.0)
+    assert ids(reading) == [1]
+    assert not reading.channels[0].marked
+
+
+def test_hovering_for_long_it_goes_back_to_sending_until_it_is_told_to_search() -> None:
+    receiver = Hovering(transmitters([20, 0, 0], keyings=[STEADY]), revert_s=60.0)
+    assert receiver.read(59.0).searching
+    reading = receiver.read(62.0)
+    assert not reading.searching
+    assert ids(reading) == []
+    assert receiver.model.command(62.0, "search", []) is Answer.DONE
+    assert ids(receiver.read(65.0)) == [1]
+    receiver.position = np.array([3.0, 0.0, 0.0])
+    assert receiver.read(110.0).searching
+
+
+@pytest.mark.parametrize(("antennas", "zone", "delta"), [(1, Zone.MID, 0), (2, Zone.MID, 45), (3, Zone.INNER, 0)])
+def test_one_two_or_three_antennas(antennas: int, zone: int, delta: int) -> None:
+    turned = Rotation.from_euler("z", -45, degrees=True).as_matrix()
+    receiver = Hovering(transmitters([2, 0, 0], keyings=[STEADY]), rotation=turned, antennas=antennas)
+    (channel,) = receiver.read(6.0).channels[:1]
+    assert (channel.zone, channel.delta_deg) == (zone, delta)
+    assert channel.pulse
+    assert [value != 0 for value in channel.pulse.signal_na_m] == [True, antennas > 1, False]
+
+
+def test_a_dead_antenna_leaves_one_direction_and_saturation_a_shortest_distance() -> None:
+    there = transmitters([10, 10, 0], keyings=[STEADY])
+    assert Hovering(there, gains=(1.0, 0.0, 1.0)).read(6.0).channels[0].delta_deg == 0
+    assert Hovering(there, gains=(0.0, 1.0, 1.0)).read(6.0).channels[0].delta_deg == 89
+    near = transmitters([0.2, 0, 0], keyings=[STEADY])
+    clipped = Hovering(near, saturation_na_m=1e6, **PAPER).read(6.0).channels[0]
+    assert clipped.d_cm == pytest.approx(100 * (6283185.3 * 1.542 / (4 * np.pi * 1e6)) ** (1 / 3), abs=1)
+
+
+def test_distances_come_in_the_steps_of_two_digits() -> None:
+    for at, expected in [(20.0, 1800), (12.0, 1100), (10.0, 920), (5.0, 460), (1.0, 90), (0.0101, 0)]:
+        assert Hovering(transmitters([at, 0, 0], keyings=[STEADY])).read(6.0).channels[0].d_cm == expected
+    assert Hovering(transmitters([0.1, 0, 0], keyings=[STEADY]), lowest_m=0.3).read(6.0).channels[0].d_cm == 30
+
+
+def test_arrows_are_as_many_as_the_display_has() -> None:
+    seen = set()
+    for heading in range(0, 360, 3):
+        turned = Rotation.from_euler("z", heading, degrees=True).as_matrix()
+        receiver = Hovering(transmitters([20, 0, 0], keyings=[STEADY]), rotation=turned, directions=5)
+        seen.add(receiver.read(6.0).channels[0].delta_deg)
+    assert seen == {-72, -36, 0, 36, 72}
+
+
+def test_near_by_the_direction_is_zero_or_the_last_one() -> None:
+    turned = Rotation.from_euler("z", -45, degrees=True).as_matrix()
+    for choice, expected in [("zero", 0), ("frozen", 45)]:
+        receiver = Hovering(transmitters([10, 0, 0], keyings=[STEADY]), rotation=turned, near_direction=choice, **PAPER)
+        assert receiver.read(6.0).channels[0].delta_deg == 45
+        receiver.position = np.array([8.0, 0.0, 0.0])
+        channel = receiver.read(8.0).channels[0]
+        assert (channel.zone, channel.delta_deg) == (Zone.INNER, expected)
+
+
+def test_without_a_pose_pulses_are_missed() -> None:
+    receiver = Hovering(transmitters([20, 0, 0], keyings=[STEADY]), start_s=0.0)
+    receiver.read(3.0)
+    t = receiver.model.next_look(receiver.now, 4.0)
+    while t < 8.0:
+        receiver.model.look(Look(t, None, receiver.transmitters))
+        t = receiver.model.next_look(t, 9.0)
+    assert shown(receiver.model.show(8.0)) == {}
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"gains": (0, 0, 0)}, "expected three values in"),
+        ({"saturation_na_m": 2.0}, "saturation_na_m 2: expected above threshold_na_m"),
+        ({"threshold_na_m": 0.0}, "greater than 0"),
+        ({"antennas": 4}, "expected 1, 2 or 3|Input should be 1, 2 or 3"),
+    ],
+)
+def test_options_that_no_receiver_has_are_refused(options: dict[str, object], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Hovering(transmitters([1, 0, 0], keyings=[STEADY]), **options)
