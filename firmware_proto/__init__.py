@@ -4,6 +4,7 @@ Its section "What a reading means" says what d and δ are, and what a consumer d
 """
 
 from firmware_proto.binary import MAX_FRAME_BYTES, Decoder, encode
+from firmware_proto.commands import Answer, Command, HostForm
 from firmware_proto.frame import (
     INNER,
     INTERFERENCE,
@@ -33,11 +34,14 @@ __all__ = [
     "OUTER",
     "SELF_TEST_FAULT",
     "SYNTHETIC",
+    "Answer",
     "Channel",
+    "Command",
     "Decoder",
     "Format",
     "Frame",
     "FrameDecoder",
+    "HostForm",
     "NmeaDecoder",
     "TextDecoder",
     "encode",

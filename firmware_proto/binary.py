@@ -8,6 +8,7 @@ from typing import Final
 
 from fastcrc import crc16
 
+from firmware_proto.commands import BINARY_HOST
 from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Format, Frame, FrameDecoder, check
 
 VERSION: Final = 1
@@ -97,4 +98,4 @@ class Decoder(FrameDecoder):
         return Frame(data[at + 4], data[at + 5], channels)
 
 
-BINARY: Final = Format(encode, Decoder, numbered=True)
+BINARY: Final = Format(encode, Decoder, numbered=True, host=BINARY_HOST)

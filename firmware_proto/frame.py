@@ -7,7 +7,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+if TYPE_CHECKING:
+    from firmware_proto.commands import HostForm
 
 SYNTHETIC: Final = 1  # status bits; always set by an emulator
 INTERFERENCE: Final = 2  # above the receiver's limit
@@ -85,12 +88,14 @@ class Format(NamedTuple):
     """A wire format: how a frame becomes bytes, and bytes frames again.
 
     `encode` raises ValueError for a frame that does not fit. `decoder` makes a decoder for one stream of bytes.
-    `numbered`: a frame's sequence number and status are in its bytes.
+    `numbered`: a frame's sequence number and status are in its bytes. `host`: how commands and answers travel on the
+    same port, None if the receiver takes none.
     """
 
     encode: Callable[[Frame], bytes]
     decoder: Callable[[], FrameDecoder]
     numbered: bool = False
+    host: HostForm | None = None
 
 
 def missing(before: int, sequence: int) -> int:

@@ -7,6 +7,7 @@ from functools import reduce
 from operator import xor
 from typing import Final
 
+from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Format, Frame, FrameDecoder, check
 
 _MAX_SENTENCE: Final = 82  # bytes from `$` to the line feed, as in NMEA 0183
@@ -104,4 +105,4 @@ class NmeaDecoder(FrameDecoder):
         self._channels, self._bytes = [], 0
 
 
-NMEA: Final = Format(encode_nmea, NmeaDecoder, numbered=True)
+NMEA: Final = Format(encode_nmea, NmeaDecoder, numbered=True, host=LINE_HOST)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
+from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.frame import PAUSE_S, Channel, Format, Frame, FrameDecoder, check
 
 _LINE: Final = re.compile(rb"(-?\d{1,5}),(-?\d{1,5})\r?")
@@ -60,4 +61,4 @@ class TextDecoder(FrameDecoder):
         return Frame(sequence, 0, (Channel(d=d, delta=delta),))
 
 
-TEXT: Final = Format(encode_text, TextDecoder)
+TEXT: Final = Format(encode_text, TextDecoder, host=LINE_HOST)

@@ -44,6 +44,7 @@ ROOMS = {  # a room → what of ours it may import
     },
     "arva_hil/faults": {"arva_hil.config", "arva_hil.faults", "arva_hil.field", "arva_hil.receiver", "firmware_proto"},
     "arva_hil/emulator": {  # no links, no console, no clock
+        "arva_hil.__version__",
         "arva_hil.config",
         "arva_hil.emulator",
         "arva_hil.events",

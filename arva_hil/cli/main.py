@@ -28,6 +28,7 @@ COMMANDS: Final = {
     "search": "find the victim: reads the receiver's port, flies the autopilot",
     "campaign": "fly a plan of many trials and compare the strategies",
     "listen": "decode and print frames, like a consumer",
+    "command": "send a command to a receiver, e.g. mark 3, and print its answer",
     "check": "validate scenario files",
     "vehicle": "run the built-in simulated vehicle alone, on one or more links",
     "scenarios": "list the built-in scenarios",

@@ -78,14 +78,19 @@ def _vehicle(vehicle: EmulatedVehicle) -> dict[str, Any]:
 
 
 def _receiver(source: FrameSource) -> dict[str, Any]:
-    return {**dataclasses.asdict(source.counters), "faults": source.fault_counts()}
+    return {**dataclasses.asdict(source.counters), **_commands(source), "faults": source.fault_counts()}
+
+
+def _commands(source: FrameSource) -> dict[str, Any]:
+    """Of a receiver that takes commands."""
+    return {"commands": dataclasses.asdict(source.commands.counters)} if source.commands else {}
 
 
 def counters(emulator: Emulator) -> dict[str, Any]:
     """Every counter of a run of one vehicle with one receiver."""
     (vehicle,) = emulator.vehicles
     (source,) = vehicle.sources
-    return {**dataclasses.asdict(source.counters), **vehicle.session.counts(), "faults": source.fault_counts()}
+    return {**_receiver(source), **vehicle.session.counts(), "faults": source.fault_counts()}
 
 
 def summary_lines(emulator: Emulator, links: RunCounters | None) -> list[str]:
@@ -127,6 +132,9 @@ def _mishaps(source: FrameSource) -> list[str]:
             f"faults: {c.withheld} frames withheld, {c.damaged} damaged, {c.duplicated} sent again, "
             f"{c.waiting} not sent yet ({each})"
         )
+    if source.commands and (counts_ := source.commands.counters).commands:
+        said = ", ".join(f"{getattr(counts_, name)} {name}" for name in ("done", "refused", "unknown", "busy"))
+        lines.append(f"commands: {counts_.commands} came: {said}, {counts_.unanswered} not answered")
     if c.skipped:
         lines.append(f"{c.skipped} frames were skipped: the program was held up for more than a second")
     return lines

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from arva_hil.config import Scenario
 from arva_hil.emulator.datum import MOVE_DATUM, Datum
 from arva_hil.emulator.followed_systems import FollowedSystems
-from arva_hil.emulator.formats import encoder
+from arva_hil.emulator.formats import encoder, host_form
 from arva_hil.emulator.frame_source import FrameSource, Output
 from arva_hil.emulator.true_state import true_state
 from arva_hil.events import DatumSet, Event, HeartbeatMissing, PacketsReceived, StatusReport, VehicleStatus
@@ -80,6 +80,7 @@ class EmulatedVehicle:
                 receiver.sink,
                 receiver.scenario,
                 encoder(receiver.scenario.output_format, setup.session),
+                host=host_form(receiver.scenario.output_format),
                 start=start,
                 max_age_s=max_age_s,
             )
@@ -168,10 +169,15 @@ class Emulator:
     # -- in ------------------------------------------------------------------------------------------------
 
     def receive(self, link: str, data: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> None:
-        """Bytes of an autopilot's link, received at `now`.
+        """Bytes of an autopilot's link, or of a receiver's port, received at `now`.
 
         `sender`: which of several on the link they came from. `whole`: no packet goes on in the next bytes.
         """
+        if link not in self._on_link:
+            for source in self._vehicle_of:
+                if source.sink == link and source.commands:
+                    source.commands.receive(data, now)
+            return
         vehicles = self._on_link[link]
         if not self._followed and len(vehicles) == 1:
             packets: Sequence[Packet] = vehicles[0].session.feed(data, now, sender, whole=whole)
@@ -271,7 +277,8 @@ class Emulator:
             if source.next_due <= now:
                 ready = self._ready(vehicle, math.inf if last else now)  # the last ones wait for nothing
                 source.advance(now, vehicle, live=not self._look_ahead_s, ready=ready)
-                self._collect(source)
+            source.obey(now)
+            self._collect(source)
 
     def _ready(self, vehicle: EmulatedVehicle, now: float) -> Callable[[float], bool]:
         if not self._look_ahead_s:

@@ -13,7 +13,7 @@ from arva_hil.receiver import Reading
 from arva_hil.registry import FORMATS, MAVLINK_FORMATS
 from arva_hil.vehicle.discovery import Vehicle
 from arva_hil.vehicle.session import Session
-from firmware_proto import Channel, Frame, FrameDecoder
+from firmware_proto import Channel, Frame, FrameDecoder, HostForm
 from firmware_proto.frame import check
 
 TUNNEL_TYPE: Final = 42071  # 0xA457, in MAVLink's private range
@@ -52,6 +52,11 @@ def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:
         return b"".join(map(session.encoder.pack, encode(frame, boot_ms, vehicle))) if vehicle else b""
 
     return packed
+
+
+def host_form(format: str) -> HostForm | None:
+    """How commands look on a port of a format; None if none can come. Raises KindError like `encoder`."""
+    return getattr(FORMATS[format], "host", None)
 
 
 def _tunnel(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:

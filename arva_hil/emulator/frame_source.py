@@ -11,12 +11,13 @@ from typing import Final, NamedTuple
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import receiver
 from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.virtual_receiver import PoseSource, VirtualReceiver
-from arva_hil.events import BytesSent, Event, FrameMade, FramesRefused, FramesTaken, ReceiverStatus
+from arva_hil.events import BytesSent, CommandAnswered, Event, FrameMade, FramesRefused, FramesTaken, ReceiverStatus
 from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
 from arva_hil.field import LocalFrame
-from firmware_proto import Frame
+from firmware_proto import Frame, HostForm
 
 _WORST_BACKLOG_S: Final = 1.0  # frames that are late by more than this are skipped, not sent in a burst
 
@@ -68,8 +69,8 @@ class Counters:
 class Output(NamedTuple):
     """Bytes to be written to the link `sink`, no earlier than `due`. The driver hands it back to `Emulator.written`.
 
-    `source`: whose frame it is, None for messages to an autopilot. `whole`: its frame is in it, undamaged. `made`: the
-    frame that is sent once this is taken.
+    `source`: whose frame or answer it is, None for messages to an autopilot. `whole`: its frame is in it, undamaged.
+    `made`: the frame that is sent once this is taken. `answer`: it is this answer to a command, and no frame.
     """
 
     sink: str
@@ -78,13 +79,15 @@ class Output(NamedTuple):
     source: FrameSource | None = None
     whole: bool = True
     made: FrameMade | None = None
+    answer: CommandAnswered | None = None
 
 
 class FrameSource:
     """Remembers one receiver and its schedule, what waits to be sent and what became of all that was.
 
     `name`: of the receiver, `sink`: of the link that takes its frames. `encode`: (frame, its instant in ms on the
-    vehicle's clock) → bytes, b"" while there is nobody to send them to. `max_age_s`: a pose older than this is none.
+    vehicle's clock) → bytes, b"" while there is nobody to send them to. `host`: how commands look on the port, None if
+    none can come. `max_age_s`: a pose older than this is none.
     """
 
     def __init__(
@@ -95,6 +98,7 @@ class FrameSource:
         scenario: Scenario,
         encode: Callable[[Frame, int], bytes],
         *,
+        host: HostForm | None = None,
         start: float,
         max_age_s: float,
     ) -> None:
@@ -107,15 +111,13 @@ class FrameSource:
         self.outputs: list[Output] = []
         model = receiver(scenario)
         self.faults = Faults(scenario, model) if scenario.faults else None
-        self.receiver = VirtualReceiver(
-            vehicle,
-            name,
-            scenario,
-            self.faults.receiver if self.faults else model,
-            start=start,
-            max_age_s=max_age_s,
-        )
+        heard_by = self.faults.receiver if self.faults else model
+        self.receiver = VirtualReceiver(vehicle, name, scenario, heard_by, start=start, max_age_s=max_age_s)
         self.receiver.plan(self.schedule.deadline)
+        self.commands: HostCommands | None = None
+        if host:
+            self.commands = HostCommands(vehicle, name, scenario, host, heard_by.command, self._restart, start=start)
+        self._first = 0  # the number of the first frame since the receiver was started
         self._vehicle = vehicle
         self._encode = encode
         self._start = start
@@ -156,8 +158,20 @@ class FrameSource:
             receiver.plan(schedule.deadline, now - _WORST_BACKLOG_S if live else -math.inf)
         self._release(min(now, schedule.deadline))
 
+    def obey(self, now: float) -> None:
+        """Obey the commands that came, once what is due until `now` is done, and answer if no frame is due soon."""
+        if self.commands:
+            self.events += self.commands.advance(now)
+            for data, answer in self.commands.answers(now, self.next_due):
+                self.outputs.append(Output(self.sink, data, now, self, answer=answer))
+
     def written(self, output: Output, taken: bool, now: float, *, lost: bool, vehicle_known: bool) -> None:
         """Whether the link took an output. `lost`: it is lost, which is news of its own."""
+        if output.answer is not None:
+            assert self.commands is not None
+            self.commands.counters.answers_dropped += not taken
+            self.events.append(output.answer if taken else replace(output.answer, sent=False))
+            return
         counters = self.counters
         counters.dropped += not taken
         counters.delivered += taken and output.whole
@@ -197,7 +211,7 @@ class FrameSource:
         self.events += told
         _, pose, reported_pose, _, _ = self.receiver.seen
         age = self.receiver.age_s(t)
-        frame = frame_of(reading, number % 256)
+        frame = frame_of(reading, (number - self._first) % 256)
         boot_ms = 0 if boot is None else max(0, round(boot * 1e3)) % 2**32
         counters = self.counters
         counters.frames += 1
@@ -216,6 +230,9 @@ class FrameSource:
             self.outputs[-1] = self.outputs[-1]._replace(made=made)
         else:
             self._tell(made)
+
+    def _restart(self) -> None:
+        self._first = self.schedule.number
 
     def _tell(self, made: FrameMade) -> None:
         self.last = made

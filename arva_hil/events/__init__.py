@@ -146,6 +146,28 @@ class BytesSent(ReceiverEvent):
     data: bytes
 
 
+class CommandReceived(ReceiverEvent):
+    """The receiver obeys a command of its host, or refuses it. Commands that it has no time for are only counted.
+
+    `number`: the host's; `name`: e.g. "mark".
+    """
+
+    number: int
+    name: str
+    values: Sequence[int]
+
+
+class CommandAnswered(ReceiverEvent):
+    """The answer to a command. `result`: "done", "refused", "unknown" or "busy"; `sent`: somebody took it."""
+
+    number: int
+    name: str
+    result: str
+    values: Sequence[int]
+    text: str
+    sent: bool
+
+
 class FramesRefused(ReceiverEvent):
     """Nobody takes the frames. They are dropped until somebody reads them."""
 

@@ -143,7 +143,11 @@ class PaperReceiver:
 
     Remembers its random generator and its last reading. `channels`: the number of slots. `no_signal`: (d, δ) of an
     empty slot. Noise is drawn for every transmitter in each look, so it depends only on the seed and the look's
-    number. It accepts no commands.
+    number.
+
+    Commands: `mark ID` hides a transmitter that it hears, `unmark ID` shows it again, `unmark` all; `select ID` shows
+    only this one as long as it is heard, `select` all; `channels N` sets the number of slots, 1…16; `restart` undoes
+    all of this.
     """
 
     def __init__(
@@ -156,9 +160,11 @@ class PaperReceiver:
         bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
         self._limit = noise_bound(antennas.sensitivity, _FLOOR_RANGE_M)
         self._may_interfere = bound > self._limit
-        self._empty = (ChannelReading(None, Zone.OUTER, *no_signal, None),) * channels
+        self._no_signal = no_signal
+        self._channels = channels
         self._noise = NoiseSource(antennas.noise, bound, seed)
-        self._reading = Reading(self._empty, False, False)
+        self._heard: list[tuple[int, int, int, int]] = []  # d, id, δ, zone at the last look
+        self._start()
 
     @classmethod
     def from_settings(cls, settings: ReceiverSettings, seed: int) -> Self:
@@ -178,6 +184,7 @@ class PaperReceiver:
         may_interfere = self._may_interfere or look.noise is not None
         interference = may_interfere and bool((np.linalg.norm(w, axis=1) > self._limit).any())
         if look.pose is None:
+            self._heard = []
             self._reading = Reading(self._empty, interference, False)
             return
         p_r, R_r = look.pose.position, look.pose.rotation
@@ -187,6 +194,9 @@ class PaperReceiver:
             (d_cm, id_, delta_deg, zone) for id_, d_cm, delta_deg, zone in zip(t.ids, *columns, strict=True) if zone
         ]
         heard.sort()
+        self._heard = heard
+        if self._marked or self._selected is not None:
+            heard = self._wanted(heard)
         slots = [ChannelReading(id_, zone, d_cm, delta_deg, None) for d_cm, id_, delta_deg, zone in heard]
         shown = (*slots[: len(self._empty)], *self._empty[len(slots) :])
         self._reading = Reading(with_true_ranges(shown, t.ranges(p_r)), interference, len(slots) > len(shown))
@@ -197,4 +207,54 @@ class PaperReceiver:
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
         """See `ReceiverModel`."""
-        return Answer.UNKNOWN
+        if name == "restart" and not values:
+            self._start()
+            return Answer.DONE
+        obey = {"mark": self._mark, "unmark": self._unmark, "select": self._select, "channels": self._set_channels}
+        if name not in (*obey, "restart"):
+            return Answer.UNKNOWN
+        if name not in obey or len(values) > 1 or not all(float(value).is_integer() for value in values):
+            return Answer.REFUSED
+        return Answer.DONE if obey[name](*map(int, values)) else Answer.REFUSED
+
+    def _start(self) -> None:
+        self._marked: set[int] = set()
+        self._selected: int | None = None
+        self._empty = self._empty_slots(self._channels)
+        self._reading = Reading(self._empty, False, False)
+
+    def _empty_slots(self, count: int) -> tuple[ChannelReading, ...]:
+        return (ChannelReading(None, Zone.OUTER, *self._no_signal, None),) * count
+
+    def _wanted(self, heard: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
+        """Those that are not marked, or only the selected one."""
+        shown = [one for one in heard if one[1] not in self._marked]
+        return [one for one in shown if one[1] == self._selected] or shown
+
+    def _hears(self, id_: int | None) -> bool:
+        return any(id_ == heard for _, heard, _, _ in self._heard)
+
+    def _mark(self, id_: int | None = None) -> bool:
+        if id_ is None or not self._hears(id_):
+            return False
+        self._marked.add(id_)
+        self._selected = None if self._selected == id_ else self._selected
+        return True
+
+    def _unmark(self, id_: int | None = None) -> bool:
+        if id_ is not None and id_ not in self._marked:
+            return False
+        self._marked -= {id_} if id_ is not None else set(self._marked)
+        return True
+
+    def _select(self, id_: int | None = None) -> bool:
+        if id_ is not None and (id_ in self._marked or not self._hears(id_)):
+            return False
+        self._selected = id_
+        return True
+
+    def _set_channels(self, count: int = 0) -> bool:
+        if not 1 <= count <= 16:
+            return False
+        self._empty = self._empty_slots(count)
+        return True

@@ -29,8 +29,8 @@ class Live:
     """Drives an engine by links and the loop's clock, and tells the audience. A task for the loop.
 
     `autopilots`: the links on which vehicles are heard; `ports`: those that take frames; by the engine's names for
-    them. What comes in at a port is read and forgotten, so that its loss shows at once. A link that is gone for good is
-    left out while others of its kind are there, and the end of the last one is raised.
+    them. What comes in at a port are commands of the receiver's host. A link that is gone for good is left out while
+    others of its kind are there, and the end of the last one is raised.
     """
 
     def __init__(
@@ -127,10 +127,13 @@ class Live:
         for name, port in self._ports.items():
             if name not in self._gone:
                 try:
-                    port.read()
+                    data = port.read()
                 except LinkError as error:
                     if self._is_last(name, error, now):
                         raise
+                    continue
+                if data:
+                    self.emulator.receive(name, data, now)
         for monitor in self._monitors:
             if monitor.lost_again:
                 self.emulator.link_lost(monitor.name, monitor.link.why, now)

@@ -15,13 +15,17 @@ from firmware_proto import (
     INNER,
     MAX_FRAME_BYTES,
     MID,
+    Answer,
     Channel,
+    Command,
     Decoder,
     Frame,
     encode,
     encode_nmea,
     encode_text,
 )
+from firmware_proto.command_lines import LINE_HOST
+from firmware_proto.commands import NAMES, RESULTS, encode_answer, encode_command
 
 PAGE = (Path(firmware_proto.__file__).parent / "PROTOCOL.md").read_text(encoding="utf-8")
 ONE = Frame(1, 1, (Channel(1, MID, 1234, 17),))
@@ -50,6 +54,40 @@ def test_worked_bytes(title, frame):
     assert f"CRC 0x{crc:04X}" in section(title)
     if frame is ONE:
         assert f"of `{data[2:-2].hex(' ').upper()}`" in section(title)
+
+
+@pytest.mark.parametrize(
+    ("title", "data"),
+    [
+        ("A command, byte by byte", encode_command(Command(7, "mark", (3,)))),
+        ("An answer, byte by byte", encode_answer(Answer(7, "mark", "done"))),
+        ("A command with a mask, byte by byte", encode_command(Command(0xA4, "scan"))),
+    ],
+)
+def test_worked_bytes_of_messages(title, data):
+    worked = b""
+    for offset, column in re.findall(r"\| (\d+) \| ([0-9A-F ]+) \|", section(title)):
+        assert int(offset) == len(worked)
+        worked += bytes.fromhex(column)
+    assert worked == data
+
+
+def test_commands_and_results():
+    rows = re.findall(r"\| (\d) \| ([a-z]+) \| [^|]*\| [^|]*\| [^|]*\|\n", section("Commands"))
+    assert [name for _, name in rows] == list(NAMES)
+    assert [int(code) for code, _ in rows] == list(range(1, len(NAMES) + 1))
+    for code, result in enumerate(RESULTS):
+        assert re.search(rf"\b{code} {result}\b", section("Commands"))
+
+
+def test_commands_in_lines():
+    said = [
+        LINE_HOST.command(Command(7, "mark", (3,))),
+        LINE_HOST.answer(Answer(7, "mark", "done")),
+        LINE_HOST.command(Command(8, "identify")),
+        LINE_HOST.answer(Answer(8, "identify", "done", (4,), "paper 1.0 nmea")),
+    ]
+    assert block("commands") == b"".join(said)
 
 
 def test_the_approach_is_what_the_paper_s_receiver_says_on_its_way():

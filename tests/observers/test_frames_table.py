@@ -100,3 +100,10 @@ def test_a_text_is_no_formula_and_a_number_below_zero_stays_a_number(tmp_path: P
     assert (row["d_cm"], row["delta_deg"], row["east_m"]) == ("-1", "-1", "-2.0")
     (row,) = csv.DictReader(io.StringIO((tmp_path / "frames.csv").read_text()))
     assert (row["d1_cm"], row["delta1_deg"], row["east_m"]) == ("-1", "-1", "-2.0")
+
+
+def test_the_table_keeps_its_columns_when_a_command_changes_the_number_of_slots(tmp_path: Path) -> None:
+    recorded(tmp_path, made(0, HEARD, EMPTY), made(1, HEARD), made(2, HEARD, EMPTY, EMPTY))
+    table = list(csv.reader((tmp_path / "frames.csv").open()))
+    assert {len(row) for row in table} == {len(HEADER.split(","))}
+    assert table[2][-5:] == [""] * 5

@@ -53,6 +53,17 @@ SENTENCES: list[tuple[Event, str, str]] = [
     ),
     (events.FollowedSystemSilent(1.0, 7, False), "warning", f"system 7 was never heard: {SILENT}"),
     (events.FollowedSystemHeard(1.0, 7), "info", "system 7 is heard: transmitters follow it"),
+    (events.CommandReceived(*RECEIVER, 7, "mark", (3,)), "info", "command 7 of the host: mark 3"),
+    (
+        events.CommandAnswered(*RECEIVER, 7, "identify", "done", (4,), "paper 1.0 binary", True),
+        "info",
+        "command 7 answered: done paper 1.0 binary 4",
+    ),
+    (
+        events.CommandAnswered(*RECEIVER, 8, "mark", "refused", (), "", False),
+        "info",
+        "command 8 answered: refused, which nobody took",
+    ),
     (events.FramesRefused(*RECEIVER), "warning", "nobody takes the frames: they are dropped until somebody reads them"),
     (events.FramesTaken(*RECEIVER, 7), "info", "frames are taken; 7 were dropped so far"),
     (events.PoseFound(*RECEIVER), "info", "there is a pose: readings are real from here on"),

@@ -43,6 +43,15 @@ def _log_layout(event: events.LogLayout) -> Sentence:
     return "info", f"{event.log}: {how}"
 
 
+def _command(event: events.CommandReceived) -> Sentence:
+    return "info", f"command {event.number} of the host: {' '.join([event.name, *map(str, event.values)])}"
+
+
+def _answered(event: events.CommandAnswered) -> Sentence:
+    said = " ".join([event.result, *([event.text] if event.text else []), *map(str, event.values)])
+    return "info", f"command {event.number} answered: {said}" + ("" if event.sent else ", which nobody took")
+
+
 def _pose_lost(event: events.PoseLost) -> Sentence:
     why = no_pose(event.lacking) if event.age_s is None else f"the newest is {event.age_s:.1f} s old"
     return "warning", f"no pose: frames say no signal until there is one ({why})"
@@ -206,6 +215,8 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
     ),
     events.FollowedSystemHeard: lambda e: ("info", f"system {e.system} is heard: transmitters follow it"),
     events.FramesRefused: lambda e: ("warning", "nobody takes the frames: they are dropped until somebody reads them"),
+    events.CommandReceived: _command,
+    events.CommandAnswered: _answered,
     events.FramesTaken: lambda e: ("info", f"frames are taken; {e.dropped} were dropped so far"),
     events.PoseFound: lambda e: ("info", "there is a pose: readings are real from here on"),
     events.PoseLost: _pose_lost,

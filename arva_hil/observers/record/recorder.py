@@ -62,7 +62,7 @@ class Recorder:
         self._clock = clock or RealClock()
         self._next_flush = self._next_sync = self._clock.now()
         self._files: dict[str, FileIO] = {}
-        self._begun: set[str] = set()  # those frames.csv that have their header: the first frame says how many slots
+        self._begun: dict[str, int] = {}  # the slots of those frames.csv that have their header, as of the first frame
         try:
             folder.mkdir(parents=True, exist_ok=True)
             refuse_old(folder, list(dict.fromkeys([*FILES, *self._layout.files, *self._layout.folders])), "a record")
@@ -105,9 +105,9 @@ class Recorder:
         readings = self._layout.of_receiver(event.vehicle, event.receiver, READINGS)
         table = self._layout.of_receiver(event.vehicle, event.receiver, TABLE)
         if table not in self._begun:
-            self._begun.add(table)
+            self._begun[table] = len(event.reading.channels)
             self._pending[table] += header_of_frames(len(event.reading.channels)).encode()
-        of_slots, of_frame = rows(event)
+        of_slots, of_frame = rows(event, self._begun[table])
         self._pending[readings] += of_slots.encode()
         self._pending[table] += (moment(event, self._epoch_us) + of_frame).encode()
         self._flush_now_and_then(full=len(self._pending[readings]) > _BATCH_BYTES)

@@ -21,6 +21,8 @@ COLUMNS: Final = (
 FRAME_COLUMNS: Final = "utc time_s seq north_m east_m down_m roll_deg pitch_deg yaw_deg".split()
 SLOT_COLUMNS: Final = ("id{}", "zone{}", "d{}_cm", "delta{}_deg", "range{}_m")  # of each slot, from 1
 
+_NO_SLOT: Final = "," * (len(SLOT_COLUMNS) - 1)
+
 
 def header_of_frames(slots: int) -> str:
     """The first line of frames.csv."""
@@ -28,8 +30,11 @@ def header_of_frames(slots: int) -> str:
     return ",".join([*FRAME_COLUMNS, *of_slots]) + "\n"
 
 
-def rows(made: FrameMade) -> tuple[str, str]:
-    """The lines of readings.csv, and the one of frames.csv without its `utc`, which begins with a comma."""
+def rows(made: FrameMade, columns: int) -> tuple[str, str]:
+    """The lines of readings.csv, and the one of frames.csv without its `utc`, which begins with a comma.
+
+    `columns`: frames.csv has so many slots, also where a command has changed their number.
+    """
     pose = ",".join(_pose(made))
     number, instant_s = str(made.frame.sequence), repr(made.instant_s)
     boot_ms = "" if made.boot_s is None else repr(made.boot_s * 1e3)
@@ -42,7 +47,8 @@ def rows(made: FrameMade) -> tuple[str, str]:
         id_, true_range = ("" if value is None else repr(value) for value in (c.id, c.true_range_m))
         slots.append(f"{id_},{int(c.zone)},{c.d_cm},{c.delta_deg},{true_range}")
     lines = [f"{head},{number_of_slot},{slot},{tail}\n" for number_of_slot, slot in enumerate(slots, 1)]
-    return "".join(lines), ",".join(["", instant_s, number, pose, *slots]) + "\n"
+    of_frame = (slots + [_NO_SLOT] * columns)[:columns]
+    return "".join(lines), ",".join(["", instant_s, number, pose, *of_frame]) + "\n"
 
 
 def moment(made: FrameMade, epoch_us: int) -> str:

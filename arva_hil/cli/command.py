@@ -1,0 +1,90 @@
+"""`arva-hil command`: sends one command to a receiver, and prints the answer."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from contextlib import closing
+from typing import Final
+
+from arva_hil.cli import common
+from arva_hil.cli.endings import SignalGuard
+from arva_hil.cli.format_guess import SAMPLE_BYTES, guess_format
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
+from arva_hil.cli.terminal import show, show_json
+from arva_hil.links import Link, LinkError
+from arva_hil.registry import FORMATS
+from arva_hil.runtime.clock import Clock, RealClock
+from arva_hil.runtime.loop import run
+from firmware_proto import Answer, Command, HostForm
+from firmware_proto.commands import DONE
+
+_LOOK_S: Final = 0.1
+
+
+def main(options: argparse.Namespace) -> int:
+    form = getattr(FORMATS[options.format], "host", None)
+    if form is None:
+        raise UsageError(f"--format {options.format}: there are no commands in this format")
+    command = Command(os.getpid() % 256, options.name, tuple(options.values))
+    try:
+        asking = Asking(command, form)
+    except ValueError as error:
+        raise UsageError(f"{options.name}: {error}") from None
+    clock, guard = RealClock(), SignalGuard()
+    with closing(common.open_or_fail(options.port, clock)) as link, guard:
+        asking.links = [link]
+        try:
+            done = lambda: asking.answer is not None or guard.caught is not None  # noqa: E731
+            run([asking], clock, until=options.timeout, stopped=done)
+        except LinkError as error:
+            raise Failure(FAILED, error) from None
+    if asking.answer is None:
+        if guard.caught:
+            return INTERRUPTED
+        why = _doubt(asking.sample, options.format) if asking.sent else "the port does not take the command"
+        raise Failure(FAILED, f"{options.port}: no answer in {options.timeout:g} s: {why}")
+    answer = asking.answer
+    if options.json:
+        show_json(answer._asdict())
+    else:
+        what = [f"{answer.name}: {answer.result}", answer.text, *map(str, answer.values)]
+        show(", ".join(word for word in what if word))
+    return OK if answer.result == DONE else FAILED
+
+
+class Asking:
+    """Sends one command as soon as the link takes it, and remembers the answer. Raises ValueError if it does not fit.
+
+    `sample`: the first bytes that came instead of an answer.
+    """
+
+    def __init__(self, command: Command, form: HostForm) -> None:
+        self.links: list[Link] = []
+        self.answer: Answer | None = None
+        self.sent = False
+        self.sample = b""
+        self._command = command
+        self._bytes = form.command(command)
+        self._answers = form.answers()
+
+    def service(self, clock: Clock) -> float:
+        """Send, and read what came; a task for the loop."""
+        (link,) = self.links
+        data, now = link.read(), clock.now()
+        self.sample += data[: SAMPLE_BYTES - len(self.sample)]
+        for answer in self._answers.feed(data, now):
+            if self.sent and answer.number == self._command.number and self.answer is None:
+                self.answer = answer
+        if not self.sent:
+            self.sent = link.write(self._bytes)
+        return now + _LOOK_S
+
+
+def _doubt(sample: bytes, format: str) -> str:
+    """Why there is no answer, for a person."""
+    if not sample:
+        return "nothing came at all"
+    if FORMATS[format].decoder().feed(sample, 0.0):
+        return "frames come, so this receiver takes no commands, or does not hear this program"
+    return f"{len(sample)} bytes came, and no frame: {guess_format(sample, format)}"

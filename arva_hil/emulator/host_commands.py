@@ -1,0 +1,152 @@
+"""Commands that the host sends to a receiver's port: read, handed to the model, answered between the frames."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from arva_hil import __version__
+from arva_hil.config import Scenario
+from arva_hil.events import CommandAnswered, CommandReceived, Event
+from arva_hil.receiver import Answer as ModelAnswer
+from firmware_proto import MAX_CHANNELS, Answer, Command, HostForm
+from firmware_proto.commands import BUSY, CHANNELS, DONE, IDENTIFY, REFUSED, RESTART
+
+Obey = Callable[[float, str, Sequence[float]], ModelAnswer]
+
+_MOST_BYTES: Final = 4096  # of one read that are looked at: a flood must not hold up the frames
+_RATE_HZ: Final = 20.0  # commands that are obeyed, in the long run; as many are answered "busy"
+_BURST: Final = 10  # of either at once
+_CLEAR_S: Final = 0.01  # no answer this shortly before a frame; the longest takes 8 ms at 115200 baud
+
+
+@dataclass
+class CommandCounters:
+    """What became of the commands: commands = done + refused + unknown + busy + unanswered."""
+
+    commands: int = 0  # whole ones that came
+    done: int = 0
+    refused: int = 0
+    unknown: int = 0
+    busy: int = 0  # not obeyed, because too many came
+    unanswered: int = 0  # not even answered, because far too many came
+    answers_dropped: int = 0  # nobody took them
+    bytes_dropped: int = 0  # that came in no command
+
+
+class Allowance:
+    """So many a second in the long run, and `burst` at once."""
+
+    def __init__(self, rate_hz: float, burst: int) -> None:
+        self._rate_hz = rate_hz
+        self._most = self._left = float(burst)
+        self._at = math.inf
+
+    def take(self, now: float) -> bool:
+        """Whether one more is allowed at `now`."""
+        self._left = min(self._most, self._left + self._rate_hz * max(0.0, now - self._at))
+        self._at = now
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True
+
+
+class HostCommands:
+    """Remembers what came of a receiver's host and is not obeyed yet, and the answers that are not sent yet.
+
+    `vehicle`, `name`: for its events. `form`: how commands look on this port. `obey`: the model's; `restart`: called
+    when the model has restarted. `start`: of the run, on the driver's clock.
+    """
+
+    def __init__(
+        self,
+        vehicle: str,
+        name: str,
+        scenario: Scenario,
+        form: HostForm,
+        obey: Obey,
+        restart: Callable[[], None],
+        *,
+        start: float,
+    ) -> None:
+        self.counters = CommandCounters()
+        self._about = vehicle, name
+        self._decoder = form.commands()
+        self._encode = form.answer
+        self._obey = obey
+        self._restart = restart
+        self._start = start
+        self._channels = self._usual_channels = scenario.receiver.channels
+        words = (scenario.receiver.model, 12), (__version__, 8), (scenario.output_format, 10)
+        self._identity = " ".join(re.sub(r"[^A-Za-z0-9.+_-]", "_", word)[:size] for word, size in words)
+        self._commands: list[Command] = []
+        self._answers: deque[tuple[bytes, CommandAnswered]] = deque()
+        self._obeyed = Allowance(_RATE_HZ, _BURST)
+        self._refusals = Allowance(_RATE_HZ, _BURST)
+        self._flood = 0  # bytes that were not looked at
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Bytes of the host, which arrived at `now`."""
+        self._commands += self._decoder.feed(data[:_MOST_BYTES], now)
+        self._flood += max(0, len(data) - _MOST_BYTES)
+
+    def advance(self, now: float) -> list[Event]:
+        """Obey what came. All looks until `now` have been made."""
+        self._commands += self._decoder.feed(b"", now)
+        self.counters.bytes_dropped = self._decoder.dropped + self._flood
+        if not self._commands:
+            return []
+        commands, self._commands = self._commands, []
+        return [event for command in commands if (event := self._take(command, now))]
+
+    def answers(self, now: float, next_frame: float) -> list[tuple[bytes, CommandAnswered]]:
+        """The answers to send now, none shortly before a frame."""
+        if not self._answers or next_frame - now < _CLEAR_S:
+            return []
+        every = list(self._answers)
+        self._answers.clear()
+        return every
+
+    def _take(self, command: Command, now: float) -> CommandReceived | None:
+        """Obey one command, or refuse it where too many came."""
+        counters = self.counters
+        counters.commands += 1
+        received = None
+        if self._obeyed.take(now):
+            received = CommandReceived(now, *self._about, command.number, command.name, command.values)
+            result, values, text = self._result(command, now)
+        elif self._refusals.take(now):
+            result, values, text = BUSY, (), ""
+        else:
+            counters.unanswered += 1
+            return None
+        setattr(counters, result, getattr(counters, result) + 1)
+        answer = Answer(command.number, command.name, result, values, text)
+        told = CommandAnswered(now, *self._about, command.number, command.name, result, values, text, True)
+        self._answers.append((self._encode(answer), told))
+        return received
+
+    def _result(self, command: Command, now: float) -> tuple[str, tuple[int, ...], str]:
+        """Result, values and text of the answer. The model is not asked what is known here."""
+        name, values = command.name, command.values
+        if name == IDENTIFY:
+            return DONE, (self._channels,), self._identity
+        if name == CHANNELS and not values:
+            return DONE, (self._channels,), ""
+        if name == CHANNELS and (len(values) > 1 or not 1 <= values[0] <= MAX_CHANNELS):
+            return REFUSED, (), ""
+        result = self._obey(now - self._start, name, values).value
+        if result != DONE:
+            return result, (), ""
+        if name == RESTART:
+            self._channels = self._usual_channels
+            self._restart()
+        elif name == CHANNELS:
+            self._channels = values[0]
+            return DONE, values, ""
+        return DONE, (), ""

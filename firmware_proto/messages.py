@@ -1,0 +1,125 @@
+"""Version 2 of the wire: messages beside the frames of version 1, framed as they are. Layout and rules: PROTOCOL.md."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from typing import Final, Generic, NamedTuple, TypeVar
+
+from fastcrc import crc16
+
+from firmware_proto.frame import PAUSE_S
+
+T = TypeVar("T")
+
+VERSION: Final = 2
+MAX_MESSAGE_BYTES: Final = 255
+
+_SYNC: Final = b"\xa4\x57"
+_BEGIN: Final = _SYNC[0]  # it occurs in no message but as its first byte and in its CRC
+_HEAD_BYTES: Final = 6  # up to the kind
+_CANDIDATE: Final = re.compile(rb"\xa4(?:\Z|\x57(?:\Z|\x02))")  # as far as the version
+
+
+class Kind(NamedTuple, Generic[T]):
+    """One kind of message: the lengths that its body can have, and what is in a body of such a length.
+
+    `parse` returns None for a body that makes no sense.
+    """
+
+    lengths: frozenset[int]
+    parse: Callable[[bytes], T | None]
+
+
+def seal(kind: int, body: bytes) -> bytes:
+    """A message: A4 57, version, length, mask, then kind and body with the mask on each byte, and the CRC.
+
+    The mask is the lowest with which no byte becomes A4, so decoders of version 1 find no head in a message.
+    Raises ValueError for a body that is too long.
+    """
+    plain = bytes([kind]) + body
+    if len(plain) + 7 > MAX_MESSAGE_BYTES:
+        raise ValueError(f"a body of {len(body)} bytes, expected {MAX_MESSAGE_BYTES - 8} at most")
+    present = set(plain)
+    mask = next(mask for mask in range(256) if mask ^ _BEGIN not in present and mask != _BEGIN)
+    sealed = bytes([VERSION, len(plain) + 1, mask]) + bytes([byte ^ mask for byte in plain])
+    return _SYNC + sealed + crc16.mcrf4xx(sealed).to_bytes(2, "little")
+
+
+class StreamDecoder(ABC, Generic[T]):
+    """The face of the decoders of messages: feed bytes, get messages. Wrong bytes are counted and never raise.
+
+    Counters: `good` (messages delivered), `bad_crc` (candidates whose checksum failed) and `dropped` (bytes in no
+    message that this decoder delivers).
+    """
+
+    def __init__(self) -> None:
+        self.good = 0
+        self.bad_crc = 0
+        self.dropped = 0
+
+    @abstractmethod
+    def feed(self, chunk: bytes, now: float) -> list[T]:
+        """The messages completed by `chunk`, which may be empty or cut anywhere.
+
+        `now` is when the chunk arrived, in seconds of any clock that never goes back.
+        """
+
+
+class MessageDecoder(StreamDecoder[T]):
+    """Incremental decoder of messages of some `kinds`; other messages and frames of version 1 are dropped bytes.
+
+    It finds messages as the decoder of frames finds frames: a false candidate costs one byte, and a candidate that is
+    not whole 100 ms after its first byte is a false one.
+    """
+
+    def __init__(self, kinds: Mapping[int, Kind[T]]) -> None:
+        super().__init__()
+        self._kinds = kinds
+        self._tail = b""  # at most MAX_MESSAGE_BYTES − 1
+        self._arrived: list[float] = []  # one a byte of the tail
+
+    def feed(self, chunk: bytes, now: float) -> list[T]:
+        """The messages completed by `chunk`, or by the end of a false candidate's 100 ms. See StreamDecoder."""
+        found: list[T] = []
+        tail, arrived = self._tail, self._arrived
+        while tail and now - arrived[0] >= PAUSE_S:
+            self.dropped += 1
+            at = self._scan(tail, 1, found)
+            tail, arrived = tail[at:], arrived[at:]
+        if chunk:
+            data = tail + chunk
+            at = self._scan(data, 0, found)
+            arrived = arrived[at:] + [now] * (len(data) - max(at, len(tail)))
+            tail = data[at:]
+        self._tail, self._arrived = tail, arrived
+        return found
+
+    def _scan(self, data: bytes, at: int, found: list[T]) -> int:
+        """Append the messages in `data[at:]`; where the candidate that is not whole begins, or the end."""
+        end = len(data)
+        while candidate := _CANDIDATE.search(data, at):
+            self.dropped += candidate.start() - at
+            at = candidate.start()
+            if end - at < _HEAD_BYTES:
+                return at
+            stop = at + 4 + data[at + 3]
+            mask = data[at + 4]
+            kind = self._kinds.get(data[at + 5] ^ mask)
+            if kind and data[at + 3] - 2 in kind.lengths:
+                if end < stop + 2:
+                    return at
+                if crc16.mcrf4xx(data[at + 2 : stop]) == data[stop] | data[stop + 1] << 8:
+                    body = bytes([byte ^ mask for byte in data[at + _HEAD_BYTES : stop]])
+                    if (message := kind.parse(body)) is not None:
+                        found.append(message)
+                        self.good += 1
+                        at = stop + 2
+                        continue
+                else:
+                    self.bad_crc += 1
+            self.dropped += 1
+            at += 1
+        self.dropped += end - at
+        return end
