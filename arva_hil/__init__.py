@@ -13,7 +13,7 @@ from arva_hil.lazy_names import lazy_names
 if TYPE_CHECKING:
     from arva_hil.api import load_scenario, replay, run_live
     from arva_hil.config import FaultKind, Scenario, ScenarioError
-    from arva_hil.config.sorts import Number, Whole
+    from arva_hil.config.constraints import Number, Whole
     from arva_hil.emulator.engine import Emulator, ReceiverSetup, VehicleSetup, one_vehicle
     from arva_hil.emulator.frame_source import Output
     from arva_hil.errors import ArvaError, KindError, UnknownKindError
@@ -43,7 +43,7 @@ __version__ = "0.1.0"
 _MODULES: Final = {
     "api": "load_scenario replay run_live",
     "config": "FaultKind Scenario ScenarioError",
-    "config.sorts": "Number Whole",
+    "config.constraints": "Number Whole",
     "emulator.engine": "Emulator ReceiverSetup VehicleSetup one_vehicle",
     "emulator.frame_source": "Output",
     "errors": "ArvaError KindError UnknownKindError",

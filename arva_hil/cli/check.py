@@ -11,7 +11,7 @@ from arva_hil.cli.terminal import show, tell
 def main(options: argparse.Namespace) -> int:
     from arva_hil.config import ScenarioError
     from arva_hil.config.builtin import located
-    from arva_hil.config.yaml_tree import read_text
+    from arva_hil.config.reading import read_text
 
     if options.schema:
         from arva_hil.config.reference import schema_text

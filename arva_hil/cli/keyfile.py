@@ -27,7 +27,7 @@ def signing(path: str | None, epoch_us: int, stack: ExitStack, link: int = 0) ->
 
 
 def _key(path: str) -> bytes:
-    from arva_hil.config.yaml_tree import open_at_once  # slow to import
+    from arva_hil.config.reading import open_at_once  # slow to import
 
     wanted = "expected 64 hexadecimal digits (the key) or a passphrase, on one line"
     try:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import show
-from arva_hil.config.words import FRAMES_HZ, LARGEST_SEED
+from arva_hil.config import FRAMES_HZ, LARGEST_SEED
 from arva_hil.errors import KindError
 from arva_hil.links import AddressError, parse
 from arva_hil.registry import FORMATS, OBSERVERS, Registry

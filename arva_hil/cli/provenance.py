@@ -10,7 +10,7 @@ import yaml
 
 from arva_hil.config import Scenario, load
 from arva_hil.config.builtin import located
-from arva_hil.config.yaml_tree import read_text
+from arva_hil.config.reading import read_text
 
 Key = tuple[str | int, ...]
 

@@ -1,6 +1,6 @@
 """The files that say what is to be done: scenarios, their faults, plans of campaigns. One declaration of each key.
 
-A command's `--help` imports only `words`, which needs nothing.
+The ranges here are those of commands' options too: importing them imports nothing else.
 """
 
 from __future__ import annotations
@@ -10,27 +10,31 @@ from typing import TYPE_CHECKING, Final
 from arva_hil.lazy_names import lazy_names
 
 if TYPE_CHECKING:
+    from arva_hil.config.common import NOISE_KINDS, RATE_HZ, SEED, NoiseKind, Pose, Triple
+    from arva_hil.config.errors import Problem, ScenarioError
     from arva_hil.config.faults import Fault, FaultKind, misfit, parse_fault, plain_fault
-    from arva_hil.config.kinds import NOISE_KINDS, RATE_HZ, SEED, NoiseKind, Pose, Triple
     from arva_hil.config.receiver import MountOptions, Noise, ReceiverOptions
     from arva_hil.config.scenario import DEFAULT, Datum, Scenario, load, parse, parts_of_spec_2, to_dict
     from arva_hil.config.transmitter import Follows, Lla, Path, Transmitter
-    from arva_hil.config.tree import Problem, ScenarioError
     from arva_hil.config.vehicles import NavigationError, ReceiverConfig, VehicleConfig
 
 _MODULES: Final = {
     "faults": "Fault FaultKind misfit parse_fault plain_fault",
-    "kinds": "NOISE_KINDS RATE_HZ SEED NoiseKind Pose Triple",
+    "common": "NOISE_KINDS RATE_HZ SEED NoiseKind Pose Triple",
     "receiver": "MountOptions Noise ReceiverOptions",
     "scenario": "DEFAULT Datum Scenario load parse parts_of_spec_2 to_dict",
     "transmitter": "Follows Lla Path Transmitter",
     "vehicles": "NavigationError ReceiverConfig VehicleConfig",
-    "tree": "Problem ScenarioError",
+    "errors": "Problem ScenarioError",
 }
+FRAMES_HZ: Final = (0.1, 50)  # from, to
+LARGEST_SEED: Final = 2**63 - 1
 _HOMES: Final = {name: module for module, names in _MODULES.items() for name in names.split()}
 
 __all__ = [
     "DEFAULT",
+    "FRAMES_HZ",
+    "LARGEST_SEED",
     "NOISE_KINDS",
     "RATE_HZ",
     "SEED",

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Final
 
-from arva_hil.config.tree import Problem, ScenarioError, any_of, nearest
+from arva_hil.config.errors import Problem, ScenarioError, any_of, nearest
 
 PREFIX: Final = "builtin:"
 

@@ -2,42 +2,115 @@
 
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Annotated, Any, Final, cast
+from typing import Annotated, Any, Final
 
-from arva_hil.config import yaml_tree
-from arva_hil.config.axes import MANY, Axis, ByStrategy, Seeds, Strategies, one_or_many, unique
 from arva_hil.config.builtin import located
-from arva_hil.config.kinds import NOISE_KINDS, SEED, NoiseKind
-from arva_hil.config.mapping_keys import read_mapping
-from arva_hil.config.marks import Help
-from arva_hil.config.mistake import Mistake, Mistakes, below
-from arva_hil.config.nested import TableSort, read_by
-from arva_hil.config.reading import read
+from arva_hil.config.common import NOISE_KINDS, SEED, NoiseKind
+from arva_hil.config.constraints import Constraint, ListOf, Named, Number, Numbers, Spec, Text, Whole, Word
+from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation, nearest, wrong
+from arva_hil.config.nodes import Value, first_line, value_of
+from arva_hil.config.reading import read, read_text
 from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
-from arva_hil.config.sorts import Number, Numbers, Sort, Spec, list_of, read_list
-from arva_hil.config.tables import help_of, right, sort_of, table, validate
-from arva_hil.config.text import Named, Text, Word
-from arva_hil.config.tree import Problem, ScenarioError, Tree, nearest, tree
+from arva_hil.config.tables import Help, TableOf, keys, read_keys, table
+from arva_hil.config.yaml_document import Problems
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1
 MOST_TRIALS: Final = 200_000
+_MOST_VALUES: Final = 100_000  # of one axis
 _NOT_FLOWN: Final = ("navigation_error", "follows", "vehicles")  # one vehicle, whose errors are `gps_noise_m`
-_HEIGHT: Final = Number(0, 1000, above=True, unit="m")
-_SPEED: Final = Number(0, 100, above=True, unit="m/s")
-_LIMIT: Final = Number(0, 86_400, above=True, unit="s")
-_WITHIN: Final = Number(0, 10_000, above=True, unit="m")
 _DEPTH: Final = Number(-100, 100, unit="m")
 
 
+class _Strategy(Named):
+    """Also one that a class of the current folder is, so the JSON Schema takes any text."""
+
+    kind = "a strategy"
+
+    def json(self) -> dict[str, Any]:
+        return {"type": "string", "minLength": 1}
+
+
+class _Axis(Constraint):
+    """One value or a list of them, each once; a tuple in Python."""
+
+    def __init__(self, item: Constraint, what: str = "values") -> None:
+        self.item, self.unit = item, item.unit
+        self._list = ListOf(item, 1, _MOST_VALUES, what)
+
+    def __str__(self) -> str:
+        return str(self._list)
+
+    @property
+    def kind(self) -> str:
+        return f"{self.item.kind}, or a list of them"
+
+    @property
+    def range(self) -> str:
+        return self.item.range
+
+    def read(self, value: Any) -> Any:
+        if not isinstance(value, list | tuple):
+            return (self.item.read(value),)
+        return _each_once(value, self._list.read(value))
+
+    def json(self) -> dict[str, Any]:
+        return {"anyOf": [self.item.json(), self._list.json()]}
+
+
+def _each_once(items: Iterable[Any], values: Sequence[Any]) -> Sequence[Any]:
+    """The values of some items. Raises ConstraintError for those that are there again."""
+    seen: dict[Any, Any] = {}
+    again = []
+    for at, (item, value) in enumerate(zip(items, values, strict=True)):
+        if value in seen:
+            again.append(Violation("each once", f"{value} again{first_line(seen[value])}", path=(at,)))
+        seen.setdefault(value, item)
+    if again:
+        raise ConstraintError(*again)
+    return values
+
+
+class _Seeds(_Axis):
+    """A list of seeds, or how many there are from 1 on."""
+
+    count: Final = Whole(1, 100_000, "a list of seeds, or how many,")
+    kind = "a list of seeds, or how many"
+
+    def read(self, value: Any) -> Any:
+        return super().read(value) if isinstance(value, list) else range(1, self.count.read(value) + 1)
+
+    def json(self) -> dict[str, Any]:
+        return {"anyOf": [self.count.json(), self._list.json()]}
+
+
+class _ByStrategy(Constraint):
+    """One number for all strategies, or a mapping from their names, which is read when they are known."""
+
+    kind = "a number, or one by strategy"
+
+    def __init__(self, number: Number) -> None:
+        self.number, self.unit = number, number.unit
+
+    @property
+    def range(self) -> str:
+        return self.number.range
+
+    def read(self, value: Any) -> Any:
+        return value if isinstance(value, dict) else self.number.read(value)
+
+    def json(self) -> dict[str, Any]:
+        one = self.number.json()
+        return {"anyOf": [one, {"type": "object", "additionalProperties": one}]}
+
+
 class _Depths(Numbers):
-    def read(self, value: Any) -> tuple[Any, ...]:
+    def read(self, value: Any) -> Any:
         low, high = super().read(value)
         if low > high:
-            raise Mistake("the smaller one first", f"[{low:g}, {high:g}]")
+            raise wrong("the smaller one first", f"[{low:g}, {high:g}]")
         return low, high
 
 
@@ -46,7 +119,7 @@ class Random:
     """One transmitter, another for each seed: uniform within ±`within_m` north and east of home, uniform in depth
     from `depth_m`[0] to [1], its attitude uniform among all rotations."""
 
-    within_m: Annotated[float, _WITHIN, Help("north and east of home, each way")]
+    within_m: Annotated[float, Number(0, 10_000, above=True, unit="m"), Help("north and east of home, each way")]
     depth_m: Annotated[tuple[float, float], _Depths(_DEPTH, _DEPTH), Help("from, to")] = (0.0, 2.0)
 
     def __str__(self) -> str:
@@ -54,38 +127,70 @@ class Random:
         return f"random within {self.within_m:g} m at {low:g} to {high:g} m"
 
 
-class Scenarios(Sort):
-    """Files and random ones, read when the plan's folder is known."""
+class _File(Constraint):
+    """A scenario file, relative to a folder, or a random one; a file's own mistakes are collected in `problems`."""
 
-    one: Final = Text("a scenario file or {random: …}")
+    def __init__(self, folder: str = "") -> None:
+        self._folder = folder
+        self.problems: list[Problem] = []
 
     def __str__(self) -> str:
-        return list_of(1, MANY, "scenarios")
+        return "a scenario file or {random: …}"
 
-    @property
-    def kind(self) -> str:
-        return f"{self.one}, or a list of them"
-
-    def read(self, value: Any) -> Any:
-        return value
+    def read(self, value: Any) -> Scenario | Random:
+        if isinstance(value, dict):
+            values, violations = read_keys(value, {"random": TableOf(Random)}, ["random"])
+            if violations:
+                raise ConstraintError(*violations)
+            random: Random = values["random"]
+            return random
+        name = Text(str(self)).read(value)
+        path = os.path.join(self._folder, name)
+        if not os.path.isfile(path):
+            folder = os.path.dirname(path) or "."
+            names = os.listdir(folder) if os.path.isdir(folder) else []
+            close = nearest(os.path.basename(path), [file for file in names if file.endswith((".yaml", ".yml"))])
+            raise wrong(str(self), f"no file {path}", close and os.path.join(os.path.dirname(name), close))
+        try:
+            scenario = load(path)
+        except ScenarioError as error:
+            self.problems += error.problems
+            return Scenario((), source=path)
+        unserved = [part for part, there in parts_of_spec_2(scenario).items() if there and part in _NOT_FLOWN]
+        if scenario.output_format in MAVLINK_FORMATS:
+            unserved.append(f"format {scenario.output_format}")
+        if unserved:
+            raise wrong("a scenario that a campaign flies", f"{path} with {', '.join(unserved)}")
+        return scenario
 
     def json(self) -> dict[str, Any]:
-        box = {
-            "type": "object",
-            "properties": {
-                "within_m": _WITHIN.json() | {"description": help_of(Random, "within_m")},
-                "depth_m": sort_of(Random, "depth_m").json() | {"description": help_of(Random, "depth_m")},
-            },
-            "required": ["within_m"],
-            "additionalProperties": False,
-        }
-        drawn = {"type": "object", "properties": {"random": box}, "required": ["random"], "additionalProperties": False}
-        return one_or_many({"anyOf": [{"type": "string"}, drawn]})
+        random = {"random": TableOf(Random).json()}
+        drawn = {"type": "object", "properties": random, "required": ["random"], "additionalProperties": False}
+        return {"anyOf": [{"type": "string"}, drawn]}
 
 
-_WIND: Final = Axis(Number(0, 100, unit="m/s"), "numbers")
-_GPS_NOISE: Final = Axis(Number(0, 1000, unit="m"), "numbers")
-_SUCCESS: Final = Number(0, 1000, above=True, unit="m")
+class _Scenarios(_Axis):
+    """Scenarios by their names."""
+
+    def __init__(self, file: _File | None = None) -> None:
+        super().__init__(file or _File(), "scenarios")
+
+    def read(self, value: Any) -> dict[str, Scenario | Random]:
+        every = self._list.read(value) if isinstance(value, list) else (self.item.read(value),)
+        names = [str(one) if isinstance(one, Random) else _stem(one.source) for one in every]
+        _each_once(value if isinstance(value, list) else [value], names)
+        return dict(zip(names, every, strict=True))
+
+
+def _stem(path: str) -> str:
+    return os.path.splitext(os.path.basename(path))[0]
+
+
+_HEIGHT: Final = Number(0, 1000, above=True, unit="m")
+_SPEED: Final = Number(0, 100, above=True, unit="m/s")
+_LIMIT: Final = Number(0, 86_400, above=True, unit="s")
+_WIND: Final = _Axis(Number(0, 100, unit="m/s"), "numbers")
+_GPS_NOISE: Final = _Axis(Number(0, 1000, unit="m"), "numbers")
 
 
 @table()
@@ -93,17 +198,19 @@ class PlanFile:
     """The keys of a plan."""
 
     spec: Annotated[int, Spec(SPEC), Help("the version of this file format")] = field(default=1, kw_only=True)
-    strategies: Annotated[Any, Strategies(Text("a strategy")), Help("what flies")]
-    scenarios: Annotated[Any, Scenarios(), Help("files, relative to this one, and random ones, drawn by the seed")]
-    seeds: Annotated[Any, Seeds(SEED, "seeds"), Help("of the noise and of what is drawn")] = range(1, 2)
-    noise: Annotated[Any, Axis(Word(NOISE_KINDS)), Help("of the receiver; without it as the scenario has it")] = (None,)
+    strategies: Annotated[Any, _Axis(_Strategy(STRATEGIES)), Help("what flies")]
+    scenarios: Annotated[Any, _Scenarios(), Help("files, relative to this one, and random ones, drawn by the seed")]
+    seeds: Annotated[Any, _Seeds(SEED, "seeds"), Help("of the noise and of what is drawn")] = range(1, 2)
+    noise: Annotated[Any, _Axis(Word(NOISE_KINDS)), Help("of the receiver; without it as the scenario has it")] = (
+        None,
+    )
     wind_m_s: Annotated[Any, _WIND, Help("from a direction that the seed draws")] = (0.0,)
     gps_noise_m: Annotated[Any, _GPS_NOISE, Help("sigma on each axis")] = (0.0,)
-    take_off_m: Annotated[Any, Axis(_HEIGHT, "numbers"), Help("height of the take-off")] = (3.0,)
-    height_m: Annotated[Any, ByStrategy(_HEIGHT), Help("held in the search")] = 3.0
-    speed_m_s: Annotated[Any, ByStrategy(_SPEED), Help("of the search")] = 1.0
-    limit_s: Annotated[Any, ByStrategy(_LIMIT), Help("of the search, then it lands")] = 900.0
-    success_m: Annotated[float, _SUCCESS, Help("how near the place reported has to be")] = 2.0
+    take_off_m: Annotated[Any, _Axis(_HEIGHT, "numbers"), Help("height of the take-off")] = (3.0,)
+    height_m: Annotated[Any, _ByStrategy(_HEIGHT), Help("held in the search")] = 3.0
+    speed_m_s: Annotated[Any, _ByStrategy(_SPEED), Help("of the search")] = 1.0
+    limit_s: Annotated[Any, _ByStrategy(_LIMIT), Help("of the search, then it lands")] = 900.0
+    success_m: Annotated[float, _HEIGHT, Help("how near the place reported has to be")] = 2.0
 
 
 @dataclass(frozen=True)
@@ -127,114 +234,47 @@ class CampaignPlan:
 def load_plan(path: str | os.PathLike[str]) -> CampaignPlan:
     """The plan in a file. Raises ScenarioError with all mistakes, those in its scenario files too."""
     path = located(path)
-    return parse_plan(yaml_tree.read_text(path, "the plan of a campaign"), path)
+    return parse_plan(read_text(path, "the plan of a campaign"), path)
 
 
 def parse_plan(text: str, source: str) -> CampaignPlan:
     """The plan in `text`; files that it names are looked for from where `source` is. Raises ScenarioError."""
-    reader = _PlanReader(os.path.dirname(source))
-    return read(text, source, "a mapping with strategies and scenarios", reader.read, SPEC)
+
+    def plan(top: Value) -> CampaignPlan:
+        return _read(top, _File(os.path.dirname(source)))
+
+    return read(text, source, "a mapping with strategies and scenarios", plan, SPEC)
 
 
 def is_plan(text: str) -> bool:
     """Whether a text looks like a plan and not like a scenario."""
     try:
-        root = tree(yaml_tree.Notes("").compose(text, ""))
+        root = value_of(Problems("").compose(text, ""), SPEC)
     except ScenarioError:
         return False
     return isinstance(root, dict) and "transmitters" not in root and bool(root.keys() & {"strategies", "scenarios"})
 
 
-class _PlanReader:
-    """Reads one plan; remembers what is wrong with it and with the scenarios that it names."""
-
-    def __init__(self, folder: str) -> None:
-        self._folder = folder
-        self._wrong: list[Mistake] = []
-        self._problems: list[Problem] = []
-
-    def read(self, tree: Tree) -> CampaignPlan:
-        """Raises Mistakes."""
-        plan = self._try("", lambda: read_by(partial(validate, PlanFile), tree))
-        top: Mapping[str, Any] = tree if isinstance(tree, dict) else {}
-        names = self._strategy_names(top)
-        scenarios = self._scenarios(top)
-        limits: dict[str, Any] = {
-            key: self._by_strategy(top, key, names) for key in ("height_m", "speed_m_s", "limit_s")
-        }
-        axes: dict[str, Any] = {
-            key: right(PlanFile, top, key) for key in ("seeds", "noise", "wind_m_s", "gps_noise_m", "take_off_m")
-        }
-        count = math.prod(len(one) for one in (names, scenarios, *axes.values()) if one)
-        if count > MOST_TRIALS:
-            self._wrong.append(Mistake(f"at most {MOST_TRIALS}", f"{count} trials"))
-        if self._wrong or self._problems:
-            raise Mistakes(self._wrong, self._problems)
-        return CampaignPlan(names, scenarios, **axes, **limits, success_m=plan.success_m)
-
-    def _try(self, key: str, what: Callable[[], Any]) -> Any:
-        try:
-            return what()
-        except (Mistake, Mistakes) as error:
-            self._wrong += below(key, error) if key else error.every if isinstance(error, Mistakes) else [error]
-
-    def _strategy_names(self, top: Mapping[str, Any]) -> tuple[str, ...]:
-        if "strategies" not in top:
-            return ()
-        return self._try("strategies", lambda: Axis(Named(STRATEGIES)).read(top["strategies"])) or ()
-
-    def _by_strategy(self, top: Mapping[str, Any], key: str, names: Sequence[str]) -> dict[str, float]:
-        """One number for all, or each strategy's own."""
-        usual = right(PlanFile, {}, key)
-        number = cast("ByStrategy", sort_of(PlanFile, key)).number
-        value = top.get(key, usual)
-        if isinstance(value, dict):
-            given = self._try(key, lambda: read_mapping(value, dict.fromkeys(names, number), [])) if names else {}
-            return {name: (given or {}).get(name, usual) for name in names}
-        return dict.fromkeys(names, right(PlanFile, top, key))
-
-    def _scenarios(self, top: Mapping[str, Any]) -> dict[str, Scenario | Random]:
-        if "scenarios" not in top:
-            return {}
-        value = top["scenarios"]
-        items = value if isinstance(value, list) else [value]
-        named: dict[str, Scenario | Random] = {}
-
-        def one(item: Any) -> str:
-            kind = self._scenario(item)
-            name = str(kind) if isinstance(kind, Random) else os.path.splitext(os.path.basename(kind.source))[0]
-            named.setdefault(name, kind)
-            return name
-
-        if isinstance(value, list):
-            sort = Axis(Text(""), "scenarios")
-            self._try("scenarios", lambda: unique(items, read_list(sort, items, one)))
-        else:
-            self._try("scenarios", lambda: one(value))
-        return named
-
-    def _scenario(self, item: Any) -> Scenario | Random:
-        """A file or a random one; a file's own mistakes become the plan's. Raises Mistake or Mistakes."""
-        if isinstance(item, dict):
-            random: Random = read_mapping(item, {"random": TableSort(Random)}, ["random"])["random"]
-            return random
-        name = Scenarios.one.read(item)
-        path = os.path.join(self._folder, name)
-        if not os.path.isfile(path):
-            folder = os.path.dirname(path) or "."
-            names = os.listdir(folder) if os.path.isdir(folder) else []
-            files = [file for file in names if file.endswith((".yaml", ".yml"))]
-            close = nearest(os.path.basename(path), files)
-            hint = close and os.path.join(os.path.dirname(name), close)
-            raise Mistake(str(Scenarios.one), f"no file {path}", hint)
-        try:
-            scenario = load(path)
-        except ScenarioError as error:
-            self._problems += error.problems
-            return Scenario((), source=path)
-        unserved = [part for part, there in parts_of_spec_2(scenario).items() if there and part in _NOT_FLOWN]
-        if scenario.output_format in MAVLINK_FORMATS:
-            unserved.append(f"format {scenario.output_format}")
-        if unserved:
-            raise Mistake("a scenario that a campaign flies", f"{path} with {', '.join(unserved)}")
-        return scenario
+def _read(top: Value, file: _File) -> CampaignPlan:
+    """Raises ConstraintError."""
+    if not isinstance(top, dict):
+        raise wrong(str(TableOf(PlanFile)))
+    constraints = {name: one.constraint for name, one in keys(PlanFile).items()} | {"scenarios": _Scenarios(file)}
+    given, violations = read_keys(top, constraints, PlanFile.__required__)  # type: ignore[attr-defined]
+    values = {name: given.get(name, one.default) for name, one in keys(PlanFile).items() if name != "spec"}
+    strategies = given.get("strategies", ())
+    for name, constraint in constraints.items():
+        if isinstance(constraint, _ByStrategy):
+            value = values[name]
+            values[name] = dict.fromkeys(strategies, keys(PlanFile)[name].default if isinstance(value, dict) else value)
+            if isinstance(value, dict) and strategies:
+                own, violations_of_own = read_keys(value, dict.fromkeys(strategies, constraint.number))
+                violations += ConstraintError(*violations_of_own).below(name)
+                values[name] |= own
+    axes = [given[name] for name, one in constraints.items() if isinstance(one, _Axis) and name in given]
+    count = math.prod(map(len, axes))
+    if count > MOST_TRIALS:
+        violations.append(Violation(f"at most {MOST_TRIALS}", f"{count} trials"))
+    if violations or file.problems:
+        raise ConstraintError(*violations, problems=file.problems)
+    return CampaignPlan(**values)

@@ -6,14 +6,10 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
-from arva_hil.config.kinds import SPAN, TRANSMITTER_ID, WORLD_POINT, Triple
-from arva_hil.config.mapping_keys import read_mapping, unknown, validator
-from arva_hil.config.marks import Help, NotAKey
-from arva_hil.config.mistake import Mistake, Mistakes
-from arva_hil.config.sorts import Anything, Number, Sort, Whole
-from arva_hil.config.tables import help_of, sort_of, table
-from arva_hil.config.text import Named, Yes
-from arva_hil.config.tree import ScenarioError
+from arva_hil.config.common import SPAN, TRANSMITTER_ID, WORLD_POINT, Triple
+from arva_hil.config.constraints import Anything, Constraint, Named, Number, On, Whole
+from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, wrong
+from arva_hil.config.tables import Help, NotAKey, fields_of, read_keys, table, unknown_key
 from arva_hil.errors import KindError
 from arva_hil.registry import FAULTS, FORMATS, MAVLINK_FORMATS
 
@@ -28,7 +24,7 @@ _NEEDS: Final = ("by_ned", "over_s")
 
 
 class FaultKind(NamedTuple):
-    """A sort of fault: where it strikes, which values it takes (None: only `true`), which keys it needs besides.
+    """A kind of fault: where it strikes, which values it takes (None: only `true`), which keys it needs besides.
 
     `strike` depends on the stage. `heard`: `(look, switch)` gives another look. `sent`: `(sending, value, random)`
     changes how a frame is sent; whether it did. `wire`: `(bytes of a frame, value, random)` gives what is left of them,
@@ -42,9 +38,9 @@ class FaultKind(NamedTuple):
     needs: tuple[str, ...] = ()
 
     @property
-    def sort(self) -> Sort:
-        """Which values it takes in a file."""
-        return self.valid or Yes()
+    def constraint(self) -> Constraint:
+        """Which values it takes."""
+        return self.valid or On()
 
 
 @table()
@@ -66,12 +62,26 @@ class Fault:
     over_s: Annotated[float | None, SPAN, Help("of transmitter_fading: until nothing is left")] = None
 
     def __post_init__(self) -> None:
-        kind: FaultKind = FAULTS[self.name]
-        object.__setattr__(self, "value", validator(kind.sort.read)(self.value))
-        lacking = [key for key in kind.needs if getattr(self, key) is None]
-        mistakes = [Mistake(f"a fault with {key}", f"{self.name} without {key}") for key in lacking]
-        if mistakes := [*mistakes, *_misscheduled(vars(self))]:
-            raise ValueError("; ".join(map(str, mistakes)))
+        object.__setattr__(self, "value", FAULTS[self.name].constraint.read(self.value))
+
+    @classmethod
+    def conflicts(cls, fault: Any) -> Iterator[Violation]:
+        kind: FaultKind = FAULTS[fault.name]
+        try:
+            kind.constraint.read(fault.value)
+        except ConstraintError as error:
+            yield from error.below("value")
+        for key in kind.needs:
+            if getattr(fault, key) is None:
+                yield Violation(f"a fault with {key}", f"{fault.name} without {key}")
+        if fault.until_s <= fault.from_s:
+            yield Violation(f"later than from_s ({fault.from_s:g})", f"until_s {fault.until_s:g}", path=("until_s",))
+        if fault.every_s is None or fault.for_s is None:
+            if fault.every_s is not fault.for_s:
+                found = "every_s without for_s" if fault.for_s is None else "for_s without every_s"
+                yield Violation("both or neither", found)
+        elif fault.for_s >= fault.every_s:
+            yield Violation(f"less than every_s ({fault.every_s:g})", f"for_s {fault.for_s:g}", path=("for_s",))
 
     def since(self, time_us: int) -> int | None:
         """How long it has been on [µs] at `time_us`, None when it is off."""
@@ -92,21 +102,11 @@ class Fault:
         return ",".join(keys) + (f"@{start}-{end}".removesuffix("-") if start or end else "")
 
 
-def _misscheduled(f: Mapping[str, Any]) -> Iterator[Mistake]:
-    """What is wrong between the times of a fault, which are right each."""
-    from_s, until_s = f.get("from_s", 0.0), f.get("until_s", math.inf)
-    every_s, for_s = f.get("every_s"), f.get("for_s")
-    if until_s <= from_s:
-        yield Mistake(f"later than from_s ({from_s:g})", f"until_s {until_s:g}", where=("until_s",))
-    if every_s is not None and for_s is not None:
-        if for_s >= every_s:
-            yield Mistake(f"less than every_s ({every_s:g})", f"for_s {for_s:g}", where=("for_s",))
-    elif every_s is not None or for_s is not None:
-        yield Mistake("both or neither", "every_s without for_s" if for_s is None else "for_s without every_s")
-
-
-class FaultItem(Sort):
+class FaultItem(Constraint):
     """A fault as a file has it: a mapping with the name of one fault, and its schedule."""
+
+    table = Fault
+    kind = "a mapping"
 
     def __str__(self) -> str:
         return "a mapping with the name of a fault"
@@ -114,25 +114,28 @@ class FaultItem(Sort):
     def read(self, value: Any) -> Fault:
         if isinstance(value, Fault):
             return value
-        named = [name for name in value if _is_fault(name)] if isinstance(value, dict) else []
+        if not isinstance(value, dict):
+            raise wrong(f"a mapping with {', '.join(_keys_of_all())}")
+        named = [name for name in value if _is_fault(name)]
         if len(named) != 1:
-            raise Mistakes(list(_not_one(value, named)))
+            raise ConstraintError(*_not_one(value, named))
         (name,) = named
         try:
             kind: FaultKind = FAULTS[name]
         except KindError as error:
-            raise Mistake(f"one that works: {error.cure}", error.found, where=(name,), at_key=True) from None
-        values = read_mapping(value, _sorts(name), [name, *kind.needs])
-        if mistakes := list(_misscheduled(values)):
-            raise Mistakes(mistakes)
+            violation = Violation(f"one that works: {error.cure}", error.found, None, (name,), at_key=True)
+            raise ConstraintError(violation) from None
+        values, violations = read_keys(value, _keys(name), [name, *kind.needs])
+        if violations:
+            raise ConstraintError(*violations)
         return Fault(name, values.pop(name), **values)
 
     def json(self) -> dict[str, Any]:
         every = []
         for name in FAULTS.names():
             kind: FaultKind = FAULTS[name]
-            helps = {key: help_of(Fault, key) for key in (*kind.needs, *_SCHEDULE)} | {name: kind.help}
-            properties = {key: sort.json() | {"description": helps[key]} for key, sort in _sorts(name).items()}
+            helps = {key: one.help for key, one in fields_of(Fault).items()} | {name: kind.help}
+            properties = {key: one.json() | {"description": helps[key]} for key, one in _keys(name).items()}
             required = [name, *kind.needs]
             every.append(
                 {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
@@ -145,24 +148,25 @@ def _is_fault(key: str) -> bool:
     return key in list(FAULTS) or (key not in _SCHEDULE and key not in _NEEDS and key in FAULTS)
 
 
-def _sorts(name: str) -> dict[str, Sort]:
+def _keys(name: str) -> dict[str, Constraint]:
     """The keys of a fault of this name."""
     kind: FaultKind = FAULTS[name]
-    return {name: kind.sort} | {key: sort_of(Fault, key) for key in (*kind.needs, *_SCHEDULE)}
+    return {name: kind.constraint} | {key: fields_of(Fault)[key].constraint for key in (*kind.needs, *_SCHEDULE)}
 
 
-def _not_one(value: Any, named: list[str]) -> Iterator[Mistake]:
-    """What is wrong with what is not one fault."""
-    every = dict.fromkeys([*FAULTS, *_NEEDS, *_SCHEDULE], 1)
-    if not isinstance(value, dict):
-        yield Mistake("a mapping with {keys}", keys=every)
-        return
-    strangers = [name for name in value if name not in every]
-    yield from (unknown(name, every) for name in strangers)
+def _keys_of_all() -> list[str]:
+    """The keys that some fault of ours has."""
+    return [*FAULTS, *_NEEDS, *_SCHEDULE]
+
+
+def _not_one(value: Mapping[str, Any], named: list[str]) -> Iterator[Violation]:
+    """What is wrong with a mapping that is not one fault."""
+    if unknown := [unknown_key(value, name, _keys_of_all()) for name in value if name not in _keys_of_all()]:
+        yield from unknown
+    elif not named:
+        yield Violation(f"one of {', '.join(FAULTS)}", "no fault")
     if len(named) > 1:
-        yield Mistake("one fault an item", f"both {named[0]} and {named[1]}", where=(named[1],), at_key=True)
-    elif not strangers:
-        yield Mistake(f"one of {', '.join(FAULTS)}", "no fault")
+        yield Violation("one fault an item", f"both {named[0]} and {named[1]}", None, (named[1],), at_key=True)
 
 
 def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] | None:

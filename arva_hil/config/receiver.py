@@ -3,36 +3,21 @@
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Final
 
-from arva_hil.config.kinds import ANGLE, BODY_POINT, NOISE_KINDS, RATE_HZ, NoiseKind, Triple
-from arva_hil.config.marks import Help, NotAKey, Since
-from arva_hil.config.mistake import Mistake
-from arva_hil.config.nested import Reshaped
-from arva_hil.config.own_keys import PAPER, OwnKeys, checked_options, own_keys, schemas
-from arva_hil.config.sorts import Anything, Number, Numbers, Whole
-from arva_hil.config.tables import right, table
-from arva_hil.config.text import Named, Word
+from arva_hil.config import model_keys
+from arva_hil.config.common import BODY_POINT, NOISE_KINDS, RATE_HZ, Attitude, NoiseKind, Triple
+from arva_hil.config.constraints import Anything, Named, Number, Numbers, Whole, Word
+from arva_hil.config.errors import Violation, wrong
+from arva_hil.config.tables import Help, NotAKey, OtherKeys, Since, table, valid_value
 from arva_hil.registry import RECEIVERS
 
 NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))
 
 
-@table()
-class Angles:
-    """An attitude as a file has it."""
-
-    roll: Annotated[float, ANGLE, Help("about x")] = 0.0
-    pitch: Annotated[float, ANGLE, Help("about y")] = 0.0
-    yaw: Annotated[float, ANGLE, Help("about z")] = 0.0
-
-
-ATTITUDE: Final = Reshaped(Angles, lambda angles: (angles.roll, angles.pitch, angles.yaw), Numbers(ANGLE, ANGLE, ANGLE))
-
-
 class _NoSignal(Numbers):
-    def read(self, value: Any) -> tuple[Any, ...]:
+    def read(self, value: Any) -> Any:
         pair = super().read(value)
         if pair not in NO_SIGNAL:
-            raise Mistake("[-1, -1], [-1, 0] or [0, 0]", f"[{pair[0]}, {pair[1]}]")
+            raise wrong("[-1, -1], [-1, 0] or [0, 0]", f"[{pair[0]}, {pair[1]}]")
         return pair
 
     def json(self) -> dict[str, Any]:
@@ -54,15 +39,15 @@ class MountOptions:
     """Where the receiver sits: `position` in body FRD, metres; `attitude` roll, pitch, yaw in degrees."""
 
     position: Annotated[Triple, BODY_POINT, Help("body FRD, from the vehicle's position")] = (0.0, 0.0, 0.0)
-    attitude: Annotated[Triple, ATTITUDE, Help("receiver FRD to body FRD")] = (0.0, 0.0, 0.0)
+    attitude: Annotated[Triple, Attitude(), Help("receiver FRD to body FRD")] = (0.0, 0.0, 0.0)
 
 
 @table()
 class ReceiverOptions:
     """The receiver. `sensitivity`: the diagonal of Q; `no_signal`: (d, δ) when there is nothing to report.
 
-    Each frame is up to `jitter_s` late, less than half the period. `options`: of a model with keys of its own its
-    `Options`, or a mapping that makes them; a file has them beside `model`. Raises ValueError when it does not fit.
+    Each frame is up to `jitter_s` late, less than half the period. `options`: for a model with keys of its own its
+    `Options`, or a mapping of them; a file has these keys beside `model`. Raises ValueError when it does not fit.
     """
 
     channels: Annotated[int, Whole(1, 16), Help("how many transmitters it can show at once, the nearest first")] = 4
@@ -82,36 +67,26 @@ class ReceiverOptions:
         tuple[int, int], _NoSignal(*[Whole(-1, 0)] * 2), Help("distance and angle when there is nothing")
     ] = (-1, -1)
     model: Annotated[str, Named(RECEIVERS), Since(2), Help("what computes a reading; its own keys stand beside it")] = (
-        PAPER
+        model_keys.PAPER
     )
     options: Annotated[Any, Anything(), NotAKey()] = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "options", checked_options(self.model, self.options))
-        if wrong := late(self.rate_hz, self.jitter_s):
-            raise ValueError(str(wrong))
+        object.__setattr__(self, "options", model_keys.checked_options(self.model, self.options))
 
     @classmethod
-    def own_keys(cls, mapping: Mapping[str, Any]) -> OwnKeys:
-        """The keys that the model has besides."""
-        return own_keys(right(cls, mapping, "model"), mapping)
+    def other_keys(cls, mapping: Mapping[str, Any]) -> OtherKeys:
+        """The keys of its model's own."""
+        return model_keys.read_options(valid_value(cls, mapping, "model"), mapping)
 
     @classmethod
-    def own_schemas(cls) -> dict[str, Any]:
-        """JSON Schemas of the keys that models have besides."""
-        return schemas()
+    def other_schemas(cls) -> dict[str, Any]:
+        """The JSON Schemas of the keys of models' own."""
+        return model_keys.schemas()
 
     @classmethod
-    def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Mistake]:
-        rate_hz, jitter_s = (right(cls, mapping, name) for name in ("rate_hz", "jitter_s"))
-        if rate_hz is not None and jitter_s is not None and (wrong := late(rate_hz, jitter_s)):
-            yield wrong
-
-
-def late(rate_hz: float, jitter_s: float) -> Mistake | None:
-    """What is wrong with the jitter of a receiver, if it is."""
-    if jitter_s < 0.5 / rate_hz:
-        return None
-    return Mistake(
-        f"less than half the period ({0.5 / rate_hz:.4g} s)", f"jitter_s {jitter_s:.4g}", where=("jitter_s",)
-    )
+    def conflicts(cls, holder: Any) -> Iterator[Violation]:
+        rate_hz, jitter_s = (valid_value(cls, holder, name) for name in ("rate_hz", "jitter_s"))
+        if rate_hz is not None and jitter_s is not None and jitter_s >= 0.5 / rate_hz:
+            expected = f"less than half the period ({0.5 / rate_hz:.4g} s)"
+            yield Violation(expected, f"jitter_s {jitter_s:.4g}", path=("jitter_s",))

@@ -5,30 +5,40 @@ metres, degrees, seconds, hertz. World frame NED, body frame FRD.
 """
 
 import os
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import InitVar, asdict, astuple, field, replace
 from typing import Annotated, Any, Final, Literal, get_args
 
-from arva_hil.config import tree
+from arva_hil.config import nodes
 from arva_hil.config.builtin import located
+from arva_hil.config.common import FORMAT, SEED, Pose, Triple
+from arva_hil.config.constraints import ListOf, Spec, Text, Word
+from arva_hil.config.errors import ConstraintError, Violation
 from arva_hil.config.faults import Fault, FaultItem, misfit, plain_fault
-from arva_hil.config.kinds import FORMAT, SEED, Pose, Triple
-from arva_hil.config.marks import Help, NotAKey, Since
-from arva_hil.config.mistake import Mistake, Mistakes, below
-from arva_hil.config.nested import Either, Tables
 from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.sorts import Listed, Spec
-from arva_hil.config.tables import NEWER, keys, right, table, validate
-from arva_hil.config.text import Text, Word
-from arva_hil.config.transmitter import Lla, Transmitter, same_ids
-from arva_hil.config.vehicles import NavigationError, VehicleConfig, clashes
+from arva_hil.config.tables import Help, NotAKey, Since, TableOf, duplicates, items_of, keys, table, valid_value
+from arva_hil.config.transmitter import Lla, Transmitter
+from arva_hil.config.vehicles import NavigationError, VehicleConfig, vehicle_conflicts
 from arva_hil.registry import FORMATS
 
 Datum = Literal["home"] | Lla
 
-SPEC: Final = 2  # the newest that is read
 WHAT: Final = "a mapping with transmitters"
-_FAULTS: Final = Listed(FaultItem(), 0, 1000, "faults")
+
+
+class _HomeOrPlace(TableOf):
+    kind = "home or a mapping with lat, lon, alt"
+
+    def __str__(self) -> str:
+        return self.kind
+
+    def read(self, value: Any) -> Any:
+        if isinstance(value, Mapping | Lla):
+            return super().read(value)
+        return Word(("home",), self.kind).read(value)
+
+    def json(self) -> dict[str, Any]:
+        return {"anyOf": [{"const": "home"}, super().json()]}
 
 
 @table()
@@ -48,18 +58,18 @@ class Scenario:
     is there twice, and for a navigation_error of the truth.
     """
 
-    spec: InitVar[Annotated[int, Spec(SPEC), Help("the version of this file format")]] = field(default=1, kw_only=True)
-    transmitters: Annotated[tuple[Transmitter, ...], Tables(1, 255, "transmitters"), Help("who is to be found")]
-    datum: Annotated[
-        Datum,
-        Either(Word(("home",), "home or a mapping with lat, lon, alt"), "home or a mapping with lat, lon, alt"),
-        Help("the vehicle's home, or a place"),
-    ] = "home"
+    spec: InitVar[Annotated[int, Spec(nodes.NEWEST_SPEC), Help("the version of this file format")]] = field(
+        default=1, kw_only=True
+    )
+    transmitters: Annotated[
+        tuple[Transmitter, ...], ListOf(TableOf(Transmitter), 1, 255, "transmitters"), Help("who is to be found")
+    ]
+    datum: Annotated[Datum, _HomeOrPlace(Lla), Help("the vehicle's home, or a place")] = "home"
     receiver: Annotated[ReceiverOptions, Help("what it is like")] = ReceiverOptions()
     output: InitVar[Annotated[OutputOptions | None, Help("what is sent")]] = field(default=None, kw_only=True)
     output_format: Annotated[str, FORMAT, NotAKey()] = "binary"
     seed: Annotated[int, SEED, Help("same seed, same noise, same faults")] = 1
-    faults: Annotated[tuple[Fault, ...], _FAULTS, Help("on purpose and on time")] = ()
+    faults: Annotated[tuple[Fault, ...], ListOf(FaultItem(), 0, 1000, "faults"), Help("on purpose and on time")] = ()
     source: Annotated[str, Text("a name", r"(?s:.*)"), NotAKey()] = field(default="default scenario", compare=False)
     pose: Annotated[
         Pose,
@@ -69,74 +79,46 @@ class Scenario:
     ] = "estimate"
     navigation_error: Annotated[NavigationError | None, Since(2), Help("true pose = reported pose + this")] = None
     vehicles: Annotated[
-        tuple[VehicleConfig, ...], Tables(1, 64, "vehicles"), Since(2), Help("without it one, the command line's")
+        tuple[VehicleConfig, ...],
+        ListOf(TableOf(VehicleConfig), 1, 64, "vehicles"),
+        Since(2),
+        Help("without it one, the command line's"),
     ] = ()
 
     def __post_init__(self, spec: int, output: OutputOptions | None) -> None:
         if output is not None:
             object.__setattr__(self, "output_format", output.format)
-        ids = same_ids([{"id": transmitter.id} for transmitter in self.transmitters])
-        if self.pose == "truth" and self.navigation_error is not None:
-            raise ValueError("a scenario with `pose: truth` has no navigation_error")
-        if mistakes := [*_below("transmitters", ids), *_below("vehicles", clashes(list(map(_named, self.vehicles))))]:
-            raise ValueError("; ".join(map(str, mistakes)))
 
     @classmethod
-    def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Mistake]:
-        """What does not fit together in a file's mapping, whatever else is wrong in it."""
-        transmitters, vehicles, faults = (_list(mapping, key) for key in ("transmitters", "vehicles", "faults"))
-        yield from _below("transmitters", same_ids(transmitters))
-        yield from _below("vehicles", clashes(vehicles))
-        if right(cls, mapping, "pose") == "truth" and "navigation_error" in mapping:
+    def conflicts(cls, holder: Any) -> Iterator[Violation]:
+        transmitters = [(("transmitters", at), one) for at, one in items_of(holder, "transmitters")]
+        yield from duplicates(Transmitter, transmitters, "id", "id")
+        yield from vehicle_conflicts(holder)
+        in_file = isinstance(holder, Mapping)
+        errs = "navigation_error" in holder if in_file else holder.navigation_error is not None
+        if valid_value(cls, holder, "pose") == "truth" and errs:
             expected = "none with `pose: truth`, which has no error"
-            yield Mistake(expected, "navigation_error", where=("navigation_error",), at_key=True)
-        ids: list[Any] = [
-            right(Transmitter, t, "id") if isinstance(t, Mapping) and "id" in t else None for t in transmitters
-        ]
+            yield Violation(expected, "navigation_error", None, ("navigation_error",), at_key=True)
+        ids = [valid_value(Transmitter, one, "id") for _, one in transmitters]
         known: Collection[int] = range(255) if not ids or None in ids else ids
-        for at, item in enumerate(faults):
+        for at, item in items_of(holder, "faults") if in_file else ():
             try:
                 fault = FaultItem().read(item)
-            except (Mistake, Mistakes):
+            except ConstraintError:
                 continue
-            for of in _formats(mapping):
-                if wrong := misfit(fault, known, of):
-                    yield Mistake(wrong[1], wrong[0], where=("faults", at))
-                    break
+            found = next(filter(None, (misfit(fault, known, of) for of in _formats(holder))), None)
+            if found:
+                yield Violation(found[1], found[0], path=("faults", at))
 
 
-def _below(key: str, mistakes: Iterator[Mistake]) -> Iterator[Mistake]:
-    for wrong in mistakes:
-        yield from below(key, wrong)
-
-
-def _list(mapping: Mapping[str, Any], key: str) -> Sequence[Any]:
-    """A list in a file, empty when it is none."""
-    value = mapping.get(key)
-    return value if isinstance(value, list) else []
-
-
-def _format(mapping: Mapping[str, Any]) -> str:
-    """The format in a file, as far as it is right."""
-    output = mapping.get("output")
-    of: str = (right(OutputOptions, output, "format") if isinstance(output, Mapping) else None) or "binary"
-    return of
-
-
-def _formats(mapping: Mapping[str, Any]) -> list[Any]:
+def _formats(file: Mapping[str, Any]) -> list[str]:
     """The formats of all receivers in a file, as far as they are right."""
-    receivers = [r for v in _list(mapping, "vehicles") if isinstance(v, Mapping) for r in _list(v, "receivers")]
-    given = [r.get("format", "binary") for r in receivers if isinstance(r, Mapping)]
+    receivers = [r for _, vehicle in items_of(file, "vehicles") for _, r in items_of(vehicle, "receivers")]
+    given = [r.get("format", "binary") for r in receivers]
     formats = [str(of) for of in given if isinstance(of, str) and of in FORMATS]
-    return formats or [_format(mapping)]
-
-
-def _named(vehicle: VehicleConfig) -> dict[str, Any]:
-    """What tells a vehicle from others, as a file has it."""
-    receivers = [{"name": r.name} | ({"port": r.port} if r.port else {}) for r in vehicle.receivers]
-    link = {"autopilot": vehicle.autopilot} if vehicle.autopilot else {}
-    system = {"system": vehicle.system} if vehicle.system else {}
-    return {"name": vehicle.name, "receivers": receivers} | link | system
+    output = file.get("output")
+    usual = valid_value(OutputOptions, output, "format") if isinstance(output, Mapping) else None
+    return formats or [usual or "binary"]
 
 
 DEFAULT: Final = Scenario((Transmitter(id=1, ned=(20.0, 5.0, 0.0)),))
@@ -146,7 +128,7 @@ DEFAULT: Final = Scenario((Transmitter(id=1, ned=(20.0, 5.0, 0.0)),))
 def load(path: str | os.PathLike[str]) -> Scenario:
     """The scenario in a file, or of a name as `builtin:default`. Raises ScenarioError, also when it cannot be read."""
     path = located(path)
-    from arva_hil.config.yaml_tree import read_text  # slow to import
+    from arva_hil.config.reading import read_text  # slow to import
 
     return parse(read_text(path, "a scenario file"), path)
 
@@ -155,31 +137,30 @@ def parse(text: str, source: str) -> Scenario:
     """The scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
     from arva_hil.config.reading import read  # slow to import
 
-    scenario = read(text, source, WHAT, _read, SPEC, lambda spec: NEWER if spec == 1 else ())
-    return replace(scenario, source=source)
+    return replace(read(text, source, WHAT, _read, nodes.NEWEST_SPEC), source=source)
 
 
-def _read(top: tree.Tree) -> Scenario:
-    if isinstance(top, tree.Mapping):
+def _read(top: nodes.Value) -> Scenario:
+    if isinstance(top, nodes.Mapping):
         _inherit(top)
-    return validate(Scenario, top)
+    scenario: Scenario = TableOf(Scenario).read(top)
+    return scenario
 
 
-def _inherit(top: tree.Mapping) -> None:
+def _inherit(top: nodes.Mapping) -> None:
     """Give each receiver of a vehicle what it has not of its own: the keys of `receiver`, the format, and a seed, the
     n-th one (from 0) the scenario's plus n, so that no two hear the same noise."""
     receiver, output = top.get("receiver"), top.get("output")
-    seed = right(Scenario, top, "seed") or 0
-    entries = [r for v in _list(top, "vehicles") if isinstance(v, Mapping) for r in _list(v, "receivers")]
+    seed = valid_value(Scenario, top, "seed") or 0
+    entries = [entry for _, vehicle in items_of(top, "vehicles") for _, entry in items_of(vehicle, "receivers")]
     for number, entry in enumerate(entries):
-        if isinstance(entry, tree.Mapping):
-            if isinstance(receiver, tree.Mapping):
-                of_all = keys(ReceiverOptions)
-                same = entry.get("model", receiver.get("model")) == receiver.get("model")
-                entry.inherit(receiver, [name for name in receiver if same or name in of_all])
-            if isinstance(output, tree.Mapping):
-                entry.inherit(output, ["format"])
-            entry.setdefault("seed", (seed + number) % (SEED.high + 1))
+        if isinstance(receiver, nodes.Mapping):
+            of_all = keys(ReceiverOptions)
+            same = entry.get("model", receiver.get("model")) == receiver.get("model")
+            entry.inherit(receiver, [name for name in receiver if same or name in of_all])
+        if isinstance(output, nodes.Mapping):
+            entry.inherit(output, ["format"])
+        entry.setdefault("seed", (seed + number) % (SEED.high + 1))
 
 
 def to_dict(scenario: Scenario) -> dict[str, Any]:

@@ -1,175 +1,284 @@
-"""Tables: frozen dataclasses that pydantic validates, and that are the mappings of a file too.
+"""Tables: frozen dataclasses that are mappings of a file too. Each field declares its constraint and its help once.
 
-pydantic takes tables as types of its own. It is imported when a file is read, or when Python gives values that are not
-all of their sorts.
+    rate_hz: Annotated[float, Number(0.1, 50, unit="Hz"), Help("frames a second")] = 1.0
+
+is one key of a file, checked there and in Python, and has its place in the JSON Schema and on the reference page.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, InitVar, dataclass, field
-from functools import wraps
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeVar, dataclass_transform, get_args
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import MISSING, InitVar, dataclass, field, replace
+from typing import Any, NamedTuple, TypeVar, dataclass_transform, get_args
 
-from arva_hil.config.marks import Help, NotAKey, Since
-from arva_hil.config.mistake import Mistake, Mistakes
-from arva_hil.config.sorts import Sort
-
-if TYPE_CHECKING:
-    from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
-    from pydantic.json_schema import JsonSchemaValue
-    from pydantic_core import CoreSchema
+from arva_hil.config.constraints import Anything, Constraint
+from arva_hil.config.errors import ConstraintError, Violation, any_of, nearest, short
+from arva_hil.config.nodes import first_line, spec_of
 
 _T = TypeVar("_T")
 
-NEWER: Final[set[str]] = set()
-"""The names of all keys that files of spec 1 do not have."""
+
+@dataclass(frozen=True)
+class Help:
+    """What a key means, in a few words."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Since:
+    """The key is one of files of this `spec` and newer ones."""
+
+    spec: int
+
+
+class NotAKey:
+    """The field is no key of a file."""
 
 
 class Field(NamedTuple):
-    """A field as it was declared."""
+    """A field of a table as it was declared. `since`: the spec of the first files that have it, 0 if it is no key."""
 
-    annotation: Any  # Annotated with its sort, help and marks
-    type: Any  # without them
-    marks: tuple[Any, ...]
+    constraint: Constraint
+    help: str
+    since: int
     default: Any  # MISSING if there is none
     file_only: bool
-    keyword_only: bool
-
-    def mark(self, cls: type[_T]) -> _T | None:
-        """The first mark of a class, None if there is none."""
-        return next((mark for mark in self.marks if isinstance(mark, cls)), None)
+    optional: bool  # may be None in Python
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
-def table(*need: str) -> Callable[[type[_T]], type[_T]]:
-    """A frozen dataclass that is validated when it is made, and can be read from a mapping, which has exactly one key
-    of each group in `need`. Raises ValueError (pydantic's ValidationError) for values that are not of their sorts.
+def table(*, required: str = "", one_of: str = "") -> Callable[[type[_T]], type[_T]]:
+    """A frozen dataclass that checks its values, and can be read from a mapping of a file (`TableOf`).
 
-    Its fields are the mapping's keys, an InitVar one of the file alone, a field marked NotAKey none. A class method
-    `misfits(mapping)` may give what is wrong between keys, whatever else is wrong, and one `own_keys(mapping)` further
-    keys of it, which become the field `options`: they are asked for mappings only.
+    Its fields are the mapping's keys, an InitVar one of the file alone, a field marked NotAKey none. A file has all
+    keys without a default, those in `required`, and exactly one of those in `one_of`. The class may have class methods:
+    `conflicts(holder)` gives the violations between values, of a file's mapping or of an object (see `valid_value`);
+    `other_keys(mapping)` reads keys of a file's mapping that are not declared. Raises ConstraintError, a ValueError.
     """
 
     def decorate(cls: type[_T]) -> type[_T]:
-        made: Any = dataclass(frozen=True)(cls)
-        original = made.__init__
-
-        @wraps(original)
-        def initialise(self: Any, *args: Any, **kwargs: Any) -> None:
-            if not _made_at_once(made, self, args, kwargs):
-                from pydantic_core import ArgsKwargs  # slow to import
-
-                from arva_hil.config.validation import validator_of
-
-                validator_of(made).validate_python(ArgsKwargs(args, kwargs), self_instance=self)
-
-        made.__init__ = initialise
-        made.__fields__ = {name: _declared(field) for name, field in made.__dataclass_fields__.items()}
-        made.__need__ = need
-        made.__get_pydantic_core_schema__ = classmethod(_core_schema)
-        made.__get_pydantic_json_schema__ = classmethod(_json_schema)
-        NEWER.update(name for name, since in keys(made).items() if since > 1)
+        made: Any = cls
+        if "__post_init__" in vars(cls):
+            made.__finish__ = made.__post_init__
+        made.__post_init__ = _check
+        made = dataclass(frozen=True)(cls)
+        made.__table__ = {one.name: _declared(one) for one in made.__dataclass_fields__.values()}
+        made.__required__ = [*(name for name, one in keys(made).items() if one.default is MISSING), *required.split()]
+        made.__one_of__ = one_of.split()
         return cls
 
     return decorate
 
 
-def validate(cls: type[_T], value: Any) -> _T:
-    """A table from a mapping. Raises ValidationError."""
-    from arva_hil.config.validation import validator_of  # slow to import
-
-    made: _T = validator_of(cls).validate_python(value)
-    return made
-
-
-def is_table(cls: Any) -> bool:
-    """Whether a type is a table."""
-    return hasattr(cls, "__need__")
+def _declared(one: Any) -> Field:
+    file_only = isinstance(one.type, InitVar)
+    annotation = one.type.type if file_only else one.type
+    marks = getattr(annotation, "__metadata__", ())
+    base = annotation.__origin__ if marks else annotation
+    tables = [cls for cls in (base, *get_args(base)) if hasattr(cls, "__table__")]
+    constraint = next((mark for mark in marks if isinstance(mark, Constraint)), None) or TableOf(*tables)
+    text = next((mark.text for mark in marks if isinstance(mark, Help)), "")
+    since = 0 if any(isinstance(mark, NotAKey) for mark in marks) else 1
+    since = next((mark.spec for mark in marks if isinstance(mark, Since)), since)
+    return Field(constraint, text, since, one.default, file_only, type(None) in get_args(base))
 
 
 def fields_of(cls: Any) -> dict[str, Field]:
-    """The fields of a table, also those that are keys of the file alone."""
-    declared: dict[str, Field] = cls.__fields__
+    """All fields of a table, also those that are keys of a file alone, and those that are none."""
+    declared: dict[str, Field] = cls.__table__
     return declared
 
 
-def _declared(field: Any) -> Field:
-    annotation = field.type.type if isinstance(field.type, InitVar) else field.type
-    marks = getattr(annotation, "__metadata__", ())
-    base = annotation.__origin__ if marks else annotation
-    return Field(annotation, base, marks, field.default, isinstance(field.type, InitVar), field.kw_only)
+def keys(cls: Any, spec: int = 1_000) -> dict[str, Field]:
+    """The keys of a table that files of a spec have."""
+    return {name: one for name, one in fields_of(cls).items() if 0 < one.since <= spec}
 
 
-def _made_at_once(cls: Any, made: Any, args: tuple[Any, ...], named: dict[str, Any]) -> bool:
-    """Fill a table from Python's values if all are there and of their sorts, as nearly always; or else False."""
-    fields = fields_of(cls)
-    given = dict(zip((name for name, one in fields.items() if not one.keyword_only), args, strict=False))
-    if len(given) != len(args) or given.keys() & named or named.keys() - fields:
-        return False
-    given |= named
-    for_init = []
+def _check(self: Any, *init_vars: Any) -> None:
+    """The `__post_init__` of a table: checks the values that it was made with."""
+    cls = type(self)
+    violations: list[Violation] = []
+    for_file = iter(init_vars)
+    checked = []
+    for name, one in fields_of(cls).items():
+        value = next(for_file) if one.file_only else getattr(self, name)
+        if value is not one.default and not (value is None and one.optional):
+            try:
+                value = one.constraint.read(value)
+            except ConstraintError as error:
+                violations += _described(error.below(name), {name: value})
+        if one.file_only:
+            checked.append(value)
+        else:
+            object.__setattr__(self, name, value)
+    if not violations and hasattr(cls, "conflicts"):
+        violations = _described(cls.conflicts(self), self)
+    if violations:
+        raise ConstraintError(*violations, of=cls.__name__)
+    if hasattr(cls, "__finish__"):
+        self.__finish__(*checked)
+
+
+def _described(violations: Iterable[Violation], top: Any) -> list[Violation]:
+    """The violations of a value of Python, each with what was found."""
+    every = []
+    for one in violations:
+        value = top
+        for step in one.path if one.found is None else ():
+            value = getattr(value, str(step)) if hasattr(value, "__table__") else value[step]
+        every.append(replace(one, found=one.found or short(repr(value))))
+    return every
+
+
+class OtherKeys(NamedTuple):
+    """Keys of a mapping that are not declared: their `names`, what is wrong with them, or else the field `options`."""
+
+    names: Collection[str] = ()
+    options: Any = None
+    violations: Collection[Violation] = ()
+
+
+class TableOf(Constraint):
+    """A table: a mapping in a file, an object of the class in Python."""
+
+    kind = "a mapping"
+
+    def __init__(self, cls: Any) -> None:
+        self.table = cls
+
+    def __str__(self) -> str:
+        return f"a mapping with {', '.join(keys(self.table))}"
+
+    def read(self, value: Any) -> Any:
+        cls = self.table
+        if isinstance(value, cls):
+            return value
+        spec = spec_of(value)
+        known = {name: one.constraint for name, one in keys(cls, spec).items()}
+        if not isinstance(value, Mapping):
+            raise ConstraintError(Violation(f"a mapping with {', '.join(known)}"))
+        other = cls.other_keys(value) if hasattr(cls, "other_keys") else OtherKeys()
+        valid = known | dict.fromkeys(other.names, Anything())
+        newer = {name: one.since for name, one in keys(cls).items() if one.since > spec}
+        values, violations = read_keys(value, valid, cls.__required__, cls.__one_of__, newer)
+        violations += other.violations
+        if hasattr(cls, "conflicts"):
+            violations += cls.conflicts({name: value[name] for name in value if name in valid})
+        if violations:
+            raise ConstraintError(*violations)
+        options = {"options": other.options} if other.names else {}
+        return cls(**{name: values[name] for name in values if name in known} | options)
+
+    def json(self) -> dict[str, Any]:
+        cls = self.table
+        properties = dict(cls.other_schemas()) if hasattr(cls, "other_schemas") else {}
+        for name, one in keys(cls).items():
+            properties[name] = one.constraint.json() | {"description": one.help} | _json_default(one)
+        schema = {"type": "object", "properties": properties, "additionalProperties": False}
+        if cls.__required__:
+            schema["required"] = cls.__required__
+        if cls.__one_of__:
+            schema["oneOf"] = [{"required": [name]} for name in cls.__one_of__]
+        return schema
+
+
+def _json_default(one: Field) -> dict[str, Any]:
+    """The default of a key, if a file can have it as it is."""
+    if isinstance(one.default, tuple) and all(isinstance(item, int | float) for item in one.default):
+        return {} if isinstance(one.constraint, TableOf) else {"default": list(one.default)}
+    return {"default": one.default} if isinstance(one.default, str | int | float) else {}
+
+
+def read_keys(
+    mapping: Mapping[str, Any],
+    valid: Mapping[str, Constraint],
+    required: Iterable[str] = (),
+    one_of: Iterable[str] = (),
+    newer: Mapping[str, int] | None = None,
+) -> tuple[dict[str, Any], list[Violation]]:
+    """The values of a mapping's keys that satisfy their constraints, and all that is wrong with the mapping.
+
+    `valid`: its keys. It has those in `required`, and exactly one of those in `one_of`, as far as they are valid.
+    `newer`: the keys of files of a newer spec, each with that spec.
+    """
+    values: dict[str, Any] = {}
+    violations: list[Violation] = []
+    for name, item in mapping.items():
+        if name not in valid:
+            violations.append(unknown_key(mapping, name, valid, newer))
+            continue
+        try:
+            values[name] = valid[name].read(item)
+        except ConstraintError as error:
+            violations += error.below(name)
+    for name in required:
+        if name not in mapping:
+            violations.append(Violation(f"a mapping with {name}", f"no {name}"))
+    group = [name for name in one_of if name in valid]
+    given = [name for name in mapping if name in group]
+    expected = f"a mapping with exactly one of {', '.join(group)}"
+    if group and not given:
+        violations.append(Violation(expected, f"no {' or '.join(group)}"))
+    for name in given[1:]:
+        violations.append(Violation(expected, f"both {given[0]} and {name}", None, (name,), at_key=True))
+    return values, violations
+
+
+def unknown_key(
+    mapping: Mapping[str, Any], name: str, valid: Collection[str], newer: Mapping[str, int] | None = None
+) -> Violation:
+    """A key that a mapping does not have, or that is there again."""
+    text, shown = name, repr(name)
+    if hasattr(mapping, "key_nodes"):
+        from arva_hil.config.yaml_document import describe, text_of  # imports yaml; here it is imported already
+
+        node = mapping.key_nodes[name]
+        text, shown = text_of(node), describe(node)
+        if text in valid:
+            line = mapping.key_nodes[text].start_mark.line + 1
+            found = f"key {text!r} again (first on line {line})"
+            return Violation("each key once", found, None, (name,), at_key=True)
+    spec = f" (spec {newer[text]} has it)" if newer and text in newer else ""
+    near = nearest(text.lower(), valid)
+    return Violation(any_of(valid), f"unknown key {shown}{spec}", near, (name,), at_key=True)
+
+
+def valid_value(cls: Any, holder: Any, key: str) -> Any:
+    """The value of a key in a mapping that a table can be read from, or in an object of it.
+
+    The default where a mapping does not have it; None where it is wrong there, or has to be there.
+    """
+    if not isinstance(holder, Mapping):
+        return getattr(holder, key)
+    one = fields_of(cls)[key]
+    if key not in holder:
+        return None if one.default is MISSING else one.default
     try:
-        for name, one in fields.items():
-            value = _from_python(one, given[name]) if name in given else one.default
-            if value is MISSING:
-                return False
-            if one.file_only:
-                for_init.append(value)
-            else:
-                object.__setattr__(made, name, value)
-        if hasattr(cls, "__post_init__"):
-            made.__post_init__(*for_init)
-    except (Mistake, Mistakes, ValueError):
-        return False
-    return True
-
-
-def _from_python(field: Field, value: Any) -> Any:
-    """A value that is of the field's sort, or the table that it is. Raises Mistake or Mistakes."""
-    types = (field.type, *get_args(field.type))
-    if (value is None and type(None) in types) or any(is_table(one) and isinstance(value, one) for one in types):
-        return value
-    sort = field.mark(Sort)
-    if sort is None:
-        raise Mistake("a table")
-    return sort.from_python(value, field.type)
-
-
-def _core_schema(cls: Any, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-    from arva_hil.config.validation import core_schema_of  # slow to import
-
-    return core_schema_of(cls, handler)
-
-
-def _json_schema(cls: Any, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-    from arva_hil.config.validation import json_schema_of  # slow to import
-
-    return json_schema_of(cls, schema, handler)
-
-
-def keys(cls: Any) -> dict[str, int]:
-    """The keys of a table, each with the spec since which it is."""
-    every = fields_of(cls).items()
-    return {name: since.spec if (since := one.mark(Since)) else 1 for name, one in every if not one.mark(NotAKey)}
-
-
-def sort_of(cls: Any, name: str) -> Sort:
-    """The sort of a table's field."""
-    return next(mark for mark in fields_of(cls)[name].marks if isinstance(mark, Sort))
-
-
-def help_of(cls: Any, name: str) -> str:
-    """The help of a table's field, "" if there is none."""
-    mark = fields_of(cls)[name].mark(Help)
-    return mark.text if mark else ""
-
-
-def right(cls: Any, mapping: Mapping[str, Any], name: str) -> Any:
-    """The value of a key where it is right, its default where it is not there, None where it is wrong."""
-    if name not in mapping:
-        return fields_of(cls)[name].default
-    try:
-        return sort_of(cls, name).read(mapping[name])
-    except (Mistake, Mistakes):
+        return one.constraint.read(holder[key])
+    except ConstraintError:
         return None
+
+
+def duplicates(cls: Any, holders: Iterable[tuple[tuple[str | int, ...], Any]], key: str, what: str) -> list[Violation]:
+    """The violations where several tables have the same value of a key; each table comes with its path."""
+    seen: dict[Any, Any] = {}
+    found = []
+    for path, holder in holders:
+        value = valid_value(cls, holder, key)
+        if value is None:
+            continue
+        if value in seen:
+            again = f"{what} {value} again{first_line(seen[value])}"
+            article = "an" if key[0] in "aeiou" else "a"
+            found.append(Violation(f"{article} {key} of its own", again, None, (*path, key)))
+        seen.setdefault(value, holder[key] if isinstance(holder, Mapping) else value)
+    return found
+
+
+def items_of(holder: Any, key: str) -> list[tuple[int, Any]]:
+    """The tables in a list of a mapping or an object, each with its index: mappings, or objects."""
+    if not isinstance(holder, Mapping):
+        return list(enumerate(getattr(holder, key)))
+    value = holder.get(key)
+    return [(at, one) for at, one in enumerate(value) if isinstance(one, Mapping)] if isinstance(value, list) else []

@@ -1,12 +1,10 @@
 """The transmitters of a scenario: where each is, at rest or moving, how it lies and how strong it is."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
 from dataclasses import InitVar, field
-from itertools import pairwise
 from typing import Annotated, Any, Final, Literal, get_args
 
-from arva_hil.config.kinds import (
+from arva_hil.config.common import (
     ALTITUDE,
     BODY_POINT,
     LATITUDE,
@@ -15,21 +13,16 @@ from arva_hil.config.kinds import (
     TRANSMITTER_ID,
     WORLD,
     WORLD_POINT,
+    Attitude,
     Triple,
 )
-from arva_hil.config.mapping_keys import first
-from arva_hil.config.marks import Help, NotAKey, Since
-from arva_hil.config.mistake import Mistake, Mistakes
-from arva_hil.config.receiver import ATTITUDE
-from arva_hil.config.sorts import Listed, Number, Numbers
-from arva_hil.config.tables import right, table
-from arva_hil.config.text import Word
+from arva_hil.config.constraints import ListOf, Number, Numbers, Word
+from arva_hil.config.errors import ConstraintError, Violation
+from arva_hil.config.tables import Help, NotAKey, Since, table
 
 Frame = Literal["enu", "ned"]
 End = Literal["stay", "loop"]
 Waypoint = tuple[float, float, float, float]  # seconds, then metres north, east, down (or as the file's frame has it)
-
-PLACES: Final = "enu ned lla path follows"
 
 
 @table()
@@ -48,40 +41,14 @@ class _LlaList(Numbers):
         return value if isinstance(value, Lla) else Lla(*super().read(value))
 
 
-class _Waypoints(Listed):
-    """Waypoints of which each is later than the one before."""
-
-    def read(self, value: Any) -> tuple[Any, ...]:
-        mistakes: list[Mistake] = []
-        points: dict[int, Any] = {}
-        try:
-            points = dict(enumerate(super().read(value)))
-        except Mistakes as error:
-            mistakes += error.every
-            points = dict(self._right(value))
-        for (_, before), (at, point) in pairwise(points.items()):
-            if point[0] <= before[0]:
-                found = f"a point at {point[0]:g} s"
-                mistakes.append(Mistake(f"later than the point before ({before[0]:g} s)", found, where=(at,)))
-        if mistakes:
-            raise Mistakes(mistakes)
-        return tuple(points.values())
-
-    def _right(self, items: Any) -> Iterator[tuple[int, Any]]:
-        for at, item in enumerate(items):
-            with suppress(Mistake, Mistakes):
-                yield at, self.item.read(item)
+_WAYPOINT: Final = Numbers(Number(0, 1_000_000, unit="s"), WORLD, WORLD, WORLD)
+_WAYPOINTS: Final = ListOf(_WAYPOINT, 1, 10_000, "waypoints", unit="s, m, m, m")
 
 
-_WAYPOINTS: Final = _Waypoints(
-    Numbers(Number(0, 1_000_000, unit="s"), WORLD, WORLD, WORLD), 1, 10_000, "waypoints", unit="s, m, m, m"
-)
-
-
-@table("frame", "points")
+@table(required="frame points")
 class Path:
     """Timed waypoints, straight between them: `points_ned` (s, north, east, down in metres from the datum), at times
-    from the start of the run that rise. Behind the last the transmitter stays there, or goes on with the first one.
+    from the start of the run that rise. After the last one the transmitter stays there, or starts again at the first.
 
     A file has `frame` and `points` instead. Raises ValueError without points, or if the times do not rise.
     """
@@ -102,6 +69,21 @@ class Path:
         if not self.points_ned:
             raise ValueError("a path has at least one point")
 
+    @classmethod
+    def conflicts(cls, holder: Any) -> Iterator[Violation]:
+        key = "points" if isinstance(holder, Mapping) else "points_ned"
+        points = holder.get(key) if isinstance(holder, Mapping) else holder.points_ned
+        before = None
+        for at, item in enumerate(points if isinstance(points, list | tuple) else ()):
+            try:
+                time_s = _WAYPOINT.read(item)[0]
+            except ConstraintError:
+                continue
+            if before is not None and time_s <= before:
+                expected = f"later than the point before ({before:g} s)"
+                yield Violation(expected, f"a point at {time_s:g} s", path=(key, at))
+            before = time_s
+
 
 @table()
 class Follows:
@@ -111,7 +93,7 @@ class Follows:
     offset: Annotated[Triple, BODY_POINT, Help("from that vehicle's position, in its body FRD")] = (0.0, 0.0, 0.0)
 
 
-@table(PLACES)
+@table(one_of="enu ned lla path follows")
 class Transmitter:
     """A buried beacon, its place as given: `ned` (metres from the datum), `lla`, `path` or `follows`; the others are
     None. `enu` is a way to give `ned`.
@@ -130,27 +112,13 @@ class Transmitter:
         _LlaList(LATITUDE, LONGITUDE, ALTITUDE, unit="°, °, m AMSL"),
         Help("latitude, longitude, altitude AMSL"),
     ] = None
-    attitude: Annotated[Triple, ATTITUDE, Help("FRD to NED; the dipole is the x axis")] = (0.0, 0.0, 0.0)
+    attitude: Annotated[Triple, Attitude(), Help("FRD to NED; the dipole is the x axis")] = (0.0, 0.0, 0.0)
     strength: Annotated[float, Number(0, 1000, above=True), Help("relative to the reference transmitter")] = 1.0
     path: Annotated[Path | None, Since(2), Help("where it is when")] = None
     follows: Annotated[Follows | None, Since(2), Help("which vehicle carries it")] = None
 
     def __post_init__(self, enu: Triple | None) -> None:
-        if enu is not None and self.ned is None:
-            east, north, up = enu
-            object.__setattr__(self, "ned", (north, east, 0.0 - up))
-        elif enu is not None:
-            raise ValueError("a transmitter has one place: both enu and ned are given")
-        if sum(place is not None for place in (self.ned, self.lla, self.path, self.follows)) != 1:
+        if sum(place is not None for place in (enu, self.ned, self.lla, self.path, self.follows)) != 1:
             raise ValueError("a transmitter has either ned or lla, path or follows")
-
-
-def same_ids(transmitters: Sequence[Any]) -> Iterator[Mistake]:
-    """Ids that are there again, in the mappings of a file or what is like them."""
-    seen: dict[int, Any] = {}
-    for at, mapping in enumerate(transmitters):
-        number = right(Transmitter, mapping, "id") if isinstance(mapping, Mapping) and "id" in mapping else None
-        if number in seen:
-            yield Mistake("an id of its own", f"id {number} again{first(seen[number])}", where=(at, "id"))
-        elif number is not None:
-            seen[number] = mapping["id"]
+        if enu is not None:
+            object.__setattr__(self, "ned", (enu[1], enu[0], 0.0 - enu[2]))

@@ -1,24 +1,21 @@
 """What `spec: 2` adds around the receiver: the error of the autopilot's estimate, several vehicles and receivers."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import InitVar, field, fields
 from typing import Annotated, Any, Final
 
-from arva_hil.config.kinds import FORMAT, SEED, SYSTEM_ID, Triple
-from arva_hil.config.mapping_keys import first
-from arva_hil.config.marks import Help, NotAKey
-from arva_hil.config.mistake import Mistake
-from arva_hil.config.nested import Tables
+from arva_hil.config.common import FORMAT, SEED, SYSTEM_ID, Triple
+from arva_hil.config.constraints import ListOf, Number, Numbers, Text
+from arva_hil.config.errors import Violation
 from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.sorts import Number, Numbers
-from arva_hil.config.tables import right, table
-from arva_hil.config.text import Text
+from arva_hil.config.tables import Help, NotAKey, TableOf, duplicates, items_of, table, valid_value
 from arva_hil.registry import MAVLINK_FORMATS
 
 _NAME: Final = Text("a name of letters, digits, _, - and .", r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _LINK: Final = Text("a connection string")
 _SIGMA: Final = Number(0, 1000, unit="m")
 _TAU: Final = Number(0, 1_000_000, above=True, unit="s")
+_BIAS: Final = Numbers(*[Number(-10_000, 10_000, unit="m")] * 3)
 
 
 @table()
@@ -37,11 +34,7 @@ class NavigationError:
     added to the yaw; the pose reported is `latency_s` old. A file has the two of the walk in a mapping `walk`.
     """
 
-    bias_ned: Annotated[Triple, Numbers(*[Number(-10_000, 10_000, unit="m")] * 3), Help("north, east, down")] = (
-        0.0,
-        0.0,
-        0.0,
-    )
+    bias_ned: Annotated[Triple, _BIAS, Help("north, east, down")] = (0.0, 0.0, 0.0)
     walk: InitVar[Annotated[Walk | None, Help("a wandering estimate")]] = field(default=None, kw_only=True)
     walk_sigma_m: Annotated[float, _SIGMA, NotAKey()] = Walk.sigma_m
     walk_tau_s: Annotated[float, _TAU, NotAKey()] = Walk.tau_s
@@ -68,14 +61,14 @@ class ReceiverEntry(ReceiverOptions):
     ] = field(default=1, kw_only=True)
 
     @classmethod
-    def misfits(cls, mapping: Mapping[str, Any]) -> Iterator[Mistake]:
-        yield from super().misfits(mapping)
-        of = right(cls, mapping, "format")
-        if of is not None and of not in MAVLINK_FORMATS and "port" not in mapping:
-            yield Mistake(f"a mapping with port, because frames of the format {of} go there", "no port")
-        if of in MAVLINK_FORMATS and "port" in mapping:
+    def conflicts(cls, holder: Any) -> Iterator[Violation]:
+        yield from super().conflicts(holder)
+        of, port = valid_value(cls, holder, "format"), holder.get("port") if isinstance(holder, dict) else holder.port
+        if of in MAVLINK_FORMATS and port is not None:
             expected = "none, because they go over the autopilot's own link"
-            yield Mistake(expected, f"a port for frames of the format {of}", where=("port",), at_key=True)
+            yield Violation(expected, f"a port for frames of the format {of}", None, ("port",), at_key=True)
+        elif of is not None and of not in MAVLINK_FORMATS and port is None:
+            yield Violation(f"a mapping with port, because frames of the format {of} go there", "no port")
 
 
 @table()
@@ -95,9 +88,15 @@ class ReceiverConfig:
             raise ValueError(f"receiver {self.name} has {has} and the format {self.output_format}")
 
 
-def _receiver(entry: ReceiverEntry) -> ReceiverConfig:
-    receiver = ReceiverOptions(**{key.name: getattr(entry, key.name) for key in fields(ReceiverOptions)})
-    return ReceiverConfig(entry.name, entry.port, receiver, entry.format, entry.seed)
+class _Receiver(TableOf):
+    """In a file an entry with all keys, in Python what it means."""
+
+    def read(self, value: Any) -> ReceiverConfig:
+        if isinstance(value, ReceiverConfig):
+            return value
+        entry: ReceiverEntry = super().read(value)
+        receiver = ReceiverOptions(**{key.name: getattr(entry, key.name) for key in fields(ReceiverOptions)})
+        return ReceiverConfig(entry.name, entry.port, receiver, entry.format, entry.seed)
 
 
 @table()
@@ -109,45 +108,26 @@ class VehicleConfig:
     autopilot: Annotated[str | None, _LINK, Help("the autopilot's link; two vehicles may have the same")] = None
     system: Annotated[int | None, SYSTEM_ID, Help("its MAVLink system id")] = None
     receivers: Annotated[
-        tuple[ReceiverConfig, ...], Tables(1, 16, "receivers", ReceiverEntry, _receiver), Help("what it carries")
+        tuple[ReceiverConfig, ...], ListOf(_Receiver(ReceiverEntry), 1, 16, "receivers"), Help("what it carries")
     ] = field(kw_only=True)
 
 
-def clashes(vehicles: Sequence[Any]) -> Iterator[Mistake]:
-    """What is wrong between vehicles, in the mappings of a file or what is like them."""
-    names, ports = _Seen(), _Seen()
-    mappings = [(at, vehicle) for at, vehicle in enumerate(vehicles) if isinstance(vehicle, Mapping)]
-    by_link: dict[Any, list[tuple[int, Mapping[str, Any]]]] = {}
-    for at, vehicle in mappings:
-        yield from names.check(vehicle, "name", (at,), f"vehicle {vehicle.get('name')}", VehicleConfig)
-        by_link.setdefault(right(VehicleConfig, vehicle, "autopilot"), []).append((at, vehicle))
-        of_vehicle = _Seen()
-        receivers = vehicle.get("receivers")
-        for number, receiver in enumerate(receivers if isinstance(receivers, Sequence) else ()):
-            if isinstance(receiver, Mapping):
-                where = (at, "receivers", number)
-                yield from of_vehicle.check(receiver, "name", where, f"receiver {receiver.get('name')}", ReceiverConfig)
-                yield from ports.check(receiver, "port", where, f"port {receiver.get('port')}", ReceiverConfig)
+def vehicle_conflicts(scenario: Any) -> Iterator[Violation]:
+    """What is wrong between the vehicles of a scenario, or of a file's mapping."""
+    vehicles = [(("vehicles", at), vehicle) for at, vehicle in items_of(scenario, "vehicles")]
+    yield from duplicates(VehicleConfig, vehicles, "name", "vehicle")
+    ports = []
+    by_link: dict[Any, list[Any]] = {}
+    for path, vehicle in vehicles:
+        by_link.setdefault(valid_value(VehicleConfig, vehicle, "autopilot"), []).append((path, vehicle))
+        receivers = [((*path, "receivers", at), receiver) for at, receiver in items_of(vehicle, "receivers")]
+        yield from duplicates(ReceiverConfig, receivers, "name", "receiver")
+        ports += [one for one in receivers if valid_value(ReceiverConfig, one[1], "port") != "pty"]  # each is a new one
+    yield from duplicates(ReceiverConfig, ports, "port", "port")
     for shared in by_link.values():
-        systems = _Seen()
-        for at, vehicle in shared if len(shared) > 1 else ():
-            if "system" not in vehicle:
-                yield Mistake("a mapping with system, which tells vehicles on one link apart", "no system", where=(at,))
-            yield from systems.check(vehicle, "system", (at,), f"system {vehicle.get('system')}", VehicleConfig)
-
-
-class _Seen:
-    """Remembers the values of one key, which may be there only once."""
-
-    def __init__(self) -> None:
-        self._first: dict[Any, Any] = {}
-
-    def check(
-        self, mapping: Mapping[str, Any], key: str, where: tuple[str | int, ...], what: str, cls: type
-    ) -> Iterator[Mistake]:
-        value = right(cls, mapping, key) if key in mapping else None
-        if value is None or value == "pty":  # each `pty` is a new one
-            return
-        if value in self._first:
-            yield Mistake(f"a {key} of its own", f"{what} again{first(self._first[value])}", where=(*where, key))
-        self._first.setdefault(value, mapping[key])
+        for path, vehicle in shared if len(shared) > 1 else ():
+            if "system" not in vehicle if isinstance(vehicle, dict) else vehicle.system is None:
+                yield Violation(
+                    "a mapping with system, which tells vehicles on one link apart", "no system", None, path
+                )
+        yield from duplicates(VehicleConfig, shared, "system", "system")

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from arva_hil.config import FaultKind, Scenario
+from arva_hil.config.constraints import Number
 from arva_hil.config.faults import TRANSMITTER
-from arva_hil.config.sorts import Number
 from arva_hil.faults.switch import Switch
 from arva_hil.receiver import Answer, Antennas, Look, Reading, ReceiverModel, with_true_ranges
 from arva_hil.receiver.paper import NoiseSource, noise_bound

@@ -6,8 +6,8 @@ from random import Random
 from typing import Final
 
 from arva_hil.config import FaultKind
+from arva_hil.config.constraints import Number
 from arva_hil.config.faults import SHARE
-from arva_hil.config.sorts import Number
 
 
 def _truncate(data: bytes, share: float, random: Random) -> tuple[bytes, int]:

@@ -11,12 +11,10 @@ import pytest
 import yaml
 
 from arva_hil.cli.main import main
-from arva_hil.config import Transmitter
 from arva_hil.config.campaign import PlanFile
 from arva_hil.config.reference import FILES, SchemaKind, page, schema, schema_text
-from arva_hil.config.scenario import OutputOptions, Scenario
-from arva_hil.config.sorts import Sort
-from arva_hil.config.tables import fields_of, help_of, keys
+from arva_hil.config.scenario import Scenario
+from arva_hil.config.tables import keys
 from tests.cli.test_broken import SCENARIOS
 
 ROOT = Path(__file__).parent.parent.parent
@@ -66,7 +64,7 @@ def test_the_reference_page_is_the_declarations() -> None:
 
 @pytest.mark.parametrize("cls", [Scenario, PlanFile])
 def test_every_key_has_its_help(cls: Any) -> None:
-    assert all(help_of(cls, name) for name in keys(cls))
+    assert all(one.help for one in keys(cls).values())
 
 
 @pytest.mark.parametrize("path", sorted(CONFIGS.rglob("*.yaml")), ids=lambda path: path.name)
@@ -110,22 +108,16 @@ def test_default_yaml_shows_every_key_of_spec_1_with_its_help_and_unit() -> None
     shown = set()
 
     def check(cls: Any, way: tuple[str, ...]) -> None:
-        for name, since in keys(cls).items():
-            if since > 1 or name in elsewhere:
+        for name, one in keys(cls).items():
+            if one.since > 1 or name in elsewhere:
                 continue
             comment = comments[*way, name]
             shown.add((*way, name))
-            assert comment.startswith(help_of(cls, name)), (way, name)
-            field = fields_of(cls)[name]
-            if (sort := field.mark(Sort)) and sort.unit:  # type: ignore[type-abstract]
-                assert f"[{sort.unit}]" in comment, (way, name)
-            below = getattr(sort, "cls", None) or (field.type if hasattr(field.type, "__need__") else None)
-            if name == "transmitters":
-                below = Transmitter
-            if name == "output":
-                below = OutputOptions
-            if below is not None:
-                check(below, (*way, name))
+            assert comment.startswith(one.help), (way, name)
+            if one.constraint.unit:
+                assert f"[{one.constraint.unit}]" in comment, (way, name)
+            if one.constraint.table and name not in ("datum", "faults"):  # a word, and a list of none
+                check(one.constraint.table, (*way, name))
 
     check(Scenario, ())
     assert shown == set(comments)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -146,49 +147,146 @@ def test_a_path_in_enu_is_the_same_path_in_ned() -> None:
 
 
 @pytest.mark.parametrize(
-    "make",
+    ("make", "why"),
     [
-        lambda: ReceiverOptions(rate_hz=0),
-        lambda: ReceiverOptions(rate_hz=10, jitter_s=0.05),
-        lambda: ReceiverOptions(sensitivity=(1, 1)),  # type: ignore[arg-type]
-        lambda: ReceiverOptions(model="none"),
-        lambda: ReceiverOptions(no_signal=(0, -1)),
-        lambda: ReceiverOptions(chanels=3),  # type: ignore[call-arg]
-        lambda: replace(ReceiverOptions(), channels=True),
-        lambda: Noise("white"),  # type: ignore[arg-type]
-        lambda: Noise(floor_range_m=float("nan")),
-        lambda: MountOptions((0, 0, 1000)),
-        lambda: Lla(91, 0, 0),
-        lambda: Transmitter(255, ned=(0, 0, 0)),
-        lambda: Transmitter(1),
-        lambda: Transmitter(1, ned=(0, 0, 0), follows=Follows(1)),
-        lambda: Transmitter(1, ned=(0, 0, 0), enu=(0, 0, 0)),
-        lambda: Waypoints(()),
-        lambda: Waypoints(((1, 0, 0, 0), (1, 0, 0, 0))),
-        lambda: Follows(0),
-        lambda: NavigationError(latency_s=-1),
-        lambda: Fault("drop", 2),
-        lambda: Fault("drap", 0.5),
-        lambda: Fault("transmitter_moved", 1),
-        lambda: Fault("drop", 0.5, from_s=5, until_s=5),
-        lambda: ReceiverConfig("a", None),
-        lambda: ReceiverConfig("a", "pty", output_format="tunnel"),
-        lambda: ReceiverConfig("../a", "pty"),
-        lambda: VehicleConfig("a", system=0, receivers=()),
-        lambda: replace(DEFAULT, transmitters=DEFAULT.transmitters * 2),
-        lambda: replace(DEFAULT, seed=-1),
-        lambda: replace(DEFAULT, output_format="json"),  # type: ignore[arg-type]
-        lambda: replace(DEFAULT, pose="guess"),  # type: ignore[arg-type]
-        lambda: replace(DEFAULT, vehicles=(VehicleConfig("a", receivers=()),) * 2),
+        (
+            lambda: ReceiverOptions(rate_hz=0),
+            "ReceiverOptions rate_hz: 0, expected a number from 0.1 to 50",
+        ),
+        (
+            lambda: ReceiverOptions(rate_hz=10, jitter_s=0.05),
+            "ReceiverOptions jitter_s: jitter_s 0.05, expected less than half the period (0.05 s)",
+        ),
+        (
+            lambda: ReceiverOptions(sensitivity=(1, 1)),  # type: ignore[arg-type]
+            "ReceiverOptions sensitivity: (1, 1), expected a list of 3 numbers",
+        ),
+        (
+            lambda: ReceiverOptions(model="none"),
+            "ReceiverOptions model: 'none', expected paper",
+        ),
+        (
+            lambda: ReceiverOptions(no_signal=(0, -1)),
+            "ReceiverOptions no_signal: [0, -1], expected [-1, -1], [-1, 0] or [0, 0]",
+        ),
+        (
+            lambda: replace(ReceiverOptions(), channels=True),
+            "ReceiverOptions channels: True, expected a whole number from 1 to 16",
+        ),
+        (
+            lambda: Noise("white"),  # type: ignore[arg-type]
+            "Noise kind: 'white', expected one of uniform, gaussian, off",
+        ),
+        (
+            lambda: Noise(floor_range_m=float("nan")),
+            "Noise floor_range_m: nan, expected a number above 0, at most 1000000",
+        ),
+        (
+            lambda: MountOptions((0, 0, 1000)),
+            "MountOptions position[2]: 1000, expected a number from -100 to 100",
+        ),
+        (
+            lambda: Lla(91, 0, 0),
+            "Lla lat: 91, expected a latitude from -90 to 90",
+        ),
+        (
+            lambda: Transmitter(255, ned=(0, 0, 0)),
+            "Transmitter id: 255, expected a whole number from 0 to 254",
+        ),
+        (
+            lambda: Transmitter(1),
+            "a transmitter has either ned or lla, path or follows",
+        ),
+        (
+            lambda: Transmitter(1, ned=(0, 0, 0), follows=Follows(1)),
+            "a transmitter has either ned or lla, path or follows",
+        ),
+        (
+            lambda: Transmitter(1, ned=(0, 0, 0), enu=(0, 0, 0)),
+            "a transmitter has either ned or lla, path or follows",
+        ),
+        (
+            lambda: Waypoints(()),
+            "a path has at least one point",
+        ),
+        (
+            lambda: Waypoints(((1, 0, 0, 0), (1, 0, 0, 0))),
+            "Path points_ned[1]: a point at 1 s, expected later than the point before (1 s)",
+        ),
+        (
+            lambda: Follows(0),
+            "Follows system: 0, expected a whole number from 1 to 255",
+        ),
+        (
+            lambda: NavigationError(latency_s=-1),
+            "NavigationError latency_s: -1, expected a number from 0 to 10",
+        ),
+        (
+            lambda: Fault("drop", 2),
+            "Fault value: 2, expected a probability above 0, at most 1",
+        ),
+        (
+            lambda: Fault("drap", 0.5),
+            "Fault name: 'drap', expected one of transmitter_off, transmitter_moved, ",
+        ),
+        (
+            lambda: Fault("transmitter_moved", 1),
+            "Fault transmitter_moved without by_ned, expected a fault with by_ned",
+        ),
+        (
+            lambda: Fault("drop", 0.5, from_s=5, until_s=5),
+            "Fault until_s: until_s 5, expected later than from_s (5)",
+        ),
+        (
+            lambda: ReceiverConfig("a", None),
+            "receiver a has no port and the format binary",
+        ),
+        (
+            lambda: ReceiverConfig("a", "pty", output_format="tunnel"),
+            "receiver a has a port and the format tunnel",
+        ),
+        (
+            lambda: ReceiverConfig("../a", "pty"),
+            "ReceiverConfig name: '../a', expected a name of letters, digits, _, - and .",
+        ),
+        (
+            lambda: VehicleConfig("a", system=0, receivers=()),
+            "VehicleConfig system: 0, expected a whole number from 1 to 255",
+        ),
+        (
+            lambda: replace(DEFAULT, transmitters=DEFAULT.transmitters * 2),
+            "Scenario transmitters[1].id: id 1 again, expected an id of its own",
+        ),
+        (
+            lambda: replace(DEFAULT, seed=-1),
+            "Scenario seed: -1, expected a whole number from 0 to 9223372036854775807",
+        ),
+        (
+            lambda: replace(DEFAULT, output_format="json"),  # type: ignore[arg-type]
+            "Scenario output_format: 'json', expected one of binary, nmea, text, tunnel, ",
+        ),
+        (
+            lambda: replace(DEFAULT, pose="guess"),  # type: ignore[arg-type]
+            "Scenario pose: 'guess', expected one of estimate, truth",
+        ),
+        (
+            lambda: replace(DEFAULT, vehicles=(VehicleConfig("a", receivers=()),) * 2),
+            "Scenario vehicles[1].name: vehicle a again, expected a name of its own; vehicles[0]: no system, ",
+        ),
     ],
 )
-def test_wrong_values_are_refused_in_python_too(make: Callable[[], Any]) -> None:
-    with pytest.raises(ValueError, match=r"1 validation error for \w+\n"):
+def test_wrong_values_are_refused_in_python_too(make: Callable[[], Any], why: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(why)):
         make()
 
 
+def test_a_misspelt_argument_is_refused_as_python_does() -> None:
+    with pytest.raises(TypeError, match="chanels"):
+        ReceiverOptions(chanels=3)  # type: ignore[call-arg]
+
+
 def test_what_is_wrong_is_named_with_its_value() -> None:
-    with pytest.raises(ValueError, match=r"rate_hz\n  expected a number from 0.1 to 50 \[.*input_value=99"):
+    with pytest.raises(ValueError, match=r"^ReceiverOptions rate_hz: 99, expected a number from 0.1 to 50$"):
         ReceiverOptions(rate_hz=99)
 
 

@@ -6,13 +6,13 @@ pydantic validates them by their annotations, which may have limits (`Annotated[
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, Final
 
-from arva_hil.config.mapping_keys import missing
-from arva_hil.config.mistake import Mistake
-from arva_hil.config.sorts import FLOAT, WHOLE
-from arva_hil.config.tree import Scalar, any_of
+from arva_hil.config.constraints import FLOAT, WHOLE
+from arva_hil.config.errors import Violation, any_of
+from arva_hil.config.nodes import Scalar
+from arva_hil.config.tables import OtherKeys
 from arva_hil.errors import KindError
 from arva_hil.registry import RECEIVERS
 
@@ -20,29 +20,22 @@ if TYPE_CHECKING:
     from pydantic_core import ValidationError
 
 PAPER: Final = "paper"  # it has no keys of its own; a scenario without another model imports none
+_WORDS: Final = {"true": True, "false": False, "null": None, "~": None}
 
 
-class OwnKeys(NamedTuple):
-    """The own keys of a mapping's model: their `names`, the `Options` that they make, what is wrong with them."""
-
-    names: Mapping[str, int] = {}
-    options: Any = None
-    mistakes: Sequence[Mistake] = ()
-
-
-def own_keys(model: str | None, mapping: Mapping[str, Any]) -> OwnKeys:
-    """The own keys in a mapping whose model is this one; None: it is not known."""
+def read_options(model: str | None, mapping: Mapping[str, Any]) -> OtherKeys:
+    """The own keys in a mapping whose model is this one (None: it is not known)."""
     cls = options_class(model)
     if cls is None:
-        return OwnKeys()
-    names = {field.name: 1 for field in dataclasses.fields(cls)}
-    given = {name: _plain(value) for name, value in mapping.items() if name in names}
-    from pydantic_core import ValidationError  # slow to import
+        return OtherKeys()
+    names = [field.name for field in dataclasses.fields(cls)]
+    from pydantic import TypeAdapter, ValidationError  # slow to import
 
     try:
-        return OwnKeys(names, _validated(cls, given))
+        options = TypeAdapter(cls).validate_python({name: _plain(mapping[name]) for name in names if name in mapping})
     except ValidationError as error:
-        return OwnKeys(names, None, list(_mistakes(error, model, names)))
+        return OtherKeys(names, None, list(_violations(error, model)))
+    return OtherKeys(names, options)
 
 
 def checked_options(model: str, options: Any) -> Any:
@@ -57,9 +50,11 @@ def checked_options(model: str, options: Any) -> Any:
     if not isinstance(options, Mapping | None):
         raise ValueError(f"options: {options!r}, expected {cls.__qualname__} or a mapping")
     names = [field.name for field in dataclasses.fields(cls)]
-    if strangers := [name for name in options or () if name not in names]:
-        raise ValueError(f"options: {strangers[0]!r}, expected {any_of(names)}")
-    return _validated(cls, dict(options or {}))
+    if unknown := [name for name in options or () if name not in names]:
+        raise ValueError(f"options: {unknown[0]!r}, expected {any_of(names)}")
+    from pydantic import TypeAdapter  # slow to import
+
+    return TypeAdapter(cls).validate_python(dict(options or {}))
 
 
 def options_class(model: str | None) -> type[Any] | None:
@@ -68,7 +63,7 @@ def options_class(model: str | None) -> type[Any] | None:
         return None
     try:
         cls = getattr(RECEIVERS[model], "Options", None)
-    except KindError:  # said where the model is named
+    except KindError:  # reported where the model is named
         return None
     if cls is not None and not (isinstance(cls, type) and dataclasses.is_dataclass(cls)):
         raise KindError(f"the Options of the receiver model {model} are no dataclass", "decorate them with @dataclass")
@@ -77,22 +72,31 @@ def options_class(model: str | None) -> type[Any] | None:
 
 def schemas() -> dict[str, Any]:
     """The JSON Schema of each own key of all models that are installed."""
-    from pydantic import TypeAdapter
-
     every: dict[str, Any] = {}
     for cls in filter(None, map(options_class, RECEIVERS.names())):
-        made = TypeAdapter(cls).json_schema()
-        for name, schema in made["properties"].items():
-            every.setdefault(name, {} if "$defs" in made else schema)
+        from pydantic import TypeAdapter  # slow to import
+
+        schema = TypeAdapter(cls).json_schema()
+        for name, one in schema["properties"].items():
+            every.setdefault(name, {} if "$defs" in schema else _tidy(one))
     return every
+
+
+def _tidy(schema: dict[str, Any]) -> dict[str, Any]:
+    """Without its title and without null, which no file has."""
+    kept = {key: value for key, value in schema.items() if key != "title" and value is not None}
+    if "anyOf" in kept:
+        kept["anyOf"] = [one for one in kept["anyOf"] if one != {"type": "null"}]
+        if len(kept["anyOf"]) == 1:
+            kept |= kept.pop("anyOf")[0]
+    return kept
 
 
 def _plain(value: Any) -> Any:
     """A value of a file as plain data: true, false, null, numbers, texts, lists and mappings."""
     if isinstance(value, Scalar):
-        words = {"true": True, "false": False, "null": None, "~": None}
-        if value.plain in words:
-            return words[value.plain]
+        if value.plain in _WORDS:
+            return _WORDS[value.plain]
         if WHOLE.fullmatch(value.plain):
             return int(value.plain)
         return float(value.plain) if FLOAT.fullmatch(value.plain) else str(value)
@@ -101,21 +105,13 @@ def _plain(value: Any) -> Any:
     return [_plain(item) for item in value] if isinstance(value, list) else value
 
 
-def _validated(cls: type[Any], given: Mapping[str, Any]) -> Any:
-    """Raises ValidationError."""
-    from pydantic import TypeAdapter  # slow to import
-
-    return TypeAdapter(cls).validate_python(given)
-
-
-def _mistakes(error: ValidationError, model: str | None, names: Mapping[str, int]) -> Iterator[Mistake]:
+def _violations(error: ValidationError, model: str | None) -> Iterator[Violation]:
     for one in error.errors(include_url=False, include_input=False):
-        message, where = one["msg"], one["loc"]
-        if one["type"] == "missing" and len(where) == 1:
-            yield missing(str(where[0]), names)
+        message, path = one["msg"], one["loc"]
+        if one["type"] == "missing" and len(path) == 1:
+            yield Violation(f"a mapping with {path[0]}", f"no {path[0]}")
         elif message.startswith("Input should be "):
             expected = message.removeprefix("Input should be ").partition(", unable to parse")[0]
-            yield Mistake(expected, where=where)
+            yield Violation(expected, path=path)
         else:
-            found = message.removeprefix("Value error, ")
-            yield Mistake(f"what the receiver model {model} takes", found, where=where)
+            yield Violation(f"what the receiver model {model} takes", message.removeprefix("Value error, "), path=path)

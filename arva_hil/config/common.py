@@ -1,0 +1,53 @@
+"""Constraints that several tables share, and ranges that commands offer as options too."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Final, Literal, get_args
+
+from arva_hil.config import FRAMES_HZ, LARGEST_SEED
+from arva_hil.config.constraints import Named, Number, Numbers, Whole
+from arva_hil.config.tables import Help, TableOf, table
+from arva_hil.registry import FORMATS
+
+Triple = tuple[float, float, float]
+NoiseKind = Literal["uniform", "gaussian", "off"]
+Pose = Literal["estimate", "truth"]
+
+NOISE_KINDS: Final[tuple[NoiseKind, ...]] = get_args(NoiseKind)
+
+FORMAT: Final = Named(FORMATS)
+RATE_HZ: Final = Number(*FRAMES_HZ, unit="Hz")
+SEED: Final = Whole(0, LARGEST_SEED)
+TRANSMITTER_ID: Final = Whole(0, 254)
+SYSTEM_ID: Final = Whole(1, 255)
+LATITUDE: Final = Number(-90, 90, "a latitude", unit="°")
+LONGITUDE: Final = Number(-180, 180, "a longitude", unit="°")
+ALTITUDE: Final = Number(-500, 9000, "an altitude", unit="m AMSL")
+ANGLE: Final = Number(-360, 360, unit="°")
+WORLD: Final = Number(-1_000_000, 1_000_000, unit="m")
+WORLD_POINT: Final = Numbers(WORLD, WORLD, WORLD)
+BODY_POINT: Final = Numbers(*[Number(-100, 100, unit="m")] * 3)
+SPAN: Final = Number(0, 1_000_000, "seconds", above=True, unit="s")
+
+
+@table()
+class Angles:
+    """An attitude as a file has it."""
+
+    roll: Annotated[float, ANGLE, Help("about x")] = 0.0
+    pitch: Annotated[float, ANGLE, Help("about y")] = 0.0
+    yaw: Annotated[float, ANGLE, Help("about z")] = 0.0
+
+
+class Attitude(TableOf):
+    """Roll, pitch and yaw: a mapping in a file, a tuple in Python."""
+
+    unit = ANGLE.unit
+
+    def __init__(self) -> None:
+        super().__init__(Angles)
+
+    def read(self, value: Any) -> Any:
+        if not isinstance(value, Mapping) and not hasattr(value, "node"):
+            return Numbers(ANGLE, ANGLE, ANGLE).read(value)
+        angles = super().read(value)
+        return angles.roll, angles.pitch, angles.yaw

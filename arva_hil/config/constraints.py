@@ -1,0 +1,296 @@
+"""What the value of a key may be, written once: the check, its wording and the JSON Schema come from here.
+
+A constraint reads the values of a file (`nodes`) and those of Python alike.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from arva_hil.config.errors import ConstraintError, Violation, any_of, nearest, wrong
+from arva_hil.config.nodes import Items, Scalar
+from arva_hil.errors import KindError, UnknownKindError
+from arva_hil.registry import Registry
+
+FLOAT: Final = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
+WHOLE: Final = re.compile(r"[-+]?(0|[1-9][0-9]{0,18})")
+_TYPED: Final = {ord("\N{MINUS SIGN}"): "-", ord("\N{EN DASH}"): "-", ord(","): "."}  # where a number was meant
+
+
+class Constraint:
+    """What a value may be; `str()` is what is expected. `unit`: of its numbers, "" without one.
+
+    `table`: the class of the table that a file has there, or a list of them; None if it has none.
+    """
+
+    unit: str = ""
+    table: Any = None
+
+    def read(self, value: Any) -> Any:
+        """The value, from a file or Python. Raises ConstraintError."""
+        raise NotImplementedError
+
+    def json(self) -> dict[str, Any]:
+        """The JSON Schema of a value in a file."""
+        raise NotImplementedError
+
+    @property
+    def kind(self) -> str:
+        """What it is, without its range."""
+        return str(self)
+
+    @property
+    def range(self) -> str:
+        """Which of that kind are valid, "" if all."""
+        return ""
+
+
+@dataclass(frozen=True)
+class Number(Constraint):
+    """A finite number from `low` to `high`, `low` itself excluded if `above`. In Python, `endless` allows infinity."""
+
+    low: float
+    high: float
+    what: str = "a number"
+    above: bool = False
+    unit: str = ""
+    endless: bool = False
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high and not (self.above and value == self.low)
+
+    def __str__(self) -> str:
+        return f"{self.what} {self.range}"
+
+    @property
+    def kind(self) -> str:
+        return self.what
+
+    @property
+    def range(self) -> str:
+        return f"above {self.low}, at most {self.high}" if self.above else f"from {self.low} to {self.high}"
+
+    def read(self, value: Any) -> float:
+        if isinstance(value, Scalar):
+            number = float(value.plain) if FLOAT.fullmatch(value.plain) else math.nan
+        elif isinstance(value, numbers.Real) and not isinstance(value, bool):
+            number = float(value)
+        else:
+            number = math.nan
+        if number in self or (self.endless and number == math.inf and not isinstance(value, Scalar)):
+            return number
+        meant = value.plain.translate(_TYPED) if isinstance(value, Scalar) else ""
+        raise wrong(str(self), nearest=meant if FLOAT.fullmatch(meant) and float(meant) in self else None)
+
+    def json(self) -> dict[str, Any]:
+        return {"type": "number", "exclusiveMinimum" if self.above else "minimum": self.low, "maximum": self.high}
+
+
+@dataclass(frozen=True)
+class Whole(Constraint):
+    """A whole number from `low` to `high`, in a file written without a point."""
+
+    low: int
+    high: int
+    what: str = "a whole number"
+    unit: str = ""
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
+    def __str__(self) -> str:
+        return f"{self.what} {self.range}"
+
+    @property
+    def kind(self) -> str:
+        return self.what
+
+    @property
+    def range(self) -> str:
+        return f"from {self.low} to {self.high}"
+
+    def read(self, value: Any) -> int:
+        number = whole(value)
+        if number is None or number not in self:
+            raise wrong(str(self))
+        return number
+
+    def json(self) -> dict[str, Any]:
+        return {"type": "integer", "minimum": self.low, "maximum": self.high}
+
+
+def whole(value: Any) -> int | None:
+    """The whole number (in a file of 19 digits at most) that a value is, None when it is something else."""
+    if isinstance(value, Scalar):
+        return int(value.plain) if WHOLE.fullmatch(value.plain) else None
+    return int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else None
+
+
+class Spec(Whole):
+    """The version of a file's format, `high` or an older one."""
+
+    def __init__(self, newest: int) -> None:
+        super().__init__(1, newest)
+
+    def __str__(self) -> str:
+        return f"spec {' or '.join(map(str, range(1, self.high + 1)))}"
+
+    kind = property(__str__)
+    range = property(lambda _: "")
+
+    def json(self) -> dict[str, Any]:
+        return {"enum": list(range(1, self.high + 1))}
+
+
+@dataclass(frozen=True)
+class Word(Constraint):
+    """One of some words, quoted or not."""
+
+    words: Sequence[str]
+    expected: str = ""
+
+    def __str__(self) -> str:
+        return self.expected or any_of(self.words)
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str):
+            raise wrong(str(self))
+        if value not in self.words:
+            raise wrong(str(self), nearest=nearest(value.lower(), self.words))
+        return str(value)
+
+    def json(self) -> dict[str, Any]:
+        return {"enum": list(self.words)}
+
+
+@dataclass(frozen=True)
+class Named(Constraint):
+    """A name of what is in a registry: built in, or of a package that works."""
+
+    registry: Registry
+
+    def __str__(self) -> str:
+        return any_of(list(self.registry))
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str):
+            raise wrong(str(self))
+        if value not in list(self.registry):
+            try:
+                self.registry[str(value)]
+            except UnknownKindError as error:
+                raise wrong(any_of(self.registry.names()), nearest=error.nearest) from None
+            except KindError as error:
+                raise wrong(f"one that works: {error.cure}", error.found) from None
+        return str(value)
+
+    def json(self) -> dict[str, Any]:
+        return {"enum": self.registry.names()}
+
+
+@dataclass(frozen=True)
+class Text(Constraint):
+    """Some text that matches `pattern`, quoted or not."""
+
+    what: str
+    pattern: str = r"(?s:.+)"
+
+    def __str__(self) -> str:
+        return self.what
+
+    def read(self, value: Any) -> str:
+        if not isinstance(value, str) or not re.fullmatch(self.pattern, value):
+            raise wrong(self.what)
+        return str(value)
+
+    def json(self) -> dict[str, Any]:
+        limit = {"minLength": 1} if self.pattern == Text.pattern else {"pattern": f"^{self.pattern}$"}
+        return {"type": "string", **limit}
+
+
+class On(Constraint):
+    """Only `true`, for what is just on; read as 1."""
+
+    def __str__(self) -> str:
+        return "true"
+
+    def read(self, value: Any) -> int:
+        if value != "true" and (isinstance(value, str) or value != 1):
+            raise wrong("true", nearest=nearest(value.lower(), ["true"]) if isinstance(value, str) else None)
+        return 1
+
+    def json(self) -> dict[str, Any]:
+        return {"const": True}
+
+
+class Anything(Constraint):
+    """What is checked elsewhere."""
+
+    def read(self, value: Any) -> Any:
+        return value
+
+
+class Numbers(Constraint):
+    """A list of numbers, one for each constraint; a tuple in Python."""
+
+    def __init__(self, *each: Number | Whole, unit: str = "") -> None:
+        self.each = each
+        self.unit = unit or each[0].unit
+
+    def __str__(self) -> str:
+        return f"a list of {len(self.each)} {'whole numbers' if isinstance(self.each[0], Whole) else 'numbers'}"
+
+    @property
+    def range(self) -> str:
+        ranges = dict.fromkeys(one.range for one in self.each)
+        return "; ".join(one.range for one in self.each) if len(ranges) > 1 else next(iter(ranges))
+
+    def read(self, value: Any) -> Any:
+        if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(self.each):
+            raise wrong(str(self))
+        return read_each(value, (one.read for one in self.each))
+
+    def json(self) -> dict[str, Any]:
+        every = [one.json() for one in self.each]
+        size = {"type": "array", "minItems": len(every), "maxItems": len(every)}
+        return size | ({"items": every[0]} if all(one == every[0] for one in every) else {"prefixItems": every})
+
+
+class ListOf(Constraint):
+    """A list of items of one kind, a tuple in Python; its length is that of a file, which Python need not keep to."""
+
+    def __init__(self, item: Constraint, low: int, high: int, what: str, unit: str = "") -> None:
+        self.item, self.low, self.high, self.what, self.unit = item, low, high, what, unit
+        self.table = item.table
+
+    def __str__(self) -> str:
+        return f"a list of {self.low if self.low == self.high else f'{self.low} to {self.high}'} {self.what}"
+
+    def read(self, value: Any) -> tuple[Any, ...]:
+        if isinstance(value, str) or not isinstance(value, Sequence):
+            raise wrong(str(self))
+        wrong_length = isinstance(value, Items) and not self.low <= len(value) <= self.high
+        return read_each(value, [self.item.read] * len(value), [Violation(str(self))] if wrong_length else ())
+
+    def json(self) -> dict[str, Any]:
+        return {"type": "array", "items": self.item.json(), "minItems": self.low, "maxItems": self.high}
+
+
+def read_each(
+    items: Sequence[Any], reads: Iterable[Callable[[Any], Any]], violations: Iterable[Violation] = ()
+) -> tuple[Any, ...]:
+    """Every item read by its function. Raises ConstraintError with the violations of all, behind those given."""
+    values, found = [], list(violations)
+    for index, (item, read) in enumerate(zip(items, reads, strict=True)):
+        try:
+            values.append(read(item))
+        except ConstraintError as error:
+            found += error.below(index)
+    if found:
+        raise ConstraintError(*found)
+    return tuple(values)

@@ -1,0 +1,92 @@
+"""What is wrong with a value or in a file: what was found, what was expected, and where."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from arva_hil.errors import ArvaError
+
+
+@dataclass(frozen=True, order=True)
+class Problem:
+    """One mistake in a file. Lines and columns count from 1; 1:1 when it concerns the whole file."""
+
+    source: str
+    line: int
+    column: int
+    found: str
+    expected: str
+    nearest: str | None = None
+
+    def __str__(self) -> str:
+        hint = "" if self.nearest is None else f", did you mean {self.nearest!r}?"
+        return f"{self.source}:{self.line}:{self.column}: {self.found}, expected {self.expected}{hint}"
+
+
+class ScenarioError(ArvaError):
+    """A scenario or a plan that cannot be used. `problems` are sorted by place; `str()` is one line for each."""
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        self.problems = tuple(sorted(problems, key=lambda p: (p.source, p.line, p.column)))
+        super().__init__(self.problems)
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.problems))
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A value that violates a constraint: what was `expected`; what was `found`, if describing the value is not enough;
+    the `nearest` valid value. `path` leads to it from the value that was read, through keys and indices; with `at_key`
+    not the value there is meant, but its key."""
+
+    expected: str
+    found: str | None = None
+    nearest: str | None = None
+    path: tuple[str | int, ...] = ()
+    at_key: bool = False
+
+    def __str__(self) -> str:
+        where = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in self.path).lstrip(".")
+        return f"{where and where + ': '}{self.found or 'wrong'}, expected {self.expected}"
+
+
+class ConstraintError(ArvaError, ValueError):
+    """A value violates its constraints: all `violations`, those of an object with its class in `of`.
+
+    `problems` are those of other files that the value names.
+    """
+
+    def __init__(self, *violations: Violation, of: str = "", problems: Sequence[Problem] = ()) -> None:
+        super().__init__(*violations)
+        self.violations = violations
+        self.of = of
+        self.problems = tuple(problems)
+
+    def __str__(self) -> str:
+        return f"{self.of} {'; '.join(map(str, self.violations))}".lstrip()
+
+    def below(self, *steps: str | int) -> list[Violation]:
+        """The violations of a part, as those of the whole."""
+        return [replace(one, path=(*steps, *one.path)) for one in self.violations]
+
+
+def wrong(expected: str, found: str | None = None, nearest: str | None = None) -> ConstraintError:
+    """The error for one value."""
+    return ConstraintError(Violation(expected, found, nearest))
+
+
+def any_of(names: Collection[str]) -> str:
+    """What was expected, where one of some names is."""
+    return next(iter(names)) if len(names) == 1 else f"one of {', '.join(names)}"
+
+
+def nearest(text: str, names: Collection[str]) -> str | None:
+    """The name most like a text, None when none is."""
+    return next(iter(difflib.get_close_matches(text, names, 1)), None)
+
+
+def short(text: str) -> str:
+    return text if len(text) <= 40 else text[:39] + "…"

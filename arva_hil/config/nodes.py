@@ -1,0 +1,86 @@
+"""The values of a file, which know where they stand in it. Importing this does not import yaml.
+
+Scalars keep the text as written, so `off` is a word and `1e3` a number, whatever YAML 1.1 says.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from yaml import Node
+
+NEWEST_SPEC: Final = 2
+_NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_.:-]*")
+
+
+class Scalar(str):
+    """A scalar's text as written. `plain` is that text without quotes, and "" when there were quotes."""
+
+    node: Node
+    plain: str
+    spec: int
+
+    def __new__(cls, node: Node, spec: int = NEWEST_SPEC) -> Scalar:
+        text = node.value if isinstance(node.value, str) else ""
+        scalar = super().__new__(cls, text)
+        scalar.node, scalar.spec = node, spec
+        scalar.plain = text if getattr(node, "style", None) is None else ""
+        return scalar
+
+
+class Items(list["Value"]):
+    """A sequence."""
+
+    def __init__(self, node: Node, spec: int) -> None:
+        super().__init__(value_of(item, spec) for item in node.value)
+        self.node, self.spec = node, spec
+
+
+class Mapping(dict[str, Any]):
+    """A mapping. A key that no mapping can have, or that was there already, stands under a name that begins with `?`.
+
+    `key_nodes` are the keys by that name.
+    """
+
+    def __init__(self, node: Node, spec: int) -> None:
+        super().__init__()
+        self.node, self.spec = node, spec
+        self.key_nodes: dict[str, Node] = {}
+        for number, (key, value) in enumerate(node.value):
+            name = key.value if isinstance(key.value, str) else ""
+            if name in self or not _NAME.fullmatch(name):
+                name = f"?{number}"
+            self.key_nodes[name] = key
+            self[name] = value_of(value, spec)
+
+    def inherit(self, other: Mapping, names: Sequence[str]) -> None:
+        """Take over those keys of another mapping that are not here."""
+        for name in names:
+            if name in other and name not in self:
+                self.key_nodes[name] = other.key_nodes[name]
+                self[name] = other[name]
+
+
+Value = Scalar | Items | Mapping
+
+
+def value_of(node: Node, spec: int) -> Value:
+    """The value that a node of a file of this spec is."""
+    import yaml  # slow; here it is imported already
+
+    if isinstance(node, yaml.MappingNode):
+        return Mapping(node, spec)
+    return Items(node, spec) if isinstance(node, yaml.SequenceNode) else Scalar(node, spec)
+
+
+def spec_of(value: Any) -> int:
+    """The spec of the file that a value is from; values of Python are of the newest."""
+    return getattr(value, "spec", NEWEST_SPEC)
+
+
+def first_line(value: Any) -> str:
+    """The line of a value, as a remark for a second one like it."""
+    return f" (first on line {value.node.start_mark.line + 1})" if hasattr(value, "node") else ""
