@@ -163,7 +163,7 @@ def test_a_path_in_enu_is_the_same_path_in_ned() -> None:
         ),
         (
             lambda: ReceiverOptions(model="none"),
-            "ReceiverOptions model: 'none', expected paper",
+            "ReceiverOptions model: 'none', expected one of paper, ",
         ),
         (
             lambda: ReceiverOptions(no_signal=(0, -1)),
