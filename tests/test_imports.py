@@ -74,6 +74,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.files",
         "arva_hil.links",
         "arva_hil.mavlink",
+        "arva_hil.messages",
         "arva_hil.observers",
         "arva_hil.receiver",
         "arva_hil.runtime.clock",

@@ -15,6 +15,7 @@ from typing import Any
 
 from arva_hil import __version__
 from arva_hil.cli.endings import SignalGuard, traceback_lines, unexpected_error
+from arva_hil.cli.live import close_all, live_observers
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, NO_READER, OK, Failure, UsageError
 from arva_hil.cli.summary import RunCounters, as_dict, summary_lines
 from arva_hil.cli.terminal import tell
@@ -153,6 +154,7 @@ class Run:
                 )
             except RecordError as error:
                 raise UsageError(error) from None
+        self._plug_ins += live_observers(options, chosen, epoch_us)
         self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
         render = functools.partial(as_json, named=several) if options.json else plain if lines else None
         self._lines = Lines(open_stdout(), render, patient=patient) if render else None
@@ -244,16 +246,9 @@ class Run:
             self.printer.say(line)
         for notice in said:
             self.printer.notice(notice)
-        self._close_plug_ins()
+        close_all(self._plug_ins, self.printer.notice)
         self.printer.close()
         return code
-
-    def _close_plug_ins(self) -> None:
-        for observer in self._plug_ins:
-            try:
-                getattr(observer, "close", lambda: None)()
-            except Exception as error:
-                self.printer.notice(Notice("error", f"observer {type(observer).__name__}: close() failed: {error!r}"))
 
     def _as_dict(self, emulator: Emulator, links: RunCounters | None, how: str, code: int) -> dict[str, Any]:
         return {"ended": how, "exit_code": code, **self._known, **as_dict(emulator, links, self._layout)}

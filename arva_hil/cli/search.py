@@ -15,6 +15,7 @@ from typing import Final
 from arva_hil.cli import common
 from arva_hil.cli.endings import SignalGuard
 from arva_hil.cli.keyfile import signing
+from arva_hil.cli.live import close_all, live_observers
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, UsageError
 from arva_hil.cli.search_report import as_dict, close_log, open_log, result, would_order
 from arva_hil.cli.terminal import show_json
@@ -23,6 +24,7 @@ from arva_hil.events.searches import SetPointPlanned, WouldOrder
 from arva_hil.field.mount import Mount
 from arva_hil.field.rotation import from_euler
 from arva_hil.links.reconnecting import open_reconnecting
+from arva_hil.observers.audience import Audience
 from arva_hil.observers.console import Printer
 from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.question import TerminalQuestion, somebody_is_there
@@ -88,9 +90,11 @@ def main(options: argparse.Namespace) -> int:
         if options.dry_run:
             printer.say("dry run: nothing is armed, and nothing that moves the vehicle is ordered")
         planned: list[Event] = []
+        live = live_observers(options, None, clock.epoch_us)
+        audience = Audience([printer, *live])
 
         def emit(event: Event) -> None:
-            printer.observe(event)
+            audience.tell([event])
             if isinstance(event, WouldOrder | SetPointPlanned):
                 planned.append(event)
 
@@ -136,6 +140,7 @@ def main(options: argparse.Namespace) -> int:
         code = code or (FAILED if log.error else OK)
     for line in lines:
         printer.say(line)
+    close_all(live, printer.notice)
     printer.close()
     if options.json:
         show_json(as_dict(client.outcome) | ({"would_order": would_order(planned)} if options.dry_run else {}))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from arva_hil.field import quaternion, rotation
+from arva_hil.field import LocalFrame, quaternion, rotation
 from arva_hil.messages.types import Point, Pose, Quaternion, Transform, Vector3
 
 _NED_TO_ENU = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # (w, x, y, z): half a turn about the line north-east
@@ -48,8 +48,10 @@ def transform(of: Pose) -> Transform:
     return Transform(Vector3(at.x, at.y, at.z), of.orientation)
 
 
-def pose_of_frame(origin: ArrayLike, matrix: ArrayLike) -> Pose:
-    """The pose of another world: its origin (3,) NED, and the rotation (3, 3) from its NED to this one's."""
-    of_world = quaternion.from_euler(*rotation.to_euler(matrix).tolist())
-    w, x, y, z = quaternion.multiply(quaternion.multiply(_NED_TO_ENU, of_world), _NED_TO_ENU)
-    return Pose(point(np.asarray(origin, float).tolist()), Quaternion(-x, -y, -z, -w))
+def between(world: LocalFrame, own: LocalFrame) -> Transform:
+    """The transform from `own`'s ENU to that of `world`."""
+    origin, *ends = world.ned(*own.lla([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]))
+    of_own = quaternion.from_euler(*rotation.to_euler(np.stack([end - origin for end in ends], axis=1)).tolist())
+    w, x, y, z = quaternion.multiply(quaternion.multiply(_NED_TO_ENU, of_own), _NED_TO_ENU)
+    at = point(origin.tolist())
+    return Transform(Vector3(at.x, at.y, at.z), Quaternion(-x, -y, -z, -w))  # two half turns change the sign

@@ -19,17 +19,18 @@ from arva_hil.field import LocalFrame, MovingTransmitters, Transmitters
 from arva_hil.field.dipole import field_of
 from arva_hil.messages import frames, markers
 from arva_hil.messages.diagnostics import diagnostics
-from arva_hil.messages.names import DIAGNOSTICS, MAP, TF, ReceiverNames, names_of
+from arva_hil.messages.message import Message
+from arva_hil.messages.names import DIAGNOSTICS, MAP, TF, names_of
 from arva_hil.messages.publication import Publication, header, stamp_of
 from arva_hil.messages.types import (
     Arva,
     ArvaData,
+    DiagnosticArray,
     MarkerArray,
     NavSatFix,
     NavSatStatus,
     PoseStamped,
     TFMessage,
-    Transform,
     TransformStamped,
     Vector3,
 )
@@ -83,26 +84,20 @@ class RunMessages:
                 Taken(event.vehicle, event.receiver, stamp, event.instant_s, *poses, event.reading.channels)
             )
         if isinstance(event, DatumSet):
-            stamp = stamp_of(self._epoch_us, event.time_s)
-            return self.place(event.vehicle, (event.lat, event.lon, event.alt), stamp)
+            self.place(event.vehicle, (event.lat, event.lon, event.alt))
         if isinstance(event, StatusReport):
             return self._of_status(event)
         return []
 
-    def place(self, vehicle: str, lla: tuple[float, float, float], stamp_ns: int) -> list[Publication]:
-        """The vehicle's datum: degrees, degrees, metres AMSL. With several vehicles, where its map is in the world."""
+    def place(self, vehicle: str, lla: tuple[float, float, float]) -> None:
+        """The vehicle's datum: degrees, degrees, metres AMSL."""
         self._datums[vehicle] = own = LocalFrame(*lla)
         self._there[vehicle] = moving_transmitters(self._scenario, own)
-        maps = {names.map for (of, _), names in self._names.items() if of == vehicle} - {MAP}
-        world = next(iter(self._datums.values()))
-        return [
-            Publication(
-                TF,
-                stamp_ns,
-                TFMessage([TransformStamped(header(stamp_ns, MAP), map_, between(world, own))]),
-            )
-            for map_ in sorted(maps)
-        ]
+
+    @property
+    def world(self) -> LocalFrame | None:
+        """The datum of the frame `map`: that of the first vehicle that has one."""
+        return next(iter(self._datums.values()), None)
 
     def of_reading(self, taken: Taken) -> list[Publication]:
         """The messages of one reading."""
@@ -126,6 +121,9 @@ class RunMessages:
             reported = frames.pose(taken.reported.position, taken.reported.rotation)
             made.append(Publication(names.reported_pose, stamp, PoseStamped(world, reported)))
         if self._may_draw(key, stamp):
+            if names.map != MAP and self.world and (datum := self._datums.get(taken.vehicle)):
+                there_is = frames.between(self.world, datum)
+                transforms.append(TransformStamped(header(stamp, MAP), names.map, there_is))
             shapes = [markers.field(own, n, slot.id, slot.direction) for n, slot in enumerate(slots, 1)]
             for id_, place, rotation in _placed(there):
                 pose = frames.pose(place, rotation)
@@ -136,9 +134,14 @@ class RunMessages:
             made.insert(0, Publication(TF, stamp, TFMessage(transforms)))
         return made
 
-    def names(self, vehicle: str, receiver: str) -> ReceiverNames | None:
-        """The receiver's topics and frames."""
-        return self._names.get((vehicle, receiver))
+    @property
+    def topics(self) -> dict[str, type[Message]]:
+        """All topics that there may be, with their messages."""
+        topics: dict[str, type[Message]] = {TF: TFMessage, DIAGNOSTICS: DiagnosticArray}
+        for names in self._names.values():
+            topics |= {names.arva: Arva, names.pose: PoseStamped, names.fix: NavSatFix}
+            topics |= {names.reported_pose: PoseStamped, names.visualization: MarkerArray}
+        return topics
 
     def _of_status(self, report: StatusReport) -> list[Publication]:
         stamp = stamp_of(self._epoch_us, report.time_s)
@@ -156,12 +159,6 @@ class RunMessages:
             return False
         self._shaped[key] = stamp_ns
         return True
-
-
-def between(world: LocalFrame, own: LocalFrame) -> Transform:
-    """The transform from `own`'s ENU to that of `world`."""
-    origin, *ends = world.ned(*own.lla([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]))
-    return frames.transform(frames.pose_of_frame(origin, np.stack([end - origin for end in ends], axis=1)))
 
 
 def _placed(there: Transmitters | None) -> list[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:

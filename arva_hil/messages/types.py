@@ -182,12 +182,13 @@ class DiagnosticArray(Message, package="diagnostic_msgs"):
 
 
 class ArvaData(Message, package="arva_msgs"):
-    """One slot. An empty one has the id −1 and the receiver's no-signal values, mostly −1.
+    """One slot. An empty one has the id −1 and the receiver's no-signal values, mostly −1; one that hears a transmitter
+    whose id its frames do not carry has the id −2.
 
-    `distance`: the receiver's d, centimetres. `direction`: the field of this transmitter without noise, in the
-    receiver's frame FLU; its length is that of a dipole with κ‖m‖ = 1, 1/m³. It is the model's, which no receiver
-    says; (0, 0, 0) where it is not known. `delta`: the receiver's δ, degrees, positive to the right. `zone`: 0 outer,
-    1 mid, 2 inner.
+    `distance`: the receiver's d, centimetres. `direction`, in the receiver's frame FLU: of an emulator the field of
+    this transmitter by the model, without noise, 1/m³ for κ‖m‖ = 1, which no receiver says; of a search what δ says,
+    of length 1; (0, 0, 0) where it is not known. `delta`: the receiver's δ, degrees, positive to the right.
+    `zone`: 0 outer, 1 mid, 2 inner.
     """
 
     id: Int32

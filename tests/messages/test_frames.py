@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from arva_hil.field import LocalFrame, rotation
 from arva_hil.messages import frames
-from arva_hil.messages.readings import between
 from arva_hil.messages.types import Point, Quaternion, Vector3
 
 NED_TO_ENU = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
@@ -45,7 +44,7 @@ def test_an_orientation_turns_every_vector_as_before(roll: float, pitch: float, 
 
 def test_the_map_of_one_vehicle_lies_in_that_of_another_as_their_datums_do() -> None:
     world, own = LocalFrame(46.0, 7.0, 1650.0), LocalFrame(46.01, 7.02, 1700.0)
-    there = between(world, own)
+    there = frames.between(world, own)
     place = [12.0, -7.0, -30.0]  # in the other's NED
     north, east, down = world.ned(*own.lla(place)).tolist()
     at = there.translation

@@ -14,7 +14,8 @@ from arva_hil.emulator.formats import frame_of
 from arva_hil.events import DatumSet, FrameMade, PoseFound, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.field import rotation
 from arva_hil.messages.cdr import encode
-from arva_hil.messages.publication import Publication, stamp_of
+from arva_hil.messages.names import names_of
+from arva_hil.messages.publication import Publication
 from arva_hil.messages.readings import RunMessages
 from arva_hil.receiver import ChannelReading, Pose, Reading, Zone
 
@@ -36,7 +37,7 @@ def made(pose: Pose | None = NORTHWARDS, *channels: ChannelReading, time_s: floa
 
 def messages(scenario: Scenario = DEFAULT) -> RunMessages:
     made = RunMessages(scenario, EPOCH_US)
-    made.place("vehicle", HOME, stamp_of(EPOCH_US, 0.0))
+    made.place("vehicle", HOME)
     return made
 
 
@@ -146,21 +147,31 @@ def test_the_status_is_told_once_a_second_with_what_is_wrong() -> None:
     assert {"key": "dropped", "value": "2"} in receiver["values"]
 
 
+def named(event: FrameMade, vehicle: str, receiver: str) -> FrameMade:
+    values = {name: getattr(event, name) for name in FrameMade.__dataclass_fields__}
+    return FrameMade(**values | {"vehicle": vehicle, "receiver": receiver})
+
+
 def test_other_events_and_receivers_of_other_runs_have_no_messages() -> None:
     assert messages().of_event(PoseFound(0.0, "vehicle", "receiver")) == []
-    assert messages().of_event(replace_names(made(), "other")) == []
-
-
-def replace_names(event: FrameMade, vehicle: str) -> FrameMade:
-    values = {name: getattr(event, name) for name in FrameMade.__dataclass_fields__}
-    return FrameMade(**values | {"vehicle": vehicle})
+    assert messages().of_event(named(made(), "other", "receiver")) == []
 
 
 def test_each_of_several_vehicles_has_its_map_and_they_lie_together() -> None:
     made_of = RunMessages(load("configs/two_vehicles.yaml"), EPOCH_US)
-    (first,) = made_of.of_event(DatumSet(0.0, "alpha", *HOME, ""))
-    (second,) = made_of.of_event(DatumSet(0.0, "bravo", 46.001, 7.0, 1650.0, ""))
-    at = [read(encode(p.message), "tf2_msgs/msg/TFMessage")["transforms"][0] for p in (first, second)]
-    assert [(t["header"]["frame_id"], t["child_frame_id"]) for t in at] == [("map", "alpha/map"), ("map", "bravo/map")]
-    assert at[0]["transform"]["translation"] == pytest.approx({"x": 0, "y": 0, "z": 0}, abs=1e-6)
-    assert at[1]["transform"]["translation"]["y"] == pytest.approx(111.2, abs=0.1)
+    for vehicle, lat in (("alpha", 46.0), ("bravo", 46.001)):
+        made_of.of_event(DatumSet(0.0, vehicle, lat, 7.0, 1650.0, ""))
+    told = by_topic(made_of.of_event(named(made(), "bravo", "only")))
+    assert told["/bravo/only/arva"]["header"]["frame_id"] == "bravo/only/arva_receiver"
+    assert told["/bravo/only/arva/pose"]["header"]["frame_id"] == "bravo/map"
+    (map_,) = [t for t in told["/tf"]["transforms"] if t["child_frame_id"] == "bravo/map"]
+    assert map_["header"]["frame_id"] == "map"
+    assert map_["transform"]["translation"]["y"] == pytest.approx(111.2, abs=0.1)
+    told = by_topic(made_of.of_event(named(made(), "alpha", "front")))
+    (map_,) = [t for t in told["/tf"]["transforms"] if t["child_frame_id"] == "alpha/map"]
+    assert map_["transform"]["translation"] == pytest.approx({"x": 0, "y": 0, "z": 0}, abs=1e-6)
+
+
+def test_names_that_ros_does_not_allow_are_changed_and_stay_different() -> None:
+    every = names_of([("7-up", "a-b"), ("7-up", "a.b"), ("7_up", "a_b")]).values()
+    assert [names.arva for names in every] == ["/_7_up/a_b/arva", "/_7_up/a_b_2/arva", "/_7_up_2/a_b/arva"]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from arva_hil.cli import options as opt
 from arva_hil.cli.arguments.search import add_plan
+from arva_hil.cli.live_options import add_live
 
 
 def add_options(parser: opt.CommandParser) -> None:
@@ -14,4 +15,5 @@ def add_options(parser: opt.CommandParser) -> None:
     parser.option("--headless", action="store_true", help="print plain lines only, without a live status")
     add_plan(parser)
     opt.add_scenario(parser)
+    add_live(parser)
     opt.add_common(parser)

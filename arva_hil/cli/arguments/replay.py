@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from arva_hil.cli import options as opt
+from arva_hil.cli.live_options import add_live
 
 
 def add_options(parser: opt.CommandParser) -> None:
@@ -20,4 +21,5 @@ def add_options(parser: opt.CommandParser) -> None:
     opt.add_scenario(parser)
     opt.add_target(parser)
     opt.add_max_age(parser)
+    add_live(parser)
     opt.add_common(parser)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from arva_hil.cli import options as opt
+from arva_hil.cli.live_options import add_live
 
 
 def add_options(parser: opt.CommandParser) -> None:
@@ -27,4 +28,5 @@ def add_options(parser: opt.CommandParser) -> None:
         metavar="S",
         help="give up if no heartbeat comes in this time; default 10",
     )
+    add_live(parser)
     opt.add_common(parser)

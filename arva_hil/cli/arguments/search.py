@@ -18,6 +18,7 @@ import argparse
 import math
 
 from arva_hil.cli import options as opt
+from arva_hil.cli.live_options import add_live
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 
@@ -66,6 +67,7 @@ def add_options(parser: opt.CommandParser) -> None:
     parser.option(
         "--stream-rate", type=opt.number(4, 50, " of Hz"), default=10.0, metavar="HZ", help="of the pose; default 10"
     )
+    add_live(parser)
     parser.option("--record", metavar="DIR", help="record the flight, how it ended and a picture into DIR")
     parser.option("--json", action="store_true", help="how it ended, as a JSON object on stdout")
 

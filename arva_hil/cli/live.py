@@ -1,0 +1,59 @@
+"""The observers that send what happens to other people's tools, as the command line wants them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+
+from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.terminal import tell
+from arva_hil.config import Scenario
+from arva_hil.observers.audience import Observer
+from arva_hil.observers.console.notice import Notice
+
+
+def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch_us: int) -> list[Observer]:
+    """Those of --foxglove and --ros2; each has a `close`. Says where they are. Raises UsageError.
+
+    `scenario`: of the run, None for a search. `epoch_us`: microseconds since 1970 at the loop's time 0.
+    """
+    observers: list[Observer] = []
+    if not options.foxglove and not options.ros2:
+        return observers
+    from arva_hil.messages.live import LiveMessages  # slow to import, as are those below
+
+    def messages() -> LiveMessages:
+        return LiveMessages(scenario, epoch_us, searches=hasattr(options, "strategy"))
+
+    if options.foxglove:
+        from arva_hil.observers.foxglove import FoxgloveError, FoxgloveServer
+
+        try:
+            server = FoxgloveServer(messages(), *options.foxglove)
+        except FoxgloveError as error:
+            raise UsageError(error) from None
+        taken = f" (port {options.foxglove.port} is taken)" if server.port != options.foxglove.port else ""
+        tell(f"messages for Foxglove: {server.url}{taken}")
+        observers.append(server)
+    if options.ros2:
+        from arva_hil.observers.ros2 import Ros2Error, Ros2Publisher
+
+        try:
+            publisher = Ros2Publisher(messages())
+        except Ros2Error as error:
+            raise UsageError(error) from None
+        tell("messages in ROS 2: ros2 topic list")
+        for package in publisher.missing:
+            cure = "build tools/ros2/arva_msgs with colcon, and source it" if package == "arva_msgs" else "install it"
+            tell(f"warning: the ROS 2 package {package} is missing, its messages are not published: {cure}")
+        observers.append(publisher)
+    return observers
+
+
+def close_all(observers: Sequence[Observer], notice: Callable[[Notice], None]) -> None:
+    """Close those that can be closed; `notice` is told what fails."""
+    for observer in observers:
+        try:
+            getattr(observer, "close", lambda: None)()
+        except Exception as error:
+            notice(Notice("error", f"observer {type(observer).__name__}: close() failed: {error!r}"))

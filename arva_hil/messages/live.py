@@ -1,0 +1,38 @@
+"""The messages of a program while it runs: of its run, its search, or both."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from arva_hil.config import Scenario
+from arva_hil.events import Event
+from arva_hil.events.searches import FromSearch, SearchEvent
+from arva_hil.messages.message import Message
+from arva_hil.messages.publication import Publication
+from arva_hil.messages.readings import RunMessages
+from arva_hil.messages.searches import TOPICS, SearchMessages
+
+
+class LiveMessages:
+    """Makes the messages of all events. `scenario`: of the run; None for a search, which knows none.
+
+    `epoch_us`: microseconds since 1970 at the loop's time 0. `searches`: whether there is a search.
+    """
+
+    def __init__(self, scenario: Scenario | None, epoch_us: int, *, searches: bool) -> None:
+        self._searches = searches
+        self._run = RunMessages(scenario, epoch_us) if scenario else None
+        self._search = SearchMessages(epoch_us)
+
+    @property
+    def topics(self) -> Mapping[str, type[Message]]:
+        """All topics that there may be, with their messages."""
+        return {**(self._run.topics if self._run else {}), **(TOPICS if self._searches else {})}
+
+    def of_event(self, event: Event) -> list[Publication]:
+        """The messages of one event, in their order; none of most."""
+        if isinstance(event, FromSearch):
+            event = event.event
+        if isinstance(event, SearchEvent):
+            return self._search.of_event(event, self._run.world if self._run else None)
+        return self._run.of_event(event) if self._run else []
