@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Final, Protocol
 
 from arva_hil.runtime.clock import Clock, Waitable
 
-_LONGEST_WAIT_S = 0.1  # a signal is noticed within it
+_LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within it, and no task is left alone for longer
+_AT_ONCE_S: Final = 1e-6  # deadlines so close together are one: they were reckoned in different ways
 
 
 class Task(Protocol):
@@ -29,10 +30,20 @@ def run(
     until: float = math.inf,
     stopped: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Serve all tasks until the clock reads `until`, or until `stopped` says so."""
+    """Serve all tasks until the clock reads `until`, or until `stopped` says so.
+
+    Of several tasks those are served that are due or have bytes to read, in this order; all of them first and last.
+    """
+    dues = [-math.inf] * len(tasks)
+    alone = len(tasks) == 1
     while not stopped():
         now = clock.now()
-        due = min(task.service(clock) for task in tasks)
+        links: list[Waitable] = []
+        for number, task in enumerate(tasks):
+            if alone or dues[number] <= now or now >= until or any(link.ready() for link in task.links):
+                dues[number] = min(task.service(clock), now + _LONGEST_WAIT_S)
+            links += task.links
         if now >= until:
             return
-        clock.wait(min(due, until, now + _LONGEST_WAIT_S), [link for task in tasks for link in task.links])
+        first = min(dues)
+        clock.wait(min(max(due for due in dues if due <= first + _AT_ONCE_S), until), links)
