@@ -16,7 +16,7 @@ from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from arva_hil.mavlink import dialect as _later  # noqa: F401, before the tables below
-from arva_hil.mavlink.layouts import layout, length_v1, payload_writer
+from arva_hil.mavlink.layouts import length_v1, message_maker, payload_writer
 from arva_hil.mavlink.signing import Signing
 
 __all__ = ["RESULTS", "Encoder", "Packet", "Parser", "command", "dialect"]
@@ -30,6 +30,7 @@ _SIGNED: Final = 0x01  # the one incompatibility flag there is; a packet with an
 _SIGNATURE_BYTES: Final = 13
 _HEAD_V2: Final = struct.Struct("<BBBxxBBI")  # magic, length, incompatibility flags, ids, message id and a byte more
 _COVERED_V2: Final = struct.Struct("<BBBBBBHB")  # the same without magic: length, two flags, number, ids, message id
+_HEAD_V2_BYTES: Final = _HEAD_V2.size
 _U16: Final = struct.Struct("<H")
 _CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
 
@@ -82,16 +83,16 @@ class Parser:
         packets: list[Packet] = []
         at, end = 0, len(data)
         self._good_at = -1
+        head, seeds, crc = _HEAD_V2.unpack_from, _CRC_EXTRA, crc16.mcrf4xx
         while at < end:
-            if end - at >= _HEAD_V2.size:  # of MAVLink 2, whole, known and right are nearly all
-                magic, length, flags, system, component, msgid = _HEAD_V2.unpack_from(data, at)
-                seed = _CRC_EXTRA.get(msgid & 0xFFFFFF)
-                if magic == _MAGIC_V2 and seed is not None and flags <= _SIGNED:
+            if end - at >= _HEAD_V2_BYTES:  # of MAVLink 2, whole, known and right are nearly all
+                magic, length, flags, system, component, msgid = head(data, at)
+                msgid &= 0xFFFFFF
+                if magic == _MAGIC_V2 and flags <= _SIGNED and (seed := seeds.get(msgid)):
                     crc_at = at + 10 + length
                     stop = crc_at + (2 + _SIGNATURE_BYTES if flags else 2)
-                    if stop <= end and crc16.mcrf4xx(data[at + 1 : crc_at] + seed) == _U16.unpack_from(data, crc_at)[0]:
-                        signed = flags == _SIGNED
-                        packets.append(_packet((data[at:stop], 2, signed, system, component, msgid & 0xFFFFFF, True)))
+                    if stop <= end and crc(data[at + 1 : crc_at] + seed) == data[crc_at] | data[crc_at + 1] << 8:
+                        packets.append(_packet((data[at:stop], 2, flags == 1, system, component, msgid, True)))
                         at = stop
                         continue
             size = _size(data, at)
@@ -174,13 +175,13 @@ class Parser:
         if packet.version == 1 and packet.raw[1] < length_v1(packet.msgid):
             self.malformed += 1
             return None
-        if numbers := layout(packet.msgid):  # without pymavlink's second look at the checksum, most of its time
-            kind, packing, in_order = numbers
+        if numbers := message_maker(packet.msgid):  # without pymavlink's second look at the checksum
+            make, packing = numbers
             raw, header = packet.raw, 10 if packet.version == 2 else 6
             if raw[1] >= packing.size:
-                return kind(*in_order(packing.unpack_from(raw, header)))
+                return make(packing.unpack_from(raw, header))
             payload = raw[header : header + raw[1]]  # what is zero at the end of a MAVLink 2 packet is left out
-            return kind(*in_order(packing.unpack(payload.ljust(packing.size, b"\0"))))
+            return make(packing.unpack(payload.ljust(packing.size, b"\0")))
         try:
             return self._codec.decode(bytearray(packet.raw))
         except dialect.MAVError:
@@ -214,20 +215,19 @@ class Encoder:
         msgid = type(message).id  # some messages have a field of that name
         first = self.version == 1 and msgid <= 255
         write = None if first or self._signing else payload_writer(msgid)
+        codec = self._codec
         try:
-            raw = self._written(msgid, write(message)) if write else self._packed(message, first=first)
+            if write:  # of MAVLink 2, which leaves out what is zero at the end, but for one byte
+                payload = write(message).rstrip(b"\0") or b"\0"
+                source = codec.seq, codec.srcSystem, codec.srcComponent
+                covered = _COVERED_V2.pack(len(payload), 0, 0, *source, msgid & 0xFFFF, msgid >> 16) + payload
+                raw = b"\xfd" + covered + _U16.pack(crc16.mcrf4xx(covered + _CRC_EXTRA[msgid]))
+            else:
+                raw = self._packed(message, first=first)
         except (struct.error, OverflowError, IndexError, dialect.MAVError) as error:
             raise ValueError(f"{message.get_type()}: {error}") from error
-        self._codec.seq = (self._codec.seq + 1) % 256
+        codec.seq = (codec.seq + 1) % 256
         return _without_extensions(raw, msgid) if first else raw
-
-    def _written(self, msgid: int, payload: bytes) -> bytes:
-        """A packet of MAVLink 2, which leaves out what is zero at the end, but for one byte."""
-        payload = payload.rstrip(b"\0") or b"\0"
-        codec = self._codec
-        source = codec.seq, codec.srcSystem, codec.srcComponent
-        covered = _COVERED_V2.pack(len(payload), 0, 0, *source, msgid & 0xFFFF, msgid >> 16) + payload
-        return b"\xfd" + covered + _U16.pack(_crc(covered, msgid))
 
     def _packed(self, message: Message, *, first: bool) -> bytes:
         """By pymavlink, at three times the cost: as MAVLink 1 (`first`), signed, or with text in it."""
