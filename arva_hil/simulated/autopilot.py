@@ -9,7 +9,7 @@ import math
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from arva_hil.simulated.multirotor import STEP_US, Multirotor, Vector
+from arva_hil.simulated.multirotor import CONTACT_M, STEP_US, Multirotor, Vector
 
 __all__ = ["Mode", "SetPoint", "SimulatedAutopilot"]
 
@@ -33,6 +33,9 @@ class Mode(IntEnum):
     LOITER = 5
     RTL = 6
     LAND = 9
+
+
+_GUIDED: Final = Mode.GUIDED  # looked up a hundred times a second
 
 
 class SetPoint(NamedTuple):
@@ -103,12 +106,12 @@ class SimulatedAutopilot:
         motion = self.motion
         climbing = False
         if self.armed and (self.taking_off or not self.landed):
-            velocity, yaw_rate = self._wanted()
+            velocity, yaw_rate = self._wanted(motion)
             climbing = velocity[2] < 0
             motion.step(velocity, yaw_rate, True)
         else:
             motion.step(_STILL, 0.0, False)
-        if climbing or not motion.contact:
+        if climbing or motion.down <= -CONTACT_M:
             self._rested = 0
             if motion.down < -0.1:
                 self.landed = False
@@ -125,22 +128,23 @@ class SimulatedAutopilot:
         if self.armed and (self._rested >= _IDLE or self.mode in (Mode.LAND, Mode.RTL)):
             self.disarm()
 
-    def _wanted(self) -> tuple[Vector, float]:
+    def _wanted(self, motion: Multirotor) -> tuple[Vector, float]:
         """Velocity (NED) and yaw rate."""
-        if self.mode == Mode.LAND:
+        mode = self.mode
+        if mode is _GUIDED:
+            position, velocity, yaw, yaw_rate = self._set_point
+            if motion.steps - self._set_at > _TIMEOUT:
+                velocity, yaw_rate = _STILL, 0.0
+            if position is not None:
+                velocity = self._towards(position, velocity)
+            if yaw is not None:
+                yaw_rate = 2.0 * math.remainder(yaw - motion.yaw, math.tau)
+            return velocity, yaw_rate
+        if mode is Mode.LAND:
             return self._sink(), 0.0
-        if self.mode == Mode.RTL:
+        if mode is Mode.RTL:
             return self._home(), 0.0
-        if self.mode != Mode.GUIDED:
-            return _STILL, 0.0
-        position, velocity, yaw, yaw_rate = self._set_point
-        if self.motion.steps - self._set_at > _TIMEOUT:
-            velocity, yaw_rate = _STILL, 0.0
-        if position is not None:
-            velocity = self._towards(position, velocity)
-        if yaw is not None:
-            yaw_rate = 2.0 * math.remainder(yaw - self.motion.yaw, math.tau)
-        return velocity, yaw_rate
+        return _STILL, 0.0
 
     def _sink(self) -> Vector:
         return (0.0, 0.0, _LAND_SPEED if -self.motion.down < _LAND_SLOW_HEIGHT else math.inf)

@@ -11,16 +11,18 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from math import hypot
 from typing import Final, NamedTuple
 
 from arva_hil.field.quaternion import Quaternion, from_euler
 
-__all__ = ["STEP_US", "Motion", "Multirotor", "Vector"]
+__all__ = ["CONTACT_M", "STEP_US", "Motion", "Multirotor", "Vector"]
 
 Vector = tuple[float, float, float]
 
 STEP_US: Final = 10_000
 _STEP: Final = STEP_US * 1e-6
+_HALF: Final = _STEP / 2
 _HISTORY: Final = 1000  # steps that `at` can look back
 
 _GRAVITY: Final = 9.80665
@@ -37,7 +39,7 @@ _YAW_RATE: Final = math.radians(90)
 _YAW_LAG: Final = 1 - math.exp(-_STEP / 0.2)
 _LEAN_LAG: Final = 1 - math.exp(-_STEP / 0.15)  # of each of two: how fast it leans once off the ground
 _LEGS: Final = 20.0  # 1/s: sink rate allowed per metre of height, the give of the landing gear
-_CONTACT: Final = 0.02  # m
+CONTACT_M: Final = 0.02  # lower is on the ground
 _SETTLE: Final = 1.0  # m/s², down, at rest
 
 # What one step leaves behind: position, velocity, thrust direction reversed (not to scale), yaw.
@@ -71,57 +73,60 @@ class Multirotor:
         self._lean = self._lean_lagged = 0.0  # 0 standing upright on the ground … 1 flying
         self._nodes: deque[_Node] = deque([(0, 0, 0, 0, 0, 0, 0, 0, _GRAVITY, 0)], maxlen=_HISTORY + 1)
 
-    @property
-    def contact(self) -> bool:
-        return self.down > -_CONTACT
-
     def step(self, velocity: Vector, yaw_rate: float, powered: bool) -> None:
-        """10 ms of flight towards a velocity (NED, m/s) and yaw rate (rad/s); unpowered, of fall or rest."""
+        """10 ms of flight towards a velocity (NED, m/s) and yaw rate (rad/s); unpowered, of fall or rest.
+
+        A flight is mostly made of these, 100 a second: hence comparisons instead of min, max and small functions.
+        """
         vn, ve, vd = self._velocity
         wind_n, wind_e, wind_d = self._wind
+        down = self.down
         if powered:
-            cn, ce, cd = velocity
-            an, ae = _within(cn, ce, _SPEED)
-            an, ae = _within(_GAIN * (an - vn), _GAIN * (ae - ve), _ACCELERATION)
-            cd = max(-_CLIMB, min(cd, _SINK, _FLARE - self.down))
-            ad = max(-_LIFT, min(_GAIN * (cd - vd), _LIFT))
-        elif self.contact:
-            an, ae, ad = -_GAIN * vn, -_GAIN * ve, _SETTLE
+            an, ae, cd = velocity
+            if (length := hypot(an, ae)) > _SPEED:
+                an, ae = an * (_SPEED / length), ae * (_SPEED / length)
+            an, ae = _GAIN * (an - vn), _GAIN * (ae - ve)
+            if (length := hypot(an, ae)) > _ACCELERATION:
+                an, ae = an * (_ACCELERATION / length), ae * (_ACCELERATION / length)
+            most = _FLARE - down if _FLARE - down < _SINK else _SINK
+            cd = most if cd > most else cd
+            ad = _GAIN * ((cd if cd > -_CLIMB else -_CLIMB) - vd)
+            ad = _LIFT if ad > _LIFT else -_LIFT if ad < -_LIFT else ad
+            yaw_rate = _YAW_RATE if yaw_rate > _YAW_RATE else -_YAW_RATE if yaw_rate < -_YAW_RATE else yaw_rate
+        elif down > -CONTACT_M:
+            an, ae, ad, yaw_rate = -_GAIN * vn, -_GAIN * ve, _SETTLE, 0.0
         else:
-            an, ae = _DRAG * (wind_n - vn), _DRAG * (wind_e - ve)
+            an, ae, yaw_rate = _DRAG * (wind_n - vn), _DRAG * (wind_e - ve), 0.0
             ad = _GRAVITY + _DRAG * (wind_d - vd)
         ln, le, ld = self._lagged
         fn, fe, fd = self._acceleration
-        ln, le, ld = ln + (an - ln) * _LAG, le + (ae - le) * _LAG, ld + (ad - ld) * _LAG
-        fn, fe, fd = fn + (ln - fn) * _LAG, fe + (le - fe) * _LAG, fd + (ld - fd) * _LAG
+        self._lagged = ln, le, ld = ln + (an - ln) * _LAG, le + (ae - le) * _LAG, ld + (ad - ld) * _LAG
+        self._acceleration = fn, fe, fd = fn + (ln - fn) * _LAG, fe + (le - fe) * _LAG, fd + (ld - fd) * _LAG
 
         new_n, new_e, new_d = vn + fn * _STEP, ve + fe * _STEP, vd + fd * _STEP
         # On the ground sink rate ≤ _LEGS · height, at both ends of the trapezoid.
-        allowed = _LEGS * (-self.down - vd * (_STEP / 2)) / (1 + _LEGS * (_STEP / 2))
+        allowed = _LEGS * (-down - vd * _HALF) / (1 + _LEGS * _HALF)
         if new_d > allowed:
             new_d = allowed
-        self.north += (vn + new_n) * (_STEP / 2)
-        self.east += (ve + new_e) * (_STEP / 2)
-        self.down = min(self.down + (vd + new_d) * (_STEP / 2), 0.0)
+        self.north = north = self.north + (vn + new_n) * _HALF
+        self.east = east = self.east + (ve + new_e) * _HALF
+        down += (vd + new_d) * _HALF
+        self.down = down = down if down < 0.0 else 0.0
         self._velocity = new_n, new_e, new_d
-        self._lagged = ln, le, ld
-        self._acceleration = fn, fe, fd
 
-        yaw_rate = max(-_YAW_RATE, min(yaw_rate, _YAW_RATE)) if powered else 0.0
         self._yaw_rate += (yaw_rate - self._yaw_rate) * _YAW_LAG
-        self.yaw += self._yaw_rate * _STEP
+        self.yaw = yaw = self.yaw + self._yaw_rate * _STEP
 
-        self._lean_lagged += ((powered and not self.contact) - self._lean_lagged) * _LEAN_LAG
-        self._lean += (self._lean_lagged - self._lean) * _LEAN_LAG
-        lean = self._lean
+        lagged, lean = self._lean_lagged, self._lean
+        self._lean_lagged = lagged = lagged + ((powered and down <= -CONTACT_M) - lagged) * _LEAN_LAG
+        self._lean = lean = lean + (lagged - lean) * _LEAN_LAG
         self._nodes.append(
             (
-                *(self.north, self.east, self.down),
-                *self._velocity,
+                *(north, east, down, new_n, new_e, new_d),
                 lean * (_DRAG * (wind_n - new_n) - fn),
                 lean * (_DRAG * (wind_e - new_e) - fe),
                 _GRAVITY + lean * (_DRAG * (wind_d - new_d) - fd),
-                self.yaw,
+                yaw,
             )
         )
         self.steps += 1
@@ -153,13 +158,6 @@ class Multirotor:
             q,
             rates,
         )
-
-
-def _within(north: float, east: float, limit: float) -> tuple[float, float]:
-    length = math.hypot(north, east)
-    if length <= limit:
-        return north, east
-    return north * (limit / length), east * (limit / length)
 
 
 def _quaternion(node: _Node) -> Quaternion:
