@@ -18,7 +18,7 @@ from arva_hil.search.strategy import Observation
 
 _STEP_M: Final = 0.4  # flown between two readings that are kept
 _DOWNS: Final = (-1.0, 0.5, 2.0, 4.0)  # of the dipole to begin with, below the take-off point, m
-_TURNS: Final = 6  # and its moment's directions: level ones, up and down
+_TURNS: Final = 3  # and its moment's directions: level ones within half a turn, and down; m and −m sound alike
 _ROUNDS: Final = 12
 _NEAR_M: Final = 2.5  # so near to the place is there
 
@@ -87,14 +87,14 @@ class Evidence:
 
 def _hypotheses(place: tuple[float, float]) -> Array:
     """Dipoles (K, 6) there, of the reference strength."""
-    level = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(_TURNS) * math.tau / _TURNS]
-    moments = dipole.MOMENT * np.array([*level, (0, 0, 1), (0, 0, -1)])
+    level = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(_TURNS) * math.pi / _TURNS]
+    moments = dipole.MOMENT * np.array([*level, (0, 0, 1)])
     return np.array([[*place, down, *moment] for down in _DOWNS for moment in moments])
 
 
 def _turned(x: Array, damping: Array, o: dipole.Readings, error: float) -> tuple[dipole.Fit, Array]:
-    """Steps of Levenberg and Marquardt that change depth and moment only."""
-    now = dipole.evaluate(x, o, error)
+    """Steps of Levenberg and Marquardt that change depth and moment only, until that has settled."""
+    now, settled = dipole.evaluate(x, o, error), 0
     for _ in range(_ROUNDS):
         damped = now.information[:, 2:, 2:] * (1 + damping[:, None, None] * np.eye(4))
         step = np.zeros_like(now.x)
@@ -102,6 +102,8 @@ def _turned(x: Array, damping: Array, o: dipole.Readings, error: float) -> tuple
         new = dipole.evaluate(now.x - step, o, error)
         better = new.cost < now.cost
         damping = np.clip(np.where(better, damping / 8, damping * 8), 1e-4, 1e4)
-        pairs = zip(now, new, strict=True)
-        now = dipole.Fit(*(np.where(better.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in pairs))
+        settled = settled + 1 if (now.cost - new.cost).max() < dipole.SETTLED else 0
+        now = dipole.the_better(now, new, better)
+        if settled > 1:
+            break
     return now, damping
