@@ -99,6 +99,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.events",
         "arva_hil.field.geodesy",
         "arva_hil.field.mount",
+        "arva_hil.field.quaternion",
         "arva_hil.field.rotation",
         "arva_hil.flight",
         "arva_hil.links",

@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 
 Quaternion = tuple[float, float, float, float]
+Row = tuple[float, float, float]
+
+NO_ROTATION = "a quaternion of length 0, or not finite, is no rotation"
 
 
 def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
@@ -36,3 +39,24 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
         aw * by - ax * bz + ay * bw + az * bx,
         aw * bz + ax * by - ay * bx + az * bw,
     )
+
+
+def matrix(w: float, x: float, y: float, z: float) -> tuple[Row, Row, Row]:
+    """The rotation matrix, body → world, of a quaternion of any length but 0. Raises ValueError for that."""
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    if not 0 < length < math.inf:
+        raise ValueError(NO_ROTATION)
+    w, x, y, z = w / length, x / length, y / length, z / length
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+def heading(q: Quaternion) -> float:
+    """The yaw of a rotation, body FRD → NED, in radians; right at pitch ±π/2 too, for a roll that fits."""
+    a, b, c = matrix(*q)
+    roll = math.atan2(c[1], c[2])
+    cos, sin = math.cos(roll), math.sin(roll)
+    return math.atan2(sin * a[2] - cos * a[1], cos * b[1] - sin * b[2])

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from arva_hil.field.quaternion import NO_ROTATION, matrix
+
 __all__ = ["from_euler", "from_rotation_vector", "multiply", "slerp", "to_euler", "to_matrix"]
 
 Array = NDArray[np.float64]
@@ -42,6 +44,9 @@ def to_euler(rotation: ArrayLike) -> Array:
 
 def to_matrix(q: ArrayLike) -> Array:
     """Rotation matrix (..., 3, 3), body → world, of a quaternion (..., 4)."""
+    q = np.asarray(q, float)
+    if q.shape == (4,):
+        return np.array(matrix(*q.tolist()))
     q = _unit(q)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     m = np.empty((*q.shape[:-1], 3, 3))
@@ -98,5 +103,5 @@ def _unit(q: ArrayLike) -> Array:
     q = np.asarray(q, float)
     length = _length(q)
     if not ((length > 0) & (length < np.inf)).all():
-        raise ValueError("a quaternion of length 0, or not finite, is no rotation")
+        raise ValueError(NO_ROTATION)
     return q / length

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from arva_hil.field import rotation
+from arva_hil.field.quaternion import heading
 from arva_hil.flight import authority, battery, sticks
 from arva_hil.flight.authority import Authority
 from arva_hil.flight.battery import Battery
@@ -133,7 +133,7 @@ class FlightState:
         """Keep the heading that it has; False when that is not known."""
         state = self._session.state_at(now, place.frame)
         if state is not None:
-            self._yaw = rotation.to_euler(rotation.to_matrix(state.attitude))[2]
+            self._yaw = heading(state.attitude.tolist())
         return state is not None
 
     def _watch_mode(self, now: float) -> None:

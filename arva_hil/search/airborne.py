@@ -10,7 +10,7 @@ from typing import Final
 from arva_hil.events import Event
 from arva_hil.events.searches import SearchBegun, SearchEnded
 from arva_hil.field.geodesy import LocalFrame
-from arva_hil.field.rotation import to_euler, to_matrix
+from arva_hil.field.quaternion import heading
 from arva_hil.flight.commander import Commander, Phase
 from arva_hil.observers.console.reasons import no_pose
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
@@ -132,12 +132,9 @@ class Flight:
         if self._new_frame is not None:
             reading = reading_of(self._new_frame, self.mission.target if self.mission else None)
             self._new_frame = None
-        heading = math.degrees(to_euler(to_matrix(state.attitude))[2])
-        self._log(
-            SearchStep(
-                now - self._start, phase.name.lower(), *as_position(state.position), heading, *velocity, *reading
-            )
-        )
+        north_deg = math.degrees(heading(state.attitude.tolist()))
+        place = as_position(state.position)
+        self._log(SearchStep(now - self._start, phase.name.lower(), *place, north_deg, *velocity, *reading))
 
     def _tell_in_time(self, event: Event) -> None:
         """What the mission tells, whose clock stands still in gaps."""

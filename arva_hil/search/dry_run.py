@@ -11,7 +11,7 @@ from typing import Final
 
 from arva_hil.events.searches import DryRunBegun, SetPointPlanned, WouldOrder
 from arva_hil.field.geodesy import LocalFrame
-from arva_hil.field.rotation import to_euler, to_matrix
+from arva_hil.field.quaternion import heading
 from arva_hil.flight.set_points import EVERY_S
 from arva_hil.search.airborne import STAY, reading_of
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
@@ -141,13 +141,13 @@ class DryRun:
         velocity = STAY
         if not mission.ended:
             velocity = mission.fly(now, self._lifted(position), receiver=as_position(receiver), height=height)
-        heading = math.degrees(to_euler(to_matrix(state.attitude))[2])
+        heading_deg = math.degrees(heading(state.attitude.tolist()))
         frame, self._last = self._last, None
         reading = reading_of(frame, mission.target) if frame else (None, None, None, None)
-        self._log(SearchStep(now - self._start, _PHASE, *position, heading, *velocity, *reading))
+        self._log(SearchStep(now - self._start, _PHASE, *position, heading_deg, *velocity, *reading))
         if now >= self._say_next_s and not mission.broken:
             self._say_next_s = now + _SAY_S
-            self._session.news.emit(SetPointPlanned(now, *velocity, heading, 1 / EVERY_S))
+            self._session.news.emit(SetPointPlanned(now, *velocity, heading_deg, 1 / EVERY_S))
 
     def _end(self, now: float) -> None:
         assert self._modes is not None

@@ -15,7 +15,7 @@ from statistics import median
 from typing import Any, Final, Literal, NamedTuple
 
 from arva_hil.events.searches import HeightSource
-from arva_hil.field.rotation import to_matrix
+from arva_hil.field.quaternion import matrix
 from arva_hil.mavlink.codec import dialect
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
@@ -94,7 +94,7 @@ class Ground:
     def height(self, now: float, state: VehicleState) -> Height:
         """The height to fly by; `state` in NED from the take-off point."""
         above, sinks = -float(state.position[2]), float(state.velocity[2])
-        level = float(to_matrix(state.attitude)[2, 2])
+        level = matrix(*state.attitude.tolist())[2][2]
         dt, self._time_s = max(0.0, min(now - self._time_s, _FRESH_S)), now
         measured = self._measured(now, level, sinks * dt)
         if measured is not None:

@@ -143,18 +143,20 @@ def _around(samples: deque[S], boot: float) -> tuple[S, S | None] | None:
 
 
 def _position_at(boot: float, a: PositionSample, b: PositionSample | None, frame: LocalFrame) -> tuple[Vector, Vector]:
-    va = np.array(a.velocity)
-    pa = frame.ned(a.lat, a.lon, a.alt)
+    there = frame.ned_of(a.lat, a.lon, a.alt)
     if b is None:
-        return pa + va * (boot - a.boot), va
+        later = boot - a.boot
+        return np.array([p + v * later for p, v in zip(there, a.velocity, strict=True)]), np.array(a.velocity)
     span = b.boot - a.boot
     u = (boot - a.boot) / span
-    vb = np.array(b.velocity)
-    step = frame.ned(b.lat, b.lon, b.alt) - pa
-    # cubic Hermite from a: p(u) = pa + u·(span·va + u·(c2 + u·c3))
-    c3 = span * (va + vb) - 2 * step
-    c2 = step - span * va - c3
-    return pa + u * (span * va + u * (c2 + u * c3)), va + u * (2 * c2 + 3 * u * c3) / span
+    places, velocities = [], []
+    for pa, va, pb, vb in zip(there, a.velocity, frame.ned_of(b.lat, b.lon, b.alt), b.velocity, strict=True):
+        # cubic Hermite from a: p(u) = pa + u·(span·va + u·(c2 + u·c3))
+        c3 = span * (va + vb) - 2 * (pb - pa)
+        c2 = (pb - pa) - span * va - c3
+        places.append(pa + u * (span * va + u * (c2 + u * c3)))
+        velocities.append(va + u * (2 * c2 + 3 * u * c3) / span)
+    return np.array(places), np.array(velocities)
 
 
 def _attitude_at(boot: float, a: AttitudeSample, b: AttitudeSample | None) -> Vector:

@@ -85,3 +85,10 @@ def test_shapes() -> None:
     frame = LocalFrame(46.5, 8.0, 2300.0)
     assert frame.ned(46.5, np.full((2, 1), 8.0), np.zeros(5)).shape == (2, 5, 3)
     assert [part.shape for part in frame.lla(np.zeros((2, 5, 3)))] == [(2, 5)] * 3
+
+
+@pytest.mark.parametrize("datum", DATUMS)
+def test_one_place_in_plain_floats_is_as_in_arrays(datum: tuple[float, float, float]) -> None:
+    frame = LocalFrame(*datum)
+    for place in around(datum, 50, seed=4).T.tolist():
+        assert frame.ned_of(*place) == pytest.approx(frame.ned(*place).tolist(), abs=1e-8)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from arva_hil.field import quaternion
 from arva_hil.field.rotation import from_euler, from_rotation_vector, multiply, slerp, to_euler, to_matrix
 
 N = 10_000
@@ -112,3 +115,16 @@ def test_leading_shapes() -> None:
 def test_no_rotation_is_an_error(q: list[float]) -> None:
     with pytest.raises(ValueError, match="no rotation"):
         to_matrix(q)
+
+
+def test_a_single_rotation_in_plain_floats_is_as_in_arrays() -> None:
+    many = np.random.default_rng(5).normal(size=(200, 4))
+    for one, matrix, angles in zip(many, to_matrix(many), to_euler(many), strict=True):
+        assert (to_matrix(one) == matrix).all()
+        assert quaternion.heading(one.tolist()) == pytest.approx(angles[2], abs=1e-12)
+
+
+@pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (math.nan, 0.0, 0.0, 1.0), (math.inf, 0.0, 0.0, 0.0)])
+def test_no_single_rotation_is_an_error_too(q: tuple[float, float, float, float]) -> None:
+    with pytest.raises(ValueError, match="no rotation"):
+        quaternion.matrix(*q)
