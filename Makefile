@@ -30,8 +30,8 @@ lint: $(VENV)/.dev
 
 # the pages, without a warning, and their examples as tests; nothing is fetched
 docs: $(VENV)/.dev
-	$(BIN)/python -m sphinx -q -W --keep-going -n -b html docs build/docs
-	$(BIN)/python -m sphinx -q -W --keep-going -n -b doctest docs build/doctest
+	$(BIN)/python -m sphinx -q -W --keep-going -n -d build/doctrees -b html docs build/docs
+	$(BIN)/python -m sphinx -q -W --keep-going -n -d build/doctrees -b doctest docs build/doctest
 
 # the wheel and the source archive, tried in empty environments: the whole, and the codec alone; and what is in it
 dist: $(VENV)/.dist

@@ -27,15 +27,23 @@ class Replayed(NamedTuple):
 Replay = Callable[[bytes], Replayed]
 
 
+@pytest.fixture(scope="module")
+def replayed() -> dict[bytes, Replayed]:
+    """What came of each log: the flight as it was recorded is what most tests compare with."""
+    return {}
+
+
 @pytest.fixture
-def replay(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Replay:
+def replay(tmp_path: Path, capfd: pytest.CaptureFixture[str], replayed: dict[bytes, Replayed]) -> Replay:
     """At 10 Hz; gives back what the record says."""
-    count = 0
 
     def go(data: bytes) -> Replayed:
-        nonlocal count
-        count += 1
-        folder = tmp_path / f"record{count}"
+        if data not in replayed:
+            replayed[data] = once(data)
+        return replayed[data]
+
+    def once(data: bytes) -> Replayed:
+        folder = tmp_path / f"record{len(replayed)}"
         (log := tmp_path / "flight.tlog").write_bytes(data)
         assert main(["replay", str(log), "--rate", "10", "--record", str(folder)]) == 0
         with (folder / "readings.csv").open(newline="") as file:

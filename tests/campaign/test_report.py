@@ -8,9 +8,9 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
+import scipy
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binomtest
 
 from arva_hil.campaign import charts, report
 from arva_hil.campaign.results import TrialRow, row
@@ -40,7 +40,7 @@ def runs(*errors: float | None, strategy: str = "flux", **others: object) -> lis
 
 @given(st.integers(1, 2000).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
 def test_the_interval_is_wilsons(counts: tuple[int, int]) -> None:
-    expected = binomtest(*counts).proportion_ci(method="wilson")
+    expected = scipy.stats.binomtest(*counts).proportion_ci(method="wilson")
     assert wilson(*counts) == pytest.approx((expected.low, expected.high), abs=1e-12)
 
 
@@ -87,7 +87,7 @@ def test_the_page_has_every_strategy_with_its_success_and_interval(page: str) ->
     for name, runs_, found, rate, interval, *_ in by_strategy:
         mine = [one for one in ROWS if one.strategy == name]
         good = sum(one.success(2.0) for one in mine)
-        ci = binomtest(good, len(mine)).proportion_ci(method="wilson")
+        ci = scipy.stats.binomtest(good, len(mine)).proportion_ci(method="wilson")
         assert (runs_, found) == (str(len(mine)), str(good))
         assert rate == f"{100 * good / len(mine):.1f} %"
         assert interval == f"{100 * ci.low:.1f}–{100 * ci.high:.1f} %"

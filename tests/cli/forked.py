@@ -26,8 +26,16 @@ from typing import IO, Any, Final, NoReturn
 _PIPE, _DEVNULL = subprocess.PIPE, subprocess.DEVNULL
 
 
+_NO_MATTER: Final = {"PYTHONDONTWRITEBYTECODE", "PYTHONUNBUFFERED"}  # to a program that is imported already
+
+
 def _of_python(environment: Mapping[str, str]) -> dict[str, str]:
-    return {name: value for name, value in environment.items() if name.startswith("PYTHON")}
+    """What another interpreter would take from its environment; an empty value is none."""
+    return {
+        name: value
+        for name, value in environment.items()
+        if name.startswith("PYTHON") and value and name not in _NO_MATTER
+    }
 
 
 _AT_START: Final = _of_python(os.environ)
@@ -37,7 +45,7 @@ def possible(options: Mapping[str, Any]) -> bool:
     """Whether a process with these options of `Popen` may be forked: it would have had no other interpreter."""
     return (
         hasattr(os, "pidfd_open")
-        and options.keys() <= {"stdin", "stdout", "stderr", "env"}
+        and options.keys() <= {"stdin", "stdout", "stderr", "env", "cwd"}
         and _of_python(options.get("env", os.environ)) == _AT_START
     )
 
@@ -45,13 +53,23 @@ def possible(options: Mapping[str, Any]) -> bool:
 class Forked:
     """One process. `stdin`, `stdout`, `stderr`: as for Popen, PIPE for the last two at most."""
 
-    def __init__(self, arguments: list[str], *, stdin: Any, stdout: Any, stderr: Any, env: Mapping[str, str] | None):
+    def __init__(
+        self,
+        arguments: list[str],
+        *,
+        stdin: Any,
+        stdout: Any,
+        stderr: Any,
+        env: Mapping[str, str] | None,
+        cwd: str | os.PathLike[str] | None = None,
+    ) -> None:
         self.args = arguments
         self.returncode: int | None = None
         null = os.open(os.devnull, os.O_RDWR)
         pipes = {stream: os.pipe() for stream, wanted in (("out", stdout), ("err", stderr)) if wanted == _PIPE}
         ends = (_fd(stdin, null), _fd(stdout, null, pipes.get("out")), _fd(stderr, null, pipes.get("err")))
-        request = json.dumps({"arguments": arguments, "env": dict(os.environ if env is None else env)})
+        environment = dict(os.environ if env is None else env)
+        request = json.dumps({"arguments": arguments, "env": environment, "cwd": os.fspath(cwd or os.getcwd())})
         status, theirs = os.pipe()
         socket.send_fds(_server(), [len(request.encode()).to_bytes(4, "big")], [*ends, theirs])
         _server().sendall(request.encode())
@@ -157,7 +175,7 @@ def _serve(requests: socket.socket) -> list[str]:
                         os.close(key.data[1])
                 requests.detach()
                 waiting.close()
-                _become(request["env"], fds)
+                _become(request["env"], request["cwd"], fds)
                 return list(request["arguments"])
             *streams, status = fds
             for fd in streams:
@@ -174,8 +192,9 @@ def _exactly(source: socket.socket, size: int) -> bytes:
     return data
 
 
-def _become(environment: dict[str, str], fds: list[int]) -> None:
+def _become(environment: dict[str, str], folder: str, fds: list[int]) -> None:
     """What an interpreter does at its start, as far as it depends on who starts it."""
+    os.chdir(folder)
     for target, fd in enumerate(fds[:3]):
         os.dup2(fd, target)
     for fd in fds:

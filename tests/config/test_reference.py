@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from pathlib import Path
 from typing import Any
@@ -47,8 +48,13 @@ def plain(node: yaml.Node) -> Any:
     return {"true": True, "false": False, "": None, "null": None}.get(text, text)
 
 
+@functools.cache
+def validator(kind: SchemaKind) -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator(schema(kind))
+
+
 def valid(kind: SchemaKind, text: str) -> bool:
-    return jsonschema.Draft202012Validator(schema(kind)).is_valid(plain(yaml.compose(text, yaml.BaseLoader)))
+    return bool(validator(kind).is_valid(plain(yaml.compose(text, yaml.BaseLoader))))
 
 
 @pytest.mark.parametrize("kind", FILES)

@@ -43,16 +43,22 @@ class Page(HTMLParser):
             self.loads.append(values["src"])
 
 
-def build(builder: str, folder: Path) -> subprocess.CompletedProcess[str]:
+@pytest.fixture(scope="module")
+def read(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where Sphinx keeps the pages as it has read them: to read them takes longest, and one builder reads for both."""
+    return tmp_path_factory.mktemp("doctrees")
+
+
+def build(builder: str, folder: Path, read: Path) -> subprocess.CompletedProcess[str]:
     """Sphinx, as `make docs` calls it."""
-    options = ["-q", "-W", "--keep-going", "-n", "-b", builder, str(ROOT / "docs"), str(folder)]
+    options = ["-q", "-W", "--keep-going", "-n", "-d", str(read), "-b", builder, str(ROOT / "docs"), str(folder)]
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
     return subprocess.run([sys.executable, "-m", "sphinx", *options], env=environment, capture_output=True, text=True)
 
 
-def test_the_pages_build_without_a_warning_and_lead_where_they_say(tmp_path: Path) -> None:
+def test_the_pages_build_without_a_warning_and_lead_where_they_say(tmp_path: Path, read: Path) -> None:
     """One test, for the pages are built once."""
-    done = build("html", tmp_path)
+    done = build("html", tmp_path, read)
     assert (done.returncode, done.stderr) == (0, "")
     pages = {path: Page(path) for path in tmp_path.rglob("*.html")}
     assert len(pages) > 25
@@ -79,8 +85,8 @@ def leads_somewhere(link: str, path: Path, pages: dict[Path, Page]) -> bool:
     return not parts.fragment or parts.fragment in pages[target].anchors
 
 
-def test_the_examples_in_the_pages_and_docstrings_are_right(tmp_path: Path) -> None:
-    done = build("doctest", tmp_path)
+def test_the_examples_in_the_pages_and_docstrings_are_right(tmp_path: Path, read: Path) -> None:
+    done = build("doctest", tmp_path, read)
     assert done.returncode == 0, done.stdout + done.stderr
     summary = (tmp_path / "output.txt").read_text(encoding="utf-8")
     assert re.search(r"^ *[1-9]\d* tests\n *0 failures in tests", summary, re.M)

@@ -8,9 +8,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from arva_hil.field import dipole_field
@@ -200,8 +200,8 @@ def test_the_bound_is_a_transmitter_80_metres_away_on_the_most_sensitive_antenna
     assert noise_bound((0.4, 0.5, 0.2), 80) == pytest.approx(2 * np.linalg.norm(on_axis(80)), rel=1e-12)
 
 
-def magnitudes(kind: NoiseKind) -> stats.rv_continuous:
-    return stats.uniform(0, 3) if kind == "uniform" else stats.halfnorm(0, 1)
+def magnitudes(kind: NoiseKind) -> scipy.stats.rv_continuous:
+    return scipy.stats.uniform(0, 3) if kind == "uniform" else scipy.stats.halfnorm(0, 1)
 
 
 @pytest.mark.parametrize("kind", ["uniform", "gaussian"])
@@ -209,14 +209,14 @@ def test_noise_is_bounded_and_uniform_in_direction(kind: NoiseKind) -> None:
     w = draw_noise(np.random.default_rng(5), 100_000, kind, 3.0)
     size = np.linalg.norm(w, axis=1)
     assert 2.99 < size.max() <= 3 * (1 + 1e-15)
-    sphere = stats.uniform(-1, 2)
+    sphere = scipy.stats.uniform(-1, 2)
     for axis in (*np.eye(3), np.array([0.48, 0.64, 0.6])):  # uniform along any axis, by Archimedes
-        assert stats.kstest(w @ axis / size, sphere.cdf).pvalue > 0.01
+        assert scipy.stats.kstest(w @ axis / size, sphere.cdf).pvalue > 0.01
         for part in (size < np.median(size), size >= np.median(size)):
-            assert stats.kstest((w @ axis / size)[part], sphere.cdf).pvalue > 0.01
+            assert scipy.stats.kstest((w @ axis / size)[part], sphere.cdf).pvalue > 0.01
     inside = size[size < 3 * (1 - 1e-12)]
     law = magnitudes(kind)
-    assert stats.kstest(inside, lambda x: law.cdf(x) / law.cdf(3)).pvalue > 0.01
+    assert scipy.stats.kstest(inside, lambda x: law.cdf(x) / law.cdf(3)).pvalue > 0.01
     assert 1 - inside.size / size.size == pytest.approx(law.sf(3), abs=5e-4)
 
 

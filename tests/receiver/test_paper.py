@@ -10,10 +10,10 @@ from decimal import ROUND_HALF_UP, Decimal
 import magpylib
 import numpy as np
 import pytest
+import scipy
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from paper_receiver import Receiver
-from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from arva_hil.field import Mount, Transmitters
@@ -73,7 +73,7 @@ def oracle_outputs(h: list[float], kappa_eq: float) -> tuple[int, int, Zone, boo
 
 def oracle_noise(rng: np.random.Generator, kind: NoiseKind, bound: float) -> tuple[list[float], float]:
     z, azimuth, u = 2 * rng.random() - 1, 2 * math.pi * rng.random(), rng.random()
-    size = bound * (u if kind == "uniform" else min(1.0, float(stats.halfnorm.ppf(u)) / 3))
+    size = bound * (u if kind == "uniform" else min(1.0, float(scipy.stats.halfnorm.ppf(u)) / 3))
     across = math.sqrt(1 - z * z)
     return [size * across * math.cos(azimuth), size * across * math.sin(azimuth), size * z], size
 
