@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from arva_hil.field.arrays import Array, floats, vector
 from arva_hil.field.keying import Keying
+from arva_hil.field.medium import AIR, Medium
 
 __all__ = ["Transmitters", "dipole_field", "field_of"]
 
@@ -32,6 +33,7 @@ class Transmitters:
     strengths: Array  # (M,) κ‖m‖; 1 is the reference transmitter
     unplaced: frozenset[int] = frozenset()
     keyings: tuple[Keying, ...] = ()  # of each; none: nothing is said of when they send
+    medium: Medium = AIR
 
     def __post_init__(self) -> None:
         m = len(self.ids)
@@ -39,6 +41,14 @@ class Transmitters:
             object.__setattr__(self, name, vector(name, getattr(self, name), *shape))
         if len(self.keyings) not in (0, m):
             raise ValueError(f"{len(self.keyings)} keyings: expected {m}, one for each transmitter, or none")
+
+    def field_at(self, point: Array) -> Array:
+        """The field (M, 3) of each transmitter at a point (3,), in NED, as `dipole_field` has it and in the medium."""
+        strengths, medium = self.strengths, self.medium
+        if medium is AIR:
+            return field_of(point, self.positions, self.rotations, strengths)
+        h = field_of(point, self.positions, self.rotations, strengths * medium.loss(self.positions))
+        return medium.applied(h, point - self.positions)
 
     def ranges(self, point: ArrayLike) -> dict[int, float]:
         """The distance [m] of each transmitter from a point (3,) in NED, by id."""

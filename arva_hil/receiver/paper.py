@@ -11,7 +11,6 @@ from typing import Final, Literal, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from arva_hil.field.dipole import field_of
 from arva_hil.receiver.reading import ChannelReading, Reading, Zone, with_true_ranges
 from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
 
@@ -188,7 +187,7 @@ class PaperReceiver:
             self._reading = Reading(self._empty, interference, False)
             return
         p_r, R_r = look.pose.position, look.pose.rotation
-        h_r = receive(field_of(p_r, t.positions, t.rotations, t.strengths), R_r, self._q, w)
+        h_r = receive(t.field_at(p_r), R_r, self._q, w)
         columns = (column.tolist() for column in outputs(h_r, self._kappa_eq))
         heard = [
             (d_cm, id_, delta_deg, zone) for id_, d_cm, delta_deg, zone in zip(t.ids, *columns, strict=True) if zone

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from random import Random
 from typing import Final, Self
 
-from arva_hil.field.dipole import Transmitters, field_of
+from arva_hil.field.dipole import Transmitters
 from arva_hil.field.keying import KEYING_CLASSES, draw_keying
 from arva_hil.field.pulse_timeline import PulseTimeline, SentPulse
 from arva_hil.receiver.antennas import Display, NoiseDraws
@@ -125,7 +125,7 @@ class PulsedReceiver:
             return None
         there = look.transmitters
         R_r = look.pose.rotation
-        h_r = field_of(look.pose.position, there.positions, there.rotations, there.strengths) @ R_r
+        h_r = there.field_at(look.pose.position) @ R_r
         gains = self._options.gains
         return [(x * gains[0], y * gains[1], z * gains[2]) for x, y, z in h_r.tolist()]
 
