@@ -95,6 +95,16 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.safe_text",
         "firmware_proto",
     },
+    "arva_hil/recordings": {
+        "arva_hil.config",
+        "arva_hil.emulator.build",
+        "arva_hil.emulator.fleet",
+        "arva_hil.field",
+        "arva_hil.observers.record",
+        "arva_hil.recordings",
+        "arva_hil.runtime.clock",
+        "arva_hil.safe_text",
+    },
     "arva_hil/search": {  # never the model, never where the transmitters are
         "arva_hil.events",
         "arva_hil.field.geodesy",

@@ -41,14 +41,16 @@ def main(options: argparse.Namespace) -> int:
         autopilot, port = (memory.pair(), memory.pair()) if fast else _ptys(stack, clock)
         surroundings = stack.enter_context(common.Run(options, chosen, clock.epoch_us, live=not options.headless))
         log = search_report.open_log(Path(options.record))
+        start = clock.now()
         loop = ClosedLoop(
             chosen,
             search.plan_of(options),
             autopilot=autopilot,
             commands=memory.pair(),
             port=port,
-            start=clock.now(),
+            start=start,
             observers=surroundings.observers,
+            tell_packets=True,
             log=log.row,
         )
         if not fast:
@@ -68,7 +70,7 @@ def main(options: argparse.Namespace) -> int:
     elif outcome.kind != "found":
         code = code or FAILED
     lines = search_report.result(outcome) + _errors(loop, clock.now())
-    for line in lines + search_report.close_log(log, outcome, code, _truth(loop)):
+    for line in lines + search_report.close_log(log, outcome, code, clock.epoch_us + start * 1e6, _truth(loop)):
         tell(line)
     return code
 

@@ -136,7 +136,7 @@ def main(options: argparse.Namespace) -> int:
     first, *lines = result(client.outcome)
     printer.notice(Notice("info" if code in (OK, INTERRUPTED) else "error", first))
     if log is not None:
-        lines += close_log(log, client.outcome, code)
+        lines += close_log(log, client.outcome, code, clock.epoch_us + start * 1e6)
         code = code or (FAILED if log.error else OK)
     for line in lines:
         printer.say(line)

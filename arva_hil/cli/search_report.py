@@ -13,6 +13,7 @@ from arva_hil.events import Event
 from arva_hil.observers.plots import Track, draw_search
 from arva_hil.observers.record import RecordError
 from arva_hil.observers.record.search_log import TRACK, SearchLog, refuse_search
+from arva_hil.runtime.clock import utc
 from arva_hil.search.heard import NO_ID
 from arva_hil.search.mission import FOUND
 from arva_hil.search.outcome import Outcome
@@ -36,11 +37,19 @@ def open_log(folder: Path) -> SearchLog:
 
 
 def close_log(
-    log: SearchLog, outcome: Outcome, code: int, truth: Mapping[int, tuple[float, float]] | None = None
+    log: SearchLog,
+    outcome: Outcome,
+    code: int,
+    started_us: float,
+    truth: Mapping[int, tuple[float, float]] | None = None,
 ) -> list[str]:
-    """Close the log and draw the picture; what there is to say of both. `truth`: see `draw_search`."""
+    """Close the log and draw the picture; what there is to say of both.
+
+    `started_us`: the steps' time 0 in microseconds since 1970. `truth`: see `draw_search`.
+    """
+    about = {"started": utc(round(started_us)), "command": sys.argv, "version": __version__}
     try:
-        log.close({"exit_code": code, "command": sys.argv, "version": __version__, **as_dict(outcome)})
+        log.close({"exit_code": code, **about, **as_dict(outcome)})
     except RecordError as error:
         return [f"error: {error}"]
     picture = log.folder / PICTURE
@@ -88,6 +97,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
         "how": outcome.how,
         "id": None if outcome.id == NO_ID else outcome.id,
         "found": None if found is None else {**found._asdict(), "lat_lon": outcome.lat_lon},
+        "origin": outcome.origin,
         "time_s": outcome.time_s,
         "path_m": outcome.path_m,
         "frames": outcome.frames,

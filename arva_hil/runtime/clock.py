@@ -88,6 +88,11 @@ def utc(epoch_us: int) -> str:
     return datetime.fromtimestamp(epoch_us / 1e6, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
+def from_utc(text: str) -> int:
+    """Microseconds since 1970 of a time as `utc` writes it. Raises ValueError."""
+    return round(datetime.strptime(text, "%Y-%m-%dT%H:%M:%S.%f%z").timestamp() * 1e6)
+
+
 class StepClock:
     """A clock that jumps: waiting takes no time at all."""
 

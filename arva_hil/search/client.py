@@ -22,7 +22,7 @@ from arva_hil.search.autopilot_link import AutopilotLink
 from arva_hil.search.dry_run import DryRun
 from arva_hil.search.ground import Ground
 from arva_hil.search.mission import FOUND, NOT_SURE, Mission, SearchPlan
-from arva_hil.search.outcome import Kind, Outcome, SearchStep
+from arva_hil.search.outcome import Kind, Outcome, SearchStep, lla
 from arva_hil.search.permission import Permission
 from arva_hil.search.preflight import INTERRUPTED, Preflight
 from arva_hil.search.receiver_link import ReceiverLink
@@ -279,14 +279,12 @@ class SearchClient:
         if mission is None:
             self.outcome = Outcome(kind, how)
             return
-        found, lat_lon = mission.found, None
-        if found is not None and self.origin is not None:
-            lat, lon, _ = self.origin.lla([found.north, found.east, found.down or 0.0])
-            lat_lon = float(lat), float(lon)
-        others = tuple(mission.others.items())
-        self.outcome = Outcome(
-            kind, how, mission.target, found, lat_lon, mission.searched_s, mission.path_m, mission.frames, others
-        )
+        found, lat_lon, origin = mission.found, None, None
+        if self.origin is not None:
+            origin = lla(self.origin, 0.0, 0.0, 0.0)
+            lat_lon = None if found is None else lla(self.origin, found.north, found.east, found.down or 0.0)[:2]
+        flown, others = (mission.searched_s, mission.path_m, mission.frames), tuple(mission.others.items())
+        self.outcome = Outcome(kind, how, mission.target, found, lat_lon, origin, *flown, others)
 
 
 def _kind(mission: Mission | None) -> Kind:

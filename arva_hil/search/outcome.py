@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from arva_hil.field.geodesy import LocalFrame
 from arva_hil.search.heard import HeardTransmitter
 from arva_hil.search.strategy import Found
 
@@ -32,6 +33,7 @@ class Outcome:
     id: int | None = None  # of the transmitter searched for, -1 when frames carry none
     found: Found | None = None
     lat_lon: tuple[float, float] | None = None  # of `found`, degrees
+    origin: tuple[float, float, float] | None = None  # the take-off point: degrees, degrees, metres AMSL
     time_s: float = 0.0
     path_m: float = 0.0
     frames: int = 0
@@ -54,3 +56,9 @@ class SearchStep(NamedTuple):
     d_cm: int | None
     delta_deg: int | None
     zone: int | None = None
+
+
+def lla(origin: LocalFrame, north: float, east: float, down: float) -> tuple[float, float, float]:
+    """A place, metres from the take-off point, in degrees, degrees, metres AMSL."""
+    lat, lon, alt = map(float, origin.lla([north, east, down]))
+    return lat, lon, alt

@@ -35,7 +35,7 @@ class ClosedLoop:
 
     `autopilot`, `commands`, `port`: the emulator's link to the vehicle, the search's link to it, and the receiver's
     port (the search's end, the emulator's end). `stream_hz`: of the pose, on both links. `start`: s. `sensors`: of the
-    vehicle, beside its GPS.
+    vehicle, beside its GPS. `tell_packets`: whether the observers are told all packets, as a record needs it.
     """
 
     def __init__(
@@ -52,6 +52,7 @@ class ClosedLoop:
         sensors: int = SENSORS,
         stream_hz: float = 50.0,
         observers: Sequence[Observer] = (),
+        tell_packets: bool = False,
         log: Callable[[SearchStep], None] = lambda _: None,
     ) -> None:
         format = scenario.output_format
@@ -62,7 +63,9 @@ class ClosedLoop:
         audience = Audience(observers)
         if gps_noise_m:  # else what the vehicle reports is the truth, at less cost
             scenario = replace(scenario, pose="truth", navigation_error=None)
-        self.emulator = Emulator([one_vehicle(scenario, Session(rate_hz=stream_hz))], start=start, timeout_s=10.0)
+        self.emulator = Emulator(
+            [one_vehicle(scenario, Session(rate_hz=stream_hz))], start=start, timeout_s=10.0, tell_packets=tell_packets
+        )
         live = Live(self.emulator, {"autopilot": autopilot[0]}, {"port": port[1]}, audience)
         self.search = SearchClient(
             plan,

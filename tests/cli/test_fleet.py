@@ -18,6 +18,7 @@ import pytest
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
 from arva_hil.links.udp import UdpOutLink
+from arva_hil.recordings import load
 from arva_hil.registry import FORMATS
 from firmware_proto import Frame
 
@@ -130,8 +131,12 @@ def test_two_vehicles_on_terminals_of_their_own_serve_four_ports(start: Start, k
         "autopilot-1.tlog",
         "autopilot-2.tlog",
         "bravo",
+        "events.jsonl",
         "run.json",
     ]
+    read = load(record)
+    assert {receiver.name: len(receiver) for receiver in read.receivers} == {n: len(fs) for n, fs in kept.items()}
+    assert read.datums.keys() == {"alpha", "bravo"}
 
 
 def test_two_vehicles_behind_one_udp_port_are_told_apart_by_system_id(start: Start, keep: Keep, tmp_path: Path) -> None:
@@ -222,6 +227,7 @@ def test_a_vehicle_without_a_link_of_its_own_has_the_command_lines(
     frames += frames_in(line.read())
     assert sorted(path.name for path in record.iterdir()) == [
         "autopilot.tlog",
+        "events.jsonl",
         "frames.bin",
         "frames.csv",
         "readings.csv",

@@ -18,6 +18,7 @@ from pymavlink import mavutil
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
 from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.recordings import load
 from firmware_proto import Frame
 
 from .far_ends import ORDINARY, Autopilot, Program, contents, frames_in, hears, heartbeat, read_frames
@@ -25,7 +26,7 @@ from .far_ends import ORDINARY, Autopilot, Program, contents, frames_in, hears, 
 DATA = Path(__file__).parent.parent / "data"
 COLUMNS = (
     "seq,time_s,boot_ms,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg,pose_age_ms,"
-    "slot,id,zone,d_cm,delta_deg,true_range_m,faults,reported_north_m,reported_east_m,reported_down_m"
+    "slot,id,zone,d_cm,delta_deg,true_range_m,faults,reported_north_m,reported_east_m,reported_down_m,late_ms"
 ).split(",")
 
 Start = Callable[..., Program]
@@ -83,6 +84,10 @@ def test_readings_csv_has_the_pinned_columns_and_says_what_the_frames_say(record
         last[name] for name in ("north_m", "east_m", "down_m")
     ]
     assert float(last["boot_ms"]) > 0
+    (read,) = load(recorded.folder).receivers
+    assert read.d_cm.ravel().tolist() == [channel.d for _, _, channel in channels]
+    assert read.time_s.tolist() == times
+    assert (read.late_ms >= 0).all()
 
 
 def test_the_tlog_opens_in_mavutil_and_has_every_packet(recorded: Recorded) -> None:

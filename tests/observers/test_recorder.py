@@ -23,7 +23,7 @@ from arva_hil.runtime import worker_thread
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.worker_thread import WorkerThread
 
-NAMES = ["autopilot.tlog", "frames.bin", "frames.csv", "readings.csv", "run.json"]
+NAMES = ["autopilot.tlog", "events.jsonl", "frames.bin", "frames.csv", "readings.csv", "run.json"]
 STATUS = StatusReport(0.0, [])
 
 
@@ -126,10 +126,15 @@ def test_frames_are_written_a_few_times_a_second_and_not_one_by_one(tmp_path: Pa
 def test_from_the_start_run_json_says_what_is_known_and_that_the_run_has_not_ended(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path, 0, {"seed": 7})
     assert sorted(os.listdir(tmp_path)) == NAMES
-    assert json.loads((tmp_path / "run.json").read_bytes()) == {"ended": None, "exit_code": None, "seed": 7}
+    assert json.loads((tmp_path / "run.json").read_bytes()) == {
+        "record": 1,
+        "ended": None,
+        "exit_code": None,
+        "seed": 7,
+    }
     recorder.close({"ended": "finished"})
     assert sorted(os.listdir(tmp_path)) == NAMES
-    assert json.loads((tmp_path / "run.json").read_bytes()) == {"ended": "finished"}
+    assert json.loads((tmp_path / "run.json").read_bytes()) == {"record": 1, "ended": "finished"}
 
 
 def test_a_disk_that_is_full_at_the_end_leaves_the_run_json_of_the_start_and_it_is_said(tmp_path: Path) -> None:
@@ -141,7 +146,12 @@ def test_a_disk_that_is_full_at_the_end_leaves_the_run_json_of_the_start_and_it_
             recorder.close({"ended": "finished", "padding": "x" * 200})
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert json.loads((tmp_path / "run.json").read_bytes()) == {"ended": None, "exit_code": None, "seed": 7}
+    assert json.loads((tmp_path / "run.json").read_bytes()) == {
+        "record": 1,
+        "ended": None,
+        "exit_code": None,
+        "seed": 7,
+    }
     assert sorted(os.listdir(tmp_path)) == NAMES
 
 
@@ -180,7 +190,7 @@ def test_a_symlink_made_while_it_records_is_replaced_and_not_followed(tmp_path: 
         (folder / name).symlink_to(target)
     recorder.close({"ended": "finished"})
     assert target.read_text() == "mine"
-    assert json.loads((folder / "run.json").read_bytes()) == {"ended": "finished"}
+    assert json.loads((folder / "run.json").read_bytes()) == {"record": 1, "ended": "finished"}
     assert sorted(os.listdir(folder)) == NAMES
 
 

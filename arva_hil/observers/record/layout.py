@@ -6,7 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-TLOG, FRAMES, TABLE, READINGS, RUN = FILES = ("autopilot.tlog", "frames.bin", "frames.csv", "readings.csv", "run.json")
+VERSION: Final = 1  # of the record, in run.json; a reader refuses a newer one
+TLOG, FRAMES, TABLE, READINGS, EVENTS, RUN = FILES = (
+    "autopilot.tlog",
+    "frames.bin",
+    "frames.csv",
+    "readings.csv",
+    "events.jsonl",
+    "run.json",
+)
 _OF_RECEIVERS: Final = (FRAMES, TABLE, READINGS)
 
 
@@ -41,7 +49,7 @@ class RecordLayout:
     def files(self) -> list[str]:
         """Every file but run.json."""
         logs = [self.tlog(link) for link in self.links] or [TLOG]
-        return logs + [self.of_receiver(*names, file) for names in self._receivers for file in _OF_RECEIVERS]
+        return [*logs, EVENTS, *(self.of_receiver(*names, file) for names in self._receivers for file in _OF_RECEIVERS)]
 
     @property
     def tables(self) -> list[str]:

@@ -15,7 +15,8 @@ from arva_hil.errors import ArvaError
 from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import dialect
-from arva_hil.observers.record.layout import FILES, FRAMES, READINGS, RUN, TABLE, RecordLayout
+from arva_hil.observers.record.events import EventLines
+from arva_hil.observers.record.layout import EVENTS, FILES, FRAMES, READINGS, RUN, TABLE, VERSION, RecordLayout
 from arva_hil.observers.record.tables import COLUMNS, header_of_frames, moment, rows
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.worker_thread import WorkerThread
@@ -34,8 +35,8 @@ class RecordError(ArvaError):
 
 
 class Recorder:
-    """Writes `autopilot.tlog`, `frames.bin`, `frames.csv`, `readings.csv` and `run.json` into a folder of its own, and
-    with several receivers or links into the files of `layout`.
+    """Writes `autopilot.tlog`, `frames.bin`, `frames.csv`, `readings.csv`, `events.jsonl` and `run.json` into a folder
+    of its own, and with several receivers or links into the files of `layout`.
 
     `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: the first content of run.json, which also says
     until `close` that the run has not ended. `patient`: whether the loop may wait for a slow disk, as a replay may.
@@ -63,6 +64,7 @@ class Recorder:
         self._next_flush = self._next_sync = self._clock.now()
         self._files: dict[str, FileIO] = {}
         self._begun: dict[str, int] = {}  # the slots of those frames.csv that have their header, as of the first frame
+        self._events = EventLines(epoch_us)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             refuse_old(folder, list(dict.fromkeys([*FILES, *self._layout.files, *self._layout.folders])), "a record")
@@ -71,7 +73,7 @@ class Recorder:
                 self._folders.append(folder / name)
             for name in self._layout.files:
                 self._files[name] = files.create(folder / name)
-            files.replace(folder / RUN, _json({**NOT_ENDED, **(run or {})}))
+            files.replace(folder / RUN, _json({"record": VERSION, **NOT_ENDED, **(run or {})}))
         except OSError as error:
             self._take_back()
             raise RecordError(why(folder, error)) from None
@@ -91,6 +93,7 @@ class Recorder:
         return ""
 
     def observe(self, event: Event) -> None:
+        self._pending[EVENTS] += self._events.of(event)
         if isinstance(event, PacketsReceived):
             self._on_packets(event)
         elif isinstance(event, FrameMade):
@@ -109,7 +112,7 @@ class Recorder:
             self._pending[table] += header_of_frames(len(event.reading.channels)).encode()
         of_slots, of_frame = rows(event, self._begun[table])
         self._pending[readings] += of_slots.encode()
-        self._pending[table] += (moment(event, self._epoch_us) + of_frame).encode()
+        self._pending[table] += (moment(event.time_s - event.late_s, self._epoch_us) + of_frame).encode()
         self._flush_now_and_then(full=len(self._pending[readings]) > _BATCH_BYTES)
 
     def _on_packets(self, event: PacketsReceived) -> None:
@@ -131,7 +134,7 @@ class Recorder:
         self._flush()
         finished = self._background.close(*(_closing(file) for file in self._files.values()))
         ending = WorkerThread("end of record")  # the other one may hang
-        said = ending.close(lambda: files.replace(self._folder / RUN, _json(run)))
+        said = ending.close(lambda: files.replace(self._folder / RUN, _json({"record": VERSION, **run})))
         if ending.error is not None:
             raise RecordError(why(self._folder / RUN, ending.error))
         if self.error:

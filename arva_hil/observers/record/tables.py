@@ -16,7 +16,8 @@ from arva_hil.safe_text import cell
 
 COLUMNS: Final = (
     "seq time_s boot_ms north_m east_m down_m roll_deg pitch_deg yaw_deg pose_age_ms "
-    "slot id zone d_cm delta_deg true_range_m faults reported_north_m reported_east_m reported_down_m"
+    "slot id zone d_cm delta_deg true_range_m faults reported_north_m reported_east_m reported_down_m "
+    "late_ms"
 ).split()
 FRAME_COLUMNS: Final = "utc time_s seq north_m east_m down_m roll_deg pitch_deg yaw_deg".split()
 SLOT_COLUMNS: Final = ("id{}", "zone{}", "d{}_cm", "delta{}_deg", "range{}_m")  # of each slot, from 1
@@ -41,7 +42,8 @@ def rows(made: FrameMade, columns: int) -> tuple[str, str]:
     age_ms = "" if made.age_s is None else repr(made.age_s * 1e3)
     reported = "," * 2 if made.reported_pose is None else ",".join(map(repr, made.reported_pose.position.tolist()))
     faults = cell("+".join(made.faults)) if made.faults else ""
-    head, tail = f"{number},{instant_s},{boot_ms},{pose},{age_ms}", f"{faults},{reported}"
+    head = f"{number},{instant_s},{boot_ms},{pose},{age_ms}"
+    tail = f"{faults},{reported},{made.late_s * 1e3!r}"
     slots = []
     for c in made.reading.channels:
         id_, true_range = ("" if value is None else repr(value) for value in (c.id, c.true_range_m))
@@ -51,13 +53,13 @@ def rows(made: FrameMade, columns: int) -> tuple[str, str]:
     return "".join(lines), ",".join(["", instant_s, number, pose, *of_frame]) + "\n"
 
 
-def moment(made: FrameMade, epoch_us: int) -> str:
-    """A frame's instant in UTC, to the millisecond; "" where it lies beyond the years 1 to 9999, as logs may say.
+def moment(time_s: float, epoch_us: int) -> str:
+    """A time of the loop in UTC, to the millisecond; "" beyond the years 1 to 9999, as logs may say.
 
     `epoch_us`: microseconds since 1970 at the loop's time 0.
     """
     try:
-        return utc(epoch_us + round((made.time_s - made.late_s) * 1e6))
+        return utc(epoch_us + round(time_s * 1e6))
     except (ValueError, OverflowError, OSError):
         return ""
 

@@ -1,0 +1,18 @@
+"""Reads what `--record DIR` has written: readings, events, the search and how the run ended, as frozen values."""
+
+from .folder import load
+from .lines import RecordingError
+from .receivers import RecordedReceiver
+from .recording import Datum, Recording, Run
+from .search import Place, RecordedSearch
+
+__all__ = [
+    "Datum",
+    "Place",
+    "RecordedReceiver",
+    "RecordedSearch",
+    "Recording",
+    "RecordingError",
+    "Run",
+    "load",
+]

@@ -1,0 +1,86 @@
+"""The readings of one receiver as columns of numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.signedinteger[Any]]
+
+NO_ID: Final = -1
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedReceiver:
+    """The readings of one receiver. N frames with S slots each; what is empty in the file is NaN, or NO_ID for an id.
+
+    `vehicle`, `receiver`: its names in the scenario, "" in a record of one receiver. Times count from the start of the
+    run, as in the file. The pose is the receiver's true one, NED from the datum. Slots are as the receiver showed them:
+    nearest first, empty ones last. Those have zone 0, and the true range of a transmitter that no slot shows; one whose
+    transmitter is not heard for the moment has its id, and zone 0.
+    """
+
+    vehicle: str
+    receiver: str
+    sequence: Ints  # (N,)
+    time_s: Floats  # (N,)
+    boot_ms: Floats  # (N,)
+    position: Floats  # (N, 3) m, NED
+    attitude_deg: Floats  # (N, 3) roll, pitch, yaw
+    pose_age_ms: Floats  # (N,)
+    reported: Floats  # (N, 3) m, NED: where the vehicle's report has the receiver
+    late_ms: Floats  # (N,) how long after its instant the frame was made
+    id: Ints  # (N, S)
+    zone: Ints  # (N, S)
+    d_cm: Ints  # (N, S)
+    delta_deg: Ints  # (N, S)
+    true_range_m: Floats  # (N, S)
+    fault_sets: tuple[tuple[str, ...], ...]
+    fault_set: Ints  # (N,) which of `fault_sets` changed the frame
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def name(self) -> str:
+        """For a person, "" in a record of one receiver."""
+        return f"{self.vehicle}/{self.receiver}" if self.receiver else ""
+
+    @property
+    def slots(self) -> int:
+        return int(self.id.shape[1])
+
+    @cached_property
+    def ids(self) -> tuple[int, ...]:
+        """The transmitters that were heard, by number."""
+        return tuple(int(one) for one in np.unique(self.id[self.zone > 0]) if one != NO_ID)
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """The names of the faults that changed a frame."""
+        return tuple(dict.fromkeys(name for names in self.fault_sets for name in names))
+
+    def with_fault(self, name: str) -> NDArray[np.bool_]:
+        """(N,) whether the fault changed the frame."""
+        return np.array([name in names for names in self.fault_sets])[self.fault_set]
+
+    def of_transmitter(self, id_: int) -> tuple[Floats, Floats, Ints, Floats]:
+        """What was read of one transmitter: d in metres, δ in degrees, zone, true range in metres, each (N,).
+
+        Where no slot shows it, d, δ and range are NaN and the zone is 0. δ is NaN in the inner zone.
+        """
+        if not self.id.size:
+            nothing = np.full(len(self), np.nan)
+            return nothing, nothing, np.zeros(len(self), np.int8), nothing
+        here = (self.id == id_) & (self.zone > 0)
+        rows, at = here.any(axis=1), here.argmax(axis=1)
+        each = np.arange(len(self))
+        zone = np.where(rows, self.zone[each, at], 0)
+        d_m, range_m = np.where(rows, self.d_cm[each, at] / 100, np.nan), self.true_range_m[each, at]
+        delta = np.where(zone == 1, self.delta_deg[each, at], np.nan)
+        return d_m, delta, zone, np.where(rows, range_m, np.nan)
