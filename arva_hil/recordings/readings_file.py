@@ -122,7 +122,8 @@ class _Builder:
         """Forget the newest frame, if there is one."""
         if self._begins:
             begin = self._begins.pop()
-            for column in (*self._slots, self._ranges):
+            del self._ranges[begin:]
+            for column in self._slots:
                 del column[begin:]
 
     def _begin_frame(self, row: Sequence[str]) -> None:
