@@ -57,7 +57,6 @@ _MODULES: Final = {
     "simulated.vehicle": "SimulatedVehicle",
     "vehicle.session": "Session",
 }
-_HOMES: Final = {name: module for module, names in _MODULES.items() for name in names.split()}
 
 __all__ = [
     "Address",
@@ -106,7 +105,7 @@ __all__ = [
     "run_live",
 ]
 
-__getattr__ = lazy_names(__name__, _HOMES)
+__getattr__ = lazy_names(__name__, _MODULES)
 
 
 def __dir__() -> list[str]:

@@ -1,3 +1,5 @@
+# mypy: implicit-reexport
+# ruff: noqa: F401
 """The files that say what is to be done: scenarios, their faults, plans of campaigns. One declaration of each key.
 
 The ranges here are those of commands' options too: importing them imports nothing else.
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
     from arva_hil.config.transmitter import Follows, Lla, Path, Transmitter
     from arva_hil.config.vehicles import NavigationError, ReceiverConfig, VehicleConfig
 
+FRAMES_HZ: Final = (0.1, 50)  # from, to
+LARGEST_SEED: Final = 2**63 - 1
 _MODULES: Final = {
     "faults": "Fault FaultKind misfit parse_fault plain_fault",
     "common": "NOISE_KINDS RATE_HZ SEED NoiseKind Pose Triple",
@@ -27,43 +31,5 @@ _MODULES: Final = {
     "vehicles": "NavigationError ReceiverConfig VehicleConfig",
     "errors": "Problem ScenarioError",
 }
-FRAMES_HZ: Final = (0.1, 50)  # from, to
-LARGEST_SEED: Final = 2**63 - 1
-_HOMES: Final = {name: module for module, names in _MODULES.items() for name in names.split()}
 
-__all__ = [
-    "DEFAULT",
-    "FRAMES_HZ",
-    "LARGEST_SEED",
-    "NOISE_KINDS",
-    "RATE_HZ",
-    "SEED",
-    "Datum",
-    "Fault",
-    "FaultKind",
-    "Follows",
-    "Lla",
-    "MountOptions",
-    "NavigationError",
-    "Noise",
-    "NoiseKind",
-    "Path",
-    "Pose",
-    "Problem",
-    "ReceiverConfig",
-    "ReceiverOptions",
-    "Scenario",
-    "ScenarioError",
-    "Transmitter",
-    "Triple",
-    "VehicleConfig",
-    "load",
-    "misfit",
-    "parse",
-    "parse_fault",
-    "parts_of_spec_2",
-    "plain_fault",
-    "to_dict",
-]
-
-__getattr__ = lazy_names(__name__, _HOMES)
+__getattr__ = lazy_names(__name__, _MODULES)

@@ -51,3 +51,6 @@ class Attitude(TableOf):
             return Numbers(ANGLE, ANGLE, ANGLE).read(value)
         angles = super().read(value)
         return angles.roll, angles.pitch, angles.yaw
+
+    def plain(self, value: Any, spec: int) -> Any:
+        return super().plain(Angles(*value), spec)

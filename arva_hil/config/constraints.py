@@ -35,6 +35,10 @@ class Constraint:
         """The value, from a file or Python. Raises ConstraintError."""
         raise NotImplementedError
 
+    def plain(self, value: Any, spec: int) -> Any:
+        """The value as a file of a spec has it, in plain JSON types."""
+        return list(value) if isinstance(value, tuple) else value
+
     def json(self) -> dict[str, Any]:
         """The JSON Schema of a value in a file."""
         raise NotImplementedError
@@ -92,27 +96,10 @@ class Number(Constraint):
 
 
 @dataclass(frozen=True)
-class Whole(Constraint):
+class Whole(Number):
     """A whole number from `low` to `high`, in a file written without a point."""
 
-    low: int
-    high: int
     what: str = "a whole number"
-    unit: str = ""
-
-    def __contains__(self, value: float) -> bool:
-        return self.low <= value <= self.high
-
-    def __str__(self) -> str:
-        return f"{self.what} {self.range}"
-
-    @property
-    def kind(self) -> str:
-        return self.what
-
-    @property
-    def range(self) -> str:
-        return f"from {self.low} to {self.high}"
 
     def read(self, value: Any) -> int:
         number = whole(value)
@@ -121,7 +108,7 @@ class Whole(Constraint):
         return number
 
     def json(self) -> dict[str, Any]:
-        return {"type": "integer", "minimum": self.low, "maximum": self.high}
+        return super().json() | {"type": "integer"}
 
 
 def whole(value: Any) -> int | None:
@@ -131,20 +118,23 @@ def whole(value: Any) -> int | None:
     return int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else None
 
 
-class Spec(Whole):
-    """The version of a file's format, `high` or an older one."""
+class Spec(Constraint):
+    """The version of a file's format, the `newest` or an older one."""
 
     def __init__(self, newest: int) -> None:
-        super().__init__(1, newest)
+        self._every = range(1, newest + 1)
 
     def __str__(self) -> str:
-        return f"spec {' or '.join(map(str, range(1, self.high + 1)))}"
+        return f"spec {' or '.join(map(str, self._every))}"
 
-    kind = property(__str__)
-    range = property(lambda _: "")
+    def read(self, value: Any) -> int:
+        number = whole(value)
+        if number is None or number not in self._every:
+            raise wrong(str(self))
+        return number
 
     def json(self) -> dict[str, Any]:
-        return {"enum": list(range(1, self.high + 1))}
+        return {"enum": list(self._every)}
 
 
 @dataclass(frozen=True)
@@ -276,6 +266,9 @@ class ListOf(Constraint):
             raise wrong(str(self))
         wrong_length = isinstance(value, Items) and not self.low <= len(value) <= self.high
         return read_each(value, [self.item.read] * len(value), [Violation(str(self))] if wrong_length else ())
+
+    def plain(self, value: Any, spec: int) -> Any:
+        return [self.item.plain(item, spec) for item in value]
 
     def json(self) -> dict[str, Any]:
         return {"type": "array", "items": self.item.json(), "minItems": self.low, "maxItems": self.high}

@@ -130,6 +130,9 @@ class FaultItem(Constraint):
             raise ConstraintError(*violations)
         return Fault(name, values.pop(name), **values)
 
+    def plain(self, value: Fault, spec: int) -> Any:
+        return plain_fault(value)
+
     def json(self) -> dict[str, Any]:
         every = []
         for name in FAULTS.names():

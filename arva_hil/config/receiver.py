@@ -1,6 +1,7 @@
 """The receiver of a scenario: what it is like, where it sits, how often it looks."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from typing import Annotated, Any, Final
 
 from arva_hil.config import model_keys
@@ -78,6 +79,10 @@ class ReceiverOptions:
     def other_keys(cls, mapping: Mapping[str, Any]) -> OtherKeys:
         """The keys of its model's own."""
         return model_keys.read_options(valid_value(cls, mapping, "model"), mapping)
+
+    def file_keys(self) -> dict[str, Any]:
+        """What a file has otherwise than Python."""
+        return {} if self.options is None else asdict(self.options)
 
     @classmethod
     def other_schemas(cls) -> dict[str, Any]:

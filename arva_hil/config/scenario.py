@@ -6,15 +6,15 @@ metres, degrees, seconds, hertz. World frame NED, body frame FRD.
 
 import os
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import InitVar, asdict, astuple, field, replace
+from dataclasses import InitVar, field, replace
 from typing import Annotated, Any, Final, Literal, get_args
 
 from arva_hil.config import nodes
 from arva_hil.config.builtin import located
-from arva_hil.config.common import FORMAT, SEED, Pose, Triple
+from arva_hil.config.common import FORMAT, SEED, Pose
 from arva_hil.config.constraints import ListOf, Spec, Text, Word
 from arva_hil.config.errors import ConstraintError, Violation
-from arva_hil.config.faults import Fault, FaultItem, misfit, plain_fault
+from arva_hil.config.faults import Fault, FaultItem, misfit
 from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.tables import Help, NotAKey, Since, TableOf, duplicates, items_of, keys, table, valid_value
 from arva_hil.config.transmitter import Lla, Transmitter
@@ -36,6 +36,9 @@ class _HomeOrPlace(TableOf):
         if isinstance(value, Mapping | Lla):
             return super().read(value)
         return Word(("home",), self.kind).read(value)
+
+    def plain(self, value: Any, spec: int) -> Any:
+        return value if isinstance(value, str) else super().plain(value, spec)
 
     def json(self) -> dict[str, Any]:
         return {"anyOf": [{"const": "home"}, super().json()]}
@@ -89,8 +92,13 @@ class Scenario:
         if output is not None:
             object.__setattr__(self, "output_format", output.format)
 
+    def file_keys(self) -> dict[str, Any]:
+        """What a file has otherwise than Python."""
+        return {"output": {"format": self.output_format}}
+
     @classmethod
     def conflicts(cls, holder: Any) -> Iterator[Violation]:
+        """What does not fit together, in a scenario or in a file's mapping."""
         transmitters = [(("transmitters", at), one) for at, one in items_of(holder, "transmitters")]
         yield from duplicates(Transmitter, transmitters, "id", "id")
         yield from vehicle_conflicts(holder)
@@ -165,29 +173,9 @@ def _inherit(top: nodes.Mapping) -> None:
 
 def to_dict(scenario: Scenario) -> dict[str, Any]:
     """The scenario as plain JSON types with every default written out; `parse` reads it back equal."""
-    plain: dict[str, Any] = {
-        "spec": 2 if any(parts_of_spec_2(scenario).values()) else 1,
-        "datum": scenario.datum if scenario.datum == "home" else asdict(scenario.datum),
-        "transmitters": [_plain_transmitter(t) for t in scenario.transmitters],
-        "receiver": _plain_receiver(scenario.receiver),
-        "output": {"format": scenario.output_format},
-        "seed": scenario.seed,
-        "faults": [plain_fault(fault) for fault in scenario.faults],
-    }
-    if plain["spec"] == 1:
-        del plain["receiver"]["model"]
-        return plain
-    plain["pose"] = scenario.pose
-    if error := scenario.navigation_error:
-        plain["navigation_error"] = {
-            "bias_ned": list(error.bias_ned),
-            "walk": {"sigma_m": error.walk_sigma_m, "tau_s": error.walk_tau_s},
-            "heading_deg": error.heading_deg,
-            "latency_s": error.latency_s,
-        }
-    if scenario.vehicles:
-        plain["vehicles"] = [_plain_vehicle(vehicle) for vehicle in scenario.vehicles]
-    return plain
+    spec = 2 if any(parts_of_spec_2(scenario).values()) else 1
+    plain: dict[str, Any] = TableOf(Scenario).plain(scenario, spec)
+    return {"spec": spec, **plain}
 
 
 def parts_of_spec_2(scenario: Scenario) -> dict[str, bool]:
@@ -200,42 +188,3 @@ def parts_of_spec_2(scenario: Scenario) -> dict[str, bool]:
         "model": scenario.receiver.model != "paper",
         "vehicles": bool(scenario.vehicles),
     }
-
-
-def _plain_transmitter(t: Transmitter) -> dict[str, Any]:
-    plain: dict[str, Any] = {"id": t.id}
-    if t.ned is not None:
-        plain["ned"] = list(t.ned)
-    elif t.lla is not None:
-        plain["lla"] = list(astuple(t.lla))
-    elif t.path is not None:
-        plain["path"] = {"frame": "ned", "points": [list(p) for p in t.path.points_ned], "end": t.path.end}
-    elif t.follows is not None:
-        plain["follows"] = {"system": t.follows.system, "offset": list(t.follows.offset)}
-    return plain | {"attitude": _plain_attitude(t.attitude), "strength": t.strength}
-
-
-def _plain_receiver(receiver: ReceiverOptions) -> dict[str, Any]:
-    mount, plain = receiver.mount, asdict(receiver)
-    return {
-        **(plain.pop("options") or {}),
-        **plain,
-        "sensitivity": list(receiver.sensitivity),
-        "mount": {"position": list(mount.position), "attitude": _plain_attitude(mount.attitude)},
-        "no_signal": list(receiver.no_signal),
-    }
-
-
-def _plain_vehicle(vehicle: VehicleConfig) -> dict[str, Any]:
-    given = {"autopilot": vehicle.autopilot, "system": vehicle.system}
-    receivers = [
-        {"name": r.name}
-        | ({} if r.port is None else {"port": r.port})
-        | {"format": r.output_format, "seed": r.seed, **_plain_receiver(r.receiver)}
-        for r in vehicle.receivers
-    ]
-    return {"name": vehicle.name, **{k: v for k, v in given.items() if v is not None}, "receivers": receivers}
-
-
-def _plain_attitude(attitude: Triple) -> dict[str, float]:
-    return dict(zip(("roll", "pitch", "yaw"), attitude, strict=True))

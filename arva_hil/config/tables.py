@@ -54,7 +54,8 @@ def table(*, required: str = "", one_of: str = "") -> Callable[[type[_T]], type[
     Its fields are the mapping's keys, an InitVar one of the file alone, a field marked NotAKey none. A file has all
     keys without a default, those in `required`, and exactly one of those in `one_of`. The class may have class methods:
     `conflicts(holder)` gives the violations between values, of a file's mapping or of an object (see `valid_value`);
-    `other_keys(mapping)` reads keys of a file's mapping that are not declared. Raises ConstraintError, a ValueError.
+    `other_keys(mapping)` reads keys of a file's mapping that are not declared. A method `file_keys()` gives the keys of
+    a file that are not as in Python. Raises ConstraintError, a ValueError.
     """
 
     def decorate(cls: type[_T]) -> type[_T]:
@@ -169,6 +170,17 @@ class TableOf(Constraint):
             raise ConstraintError(*violations)
         options = {"options": other.options} if other.names else {}
         return cls(**{name: values[name] for name in values if name in known} | options)
+
+    def plain(self, value: Any, spec: int) -> Any:
+        file_keys: dict[str, Any] = dict(value.file_keys()) if hasattr(value, "file_keys") else {}
+        made: dict[str, Any] = {}
+        for name, one in keys(self.table, spec).items():
+            item = None if one.file_only else getattr(value, name)
+            if name in file_keys:
+                made[name] = file_keys.pop(name)
+            elif item is not None and (item != () or one.since == 1):
+                made[name] = one.constraint.plain(item, spec)
+        return file_keys | made
 
     def json(self) -> dict[str, Any]:
         cls = self.table

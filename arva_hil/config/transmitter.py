@@ -40,6 +40,9 @@ class _LlaList(Numbers):
     def read(self, value: Any) -> Any:
         return value if isinstance(value, Lla) else Lla(*super().read(value))
 
+    def plain(self, value: Lla, spec: int) -> Any:
+        return [value.lat, value.lon, value.alt]
+
 
 _WAYPOINT: Final = Numbers(Number(0, 1_000_000, unit="s"), WORLD, WORLD, WORLD)
 _WAYPOINTS: Final = ListOf(_WAYPOINT, 1, 10_000, "waypoints", unit="s, m, m, m")
@@ -68,6 +71,10 @@ class Path:
             object.__setattr__(self, "points_ned", tuple(ned))
         if not self.points_ned:
             raise ValueError("a path has at least one point")
+
+    def file_keys(self) -> dict[str, Any]:
+        """What a file has otherwise than Python."""
+        return {"frame": "ned", "points": [list(point) for point in self.points_ned]}
 
     @classmethod
     def conflicts(cls, holder: Any) -> Iterator[Violation]:

@@ -46,6 +46,10 @@ class NavigationError:
             object.__setattr__(self, "walk_sigma_m", walk.sigma_m)
             object.__setattr__(self, "walk_tau_s", walk.tau_s)
 
+    def file_keys(self) -> dict[str, Any]:
+        """What a file has otherwise than Python."""
+        return {"walk": {"sigma_m": self.walk_sigma_m, "tau_s": self.walk_tau_s}}
+
 
 @table()
 class ReceiverEntry(ReceiverOptions):
@@ -97,6 +101,11 @@ class _Receiver(TableOf):
         entry: ReceiverEntry = super().read(value)
         receiver = ReceiverOptions(**{key.name: getattr(entry, key.name) for key in fields(ReceiverOptions)})
         return ReceiverConfig(entry.name, entry.port, receiver, entry.format, entry.seed)
+
+    def plain(self, value: ReceiverConfig, spec: int) -> Any:
+        own = {"name": value.name, "port": value.port, "format": value.output_format, "seed": value.seed}
+        options = TableOf(ReceiverOptions).plain(value.receiver, spec)
+        return {key: item for key, item in own.items() if item is not None} | options
 
 
 @table()
