@@ -17,6 +17,7 @@ from arva_hil import __version__
 from arva_hil.cli.endings import SignalGuard, traceback_lines, unexpected_error
 from arva_hil.cli.live import close_all, live_observers
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, NO_READER, OK, Failure, UsageError
+from arva_hil.cli.page import page_of_run
 from arva_hil.cli.summary import RunCounters, as_dict, summary_lines
 from arva_hil.cli.terminal import tell
 from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, to_dict
@@ -121,7 +122,7 @@ class Run:
     A context manager: signals go to the loop inside it, and the earlier handlers are restored after it.
     `patient`: a replay, which waits for a slow disk or terminal, and shows a progress bar instead of a status.
     `lines`: print a line for each frame on stdout, if there is no --json. `live`: show a live status on a terminal.
-    `record_links`: the engine's names of the autopilots' links, if there are several.
+    `record_links`: the engine's names of the autopilots' links, if there are several. `kind`: of the run, for the page.
     The loop ends when `stopped()` is true.
     """
 
@@ -135,6 +136,7 @@ class Run:
         lines: bool = False,
         live: bool = True,
         record_links: Sequence[str] = (),
+        kind: str = "run",
     ) -> None:
         self._guard = SignalGuard()
         self._plug_ins = [_observer(name) for name in options.observer or ()]
@@ -158,7 +160,8 @@ class Run:
         self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
         render = functools.partial(as_json, named=several) if options.json else plain if lines else None
         self._lines = Lines(open_stdout(), render, patient=patient) if render else None
-        every = (self.printer, self._lines, self._recorder)
+        self.page = page_of_run(kind, options, chosen, self.printer.say, named=several)
+        every = (self.printer, self._lines, self._recorder, self.page)
         self.observers: list[Observer] = [
             self,
             *(observer for observer in every if observer is not None),
@@ -177,6 +180,8 @@ class Run:
 
     def __exit__(self, *_: object) -> None:
         self._guard.__exit__()
+        if self.page:
+            self.page.close()
 
     @functools.cached_property
     def audience(self) -> Audience:

@@ -14,6 +14,7 @@ from arva_hil.cli.outcome import FAILED, NO_LINK, Failure, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
+from arva_hil.observers.web.address import Address
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime.clock import Clock, RealClock, StepClock
 from arva_hil.runtime.loop import run
@@ -31,6 +32,8 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError(
             "navigation_error: the demo does not support it, its vehicle reports its true pose: leave it out"
         )
+    if options.web is None and not options.headless:
+        options.web = Address()
     if not options.record:
         options.record = str(new_folder())
         tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")
@@ -39,7 +42,9 @@ def main(options: argparse.Namespace) -> int:
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
         autopilot, port = (memory.pair(), memory.pair()) if fast else _ptys(stack, clock)
-        surroundings = stack.enter_context(common.Run(options, chosen, clock.epoch_us, live=not options.headless))
+        surroundings = stack.enter_context(
+            common.Run(options, chosen, clock.epoch_us, live=not options.headless, kind="demo")
+        )
         log = search_report.open_log(Path(options.record))
         start = clock.now()
         loop = ClosedLoop(

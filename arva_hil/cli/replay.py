@@ -54,6 +54,7 @@ def main(options: argparse.Namespace) -> int:
                 chosen,
                 first.time_us,
                 patient=True,
+                kind="replay",
                 lines=not (options.port or options.out or options.record),
             )
         )

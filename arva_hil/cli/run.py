@@ -38,6 +38,9 @@ def main(options: argparse.Namespace) -> int:
         surroundings = stack.enter_context(
             common.Run(options, chosen, clock.epoch_us, record_links=list(sides.autopilots))
         )
+        if surroundings.page:
+            for name, link in (*sides.autopilots.items(), *sides.ports.items()):
+                surroundings.page.state.health.add_link(name, link.name)
         watchdog = Watchdog(os.environ)
         surroundings.observers.append(watchdog)
         start = clock.now()

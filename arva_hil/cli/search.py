@@ -17,6 +17,7 @@ from arva_hil.cli.endings import SignalGuard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.live import close_all, live_observers
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, UsageError
+from arva_hil.cli.page import open_page
 from arva_hil.cli.search_report import as_dict, close_log, open_log, result, would_order
 from arva_hil.cli.terminal import show_json
 from arva_hil.events import Event
@@ -29,6 +30,7 @@ from arva_hil.observers.console import Printer
 from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.question import TerminalQuestion, somebody_is_there
 from arva_hil.observers.record.search_log import SearchLog
+from arva_hil.observers.web.state import State
 from arva_hil.registry import FORMATS, STRATEGIES
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
@@ -89,9 +91,12 @@ def main(options: argparse.Namespace) -> int:
         printer.say(f"strategy {options.strategy}; {way}")
         if options.dry_run:
             printer.say("dry run: nothing is armed, and nothing that moves the vehicle is ordered")
+        page = open_page(options.web, lambda: State("search", options.strategy, known=False), printer.say)
+        if page:
+            stack.callback(page.close)
         planned: list[Event] = []
         live = live_observers(options, None, clock.epoch_us)
-        audience = Audience([printer, *live])
+        audience = Audience([printer, *live, *([page] if page else [])])
 
         def emit(event: Event) -> None:
             audience.tell([event])

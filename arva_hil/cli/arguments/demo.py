@@ -8,6 +8,7 @@ from __future__ import annotations
 from arva_hil.cli import options as opt
 from arva_hil.cli.arguments.search import add_plan
 from arva_hil.cli.live_options import add_live
+from arva_hil.cli.web_option import add_web
 
 
 def add_options(parser: opt.CommandParser) -> None:
@@ -17,3 +18,4 @@ def add_options(parser: opt.CommandParser) -> None:
     opt.add_scenario(parser)
     add_live(parser)
     opt.add_common(parser)
+    add_web(parser, default="on, with --headless off")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from arva_hil.cli import options as opt
 from arva_hil.cli.live_options import add_live
+from arva_hil.cli.web_option import add_web
 
 
 def add_options(parser: opt.CommandParser) -> None:
@@ -23,3 +24,4 @@ def add_options(parser: opt.CommandParser) -> None:
     opt.add_max_age(parser)
     add_live(parser)
     opt.add_common(parser)
+    add_web(parser)

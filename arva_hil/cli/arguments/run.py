@@ -6,6 +6,7 @@ import math
 
 from arva_hil.cli import options as opt
 from arva_hil.cli.live_options import add_live
+from arva_hil.cli.web_option import add_web
 
 
 def add_options(parser: opt.CommandParser) -> None:
@@ -30,3 +31,4 @@ def add_options(parser: opt.CommandParser) -> None:
     )
     add_live(parser)
     opt.add_common(parser)
+    add_web(parser)

@@ -19,6 +19,7 @@ import math
 
 from arva_hil.cli import options as opt
 from arva_hil.cli.live_options import add_live
+from arva_hil.cli.web_option import add_web
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 
@@ -69,6 +70,7 @@ def add_options(parser: opt.CommandParser) -> None:
     )
     add_live(parser)
     parser.option("--record", metavar="DIR", help="record the flight, how it ended and a picture into DIR")
+    add_web(parser)
     parser.option("--json", action="store_true", help="how it ended, as a JSON object on stdout")
 
 

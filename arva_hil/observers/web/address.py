@@ -1,0 +1,33 @@
+"""Where the page is served: HOST:PORT, and what of it may be left out. Imports nothing slow."""
+
+from __future__ import annotations
+
+import re
+from typing import Final, NamedTuple
+
+DEFAULT_HOST: Final = "127.0.0.1"
+DEFAULT_PORT: Final = 8457
+
+
+_PATTERN: Final = re.compile(
+    r"(?P<only>[0-9]{1,5})|(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+)(:(?P<port>[0-9]{1,5}))?", re.ASCII
+)
+
+
+class Address(NamedTuple):
+    """`host`: a name or an IP address without brackets."""
+
+    host: str = DEFAULT_HOST
+    port: int = DEFAULT_PORT
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+def parse_address(text: str) -> Address:
+    """HOST:PORT, HOST or PORT; an IPv6 address in brackets. Raises ValueError with what was expected."""
+    match = _PATTERN.fullmatch(text)
+    port = int(match["port"] or match["only"] or DEFAULT_PORT) if match else -1
+    if match is None or port > 65535:
+        raise ValueError(f"{text!r}: expected HOST:PORT, HOST or PORT, e.g. {Address()}")
+    return Address((match["host"] or DEFAULT_HOST).strip("[]"), port)

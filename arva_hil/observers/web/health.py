@@ -1,0 +1,89 @@
+"""Vehicles, receivers and links as the page shows them: what is there, how fast it comes, what is lost."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from arva_hil import events
+from arva_hil.events import Event, StatusReport, VehicleStatus, vehicles
+from arva_hil.safe_text import one_line
+
+
+class Health:
+    """Remembers the newest status, which vehicles and links are lost, and why.
+
+    `asked_hz`: the rate that is asked for, by message name. `links`: connection strings by the engine's names.
+    """
+
+    def __init__(self, asked_hz: dict[str, float], links: dict[str, str]) -> None:
+        self._asked_hz = asked_hz
+        self._links: dict[str, dict[str, Any]] = {name: _link(address) for name, address in links.items()}
+        self._labels: dict[str, str] = {}
+        self._silent: set[str] = set()
+        self._report: StatusReport | None = None
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, StatusReport):
+            self._report = event
+        elif isinstance(event, events.LinkEvent):
+            self._on_link(event)
+        elif isinstance(event, vehicles.VehicleFound | vehicles.VehicleBack | vehicles.VehicleRebooted):
+            self._labels[event.vehicle] = event.label
+            self._silent.discard(event.vehicle)
+        elif isinstance(event, vehicles.VehicleLost):
+            self._silent.add(event.vehicle)
+        elif isinstance(event, vehicles.StreamRateLowered):
+            self._asked_hz = {**self._asked_hz, event.stream: event.next_hz}
+
+    def add_link(self, name: str, address: str) -> None:
+        """A link that is open."""
+        self._links.setdefault(name, _link(address))
+
+    def vehicles(self) -> list[dict[str, Any]]:
+        """Each with its streams, counters and receivers."""
+        if self._report is None:
+            return [self._bare(name) for name in self._labels]
+        return [self._vehicle(status) for status in self._report.vehicles]
+
+    def links(self) -> list[dict[str, Any]]:
+        """Each with its address, whether it is open, how often it was lost and why."""
+        return [{"name": name, **link} for name, link in self._links.items()]
+
+    def _vehicle(self, status: VehicleStatus) -> dict[str, Any]:
+        label = one_line(status.label or self._labels.get(status.name, ""))
+        return {
+            **self._bare(status.name),
+            "label": label,
+            "streams": [
+                {"name": name, "hz": round(hz, 1), "asked_hz": self._asked_hz.get(name)}
+                for name, hz in status.rates.items()
+                if hz or name in self._asked_hz
+            ],
+            "counters": dict(status.counters),
+            "receivers": [
+                {"name": one_line(r.name), "frames": r.frames, "dropped": r.dropped} for r in status.receivers
+            ],
+        }
+
+    def _bare(self, name: str) -> dict[str, Any]:
+        return {
+            "name": one_line(name),
+            "label": one_line(self._labels.get(name, "")),
+            "silent": name in self._silent,
+            "streams": [],
+            "counters": {},
+            "receivers": [],
+        }
+
+    def _on_link(self, event: events.LinkEvent) -> None:
+        if not isinstance(event, events.LinkLost | events.LinkBlocked | events.LinkThere | events.LinkBack):
+            return
+        link = self._links.setdefault(event.link, _link(event.address))
+        link["address"] = one_line(event.address)
+        link["open"] = isinstance(event, events.LinkThere | events.LinkBack)
+        link["why"] = one_line(event.reason) if isinstance(event, events.LinkLost | events.LinkBlocked) else ""
+        link["losses"] += isinstance(event, events.LinkLost)
+
+
+def _link(address: str) -> dict[str, Any]:
+    return {"address": one_line(address), "open": True, "why": "", "losses": 0}

@@ -1,0 +1,57 @@
+"""A history of bounded size: everything of late, and less and less of what is long ago."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterable
+
+RECENT = 1500
+OLD = 3000
+
+
+class History:
+    """Remembers JSON texts in order, each with the version of the state in which it came.
+
+    The newest `recent` are all there. Of those before, every n-th is kept; n doubles whenever there are more than
+    `old`. So a history of any length has at most `recent` + `old` texts.
+    """
+
+    def __init__(self, recent: int = RECENT, old: int = OLD) -> None:
+        self._most_recent = recent
+        self._most_old = old
+        self._recent: list[str] = []
+        self._versions: list[int] = []  # of those in _recent
+        self._old: list[str] = []
+        self._stride = 1
+        self._passed = 0  # how many have left _recent
+
+    def __len__(self) -> int:
+        return len(self._old) + len(self._recent)
+
+    def extend(self, texts: Iterable[str], version: int) -> None:
+        """Add texts that came with `version`, which is not below the one before."""
+        added = list(texts)
+        self._recent += added
+        self._versions += [version] * len(added)
+        if (surplus := len(self._recent) - self._most_recent) > 0:
+            for text in self._recent[:surplus]:
+                self._pass(text)
+            del self._recent[:surplus]
+            del self._versions[:surplus]
+
+    def since(self, version: int) -> list[str] | None:
+        """What came after `version`; None if some of it is not there any more."""
+        first = bisect.bisect_right(self._versions, version)
+        return None if first == 0 and self._passed else self._recent[first:]
+
+    def whole(self) -> list[str]:
+        """All there is."""
+        return self._old + self._recent
+
+    def _pass(self, text: str) -> None:
+        if self._passed % self._stride == 0:
+            self._old.append(text)
+            if len(self._old) > self._most_old:
+                del self._old[1::2]
+                self._stride *= 2
+        self._passed += 1

@@ -1,0 +1,92 @@
+"""JSON texts of the page: numbers rounded, what is no number null, markup escaped."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from arva_hil.events import FrameMade
+from arva_hil.safe_text import one_line
+from firmware_proto import Channel
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number with so many decimal places at most; null for None, NaN and infinity."""
+    if value is None or not math.isfinite(value):
+        return "null"
+    return repr(round(value, digits)) if digits else str(round(value))
+
+
+def numbers(values: Iterable[float | None], digits: int = 3) -> str:
+    """A list of numbers."""
+    return "[" + ",".join([number(value, digits) for value in values]) + "]"
+
+
+def text(value: object) -> str:
+    """A string on one line, without characters that mean something in HTML."""
+    return dump(one_line(value))
+
+
+def dump(value: Any) -> str:
+    """Any value of numbers, strings, lists and dictionaries; NaN and infinity become null."""
+    try:
+        made = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    except ValueError:
+        made = json.dumps(_finite(value), separators=(",", ":"))
+    return made.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def slots(channels: Iterable[Channel], ranges: Iterable[float | None]) -> str:
+    """The slots of a frame, each [id, zone, d in cm, δ in degrees, true range in m]."""
+    every = [
+        f"[{'null' if c.id is None else int(c.id)},{int(c.zone)},{int(c.d)},{int(c.delta)},{number(true, 2)}]"
+        for c, true in zip(channels, ranges, strict=False)
+    ]
+    return "[" + ",".join(every) + "]"
+
+
+def point(
+    time_s: float,
+    place: Iterable[float | None],
+    yaw_deg: float | None,
+    age_ms: float | None,
+    late_ms: float | None,
+    slots_text: str,
+    sequence: int,
+) -> str:
+    """A reading: [time, north, east, down, yaw, age of the pose, lateness, slots, number of the frame]."""
+    north, east, down = place
+    return (
+        f"[{number(time_s)},{number(north)},{number(east)},{number(down)},{number(yaw_deg, 1)},"
+        f"{number(age_ms, 1)},{number(late_ms, 2)},{slots_text},{sequence}]"
+    )
+
+
+def point_of(made: FrameMade, offset: tuple[float, float, float]) -> str:
+    """A frame as a point. `offset`: of the vehicle's datum in the map, NED, metres."""
+    place: tuple[float | None, ...] = (None, None, None)
+    yaw_deg = None
+    if made.pose is not None:
+        place = tuple(a + b for a, b in zip(made.pose.position.tolist(), offset, strict=True))
+        rotation = made.pose.rotation
+        yaw_deg = math.degrees(math.atan2(rotation[1, 0], rotation[0, 0]))
+    ranges = [c.true_range_m for c in made.reading.channels]
+    return point(
+        made.instant_s,
+        place,
+        yaw_deg,
+        None if made.age_s is None else made.age_s * 1e3,
+        made.late_s * 1e3,
+        slots(made.frame.channels, ranges),
+        made.frame.sequence,
+    )
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    return [_finite(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,0 +1,99 @@
+"""The observer that shows a run in a browser: it remembers the events, and a thread of its own does the rest."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections import deque
+from collections.abc import Mapping
+from typing import Final
+
+from arva_hil.events import BytesSent, Event, PacketsReceived
+from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.server import Server
+from arva_hil.observers.web.state import State
+from arva_hil.runtime.clock import RealClock
+
+_UPDATE_S: Final = 0.1  # while somebody looks
+_IDLE_S: Final = 0.5
+_LOOKING_S: Final = 3.0  # after the last request
+_FIELD_S: Final = 2.0  # between two pictures of the field
+_LAST_S: Final = 0.3  # for browsers to hear that the run has ended
+_MOST_WAITING: Final = 100_000  # events
+_SWITCH_S: Final = 0.0005  # the longest that the loop waits for a thread of the page that computes
+
+
+class WebPage:
+    """Serves the page of one run from `address` on. Raises WebError.
+
+    `observe` only puts the event into a queue of bounded size. Remembers when the page was asked for last.
+    """
+
+    def __init__(self, address: Address, state: State) -> None:
+        self.state = state
+        self._waiting: deque[Event] = deque(maxlen=_MOST_WAITING)
+        self._lock = threading.Lock()  # of the state; the loop never takes it
+        self._closing = threading.Event()
+        self._clock = RealClock()
+        self._asked_s = -_LOOKING_S
+        self._drawn_s = -_FIELD_S
+        self._server = Server(address, {"/state.json": self._state_json, "/field.json": self._field_json})
+        self.address = self._server.address
+        sys.setswitchinterval(_SWITCH_S)
+        threading.Thread(target=self._work, name="web state", daemon=True).start()
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.address.host, self.address.host)
+        return f"http://{Address(host, self.address.port)}/"
+
+    def observe(self, event: Event) -> None:
+        """See `Observer`."""
+        if not isinstance(event, PacketsReceived | BytesSent):
+            self._waiting.append(event)
+
+    def close(self, how: str = "the run has ended") -> None:
+        """Show how it ended, give the browsers a moment to ask, and stop."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        with self._lock:
+            self._update()
+            self.state.end(how)
+        if self._looked_at:
+            threading.Event().wait(_LAST_S)
+        self._server.close()
+
+    @property
+    def _looked_at(self) -> bool:
+        return self._clock.now() - self._asked_s < _LOOKING_S
+
+    def _work(self) -> None:
+        while not self._closing.wait(_UPDATE_S if self._looked_at else _IDLE_S):
+            with self._lock:
+                self._update()
+
+    def _update(self) -> None:
+        batch = list[Event]()
+        while self._waiting:
+            batch.append(self._waiting.popleft())
+        try:
+            self._show(batch)
+        except Exception as error:  # the page goes on with what comes next
+            self.state.fail(repr(error))
+
+    def _show(self, batch: list[Event]) -> None:
+        self.state.update(batch)
+        if (now := self._clock.now()) - self._drawn_s >= _FIELD_S:
+            self._drawn_s = now
+            self.state.draw_field()
+
+    def _state_json(self, query: Mapping[str, str]) -> bytes:
+        self._asked_s = self._clock.now()
+        since = query.get("since", "")
+        with self._lock:
+            return self.state.document(int(since) if since.isdecimal() and len(since) < 16 else 0)
+
+    def _field_json(self, query: Mapping[str, str]) -> bytes:
+        return self.state.field()

@@ -1,0 +1,170 @@
+// Asks for what is new a few times a second, and hands it to the parts of the page.
+
+import { checks, showChecks, showCounters, showEvents, showSearch } from "./health.js";
+import { showDisplay } from "./display.js";
+import { showMap, view } from "./map.js";
+import { forgetPlots, setSpan, showPlots } from "./plots.js";
+import { hearTone, setTone } from "./tone.js";
+import { E, N, Store, T, clock, css, el, forgetColours } from "./store.js";
+
+const POLL_MS = 200, HIDDEN_MS = 2000, RETRY_MS = 1000, PLOT_MS = 500;
+const $ = (id) => document.getElementById(id);
+const store = new Store();
+let field = { version: -1, transmitters: [] }, fieldAsked = 0, failures = 0, plotted = 0;
+let chosen = "", truth = true, newest = null, newestAt = 0, legend = "";
+
+async function ask(name) {
+  const answer = await fetch(name, { cache: "no-store", signal: AbortSignal.timeout(4000) });
+  if (!answer.ok) throw new Error(String(answer.status));
+  return answer.json();
+}
+
+async function poll() {
+  let pause = document.hidden ? HIDDEN_MS : POLL_MS;
+  try {
+    const before = store.version, state = await ask(`state.json?since=${before}`);
+    failures = 0;
+    if (!store.take(state)) store.version = 0;
+    else if (state.version !== before || !plotted) show();
+    if (state.field !== field.version && state.field !== fieldAsked) {
+      fieldAsked = state.field;
+      field = await ask("field.json");
+      show();
+    }
+    if (stale() || !plotted) show();
+    document.documentElement.dataset.ready = "true";
+  } catch {
+    failures += 1;
+    fieldAsked = 0;
+    pause = RETRY_MS;
+    if (failures === 2) { store.version = 0; show(); }
+  }
+  setTimeout(poll, pause);
+}
+
+const points = () => store.points.get(chosen) ?? [];
+
+// Seconds from one reading to the next, by the last few.
+function period(every) {
+  const last = every.slice(-6);
+  return last.length < 2 ? 1 : (last.at(-1)[T] - last[0][T]) / (last.length - 1);
+}
+
+function stale() {
+  if (!newest || store.state?.ended || failures) return Boolean(newest);
+  return store.state.kind !== "view" && performance.now() - newestAt > Math.max(3000, 3000 * period(points()));
+}
+
+function show() {
+  const state = store.state;
+  if (!state) { showBanner(); return; }
+  if (!store.points.has(chosen)) chosen = store.keys[0] ?? "";
+  const every = points(), last = every.at(-1);
+  if (last !== newest) { newest = last; newestAt = performance.now(); }
+  const old = Boolean(stale()) || failures >= 2;
+  const shown = truth && state.known;
+  document.body.classList.toggle("no-truth", !shown);
+  $("truth").hidden = !state.known;
+  $("kind").textContent = state.kind;
+  $("title").textContent = state.title;
+  document.title = `${state.kind} · arva-hil`;
+  $("clock").textContent = clock(last ? last[T] : state.time_s);
+  $("device-name").textContent = store.keys.length > 1 ? chosen : "";
+  showChoice();
+  showDisplay(last, old);
+  hearTone(last, old);
+  showChecks(checks(state, last, !state.ended && !failures && old, chosen), failures < 2);
+  showCounters(state);
+  showEvents(store.events);
+  showSearch(state.search, shown, state.transmitters);
+  showMap({
+    truth: shown, transmitters: state.transmitters, field: field.transmitters, search: state.search, chosen,
+    vehicles: vehicles(),
+  });
+  $("map").setAttribute("aria-label", describe(state, last, shown));
+  showLegend(state, shown);
+  showBanner();
+  if (performance.now() - plotted > PLOT_MS) { plotted = performance.now(); showPlots(every, shown); }
+}
+
+// One for each vehicle: its chosen receiver, or its first.
+function vehicles() {
+  const found = new Map();
+  for (const [key, every] of store.points) {
+    const name = key.slice(0, key.lastIndexOf("/"));
+    if (!found.has(name) || key === chosen) found.set(name, { key, name, points: every, period: period(every) });
+  }
+  return [...found.values()];
+}
+
+function describe(state, last, shown) {
+  const parts = [last && last[N] !== null ? `vehicle at ${last[N].toFixed(1)} m north, ${last[E].toFixed(1)} m east` : "vehicle not placed"];
+  if (shown) for (const one of state.transmitters.slice(0, 8)) parts.push(`transmitter ${one.id} at ${one.place[0].toFixed(1)} m north, ${one.place[1].toFixed(1)} m east`);
+  if (state.search?.found) parts.push(`place found at ${state.search.found.place[0].toFixed(1)} m north, ${state.search.found.place[1].toFixed(1)} m east`);
+  return `Map: ${parts.join("; ")}. Arrow keys move it, plus and minus zoom.`;
+}
+
+function showChoice() {
+  $("choose").hidden = store.keys.length < 2;
+  if ($("receiver").options.length === store.keys.length) return;
+  $("receiver").replaceChildren(...store.keys.map((key) => el("option", { value: key }, key)));
+  $("receiver").value = chosen;
+}
+
+const SIGNS = {
+  track: ["track", "--track", "M0 10Q8 0 22 5", 2.4, ""],
+  flux: ["flux line", "--field", "M0 12Q11-4 22 12", 1.2, ""],
+  equal: ["equal d", "--soft", "M0 7H22", 1.4, "2 4"],
+  inner: ["inner zone", "--inner", "M2 7H20", 12, ""],
+  belief: ["believed place, 2σ", "--belief", "M2 7a9 5 0 1 0 18 0a9 5 0 1 0-18 0", 1.8, ""],
+};
+
+function showLegend(state, shown) {
+  const wanted = ["track", ...(shown && field.transmitters.length ? ["flux", "equal", "inner"] : []), ...(state.search?.covariance ? ["belief"] : [])];
+  if (wanted.join() === legend) return;
+  legend = wanted.join();
+  $("legend").replaceChildren(...wanted.map((name) => {
+    const [words, colour, d, width, dash] = SIGNS[name], ns = "http://www.w3.org/2000/svg";
+    const sign = document.createElementNS(ns, "svg"), line = document.createElementNS(ns, "path");
+    sign.setAttribute("viewBox", "0 0 22 14");
+    sign.setAttribute("aria-hidden", "true");
+    for (const [key, value] of Object.entries({ d, fill: "none", stroke: css(colour), "stroke-width": width, "stroke-dasharray": dash })) line.setAttribute(key, value);
+    sign.append(line);
+    return el("li", {}, sign, words);
+  }));
+}
+
+function showBanner() {
+  const ended = store.state?.ended;
+  const words = ended ? `The run is over: ${ended}. This is how it ended.` : failures >= 2 ? "No connection: the program has ended, or the network is away. What you see is old." : "";
+  $("banner").hidden = !words;
+  if ($("banner").textContent !== words) $("banner").textContent = words;
+}
+
+$("truth").addEventListener("click", () => {
+  truth = !truth;
+  $("truth").setAttribute("aria-pressed", truth);
+  plotted = 0;
+  show();
+});
+$("sound").addEventListener("click", () => {
+  const on = $("sound").getAttribute("aria-pressed") !== "true";
+  $("sound").setAttribute("aria-pressed", on);
+  setTone(on);
+});
+$("receiver").addEventListener("change", () => { chosen = $("receiver").value; plotted = 0; show(); });
+for (const button of document.querySelectorAll("[data-window]")) {
+  button.addEventListener("click", () => {
+    for (const other of document.querySelectorAll("[data-window]")) other.setAttribute("aria-pressed", other === button);
+    setSpan(Number(button.dataset.window));
+    plotted = 0;
+    show();
+  });
+}
+view.onMode = (mode) => { $("fit").setAttribute("aria-pressed", mode === "fit"); $("follow").setAttribute("aria-pressed", mode === "follow"); };
+$("fit").addEventListener("click", () => view.set("fit"));
+$("follow").addEventListener("click", () => view.set("follow"));
+$("closer").addEventListener("click", () => view.zoom(1.4));
+$("wider").addEventListener("click", () => view.zoom(1 / 1.4));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { forgetColours(); forgetPlots(); legend = ""; plotted = 0; show(); });
+poll();

@@ -1,0 +1,76 @@
+// The receiver's display, as rescuers know it: distance, arrow with its ambiguity, zone, channels.
+
+import { AGE, CM, DELTA, ID, RANGE, SEQ, SLOTS, T, ZONE, el, numberOf } from "./store.js";
+
+const ZONES = ["no signal", "mid", "inner"];
+const WORDS = ["", "distance and direction", "distance only: no direction"];
+const $ = (id) => document.getElementById(id);
+
+for (let degrees = -90; degrees <= 90; degrees += 15) {
+  const tick = document.createElementNS("http://www.w3.org/2000/svg", "line");
+  const length = degrees % 45 ? 5 : 10;
+  for (const [key, value] of Object.entries({ x1: 120, x2: 120, y1: 36 - length / 2, y2: 36 + length / 2 })) tick.setAttribute(key, value);
+  tick.setAttribute("transform", `rotate(${degrees} 120 120)`);
+  $("ticks").append(tick);
+}
+
+const text = (node, value) => { if (node.textContent !== value) node.textContent = value; };
+
+export function nearest(point) {
+  let best = null;
+  for (const slot of point?.[SLOTS] ?? []) if (slot[CM] > 0 && (!best || slot[CM] < best[CM])) best = slot;
+  return best;
+}
+
+export function metres(cm) { return cm < 1000 ? (cm / 100).toFixed(2) : (cm / 100).toFixed(1); }
+
+export function signed(degrees) { return `${degrees < 0 ? "−" : "+"}${Math.abs(degrees)}°`; }
+
+// `point`: the newest, undefined if there is none; `stale`: it is an old one.
+export function showDisplay(point, stale) {
+  const panel = document.querySelector(".device"), best = nearest(point);
+  const zone = best ? (best[ZONE] || 1) : 0;
+  panel.dataset.zone = zone;
+  panel.classList.toggle("stale", stale);
+  text($("distance"), best ? metres(best[CM]) : "––");
+  $("unit").hidden = !best;
+  const label = $("zone");
+  text(label, best && !best[ZONE] ? "heard" : ZONES[zone] ?? `zone ${zone}`);
+  label.dataset.zone = best ? best[ZONE] : 0;
+  const pointed = best && zone !== 2;
+  $("arrow").style.display = pointed ? "" : "none";
+  $("cross").style.display = zone === 2 ? "" : "none";
+  $("cross").removeAttribute("hidden");
+  if (pointed) $("arrow").style.transform = `rotate(${best[DELTA]}deg)`;
+  text($("direction"), pointed ? `${signed(best[DELTA])}, or behind` : WORDS[zone] ?? "");
+  text($("dial-title"), best ? `${metres(best[CM])} metres, ${pointed ? `${best[DELTA]} degrees or the opposite way` : "no direction"}` : "no signal");
+  const slots = point?.[SLOTS] ?? [];
+  text($("heard"), String(slots.filter((slot) => slot[CM] > 0).length));
+  text($("number"), point ? String(point[SEQ]) : "–");
+  $("number").dataset.time = point ? point[T] : "";
+  text($("age"), point?.[AGE] == null ? "–" : `${Math.round(point[AGE])} ms`);
+  showChannels(slots);
+}
+
+function showChannels(slots) {
+  const body = document.querySelector("#channels tbody");
+  while (body.rows.length > slots.length) body.lastElementChild.remove();
+  slots.forEach((slot, i) => {
+    const row = body.rows[i] ?? body.appendChild(el("tr", {}, el("td"), el("td"), el("td"), el("td"), el("td", { class: "true" })));
+    const heard = slot[CM] > 0, cells = row.cells, key = slot.join();
+    if (row.dataset.key === key) return;
+    row.dataset.key = key;
+    row.className = heard ? "" : "none";
+    const dot = el("span", { class: "dot" });
+    if (heard) dot.style.background = deviceColour(slot[ID]);
+    cells[0].replaceChildren(...(heard ? [dot, slot[ID] === null ? "?" : String(slot[ID])] : ["–"]));
+    text(cells[1], heard ? `${slot[CM]} cm` : "–");
+    text(cells[2], heard && slot[ZONE] !== 2 ? signed(slot[DELTA]) : "–");
+    text(cells[3], heard ? ZONES[slot[ZONE]] && slot[ZONE] ? ZONES[slot[ZONE]] : "–" : "–");
+    text(cells[4], slot[RANGE] === null ? "–" : `${slot[RANGE].toFixed(2)} m`);
+  });
+}
+
+// The device is dark in either theme.
+const DARK = ["#56b4e9", "#ff8a4c", "#35c79a", "#e29cc6", "#e6b422", "#a7cfe8"];
+function deviceColour(id) { return DARK[numberOf(id)]; }

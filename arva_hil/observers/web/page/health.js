@@ -1,0 +1,99 @@
+// What is wrong stands out: each check has a level, and the worst one is in the header.
+
+import { AGE, N, clock, el } from "./store.js";
+
+const ORDER = ["good", "warn", "bad"];
+const LEVELS = { info: "info", warning: "warn", error: "bad" };
+const SHORT = { GLOBAL_POSITION_INT: "position", ATTITUDE: "attitude" };
+const QUIET = new Set(["bytes_received", "packets_received", "packets_ignored"]);
+const $ = (id) => document.getElementById(id);
+let shownEvents = "";
+
+// Rows of [level, name, value, why].
+export function checks(state, point, stale, name) {
+  const rows = [];
+  const own = name?.split("/")[0];
+  for (const vehicle of state.vehicles) {
+    const label = state.vehicles.length > 1 ? vehicle.name : "vehicle";
+    if (vehicle.silent) rows.push(["bad", label, "no heartbeat", vehicle.label]);
+    else rows.push([vehicle.label ? "good" : "bad", label, vehicle.label || "not found yet"]);
+    if (vehicle.name !== own && state.vehicles.length > 1) continue;
+    for (const stream of vehicle.streams) {
+      const asked = stream.asked_hz, slow = asked ? stream.hz < 0.5 * asked : stream.hz < 2;
+      rows.push([slow ? "warn" : "good", SHORT[stream.name] ?? stream.name.toLowerCase(), `${stream.hz.toFixed(0)} Hz${asked ? ` of ${asked.toFixed(0)}` : ""}`]);
+    }
+    for (const receiver of vehicle.receivers) {
+      rows.push([receiver.dropped ? "warn" : "good", state.receivers.length > 1 ? `frames of ${receiver.name}` : "frames", String(receiver.frames - receiver.dropped), receiver.dropped ? `${receiver.dropped} dropped: nobody read them` : ""]);
+    }
+  }
+  if (point) {
+    const age = point[AGE];
+    if (point[N] === null) rows.push([state.kind === "search" ? "good" : "bad", "pose", state.kind === "search" ? "on the ground" : "none", state.kind === "search" ? "" : "frames say no signal"]);
+    else rows.push([age > 1000 ? "warn" : "good", "pose", age === null ? "there" : `${Math.round(age)} ms old`]);
+  } else rows.push(["warn", "reading", "none yet"]);
+  if (stale) rows.push(["bad", "reading", "no new one"]);
+  for (const link of state.links) {
+    const lost = link.losses ? `lost ${link.losses} ×` : "";
+    rows.push([link.open ? (link.losses ? "warn" : "good") : "bad", link.name, link.open ? lost || "open" : "lost", link.open ? "" : link.why]);
+  }
+  const met = new Set(state.receivers.flatMap((receiver) => receiver.faults));
+  if (met.size) rows.push(["warn", "faults on", [...met].join(", ")]);
+  else if (state.planned_faults.length) rows.push(["good", "faults", `${state.planned_faults.length} planned`, state.planned_faults.join("; ")]);
+  return rows;
+}
+
+export function showChecks(rows, connected) {
+  $("checks").replaceChildren(...rows.map(([level, name, value, why]) => el("li", { "data-level": level },
+    el("span", { class: "sign", "aria-hidden": "true" }), el("span", {}, name), el("span", { class: "value" }, value),
+    ...(why ? [el("span", { class: "why" }, why)] : []))));
+  const wrong = rows.filter(([level]) => level !== "good");
+  const worst = wrong.reduce((level, row) => (ORDER.indexOf(row[0]) > ORDER.indexOf(level) ? row[0] : level), "good");
+  const first = wrong.find(([level]) => level === worst);
+  const words = !connected ? "no connection" : !first ? "all well" : `${first[1]}: ${first[2]}${wrong.length > 1 ? ` (+${wrong.length - 1})` : ""}`;
+  $("pill").dataset.level = connected ? worst : "bad";
+  if ($("pill-text").textContent !== words) $("pill-text").textContent = words;
+}
+
+export function showCounters(state) {
+  const every = state.vehicles.flatMap((vehicle) => Object.entries(vehicle.counters).map(([name, count]) => [state.vehicles.length > 1 ? `${vehicle.name}: ${name}` : name, count, name]));
+  const rows = every.filter(([, count, name]) => count || QUIET.has(name));
+  $("counters").replaceChildren(...rows.flatMap(([name, count]) => [el("dt", {}, name.replaceAll("_", " ")), el("dd", {}, String(count))]));
+}
+
+export function showEvents(events) {
+  const key = `${events.length} ${events.at(-1)?.join() ?? ""}`;
+  if (key === shownEvents) return;
+  shownEvents = key;
+  $("events").replaceChildren(...events.toReversed().map(([time, level, words]) => el("li", { "data-level": LEVELS[level] ?? "info" },
+    el("time", {}, clock(time)), el("span", { class: "sign", "aria-hidden": "true" }), el("span", {}, words))));
+}
+
+const place = ([north, east]) => `${north.toFixed(1)} m N, ${east.toFixed(1)} m E`;
+
+// The standard deviations along the axes of an ellipse, m, and the direction of the first, radians from north.
+export function axes([nn, ne, ee]) {
+  const middle = (nn + ee) / 2, half = Math.hypot((nn - ee) / 2, ne);
+  return { a: Math.sqrt(Math.max(0, middle + half)), b: Math.sqrt(Math.max(0, middle - half)), angle: Math.atan2(2 * ne, nn - ee) / 2 };
+}
+
+export function showSearch(search, truth, transmitters) {
+  $("search").hidden = !search;
+  if (!search) return;
+  const from = (p) => [p[0] - search.take_off[0], p[1] - search.take_off[1]];
+  $("phase").textContent = search.phase;
+  const rows = [["target", search.target === null ? (search.heard.length ? "without a number" : "none yet") : `transmitter ${search.target}`]];
+  if (search.found) {
+    rows.push(["place found", place(from(search.found.place))]);
+    rows.push(["sure", search.found.sure ? "yes" : "no: readings do not agree"]);
+  } else if (search.mean) {
+    rows.push(["believed at", place(from(search.mean))], ["hypotheses", String(search.hypotheses.length)]);
+  }
+  const covariance = search.found?.covariance ?? search.covariance;
+  if (covariance) rows.push(["uncertainty", `± ${axes(covariance).a.toFixed(1)} m`]);
+  const believed = search.found?.place ?? search.mean, id = search.found?.id ?? search.target;
+  const real = transmitters.find((one) => one.id === id) ?? (transmitters.length === 1 ? transmitters[0] : null);
+  if (truth && believed && real) rows.push(["off the truth", `${Math.hypot(believed[0] - real.place[0], believed[1] - real.place[1]).toFixed(2)} m`]);
+  if (search.ended) rows.push(["ended", search.ended]);
+  $("belief").replaceChildren(...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]));
+}
+

@@ -1,0 +1,293 @@
+// The map: vehicles, tracks, transmitters, the field's lines and what a search believes, in local metres.
+
+import { CM, D, DELTA, E, N, YAW, ZONE, colourOf, css } from "./store.js";
+import { nearest } from "./display.js";
+import { axes } from "./health.js";
+import { View } from "./view.js";
+
+const canvas = document.getElementById("map"), ink = canvas.getContext("2d");
+const still = matchMedia("(prefers-reduced-motion: reduce)");
+const FONT = "600 12px system-ui, sans-serif";
+let scene = null, due = false;
+const glides = new Map(); // by receiver: from, to, start, length
+
+export const view = new View(canvas, ask);
+
+export function showMap(next) {
+  scene = next;
+  for (const vehicle of scene.vehicles) glide(vehicle);
+  ask();
+}
+
+function ask() {
+  if (due) return;
+  due = true;
+  requestAnimationFrame(draw);
+}
+
+// A vehicle moves between two readings as if it had been seen all the time.
+function glide(vehicle) {
+  const last = vehicle.points.at(-1), known = glides.get(vehicle.key);
+  const to = last && last[N] !== null ? [last[N], last[E], last[YAW] ?? 0] : null;
+  if (known && known.point === last) return;
+  const from = to && known?.to ? now(known) : to;
+  const jump = !from || !to || Math.hypot(to[0] - from[0], to[1] - from[1]) > 30 || still.matches;
+  glides.set(vehicle.key, { point: last, from: jump ? to : from, to, start: performance.now(), length: jump ? 1 : Math.min(1200, Math.max(80, vehicle.period * 1000)) });
+}
+
+function now({ from, to, start, length }) {
+  if (!to) return null;
+  const share = Math.min(1, (performance.now() - start) / length);
+  const turn = ((to[2] - from[2] + 540) % 360) - 180;
+  return [from[0] + (to[0] - from[0]) * share, from[1] + (to[1] - from[1]) * share, from[2] + turn * share, share < 1];
+}
+
+function bounds() {
+  const box = [Infinity, Infinity, -Infinity, -Infinity];
+  const add = (n, e, m = 0) => {
+    if (n === null || !Number.isFinite(n) || !Number.isFinite(e)) return;
+    box[0] = Math.min(box[0], n - m); box[1] = Math.min(box[1], e - m); box[2] = Math.max(box[2], n + m); box[3] = Math.max(box[3], e + m);
+  };
+  for (const vehicle of scene.vehicles) for (const point of vehicle.points) add(point[N], point[E], 1);
+  if (scene.truth) for (const one of scene.transmitters.slice(0, 32)) add(one.place[0], one.place[1], 4);
+  if (scene.search) {
+    add(...scene.search.take_off, 1);
+    for (const [n, e, share] of scene.search.hypotheses) if (share > 0.02) add(n, e, 1);
+    if (scene.search.found) add(...scene.search.found.place, 3);
+  }
+  return box[0] === Infinity ? [-25, -25, 25, 25] : box;
+}
+
+function draw() {
+  due = false;
+  if (!scene || !view.width) return;
+  const ratio = Math.min(3, devicePixelRatio || 1), w = Math.round(view.width * ratio), h = Math.round(view.height * ratio);
+  if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
+  ink.setTransform(ratio, 0, 0, ratio, 0, 0);
+  const own = scene.vehicles.find((vehicle) => vehicle.key === scene.chosen), here = own && glides.get(own.key) && now(glides.get(own.key));
+  if (view.mode === "fit") view.frame(bounds());
+  else if (view.mode === "follow" && here) { view.north = here[0]; view.east = here[1]; }
+  ink.fillStyle = css("--ground");
+  ink.fillRect(0, 0, view.width, view.height);
+  if (scene.truth) for (const one of scene.field) drawZones(one);
+  drawGrid();
+  if (scene.truth) for (const one of scene.field) drawField(one);
+  for (const vehicle of scene.vehicles) drawTrack(vehicle, vehicle === own);
+  if (scene.search) drawSearch(scene.search);
+  if (scene.truth) scene.transmitters.forEach(drawTransmitter);
+  let moving = false;
+  scene.vehicles.forEach((vehicle, i) => {
+    const place = glides.get(vehicle.key) && now(glides.get(vehicle.key));
+    if (!place) return;
+    drawVehicle(place, vehicle, vehicle === own, i);
+    moving ||= place[3];
+  });
+  drawScale();
+  if (moving) ask();
+}
+
+function path(line, closed = false) {
+  ink.beginPath();
+  for (let i = 0; i < line.length; i += 2) ink.lineTo(view.x(line[i + 1]), view.y(line[i]));
+  if (closed) ink.closePath();
+}
+
+function drawZones(one) {
+  const outer = one.equal_d.find(([d]) => d === 50);
+  if (outer) { path(outer[1], true); ink.fillStyle = css("--mid"); ink.globalAlpha = 0.8; ink.fill(); ink.globalAlpha = 1; }
+  if (one.inner.length) { path(one.inner, true); ink.fillStyle = css("--inner"); ink.fill(); }
+}
+
+function drawGrid() {
+  const step = nice(70 / view.scale);
+  ink.strokeStyle = css("--grid");
+  ink.lineWidth = 1;
+  ink.beginPath();
+  const west = view.east - view.width / 2 / view.scale, south = view.north - view.height / 2 / view.scale;
+  for (let e = Math.ceil(west / step) * step; view.x(e) < view.width; e += step) { const x = Math.round(view.x(e)) + 0.5; ink.moveTo(x, 0); ink.lineTo(x, view.height); }
+  for (let n = Math.ceil(south / step) * step; view.y(n) > 0; n += step) { const y = Math.round(view.y(n)) + 0.5; ink.moveTo(0, y); ink.lineTo(view.width, y); }
+  ink.stroke();
+}
+
+function nice(metres) {
+  const power = 10 ** Math.floor(Math.log10(metres)), share = metres / power;
+  return power * (share < 1.5 ? 1 : share < 3.5 ? 2 : share < 7.5 ? 5 : 10);
+}
+
+const LABELS = [0.625, 0.375, 0.125, 0.875, 0.5, 0, 0.7, 0.3, 0.56, 0.44, 0.2, 0.8]; // where on a line, the best place first
+function visible(x, y) { return x > 30 && x < view.width - 50 && y > 60 && y < view.height - 50; }
+
+function drawField(one) {
+  ink.strokeStyle = css("--field");
+  ink.lineWidth = 0.9;
+  ink.globalAlpha = 0.6;
+  for (const line of one.flux) { path(line); ink.stroke(); }
+  ink.globalAlpha = 1;
+  ink.setLineDash([2, 4]);
+  ink.lineWidth = 1.2;
+  for (const [d, line] of one.equal_d) {
+    path(line, true);
+    ink.stroke();
+    const at = LABELS.map((share) => Math.floor((line.length / 2 - 1) * share) * 2).find((i) => visible(view.x(line[i + 1]), view.y(line[i])));
+    if (at !== undefined) label(`${d} m`, view.x(line[at + 1]), view.y(line[at]), css("--soft"), "500 11px system-ui, sans-serif", "center");
+  }
+  ink.setLineDash([]);
+}
+
+function drawTrack(vehicle, own) {
+  ink.strokeStyle = own ? css("--track") : css("--soft");
+  ink.lineJoin = ink.lineCap = "round";
+  ink.lineWidth = own ? 2.4 : 1.6;
+  ink.globalAlpha = own ? 0.95 : 0.7;
+  ink.beginPath();
+  let pen = false;
+  const place = glides.get(vehicle.key) && now(glides.get(vehicle.key)), last = vehicle.points.length - 1;
+  vehicle.points.forEach((point, i) => {
+    if (point[N] === null) { pen = false; return; }
+    const [n, e] = i === last && place ? place : [point[N], point[E]];
+    if (pen) ink.lineTo(view.x(e), view.y(n)); else ink.moveTo(view.x(e), view.y(n));
+    pen = true;
+  });
+  ink.stroke();
+  ink.globalAlpha = 1;
+}
+
+function drawTransmitter(one) {
+  const x = view.x(one.place[1]), y = view.y(one.place[0]), colour = colourOf(one.id);
+  const length = 24, [n, e, d] = one.axis, dx = e * length, dy = -n * length, flat = Math.hypot(n, e);
+  ink.lineCap = "round";
+  for (const [width, style] of [[7, css("--ground")], [4, colour]]) {
+    ink.lineWidth = width;
+    ink.strokeStyle = style;
+    ink.beginPath();
+    ink.moveTo(x - dx, y - dy); ink.lineTo(x + dx, y + dy);
+    if (flat > 0.2) {
+      const angle = Math.atan2(dy, dx);
+      for (const turn of [2.6, -2.6]) { ink.moveTo(x + dx, y + dy); ink.lineTo(x + dx + 9 * Math.cos(angle + turn), y + dy + 9 * Math.sin(angle + turn)); }
+    }
+    ink.stroke();
+  }
+  disc(x, y, 8.5, css("--ground")); disc(x, y, 7, colour);
+  if (flat <= 0.2) { disc(x, y, 4, css("--ground")); if (d > 0) disc(x, y, 1.8, colour); } // it stands: an arrow from the front or the back
+  const deep = one.place[2], depth = Math.abs(deep) < 0.05 ? "" : `, ${Math.abs(deep).toFixed(1)} m ${deep > 0 ? "deep" : "up"}`;
+  label(`Nº ${one.id}${depth}`, x, y + 24, css("--ink"), FONT, "center");
+}
+
+function disc(x, y, radius, colour) { ink.beginPath(); ink.arc(x, y, radius, 0, 2 * Math.PI); ink.fillStyle = colour; ink.fill(); }
+
+function label(text, x, y, colour, font = FONT, align = "left") {
+  ink.save();
+  ink.setLineDash([]);
+  ink.font = font;
+  ink.textAlign = align;
+  ink.textBaseline = "middle";
+  ink.lineJoin = "round";
+  ink.lineWidth = 4;
+  ink.strokeStyle = css("--ground");
+  ink.strokeText(text, x, y);
+  ink.fillStyle = colour;
+  ink.fillText(text, x, y);
+  ink.restore();
+}
+
+function drawVehicle([north, east, yaw], vehicle, own) {
+  const x = view.x(east), y = view.y(north), best = own ? nearest(vehicle.points.at(-1)) : null;
+  ink.save();
+  ink.translate(x, y);
+  if (best && best[ZONE] !== 2) drawBearing(yaw + best[DELTA], colourOf(best[0]), best[CM] / 100 * view.scale);
+  ink.rotate((yaw * Math.PI) / 180);
+  const colour = own ? css("--ink") : css("--soft"), r = own ? 11 : 9;
+  ink.lineCap = "round";
+  for (const [width, style] of [[6, css("--ground")], [2.6, colour]]) {
+    ink.strokeStyle = style;
+    ink.lineWidth = width;
+    ink.beginPath();
+    for (const [sx, sy] of [[1, 1], [1, -1], [-1, 1], [-1, -1]]) { ink.moveTo(0, 0); ink.lineTo(sx * r * 0.8, sy * r * 0.8); }
+    ink.stroke();
+    for (const [sx, sy] of [[1, 1], [1, -1], [-1, 1], [-1, -1]]) { ink.beginPath(); ink.arc(sx * r * 0.8, sy * r * 0.8, r * 0.45, 0, 2 * Math.PI); ink.stroke(); }
+  }
+  ink.fillStyle = own ? css("--c1") : colour;
+  ink.strokeStyle = css("--ground");
+  ink.lineWidth = 1.5;
+  ink.beginPath();
+  ink.moveTo(0, -r * 1.75); ink.lineTo(r * 0.52, -r * 0.5); ink.lineTo(0, -r * 0.75); ink.lineTo(-r * 0.52, -r * 0.5); ink.closePath();
+  ink.fill();
+  ink.stroke();
+  ink.restore();
+  const height = vehicle.points.at(-1)?.[D];
+  if (scene.vehicles.length > 1) label(vehicle.name, x + 18, y - 14, colour);
+  else if (height !== null && height !== undefined) label(`${(-height).toFixed(1)} m`, x + 19, y - 14, css("--soft"), "500 12px system-ui, sans-serif");
+}
+
+// Where the receiver points: ahead solid, the opposite way dashed.
+function drawBearing(degrees, colour, far) {
+  const angle = ((degrees - 90) * Math.PI) / 180, length = Math.max(44, Math.min(110, far * 0.6)), c = Math.cos(angle), s = Math.sin(angle);
+  ink.strokeStyle = ink.fillStyle = colour;
+  ink.lineWidth = 3;
+  ink.beginPath(); ink.moveTo(20 * c, 20 * s); ink.lineTo(length * c, length * s); ink.stroke();
+  ink.beginPath();
+  ink.moveTo((length + 9) * c, (length + 9) * s);
+  for (const turn of [2.5, -2.5]) ink.lineTo(length * c + 8 * Math.cos(angle + turn), length * s + 8 * Math.sin(angle + turn));
+  ink.closePath(); ink.fill();
+  ink.setLineDash([4, 6]); ink.lineWidth = 2;
+  ink.beginPath(); ink.moveTo(-20 * c, -20 * s); ink.lineTo(-length * c, -length * s); ink.stroke();
+  ink.setLineDash([]);
+}
+
+function drawSearch(search) {
+  const colour = css("--belief"), [n0, e0] = search.take_off;
+  ink.strokeStyle = css("--soft");
+  ink.lineWidth = 2;
+  ink.strokeRect(view.x(e0) - 6, view.y(n0) - 6, 12, 12);
+  const place = search.found?.place ?? search.mean, covariance = search.found?.covariance ?? search.covariance;
+  for (const [n, e, share] of search.found ? [] : search.hypotheses) {
+    ink.globalAlpha = 0.35 + 0.5 * share;
+    disc(view.x(e), view.y(n), 3 + 9 * Math.sqrt(share), colour);
+  }
+  ink.globalAlpha = 1;
+  ink.strokeStyle = colour;
+  if (place && covariance) {
+    const { a, b, angle } = axes(covariance);
+    ink.beginPath();
+    ink.ellipse(view.x(place[1]), view.y(place[0]), Math.max(2, 2 * a * view.scale), Math.max(2, 2 * b * view.scale), angle - Math.PI / 2, 0, 2 * Math.PI);
+    ink.globalAlpha = 0.13; ink.fillStyle = colour; ink.fill();
+    ink.globalAlpha = 1; ink.lineWidth = 1.8; ink.stroke();
+  }
+  if (search.goal && !search.found) {
+    const x = view.x(search.goal[1]), y = view.y(search.goal[0]);
+    ink.lineWidth = 2;
+    ink.beginPath();
+    ink.arc(x, y, 12, 0, 2 * Math.PI);
+    for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) { ink.moveTo(x + dx * 7, y + dy * 7); ink.lineTo(x + dx * 18, y + dy * 18); }
+    ink.stroke();
+  }
+  if (search.found) {
+    const x = view.x(search.found.place[1]), y = view.y(search.found.place[0]);
+    for (const [width, style] of [[7, css("--ground")], [3.4, colour]]) {
+      ink.lineWidth = width; ink.strokeStyle = style;
+      ink.beginPath();
+      ink.moveTo(x - 11, y - 11); ink.lineTo(x + 11, y + 11); ink.moveTo(x - 11, y + 11); ink.lineTo(x + 11, y - 11);
+      ink.stroke();
+    }
+    label("found", x - 16, y - 14, colour, FONT, "right");
+  }
+}
+
+function drawScale() {
+  const metres = nice(110 / view.scale), width = metres * view.scale, x = 16, y = view.height - 18;
+  ink.strokeStyle = css("--ink");
+  ink.lineWidth = 2;
+  ink.lineCap = "butt";
+  ink.beginPath();
+  ink.moveTo(x, y - 6); ink.lineTo(x, y); ink.lineTo(x + width, y); ink.lineTo(x + width, y - 6);
+  ink.stroke();
+  label(metres >= 1000 ? `${metres / 1000} km` : `${+metres.toPrecision(2)} m`, x + width / 2, y - 11, css("--ink"), FONT, "center");
+  const nx = view.width - 26, ny = view.height - 34;
+  ink.fillStyle = css("--ink");
+  ink.beginPath();
+  ink.moveTo(nx, ny - 14); ink.lineTo(nx + 7, ny + 8); ink.lineTo(nx, ny + 3); ink.lineTo(nx - 7, ny + 8); ink.closePath(); ink.fill();
+  label("N", nx, ny + 19, css("--ink"), FONT, "center");
+}
+
+new ResizeObserver(ask).observe(canvas);
+export { ask as redraw };

@@ -1,0 +1,29 @@
+"""The one map of all vehicles: each has its own datum, and a search its take-off point."""
+
+from __future__ import annotations
+
+from arva_hil.field import LocalFrame
+
+Offset = tuple[float, float, float]  # NED, metres
+
+HERE: Offset = (0.0, 0.0, 0.0)
+
+
+class Places:
+    """Remembers the origin of the map, which is the first place it is told, and where the other origins lie in it."""
+
+    def __init__(self) -> None:
+        self.origin: tuple[float, float, float] | None = None  # degrees, degrees, metres AMSL
+        self._frame: LocalFrame | None = None
+        self._offsets: dict[str, Offset] = {}
+
+    def put(self, name: str, lat: float, lon: float, alt: float) -> None:
+        """The origin of `name` is here from now on."""
+        if self._frame is None:
+            self._frame, self.origin = LocalFrame(lat, lon, alt), (lat, lon, alt)
+        north, east, down = self._frame.ned(lat, lon, alt).tolist()
+        self._offsets[name] = (north, east, down)
+
+    def offset(self, name: str) -> Offset:
+        """Where the origin of `name` is in the map."""
+        return self._offsets.get(name, HERE)

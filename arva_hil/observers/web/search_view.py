@@ -1,0 +1,119 @@
+"""What a search believes, as the page shows it. Places are in the map."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from arva_hil.events import Event
+from arva_hil.events.searches import (
+    BeliefChanged,
+    DescentBegun,
+    Launched,
+    PlaceFound,
+    SearchBegun,
+    SearchEnded,
+    SearchPaused,
+    SearchResumed,
+    TakeOffPoint,
+    TransmitterChosen,
+    TransmitterFaded,
+    TransmitterHeard,
+    WaitingFor,
+)
+from arva_hil.observers.web.places import Places
+
+SEARCH: Final = "search:"  # the name of its origin; no vehicle has a colon in its name
+
+_MOST_HEARD: Final = 16
+_PHASES: Final[dict[type[Event], str]] = {
+    WaitingFor: "waiting",
+    Launched: "take-off",
+    SearchBegun: "searching",
+    TransmitterChosen: "homing in",
+    TransmitterFaded: "searching",
+    SearchPaused: "hovering",
+    SearchResumed: "searching",
+    PlaceFound: "place found",
+    DescentBegun: "descending",
+    SearchEnded: "ended",
+}
+
+
+class SearchView:
+    """Remembers the newest belief, the place found, and the phase of a search; None in `document` before the first."""
+
+    def __init__(self, places: Places) -> None:
+        self._places = places
+        self._seen = False
+        self._phase = ""
+        self._target: int | None = None
+        self._belief: BeliefChanged | None = None
+        self._found: PlaceFound | None = None
+        self._heard: dict[int | None, tuple[float, float, float]] = {}
+        self._ended = ""
+
+    def observe(self, event: Event) -> None:
+        if phase := _PHASES.get(type(event)):
+            self._phase, self._seen = phase, True
+        if isinstance(event, TakeOffPoint):
+            self._places.put(SEARCH, event.lat, event.lon, event.alt)
+        elif isinstance(event, TransmitterHeard):
+            if len(self._heard) < _MOST_HEARD:
+                self._heard[event.transmitter] = (event.north_m, event.east_m, event.distance_m)
+        elif isinstance(event, TransmitterChosen):
+            self._target = event.transmitter
+        elif isinstance(event, TransmitterFaded):
+            self._belief = None
+        elif isinstance(event, BeliefChanged):
+            self._belief = event
+        elif isinstance(event, PlaceFound):
+            self._found = event
+        elif isinstance(event, SearchEnded):
+            self._ended = event.how
+
+    def document(self) -> dict[str, Any] | None:
+        """For the page; places as [north, east, …]."""
+        if not self._seen:
+            return None
+        north, east, _ = self._places.offset(SEARCH)
+        made: dict[str, Any] = {
+            "phase": self._phase,
+            "ended": self._ended,
+            "target": self._target,
+            "take_off": [_rounded(north), _rounded(east)],
+            "heard": [[id_, _rounded(n + north), _rounded(e + east), d] for id_, (n, e, d) in self._heard.items()],
+            "hypotheses": [],
+            "mean": None,
+            "covariance": None,
+            "goal": None,
+            "found": None,
+        }
+        if (belief := self._belief) is not None:
+            made["hypotheses"] = [
+                [_rounded(n + north), _rounded(e + east), round(share, 4)] for n, e, share in belief.hypotheses
+            ]
+            if belief.hypotheses:
+                mean_n = sum(n * share for n, _, share in belief.hypotheses)
+                mean_e = sum(e * share for _, e, share in belief.hypotheses)
+                made["mean"] = [_rounded(mean_n + north), _rounded(mean_e + east)]
+            made["covariance"] = _covariance(belief.covariance)
+            if belief.goal is not None:
+                made["goal"] = [_rounded(belief.goal[0] + north), _rounded(belief.goal[1] + east)]
+        if (found := self._found) is not None:
+            place = [_rounded(found.north_m + north), _rounded(found.east_m + east)]
+            made["found"] = {
+                "id": found.transmitter,
+                "place": place,
+                "from_take_off": [_rounded(found.north_m), _rounded(found.east_m)],
+                "covariance": _covariance(found.covariance),
+                "sure": found.sure,
+            }
+        return made
+
+
+def _rounded(metres: float) -> float:
+    return round(metres, 3)
+
+
+def _covariance(values: tuple[float, float, float] | None) -> list[float] | None:
+    return None if values is None else [round(value, 4) for value in values]

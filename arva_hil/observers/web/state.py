@@ -1,0 +1,217 @@
+"""What the page knows of a run, of bounded size: events in, JSON documents out."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
+from arva_hil.events.searches import FrameHeard, FromSearch
+from arva_hil.observers.console.sentences import sentence
+from arva_hil.observers.web import jsons
+from arva_hil.observers.web.health import Health
+from arva_hil.observers.web.history import History
+from arva_hil.observers.web.places import Places
+from arva_hil.observers.web.search_view import SEARCH, SearchView
+from arva_hil.observers.web.truth import Truth
+
+_MOST_EVENTS: Final = 200
+_MOST_FRAMES: Final = 2000  # of one update; of more, as of a replay at full speed, every n-th is shown
+_MOST_RECEIVERS: Final = 64
+_KEPT: Final = 16  # documents, one for each version that clients ask from
+_KAPPA_EQ: Final = 1.542
+
+Key = tuple[str, str]  # vehicle, receiver
+
+
+class _Receiver:
+    """One receiver: its history, and what is shown of its newest frame alone."""
+
+    def __init__(self) -> None:
+        self.history = History()
+        self.frames = 0
+        self.sent = True
+        self.faults: tuple[str, ...] = ()
+        self.down_m: float | None = None  # in the map
+
+
+class State:
+    """Remembers what the page shows. `update` takes events, `document` makes the JSON; only one thread at a time.
+
+    `kind`: of the run: run, replay, demo, search or view. `title`: a line for a person. `known`: whether the scenario
+    is known, so that there is a truth to show. `datum`: degrees, degrees, metres AMSL, if the scenario fixes it.
+    `faults`: of the scenario, in words. `named`: there are several receivers.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        title: str,
+        *,
+        known: bool = True,
+        datum: tuple[float, float, float] | None = None,
+        kappa_eq: float = _KAPPA_EQ,
+        asked_hz: Mapping[str, float] | None = None,
+        links: Mapping[str, str] | None = None,
+        faults: Iterable[str] = (),
+        named: bool = False,
+    ) -> None:
+        self.version = 1
+        self.health = Health(dict(asked_hz or {}), dict(links or {}))
+        self.places = Places()
+        self._about = {
+            "run": secrets.token_hex(4),
+            "kind": kind,
+            "title": title,
+            "known": known,
+            "planned_faults": list(faults),
+        }
+        if datum is not None:
+            self.places.put("", *datum)
+        self._named = named
+        self._start_s: float | None = None  # of the run, on the driver's clock
+        self._time_s = 0.0
+        self._ended = ""
+        self._receivers: dict[Key, _Receiver] = {}
+        self._events = History(_MOST_EVENTS, 0)
+        self._search = SearchView(self.places)
+        self._truth = Truth(self.places, kappa_eq)
+        self._documents: dict[int, bytes] = {}
+
+    # -- in ------------------------------------------------------------------------------------------------
+
+    def update(self, events: Iterable[Event]) -> None:
+        """Take what has happened since the last update."""
+        batch = list(events)
+        if not batch:
+            return
+        self._new_version()
+        frames: dict[Key, list[Event]] = {}
+        for event in batch:
+            by_search = isinstance(event, FromSearch)
+            told = event.event if isinstance(event, FromSearch) else event
+            if isinstance(told, FrameMade):
+                frames.setdefault((told.vehicle, told.receiver), []).append(told)
+            elif isinstance(told, FrameHeard):
+                if not by_search:
+                    frames.setdefault(("vehicle", "receiver"), []).append(told)
+            else:
+                self._take(event, told, by_search)
+        for key, made in frames.items():
+            self._take_frames(key, made)
+
+    def end(self, how: str) -> None:
+        """The run has ended: how."""
+        self._ended = how
+        self._new_version()
+
+    def fail(self, why: str) -> None:
+        """Something could not be shown: why."""
+        self._new_version()
+        line = f'[{jsons.number(self._time_s, 2)},"error",{jsons.text(f"the page could not show something: {why}")}]'
+        self._events.extend([line], self.version)
+
+    def _new_version(self) -> None:
+        self.version += 1
+        self._documents.clear()
+
+    def _take(self, event: Event, told: Event, by_search: bool) -> None:
+        self._time_s = max(self._time_s, event.time_s)
+        if isinstance(told, DatumSet):
+            self.places.put(told.vehicle, told.lat, told.lon, told.alt)
+        if not by_search:
+            self.health.observe(told)
+        if isinstance(told, StatusReport):
+            self._truth.observe(told)
+            return
+        self._search.observe(told)
+        if (notice := sentence(event, named=self._named)) is not None:
+            said = f"[{jsons.number(event.time_s - (self._start_s or 0.0), 2)},{jsons.text(notice.level)},"
+            self._events.extend([said + jsons.text(notice.text) + "]"], self.version)
+
+    def _take_frames(self, key: Key, frames: list[Event]) -> None:
+        if key not in self._receivers and len(self._receivers) >= _MOST_RECEIVERS:
+            return
+        receiver = self._receivers.setdefault(key, _Receiver())
+        receiver.frames += len(frames)
+        stride = -(-len(frames) // _MOST_FRAMES)
+        shown = frames[(len(frames) - 1) % stride :: stride]  # the newest among them
+        offset = self.places.offset(key[0])
+        texts = []
+        for made in shown:
+            if isinstance(made, FrameMade):
+                texts.append(jsons.point_of(made, offset))
+            elif isinstance(made, FrameHeard):
+                texts.append(self._heard(made))
+        receiver.history.extend(texts, self.version)
+        last = frames[-1]
+        self._time_s = max(self._time_s, last.time_s)
+        if isinstance(last, FrameMade):
+            self._start_s = last.time_s - last.late_s - last.instant_s
+            receiver.sent, receiver.faults = last.sent, last.faults
+            receiver.down_m = None if last.pose is None else float(last.pose.position[2]) + offset[2]
+
+    def _heard(self, heard: FrameHeard) -> str:
+        place: tuple[float | None, ...] = (None, None, None)
+        if heard.position is not None:
+            place = tuple(a + b for a, b in zip(heard.position, self.places.offset(SEARCH), strict=True))
+        channels = heard.frame.channels
+        said = jsons.slots(channels, [None] * len(channels))
+        return jsons.point(heard.time_s, place, heard.heading_deg, None, None, said, heard.frame.sequence)
+
+    def draw_field(self) -> None:
+        """Compute the lines of the field anew if transmitters have moved, or the receiver has climbed."""
+        downs = (receiver.down_m for receiver in self._receivers.values())
+        if self._truth.draw(next((down for down in downs if down is not None), None)):
+            self._new_version()
+
+    def field(self) -> bytes:
+        """`/field.json`."""
+        return self._truth.lines
+
+    # -- out -----------------------------------------------------------------------------------------------
+
+    def document(self, since: int = 0) -> bytes:
+        """`/state.json`: what is new after version `since`; everything if that is unknown or too long ago."""
+        if not 0 < since <= self.version:
+            since = 0
+        if since not in self._documents:
+            if len(self._documents) >= _KEPT:
+                self._documents.clear()
+            self._documents[since] = self._make(since)
+        return self._documents[since]
+
+    def _make(self, since: int) -> bytes:
+        parts = {key: receiver.history.since(since) for key, receiver in self._receivers.items()}
+        full = not since or any(part is None for part in parts.values())
+        events = None if full else self._events.since(since)
+        receivers = []
+        for (vehicle, name), receiver in self._receivers.items():
+            points = receiver.history.whole() if full else parts[vehicle, name] or []
+            receivers.append(
+                f'{{"vehicle":{jsons.text(vehicle)},"name":{jsons.text(name)},"frames":{receiver.frames},'
+                f'"sent":{"true" if receiver.sent else "false"},"faults":{jsons.dump(list(receiver.faults))},'
+                f'"points":[{",".join(points)}]}}'
+            )
+        said = self._events.whole() if events is None else events
+        head = {
+            **self._about,
+            "version": self.version,
+            "full": full,
+            "time_s": round(self._time_s - (self._start_s or 0.0), 3),
+            "ended": self._ended,
+            "origin": self.places.origin,
+            "vehicles": self.health.vehicles(),
+            "links": self.health.links(),
+            "search": self._search.document(),
+            "field": self._truth.version,
+            "all_events": events is None,
+        }
+        parts_of_body = {
+            "transmitters": self._truth.text,
+            "events": f"[{','.join(said)}]",
+            "receivers": f"[{','.join(receivers)}]",
+        }
+        tail = "".join(f',"{name}":{part}' for name, part in parts_of_body.items())
+        return f"{jsons.dump(head)[:-1]}{tail}}}".encode()

@@ -1,0 +1,113 @@
+"""The transmitters of a run on the map, and the lines of their field."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from arva_hil.events import StatusReport
+from arva_hil.field.dipole import Transmitters
+from arva_hil.observers.web import jsons
+from arva_hil.observers.web.field_lines import MOST, field_lines
+from arva_hil.observers.web.places import Places
+
+_MOST_TRANSMITTERS: Final = 256
+_MOVED_M: Final = 0.25  # of a transmitter: its lines are drawn anew
+_CLIMBED_M: Final = 1.0  # of the receiver
+_HEIGHT_M: Final = 2.5  # of the plane of the lines, before there is a pose
+
+
+class Truth:
+    """Remembers where the transmitters are, and the lines that were drawn last with their `version`.
+
+    `text`: the transmitters as JSON. `lines`: `/field.json`.
+    """
+
+    def __init__(self, places: Places, kappa_eq: float) -> None:
+        self.version = 0
+        self.text = "[]"
+        self.lines = b'{"version":0,"down_m":null,"transmitters":[],"left_out":0}'
+        self._places = places
+        self._kappa_eq = kappa_eq
+        self._around: dict[str, Transmitters] = {}  # by vehicle
+        self._offsets: dict[str, tuple[float, float, float]] = {}
+        self._there: Transmitters | None = None  # all of them, in the map
+        self._drawn: tuple[Transmitters, float] | None = None
+
+    def observe(self, report: StatusReport) -> None:
+        """Take where the transmitters are now."""
+        changed = False
+        for vehicle in report.vehicles:
+            there = next((r.transmitters for r in vehicle.receivers if r.transmitters is not None), None)
+            offset = self._places.offset(vehicle.name)
+            if there is not None and (
+                there is not self._around.get(vehicle.name) or offset != self._offsets.get(vehicle.name)
+            ):
+                self._around[vehicle.name], self._offsets[vehicle.name] = there, offset
+                changed = True
+        if changed:
+            self._there = self._merged()
+            self.text = _text(self._there)
+
+    def draw(self, down_m: float | None) -> bool:
+        """Compute the lines anew if transmitters have moved, or the plane has; whether that was so.
+
+        `down_m`: of the receiver, NED in the map; None if it is not known.
+        """
+        there = self._there
+        if there is None:
+            return False
+        known = down_m is not None and math.isfinite(down_m)
+        plane_m = float(round(down_m)) if known and down_m is not None else -_HEIGHT_M
+        if self._drawn is not None and _alike(self._drawn[0], there) and abs(self._drawn[1] - plane_m) <= _CLIMBED_M:
+            return False
+        self._drawn = there, plane_m
+        self.version += 1
+        document = {
+            "version": self.version,
+            "down_m": round(plane_m, 2),
+            "transmitters": field_lines(there, plane_m, self._kappa_eq),
+            "left_out": max(0, len(there.ids) - MOST),
+        }
+        self.lines = jsons.dump(document).encode()
+        return True
+
+    def _merged(self) -> Transmitters:
+        """The transmitters of all vehicles, those that are at the same place once."""
+        every: dict[tuple[Any, ...], tuple[int, Any, Any, float]] = {}
+        unplaced = set()
+        for vehicle, there in self._around.items():
+            places = there.positions + np.array(self._offsets[vehicle])
+            for i, (id_, place) in enumerate(zip(there.ids, places.tolist(), strict=True)):
+                if id_ in there.unplaced or not np.isfinite(place).all():
+                    unplaced.add(id_)
+                elif len(every) < _MOST_TRANSMITTERS:
+                    key = (id_, *(round(x, 1) for x in place))
+                    every.setdefault(key, (id_, place, there.rotations[i], float(there.strengths[i])))
+        ids, positions, rotations, strengths = zip(*every.values(), strict=True) if every else ((), (), (), ())
+        n = len(ids)
+        return Transmitters(
+            ids, np.array(positions).reshape(n, 3), np.array(rotations).reshape(n, 3, 3), np.array(strengths)
+        )
+
+
+def _alike(a: Transmitters, b: Transmitters) -> bool:
+    return a is b or (
+        a.ids == b.ids
+        and bool((abs(a.positions - b.positions) < _MOVED_M).all())
+        and bool((abs(a.rotations - b.rotations) < 0.05).all())
+    )
+
+
+def _text(there: Transmitters) -> str:
+    """A list of objects: id, place and axis of the dipole, NED, and strength."""
+    columns = zip(
+        there.ids, there.positions.tolist(), there.rotations[:, :, 0].tolist(), there.strengths.tolist(), strict=True
+    )
+    every = (
+        f'{{"id":{id_},"place":{jsons.numbers(place)},"axis":{jsons.numbers(axis)},"strength":{jsons.number(strength)}}}'
+        for id_, place, axis, strength in columns
+    )
+    return "[" + ",".join(every) + "]"
