@@ -68,7 +68,7 @@ def test_the_page_is_small() -> None:
 def test_the_query_is_handed_on_once_each(server: Server) -> None:
     assert ask(server, "/state.json?since=12&since=13&at=1.5")[1] == b'{"since": "12", "at": "1.5"}'
     assert ask(server, "/state.json?" + "since=1&" * 50)[0].status == 400
-    assert ask(server, "http://[/state.json")[0].status == 400
+    assert b" 400 " in say(server, b"GET http://[/state.json HTTP/1.1\r\nHost: localhost\r\n\r\n")
 
 
 def test_head_has_the_headers_of_get_and_no_body(server: Server) -> None:
