@@ -199,6 +199,8 @@ RECEIVERS: Final = Registry(
     {
         "paper": "arva_hil.receiver.paper:PaperReceiver",
         "pulsed": "arva_hil.receiver.pulsed:PulsedReceiver",
+        "rssi": "arva_hil.receiver.rssi:RssiReceiver",
+        "vector": "arva_hil.receiver.pulsed:VectorReceiver",
     },
     ("from_settings", "next_look", "look", "show", "command"),
 )

@@ -1,4 +1,4 @@
-"""A `pulsed` receiver that hovers among transmitters: time goes on, readings come out."""
+"""A receiver of pulses that hovers among transmitters: time goes on, readings come out."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from arva_hil.config import Noise, ReceiverOptions
 from arva_hil.field import Transmitters
 from arva_hil.field.keying import Keying
-from arva_hil.receiver import Look, Pose, Reading
-from arva_hil.receiver.pulsed import PulsedReceiver
+from arva_hil.receiver import Impairment, Look, Pose, Reading, ReceiverModel
+from arva_hil.registry import RECEIVERS
 
 PAPER = {"threshold_na_m": 6.168, "start_s": 0.0, "steps": "cm"}
 """The keys that make of it the paper's receiver: 50 m, three antennas, whole centimetres."""
@@ -46,25 +46,30 @@ class Hovering:
         noise: str = "off",
         channels: int = 4,
         seed: int = 1,
+        model: str = "pulsed",
         **options: Any,
     ) -> None:
         self.transmitters = there
         self.position: NDArray[np.float64] = np.asarray(position, float)
         self.rotation = np.eye(3) if rotation is None else np.asarray(rotation, float)
+        self.impairment: Impairment | None = None
         settings = ReceiverOptions(
             channels=channels,
             noise=Noise(noise),  # type: ignore[arg-type]
-            model="pulsed",
+            model=model,
             options=options,
         )
-        self.model = PulsedReceiver.from_settings(settings, seed)
+        self.model: ReceiverModel = RECEIVERS[model].from_settings(settings, seed)
         self.now = -1e-9
 
-    def looks(self, until_s: float) -> Iterator[bool]:
+    def at(self, t: float) -> Look:
+        return Look(t, Pose(self.position, self.rotation), self.transmitters, impairment=self.impairment)
+
+    def looks(self, until_s: float) -> Iterator[bool | None]:
         """Let time pass; each look, and whether it asks for a frame."""
         while (t := self.model.next_look(self.now, until_s)) <= until_s:
             self.now = t
-            yield self.model.look(Look(t, Pose(self.position, self.rotation), self.transmitters))
+            yield self.model.look(self.at(t))
 
     def read(self, until_s: float) -> Reading:
         """Let time pass, and the reading then."""
@@ -76,12 +81,6 @@ class Hovering:
         """Of every step until then."""
         times = np.arange(self.now + step_s, until_s, step_s).tolist()
         return [self.read(t) for t in times]
-
-    def change(self, index: int, **of_keying: Any) -> None:
-        """Another way of sending of one transmitter."""
-        keyings = list(self.transmitters.keyings)
-        keyings[index] = replace(keyings[index], **of_keying)
-        self.transmitters = replace(self.transmitters, keyings=tuple(keyings))
 
     def silence(self, *indices: int) -> None:
         """Switch transmitters off, and all others on."""

@@ -26,7 +26,8 @@ from arva_hil.field.keying import KEYING_CLASSES, Keying, KeyingClass, draw_keyi
 from arva_hil.field.medium import Medium, skin_depth_m
 from arva_hil.field.vehicle_noise import VehicleNoise
 from arva_hil.receiver import Answer
-from arva_hil.receiver.antennas import Display, NoiseDraws
+from arva_hil.receiver.display import Display
+from arva_hil.receiver.listening import NoiseDraws
 from arva_hil.receiver.paper import draw_noise, noise_bound
 from arva_hil.receiver.pulsed_options import PulsedOptions
 from tools.hovering_receiver import Hovering, transmitters
@@ -165,9 +166,12 @@ class Spread(NamedTuple):
 def shown_at(signal: Sequence[float], sigma_na_m: float, threshold_na_m: float, pulses: int, seed: int = 1) -> Spread:
     """What a display makes of pulses with noise. `signal`: at the antennas, in the reference transmitter's units."""
     chosen = options(noise_na_m=sigma_na_m, threshold_na_m=threshold_na_m)
-    display, draws = Display(chosen, KAPPA_EQ), NoiseDraws(sigma_na_m / chosen.scale_na_m, seed)
-    x, y, z = signal
-    every = [display.shown(0, display.heard((x, y, z), draws.draw())) for _ in range(pulses)]
+    display, draws = Display(chosen, KAPPA_EQ), NoiseDraws(seed)
+    sigma = sigma_na_m / chosen.scale_na_m
+    every = []
+    for _ in range(pulses):
+        x, y, z = (value + noise for value, noise in zip(signal, draws.draw(sigma), strict=True))
+        every.append(display.shown(0, (x, y, z)))
     d = np.array([one.d_cm / 100 for one in every if one])
     directions = np.array([one.delta_deg for one in every if one], float)
     return Spread(float(d.mean()), float(d.std()), 1 - len(d) / pulses, float(directions.std()))

@@ -34,6 +34,7 @@ def frame_of(reading: Reading, sequence: int) -> Frame:
     status = firmware_proto.SYNTHETIC
     status |= firmware_proto.INTERFERENCE if reading.interference else 0
     status |= firmware_proto.MORE_TRANSMITTERS if reading.more_heard else 0
+    status |= firmware_proto.SELF_TEST_FAULT if reading.failed else 0
     channels = (Channel(c.id, c.zone, c.d_cm, c.delta_deg, c.marked) for c in reading.channels)
     return Frame(sequence, status, tuple(channels))
 

@@ -1,17 +1,19 @@
 """Receivers: the protocol of receiver models, readings, and the paper's receiver."""
 
 from .paper import Antennas, NoiseKind, PaperReceiver, outputs
-from .reading import ChannelReading, Reading, Zone, with_true_ranges
-from .receiver_model import Answer, Look, Pose, ReceiverModel, ReceiverSettings
+from .reading import ChannelReading, PulseReading, Reading, Zone, with_true_ranges
+from .receiver_model import Answer, Impairment, Look, Pose, ReceiverModel, ReceiverSettings
 
 __all__ = [
     "Answer",
     "Antennas",
     "ChannelReading",
+    "Impairment",
     "Look",
     "NoiseKind",
     "PaperReceiver",
     "Pose",
+    "PulseReading",
     "Reading",
     "ReceiverModel",
     "ReceiverSettings",

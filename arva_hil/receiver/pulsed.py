@@ -1,62 +1,51 @@
-"""A receiver that listens to pulses: one look a pulse, a rhythm for each transmitter, slots, marks."""
+"""Receivers that listen to pulses: one look a pulse, a rhythm for each transmitter, slots, marks."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from random import Random
-from typing import Final, Self
+from typing import Annotated, ClassVar, Final, Self
 
-from arva_hil.field.dipole import Transmitters
-from arva_hil.field.keying import KEYING_CLASSES, draw_keying
-from arva_hil.field.pulse_timeline import PulseTimeline, SentPulse
-from arva_hil.receiver.antennas import Display, NoiseDraws
-from arva_hil.receiver.paper import noise_bound
-from arva_hil.receiver.pulsed_options import PulsedOptions
-from arva_hil.receiver.reading import ChannelReading, PulseReading, Reading, Zone, with_true_ranges
+from annotated_types import Gt
+
+from arva_hil.field.pulse_timeline import SentPulse
+from arva_hil.receiver.display import Display
+from arva_hil.receiver.listening import Listening
+from arva_hil.receiver.pulsed_options import Frames, PulsedOptions, Steps
+from arva_hil.receiver.reading import ChannelReading, Reading, with_true_ranges
 from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
 from arva_hil.receiver.separation import Vector, separate
-from arva_hil.receiver.track import Marks, Reach, Track
+from arva_hil.receiver.slots import Slots
 
-__all__ = ["PulsedReceiver"]
+__all__ = ["PulsedReceiver", "VectorReceiver"]
 
-_IDLE_S: Final = 1.0  # a look is never longer than this after the one before
-_FLOOR_RANGE_M: Final = 80.0  # the noise that a receiver is made for is the reference transmitter's field from there
 _MOVED_M: Final = 1.0  # less is no motion
-_REACH: Final = Reach()
 
 
 class PulsedReceiver:
-    """A `ReceiverModel` that looks at the end of each pulse. It follows the rhythm of every transmitter it hears.
+    """A `ReceiverModel` that looks at the end of each pulse, and follows the rhythm of every transmitter that it hears.
 
-    Remembers the transmitters' pulses to come, a track of each transmitter, lost marks, and its noise. Commands:
-    `restart`; `mark` and `unmark` with a transmitter's id; `search` after it went back to sending.
+    Remembers the pulses to come, slots and marks, since when it has not moved, and whether it went back to sending.
+
+    Commands: `mark ID`, refused where rescuers fail; `unmark ID`, `unmark`; `select ID`, `select`; `channels N`;
+    `scan`; `restart`; `search` after it went back to sending.
     """
 
-    Options = PulsedOptions
+    Options: ClassVar[type[PulsedOptions]] = PulsedOptions
+    _MEASURES: ClassVar[bool] = False
 
     def __init__(self, settings: ReceiverSettings, options: PulsedOptions, seed: int) -> None:
         self._options = options
         self._display = Display(options, settings.kappa_eq)
-        self._empty = ChannelReading(None, Zone.OUTER, *settings.no_signal, None)
-        self._channels = settings.channels
-        off = settings.noise.kind == "off"
-        sigma = 0.0 if off else options.sigma_na_m(settings.noise.floor_range_m) / options.scale_na_m
-        limit = noise_bound((1.0,), _FLOOR_RANGE_M)
-        self._noise_limit, self._noisy = limit, 3 * sigma > limit * (1 + 1e-9)
-        self._noise = NoiseDraws(sigma, seed)
+        self._listening = Listening(settings, options, seed)
+        self._slots = Slots(
+            self._listening, settings.channels, settings.no_signal, options.mark_within_m, self._MEASURES
+        )
         self._random = Random(seed)
-        self._seed = seed
-        self._transmitters: Transmitters | None = None
-        self._timeline = PulseTimeline((), 0.0)
-        self._leaks = False
-        self._interference = self._noisy
-        self._listens_s = options.start_s
-        self._moved: tuple[float, Vector] | None = None  # when and where it was when it moved last
-        self._reverted = False
-        self._look: Look | None = None
         self._shown: tuple[float, Reading] | None = None  # until when it holds
-        self._forget()
+        self._switch_on(0.0)
 
     @classmethod
     def from_settings(cls, settings: ReceiverSettings, seed: int) -> Self:
@@ -65,144 +54,119 @@ class PulsedReceiver:
 
     def next_look(self, after_s: float, frame_s: float) -> float:
         """See `ReceiverModel`: when a pulse ends."""
-        if self._transmitters is None:
-            return max(0.0, math.nextafter(after_s, math.inf))
-        return self._timeline.next_end(after_s, after_s + _IDLE_S)
+        return self._listening.next_look(after_s)
 
     def look(self, look: Look) -> bool:
         """See `ReceiverModel`. It asks for a frame when a slot has changed and `frames: pulses` is set."""
-        if self._transmitters is None or look.transmitters.keyings != self._transmitters.keyings:
-            self._adopt(look)
-        self._look, self._transmitters = look, look.transmitters
+        if self._listening.look(look):
+            self._slots.forget()
         self._shown = None
         self._note_motion(look)
-        pulses = list(self._timeline.take(look.time_s))
+        self._test_itself(look)
+        pulses = self._listening.pulses()
         if not pulses:
             return False
-        signals = self._signals(look)
+        searching = self.searching and look.time_s >= self._listens_s
+        signals = self._listening.signals() if searching else None
         news = [self._hear(pulse, signals) for pulse in pulses]
         return any(news) and self._options.frames == "pulses"
 
     def show(self, time_s: float) -> Reading:
         """See `ReceiverModel`."""
         if self._shown is None or time_s >= self._shown[0]:
-            self._shown = self._reading(time_s)
+            slots, more, until_s = self._slots.shown(time_s)
+            reading = Reading(
+                self._channels(slots),
+                self._listening.interference,
+                more,
+                self._slots.overlapping,
+                self.searching,
+                self._failed,
+            )
+            self._shown = until_s, reading
         return self._shown[1]
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
         """See `ReceiverModel`."""
+        slots = self._slots
+        obey: dict[str, tuple[range, Callable[..., bool | None]]] = {  # how many values each may have
+            "mark": (range(1, 2), lambda id_: slots.mark(time_s, id_)),
+            "unmark": (range(2), lambda id_=None: slots.unmark(time_s, id_)),
+            "select": (range(2), lambda id_=None: slots.select(time_s, id_)),
+            "channels": (range(1, 2), slots.set_channels),
+            "scan": (range(1), slots.scan),
+            "restart": (range(1), lambda: self._switch_on(time_s)),
+            "search": (range(1), self._search),
+        }
+        if name not in obey:
+            return Answer.UNKNOWN
+        counts, do = obey[name]
+        if len(values) not in counts or not all(float(value).is_integer() for value in values):
+            return Answer.REFUSED
         self._shown = None
-        match name, [int(value) for value in values]:
-            case "restart", []:
-                self._forget()
-                self._listens_s = time_s + self._options.start_s
-                self._moved, self._reverted = None, False
-                return Answer.DONE
-            case "search", []:
-                self._moved, self._reverted = None, False
-                return Answer.DONE
-            case (("mark" | "unmark"), [id_]):
-                return self._mark(id_, time_s, name == "mark")
-            case (("mark" | "unmark" | "restart" | "search"), _):
-                return Answer.REFUSED
-        return Answer.UNKNOWN
+        return Answer.REFUSED if do(*map(int, values)) is False else Answer.DONE
 
-    def _forget(self) -> None:
-        self._marks = Marks()
-        self._tracks: dict[int, Track] = {}  # by the transmitter's index
+    def _switch_on(self, time_s: float) -> None:
+        self._slots.restart()
+        self._listens_s = time_s + self._options.start_s
+        self._failed = False
+        self._search()
 
-    def _adopt(self, look: Look) -> None:
-        """Other transmitters than before, or the first ones."""
-        there = look.transmitters
-        kind = KEYING_CLASSES["modern"]
-        self._keyings = there.keyings or tuple(draw_keying(kind, 0, id_) for id_ in there.ids)
-        self._timeline = PulseTimeline(self._keyings, look.time_s)
-        self._forget()
-
-    def _signals(self, look: Look) -> list[Vector] | None:
-        """The signal of each transmitter's full pulse at the antennas, None while nothing is heard."""
-        if look.pose is None or self._reverted or look.time_s < self._listens_s:
-            return None
-        there = look.transmitters
-        R_r = look.pose.rotation
-        h_r = there.field_at(look.pose.position) @ R_r
-        gains = self._options.gains
-        return [(x * gains[0], y * gains[1], z * gains[2]) for x, y, z in h_r.tolist()]
+    def _search(self) -> None:
+        self._moved: tuple[float, Vector] | None = None  # when and where it was when it moved last
+        self.searching = True
 
     def _hear(self, sent: SentPulse, signals: list[Vector] | None) -> bool:
         """One pulse; whether a slot shows it."""
         index, end_s = sent.pulse.sender, sent.pulse.end_s
-        noise = self._noise_of(index)
-        track = self._tracks.get(index)
-        event = separate(sent, signals, self._keyings, self._random) if signals is not None else None
+        listening = self._listening
+        u, v, w = listening.noise(index)
+        event = separate(sent, signals, listening.keyings, self._random) if signals is not None else None
         if event is not None:
-            signal = self._display.heard(event.signal, noise)
-            shown = self._display.shown(index, signal)
-            if shown is not None:
-                if track is None:
-                    track = self._tracks[index] = Track(_REACH, self._marks)
+            x, y, z = event.signal
+            signal = self._display.antennas(listening.limited((x + u, y + v, z + w)))
+            if (shown := self._display.shown(index, signal)) and (track := self._slots.track(index, make=True)):
                 return track.hear(event, end_s, shown)
-        if track is not None:
+        if track := self._slots.track(index):
             track.miss(end_s, signals is not None and (event is None or event.touched))
         return False
 
-    def _noise_of(self, index: int) -> Vector:
-        """The noise of one pulse: its own, or that of a burst of interference."""
-        own = self._noise.draw()
-        look = self._look
-        assert look is not None
-        if look.noise is None or look.pose is None:
-            self._interference = self._noisy
-            return own
-        x, y, z = (look.noise[index] @ look.pose.rotation).tolist()
-        self._interference = math.hypot(x, y, z) > self._noise_limit
-        return x, y, z
-
-    def _reading(self, time_s: float) -> tuple[float, Reading]:
-        """What it shows, and until when that holds."""
-        until_s = math.inf
-        slots: list[tuple[bool, bool, int, int, ChannelReading]] = []
-        look, ids = self._look, self._transmitters.ids if self._transmitters else ()
-        for index, track in () if self._reverted else self._tracks.items():
-            track.pass_time(time_s)
-            shown, id_ = track.shown, ids[index]
-            if shown is None:
-                continue
-            blank = time_s >= track.blank_s
-            until_s = min(until_s, track.drops_s if blank else track.blank_s)
-            if blank:
-                slot = ChannelReading(id_, Zone.OUTER, self._empty.d_cm, self._empty.delta_deg, None, track.marked)
-            else:
-                pulse = PulseReading(track.heard_s, shown.signal_na_m, track.period_s, track.carrier_hz)
-                slot = ChannelReading(id_, shown.zone, shown.d_cm, shown.delta_deg, None, track.marked, pulse)
-            slots.append((blank, track.marked, slot.d_cm, id_, slot))
-        slots.sort(key=lambda row: row[:4])
-        channels = [row[4] for row in slots][: self._channels]
-        more, overlapping = len(slots) > len(channels), any(track.touched for track in self._tracks.values())
-        channels += [self._empty] * (self._channels - len(channels))
-        every: tuple[ChannelReading, ...] = tuple(channels)
-        if look is not None and look.pose is not None:
-            every = with_true_ranges(every, look.transmitters.ranges(look.pose.position))
-        return until_s, Reading(every, self._interference, more, overlapping, not self._reverted)
-
-    def _mark(self, id_: int, time_s: float, marked: bool) -> Answer:
-        """Mark a transmitter as found, or not. Refused where rescuers fail: too far away, not heard, or overlapped."""
-        ids = self._transmitters.ids if self._transmitters else ()
-        track = self._tracks.get(ids.index(id_)) if id_ in ids else None
-        if track is None or track.shown is None or time_s >= track.blank_s or track.touched:
-            return Answer.REFUSED
-        if track.shown.d_cm > 100 * self._options.mark_within_m:
-            return Answer.REFUSED
-        track.marked = marked
-        return Answer.DONE
+    def _channels(self, slots: Sequence[ChannelReading]) -> tuple[ChannelReading, ...]:
+        return with_true_ranges(slots, self._listening.ranges())
 
     def _note_motion(self, look: Look) -> None:
         """Without motion for long, it sends instead of searching."""
-        if self._options.revert_s is None or look.pose is None:
+        if self._options.revert_s is None or look.pose is None or not self.searching:
             return
         x, y, z = look.pose.position.tolist()
         if self._moved is None or math.dist(self._moved[1], (x, y, z)) > _MOVED_M:
             self._moved = look.time_s, (x, y, z)
-        elif look.time_s - self._moved[0] >= self._options.revert_s and not self._reverted:
-            self._reverted = True
-            self._forget()
+        elif look.time_s - self._moved[0] >= self._options.revert_s:
+            self.searching = False
+            self._slots.forget()
+
+    def _test_itself(self, look: Look) -> None:
+        """While it starts: next to a transmitter or to electronics its self-test fails."""
+        within_m = self._options.self_test_m
+        if within_m is None or look.time_s > self._listens_s or self._failed:
+            return
+        beside = look.impairment is not None and look.impairment.noise_na_m > 0
+        self._failed = beside or any(metres < within_m for metres in self._listening.ranges().values())
+
+
+@dataclass(frozen=True)
+class VectorOptions(PulsedOptions):
+    """The keys of `model: vector`: those of `pulsed`, with other defaults."""
+
+    start_s: Annotated[float, "from switching on until it listens [s]"] = 0.0
+    steps: Steps = "cm"
+    frames: Frames = "pulses"
+    mark_within_m: Annotated[float, Gt(0), "a transmitter farther away cannot be marked [m]"] = 1000.0
+
+
+class VectorReceiver(PulsedReceiver):
+    """Hands on what it measures: the signed signals of three antennas, period, carrier, and when the pulse was. What
+    estimators want, and no rescuer's set gives."""
+
+    Options = VectorOptions
+    _MEASURES = True

@@ -45,6 +45,9 @@ class PulsedOptions:
     near_direction: Annotated[NearDirection, "δ where the third antenna counts: 0, or the last one"] = "zero"
     frames: Annotated[Frames, "at rate_hz, or one a pulse that is heard and at least rate_hz"] = "rate"
     mark_within_m: Annotated[float, Ge(0), "a transmitter farther away cannot be marked [m]"] = 6.0
+    self_test_m: Annotated[
+        float | None, Gt(0), "its self-test fails when it starts nearer to a transmitter, or beside electronics [m]"
+    ] = None
     revert_s: Annotated[float | None, Gt(0), "without motion for so long it sends instead of searching [s]"] = None
 
     def __post_init__(self) -> None:

@@ -29,6 +29,7 @@ class PulseReading:
     signal_na_m: tuple[float, float, float]  # at the antennas x, y, z, signed, nA/m
     period_s: float | None  # of the transmitter; None: not known
     carrier_hz: float | None  # offset from 457 kHz; None: not known
+    level_dbfs: float | None = None  # of a receiver that says its strength so
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +59,7 @@ class Reading:
     more_heard: bool  # more transmitters than slots
     overlapping: bool = False  # pulses of several transmitters disturb each other
     searching: bool = True  # False: it has gone back to sending by itself, and hears nothing
+    failed: bool = False  # its self-test
 
 
 def with_true_ranges(channels: Iterable[ChannelReading], ranges: Mapping[int, float]) -> tuple[ChannelReading, ...]:

@@ -5,6 +5,7 @@ Times are seconds from the start of the run; poses and places NED, metres, from 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -14,7 +15,7 @@ from arva_hil.field.arrays import Array, vector
 from arva_hil.field.dipole import Transmitters
 from arva_hil.receiver.reading import Reading
 
-__all__ = ["Answer", "Look", "Pose", "ReceiverModel", "ReceiverSettings"]
+__all__ = ["Answer", "Impairment", "Look", "Pose", "ReceiverModel", "ReceiverSettings"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,18 +34,41 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True)
+class Impairment:
+    """What is wrong with a receiver at an instant, or with its surroundings.
+
+    `gains` of the antennas x, y, z; no antenna says more than `saturation_na_m`; `noise_na_m` is the standard deviation
+    of noise from beside the receiver, at each antenna [nA/m].
+    """
+
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    saturation_na_m: float = math.inf
+    noise_na_m: float = 0.0
+
+    def also(self, other: Impairment) -> Impairment:
+        """This one and another one."""
+        x, y, z = (one * more for one, more in zip(self.gains, other.gains, strict=True))
+        return Impairment(
+            (x, y, z),
+            min(self.saturation_na_m, other.saturation_na_m),
+            math.hypot(self.noise_na_m, other.noise_na_m),
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Look:
     """What a receiver can hear at one instant.
 
     `pose`: the receiver's own, None if it is unknown. `transmitters`: at this instant; always the same number in the
     same order. `noise` (M, 3), NED: added to the field of each instead of the receiver's own noise, during
-    interference; the receiver draws its own noise too.
+    interference; the receiver draws its own noise too. `impairment`: None if nothing is wrong.
     """
 
     time_s: float
     pose: Pose | None
     transmitters: Transmitters
     noise: Array | None = None
+    impairment: Impairment | None = None
 
 
 class Answer(Enum):

@@ -111,7 +111,12 @@ class Track:
         if time_s < self.drops_s:
             return
         self.shown = None
-        if self.marked and time_s >= self.heard_s + self._reach.forget * self.period_s:
+        if time_s >= self.heard_s + self._reach.forget * self.period_s:
+            self.lose_mark()
+
+    def lose_mark(self) -> None:
+        """From here on it is one that somebody may get who is heard anew."""
+        if self.marked:
             self.marked = False
             self._marks.lose(Mark(self.period_s, self.carrier_hz))
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from arva_hil.field.keying import Keying
-from arva_hil.receiver import Answer, Antennas, Look, PaperReceiver, Pose, Reading, Zone
+from arva_hil.receiver import Answer, Antennas, Impairment, Look, PaperReceiver, Pose, Reading, Zone
 from tools.hovering_receiver import PAPER, Hovering, transmitters
 
 STEADY = Keying(1.0, 0.08, 0.25)
@@ -217,8 +217,7 @@ def test_one_two_or_three_antennas(antennas: int, zone: int, delta: int) -> None
     receiver = Hovering(transmitters([2, 0, 0], keyings=[STEADY]), rotation=turned, antennas=antennas)
     (channel,) = receiver.read(6.0).channels[:1]
     assert (channel.zone, channel.delta_deg) == (zone, delta)
-    assert channel.pulse
-    assert [value != 0 for value in channel.pulse.signal_na_m] == [True, antennas > 1, False]
+    assert channel.pulse is None  # no rescuer's set hands on what it measures
 
 
 def test_a_dead_antenna_leaves_one_direction_and_saturation_a_shortest_distance() -> None:
@@ -263,6 +262,68 @@ def test_without_a_pose_pulses_are_missed() -> None:
         receiver.model.look(Look(t, None, receiver.transmitters))
         t = receiver.model.next_look(t, 9.0)
     assert shown(receiver.model.show(8.0)) == {}
+
+
+def test_only_the_selected_one_is_shown_while_it_is_heard() -> None:
+    keyings = [Keying(1.0, 0.07, 0.1), Keying(1.0, 0.07, 0.4, carrier_hz=30.0)]
+    receiver = Hovering(transmitters([5, 0, 0], [20, 0, 0], keyings=keyings))
+    receiver.read(6.0)
+    assert receiver.model.command(6.0, "select", [2]) is Answer.DONE
+    assert ids(receiver.read(6.1)) == [2]
+    receiver.silence(1)
+    assert ids(receiver.read(9.0)) == [1, 2]  # the other one, and the blank slot of the selected one
+    assert receiver.model.command(9.0, "select", [2]) is Answer.REFUSED
+    assert receiver.model.command(9.0, "select", []) is Answer.DONE
+
+
+def test_the_number_of_slots_is_set_until_the_next_restart() -> None:
+    keyings = [Keying(1.0, 0.07, 0.1), Keying(1.0, 0.07, 0.4, carrier_hz=30.0)]
+    receiver = Hovering(transmitters([5, 0, 0], [20, 0, 0], keyings=keyings))
+    assert receiver.model.command(0.0, "channels", [1]) is Answer.DONE
+    assert receiver.model.command(0.0, "channels", [17]) is Answer.REFUSED
+    reading = receiver.read(6.0)
+    assert (len(reading.channels), reading.more_heard) == (1, True)
+    receiver.model.command(6.0, "restart", [])
+    assert len(receiver.read(7.0).channels) == 4
+
+
+def test_a_scan_keeps_the_marks_of_those_that_come_back() -> None:
+    receiver = Hovering(transmitters([4, 0, 0], keyings=[STEADY]))
+    receiver.read(6.0)
+    assert receiver.model.command(6.0, "mark", [1]) is Answer.DONE
+    assert receiver.model.command(6.1, "scan", []) is Answer.DONE
+    assert ids(receiver.read(6.2)) == []
+    assert receiver.read(8.0).channels[0].marked
+    assert receiver.model.command(8.0, "unmark", []) is Answer.DONE
+    assert not receiver.read(8.1).channels[0].marked
+
+
+def test_antennas_that_fail_saturate_or_hear_electronics_change_what_it_shows_while_they_do() -> None:
+    receiver = Hovering(transmitters([10, 10, 0], keyings=[STEADY]), **PAPER)
+    sound = receiver.read(6.0).channels[0]
+    receiver.impairment = Impairment(gains=(1.0, 0.0, 1.0))
+    assert receiver.read(7.0).channels[0].delta_deg == 0
+    receiver.impairment = Impairment(saturation_na_m=100.0).also(Impairment(saturation_na_m=1000.0))
+    assert receiver.read(8.0).channels[0].d_cm > sound.d_cm
+    receiver.impairment = Impairment(noise_na_m=3.0).also(Impairment(noise_na_m=4.0))
+    noisy = {receiver.read(9.0 + n).channels[0].d_cm for n in range(20)}
+    assert len(noisy) > 5
+    assert receiver.read(30.0).interference
+    receiver.impairment = None
+    assert receiver.read(32.0).channels[0].d_cm == sound.d_cm
+
+
+def test_its_self_test_fails_next_to_a_transmitter_or_electronics_until_it_is_restarted_elsewhere() -> None:
+    receiver = Hovering(transmitters([4, 0, 0], keyings=[STEADY]), self_test_m=5.0)
+    assert receiver.read(6.0).failed
+    receiver.position = np.array([-10.0, 0.0, 0.0])
+    assert receiver.read(8.0).failed
+    receiver.model.command(8.0, "restart", [])
+    assert not receiver.read(12.0).failed
+    receiver.impairment = Impairment(noise_na_m=1.0)
+    assert not receiver.read(14.0).failed
+    receiver.model.command(14.0, "restart", [])
+    assert receiver.read(16.0).failed
 
 
 @pytest.mark.parametrize(

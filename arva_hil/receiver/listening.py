@@ -1,0 +1,129 @@
+"""What receivers that listen to pulses have in common: whose pulses end when, and what of them reaches the antennas."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from arva_hil.field.dipole import Transmitters
+from arva_hil.field.keying import KEYING_CLASSES, Keying, draw_keying
+from arva_hil.field.pulse_timeline import PulseTimeline, SentPulse
+from arva_hil.receiver.paper import noise_bound
+from arva_hil.receiver.pulsed_options import PulsedOptions
+from arva_hil.receiver.receiver_model import Impairment, Look, ReceiverSettings
+from arva_hil.receiver.separation import Vector
+
+__all__ = ["Listening", "NoiseDraws"]
+
+_IDLE_S: Final = 1.0  # a look is never longer than this after the one before
+_FLOOR_RANGE_M: Final = 80.0  # the noise that a receiver is made for is the reference transmitter's field from there
+_BATCH: Final = 256
+_SOUND: Final = Impairment()
+
+
+class NoiseDraws:
+    """Draws normal numbers for three antennas, from a seed. Remembers its generator."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+        self._drawn: list[list[float]] = []
+
+    def draw(self, sigma: float) -> Vector:
+        """The next three, with that standard deviation."""
+        if not self._drawn:
+            self._drawn = self._rng.standard_normal((_BATCH, 3)).tolist()
+        x, y, z = self._drawn.pop()
+        return sigma * x, sigma * y, sigma * z
+
+
+class Listening:
+    """Remembers the transmitters' pulses to come, the newest look, and the noise. Signals are in units of the reference
+    transmitter's field. Three numbers are drawn for each pulse, whether it is heard or not.
+
+    `interference`: the noise of the newest pulse is above what a receiver is made for.
+    """
+
+    def __init__(self, settings: ReceiverSettings, options: PulsedOptions, seed: int) -> None:
+        off = settings.noise.kind == "off"
+        self.keyings: tuple[Keying, ...] = ()
+        self.interference = False
+        self._options = options
+        self._sigma_na_m = 0.0 if off else options.sigma_na_m(settings.noise.floor_range_m)
+        self._limit_na_m = noise_bound((1.0,), _FLOOR_RANGE_M) * options.scale_na_m
+        self._draws = NoiseDraws(seed)
+        self._given: tuple[Keying, ...] | None = None
+        self._timeline = PulseTimeline((), 0.0)
+        self._look: Look | None = None
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Of the transmitters, by index."""
+        return self._look.transmitters.ids if self._look else ()
+
+    def ranges(self) -> dict[int, float]:
+        """True distances at the newest look, by id."""
+        look = self._look
+        return look.transmitters.ranges(look.pose.position) if look and look.pose else {}
+
+    def next_look(self, after_s: float) -> float:
+        """When a pulse ends."""
+        if self._look is None:
+            return max(0.0, math.nextafter(after_s, math.inf))
+        return self._timeline.next_end(after_s, after_s + _IDLE_S)
+
+    def look(self, look: Look) -> bool:
+        """A look; whether its transmitters are others than before, or the first ones."""
+        self._look = look
+        if look.transmitters.keyings == self._given:
+            return False
+        self._given = look.transmitters.keyings
+        self.keyings = self._given or _keyings(look.transmitters)
+        self._timeline = PulseTimeline(self.keyings, look.time_s)
+        return True
+
+    def pulses(self) -> list[SentPulse]:
+        """Those that have ended since the last look."""
+        assert self._look is not None
+        return list(self._timeline.take(self._look.time_s))
+
+    def signals(self) -> list[Vector] | None:
+        """The signal of each transmitter's full pulse at the antennas, None without a pose."""
+        look = self._look
+        if look is None or look.pose is None:
+            return None
+        own, gains = self._options.gains, (look.impairment or _SOUND).gains
+        a, b, c = (one * more for one, more in zip(own, gains, strict=True))
+        h_r = look.transmitters.field_at(look.pose.position) @ look.pose.rotation
+        return [(x * a, y * b, z * c) for x, y, z in h_r.tolist()]
+
+    def noise(self, sender: int) -> Vector:
+        """The noise of the next pulse: its own, or that of a burst of interference."""
+        look = self._look
+        assert look is not None
+        sigma_na_m = math.hypot(self._sigma_na_m, (look.impairment or _SOUND).noise_na_m)
+        own = self._draws.draw(sigma_na_m / self._options.scale_na_m)
+        if look.noise is None or look.pose is None:
+            self.interference = 3 * sigma_na_m > self._limit_na_m * (1 + 1e-9)
+            return own
+        x, y, z = (look.noise[sender] @ look.pose.rotation).tolist()
+        self.interference = math.hypot(x, y, z) * self._options.scale_na_m > self._limit_na_m
+        return x, y, z
+
+    def limited(self, signal: Vector) -> Vector:
+        """A signal as antennas say it that are saturated."""
+        assert self._look is not None
+        limit_na_m = (self._look.impairment or _SOUND).saturation_na_m
+        if self._options.saturation_na_m is not None:
+            limit_na_m = min(limit_na_m, self._options.saturation_na_m)
+        limit = limit_na_m / self._options.scale_na_m
+        if max(map(abs, signal)) <= limit:
+            return signal
+        x, y, z = (max(-limit, min(limit, value)) for value in signal)
+        return x, y, z
+
+
+def _keyings(there: Transmitters) -> tuple[Keying, ...]:
+    """Of transmitters of which nothing is said: modern sets."""
+    return tuple(draw_keying(KEYING_CLASSES["modern"], 0, id_) for id_ in there.ids)

@@ -1,0 +1,98 @@
+"""A receiver with one antenna that knows nothing but the strength of the newest pulse."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Final, Literal, Self
+
+from annotated_types import Gt
+
+from arva_hil.field.pulse_timeline import SentPulse
+from arva_hil.receiver.display import Display
+from arva_hil.receiver.listening import Listening
+from arva_hil.receiver.pulsed_options import Frames, PulsedOptions, Steps
+from arva_hil.receiver.reading import ChannelReading, PulseReading, Reading, Zone, with_true_ranges
+from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
+from arva_hil.receiver.separation import Vector
+
+__all__ = ["RssiReceiver"]
+
+_HOLD_S: Final = 1.5
+
+
+@dataclass(frozen=True)
+class RssiOptions(PulsedOptions):
+    """The keys of `model: rssi`: those of `pulsed`, with other defaults, and the strength that is 0 dBFS."""
+
+    antennas: Annotated[Literal[1], "x alone"] = 1
+    start_s: Annotated[float, "from switching on until it listens [s]"] = 0.0
+    steps: Steps = "cm"
+    frames: Frames = "pulses"
+    full_scale_na_m: Annotated[float, Gt(0), "the signal that is 0 dBFS [nA/m]"] = 1e6
+
+
+class RssiReceiver:
+    """A `ReceiverModel` with one channel: the strength of the newest pulse, of whichever transmitter, for 1.5 s.
+
+    It does not tell transmitters apart: what is on at the same time adds up in power. It takes no commands but
+    `restart`. Remembers the pulses to come and the newest one.
+    """
+
+    Options: ClassVar[type[RssiOptions]] = RssiOptions
+
+    def __init__(self, settings: ReceiverSettings, options: RssiOptions, seed: int) -> None:
+        self._options = options
+        self._display = Display(options, settings.kappa_eq)
+        self._listening = Listening(settings, options, seed)
+        self._listens_s = options.start_s
+        self._empty = ChannelReading(None, Zone.OUTER, *settings.no_signal, None)
+        self._newest: ChannelReading | None = None
+
+    @classmethod
+    def from_settings(cls, settings: ReceiverSettings, seed: int) -> Self:
+        """See `ReceiverModel`."""
+        return cls(settings, settings.options, seed)
+
+    def next_look(self, after_s: float, frame_s: float) -> float:
+        """See `ReceiverModel`: when a pulse ends."""
+        return self._listening.next_look(after_s)
+
+    def look(self, look: Look) -> bool:
+        """See `ReceiverModel`. It asks for a frame with each pulse, unless `frames: rate` is set."""
+        self._listening.look(look)
+        signals = self._listening.signals() if look.time_s >= self._listens_s else None
+        news = [self._hear(pulse, signals) for pulse in self._listening.pulses()]
+        return any(news) and self._options.frames == "pulses"
+
+    def show(self, time_s: float) -> Reading:
+        """See `ReceiverModel`."""
+        channel, newest = self._empty, self._newest
+        if newest is not None and newest.pulse is not None and time_s - newest.pulse.time_s < _HOLD_S:
+            channel = newest
+        return Reading(with_true_ranges([channel], self._listening.ranges()), self._listening.interference, False)
+
+    def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
+        """See `ReceiverModel`."""
+        if name != "restart":
+            return Answer.UNKNOWN
+        self._listens_s, self._newest = time_s + self._options.start_s, None
+        return Answer.DONE
+
+    def _hear(self, sent: SentPulse, signals: list[Vector] | None) -> bool:
+        """One pulse; whether it is above the threshold."""
+        listening = self._listening
+        noise, _, _ = listening.noise(sent.pulse.sender)
+        if signals is None:
+            return False
+        together = [pulse.amplitude * signals[pulse.sender][0] for pulse in (sent.pulse, *sent.touching)]
+        x, _, _ = listening.limited((math.hypot(*together) + noise, 0.0, 0.0))
+        shown = self._display.shown(0, (x, 0.0, 0.0))
+        if shown is None:
+            return False
+        strength = abs(shown.signal_na_m[0])
+        level_dbfs = 20 * math.log10(strength / self._options.full_scale_na_m)
+        pulse = PulseReading(sent.pulse.end_s, (strength, 0.0, 0.0), None, None, level_dbfs)
+        self._newest = ChannelReading(None, Zone.MID, shown.d_cm, 0, None, pulse=pulse)
+        return True
