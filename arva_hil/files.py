@@ -9,9 +9,10 @@ import contextlib
 import errno
 import os
 import stat
+from collections.abc import Iterator
 from io import FileIO
 from pathlib import Path
-from typing import Final
+from typing import BinaryIO, Final
 
 _MODE: Final = 0o666  # without the bits of the umask
 _SYMLINK: Final = "is a symlink, and this program does not write through symlinks"
@@ -58,26 +59,35 @@ def grow(path: Path, mode: int = _MODE) -> FileIO:
     return file
 
 
-def replace(path: Path, data: bytes, mode: int = _MODE) -> None:
-    """Replace a file atomically. It is on the disk when this returns.
+@contextlib.contextmanager
+def replacing(path: Path, mode: int = _MODE) -> Iterator[BinaryIO]:
+    """A file to write, which replaces `path` atomically at the end of the block. It is on the disk then.
 
-    A reader gets either the old or the new file. A symlink of this name is replaced, not followed. Raises OSError; the
-    old file is still there then.
+    A reader gets either the old or the new file. A symlink of this name is replaced, not followed. Raises OSError;
+    after that or any other error the old file is still there.
     """
     new = path.with_name(path.name + ".new")
     with contextlib.suppress(FileNotFoundError):
         new.unlink()  # left by a run that was killed
     try:
         with open(new, "xb", opener=lambda name, flags: os.open(name, flags, mode)) as file:
-            file.write(data)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         new.replace(path)
-    except OSError as error:
+    except BaseException as error:
         with contextlib.suppress(OSError):
             new.unlink()
-        raise OSError(error.errno, error.strerror, str(path)) from None
+        if isinstance(error, OSError) and error.filename in (None, str(new)):
+            raise OSError(error.errno, error.strerror, str(path)) from None
+        raise
     _sync_folder(path.parent)
+
+
+def replace(path: Path, data: bytes, mode: int = _MODE) -> None:
+    """Replace a file atomically by `data`: see `replacing`."""
+    with replacing(path, mode) as file:
+        file.write(data)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -264,6 +264,17 @@ LINKS: Final = Registry(  # by an address's kind; for links of other packages th
     ("open", "read", "write", "close", "reopened"),
 )
 OBSERVERS: Final = Registry("observer", "arva_hil.observers", {}, ("observe",))  # for --observer
+EXPORTS: Final = Registry(  # a function (recording, binary file) -> None
+    "export format",
+    "arva_hil.exports",
+    {
+        "kml": "arva_hil.exports.kml:write",
+        "gpx": "arva_hil.exports.gpx:write",
+        "geojson": "arva_hil.exports.geojson:write",
+        "csv": "arva_hil.exports.table:write",
+    },
+    ("__call__",),
+)
 STRATEGIES: Final = Registry(
     "strategy",
     "arva_hil.strategies",

@@ -105,6 +105,14 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.runtime.clock",
         "arva_hil.safe_text",
     },
+    "arva_hil/exports": {
+        "arva_hil.__version__",
+        "arva_hil.exports",
+        "arva_hil.field",
+        "arva_hil.recordings",
+        "arva_hil.runtime.clock",
+        "arva_hil.safe_text",
+    },
     "arva_hil/search": {  # never the model, never where the transmitters are
         "arva_hil.events",
         "arva_hil.field.geodesy",

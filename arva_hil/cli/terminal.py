@@ -5,9 +5,11 @@ Control characters in a line are replaced, so that it stays one line and cannot 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, BinaryIO
 
 from arva_hil.cli.standard_streams import abandon
 from arva_hil.errors import ArvaError
@@ -38,6 +40,18 @@ def show(line: object, *, mark: str = "") -> None:
 def show_json(value: Any) -> None:
     """Print a JSON object in one line on stdout: ASCII without control characters. Raises StdoutError."""
     _print(json.dumps(value).replace("\x7f", "\\u007f"))
+
+
+@contextlib.contextmanager
+def binary_stdout() -> Iterator[BinaryIO]:
+    """Stdout, for data that are no lines. Raises StdoutError."""
+    try:
+        yield sys.stdout.buffer
+        sys.stdout.buffer.flush()
+    except BrokenPipeError as error:
+        raise ReaderGone(f"stdout: {error}") from None
+    except OSError as error:
+        raise StdoutError(f"stdout: {error}") from None
 
 
 def flush() -> None:

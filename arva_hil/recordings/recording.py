@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.field import LocalFrame, MovingTransmitters
+from arva_hil.observers.record.layout import FILES
+from arva_hil.observers.record.search_log import SEARCH_FILES
 from arva_hil.recordings.receivers import RecordedReceiver
 from arva_hil.recordings.search import RecordedSearch
 from arva_hil.recordings.values import mapping, number, text
@@ -98,6 +100,12 @@ class Recording:
     def title(self) -> str:
         """The folder's name, for a person."""
         return self.folder.resolve().name or str(self.folder)
+
+    @property
+    def files(self) -> list[str]:
+        """The names of its files in the folder."""
+        names = [path.relative_to(self.folder) for path in (*self.folder.glob("*"), *self.folder.glob("*/*/*"))]
+        return [str(name) for name in names if name.name in (*FILES, *SEARCH_FILES) or name.suffix == ".tlog"]
 
     @cached_property
     def span_s(self) -> tuple[float, float]:

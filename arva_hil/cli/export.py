@@ -1,0 +1,46 @@
+"""`arva-hil export`: writes a record in the format of another program."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from arva_hil.cli.outcome import OK, UsageError
+from arva_hil.cli.recorded import loaded, needing, output
+from arva_hil.cli.terminal import binary_stdout, tell
+from arva_hil.recordings import Recording
+from arva_hil.registry import EXPORTS
+
+
+def main(options: argparse.Namespace) -> int:
+    if not options.out:
+        raise UsageError("--out is missing: name the file to write, e.g. --out flight.kml, or - for stdout")
+    name = options.format or _by_suffix(options.out)
+    with needing(name, f"--format {name}"):
+        write = EXPORTS[name]
+    recording = loaded(options.run)
+    with needing(name, f"--format {name}"), _opened(recording, options.out) as out:
+        write(recording, out)
+    return OK
+
+
+@contextlib.contextmanager
+def _opened(recording: Recording, name: str) -> Iterator[BinaryIO]:
+    if name == "-":
+        with binary_stdout() as out:
+            yield out
+        return
+    with output(recording, Path(name)) as out:
+        yield out
+    tell(f"written: {name}")
+
+
+def _by_suffix(name: str) -> str:
+    """The format that a file's name ends with. Raises UsageError."""
+    suffix = Path(name).suffix.lower().removeprefix(".")
+    if suffix not in EXPORTS:
+        raise UsageError(f"--format is missing: choose {', '.join(EXPORTS)}; the name {name} does not say which")
+    return suffix

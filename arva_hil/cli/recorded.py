@@ -1,0 +1,50 @@
+"""What commands that read records have in common: loading one, writing a file, extras that are missing."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from arva_hil import files
+from arva_hil.cli.outcome import FAILED, Failure, UsageError
+from arva_hil.cli.terminal import tell
+from arva_hil.recordings import Recording, RecordingError, load
+
+
+def loaded(folder: str) -> Recording:
+    """The record in a folder, its notes told. Raises UsageError."""
+    if not folder:
+        raise UsageError("the record's name is empty: write the folder that --record has written")
+    try:
+        recording = load(Path(folder))
+    except RecordingError as error:
+        raise UsageError(error) from None
+    for note in recording.notes:
+        tell(f"note: {note}")
+    return recording
+
+
+@contextlib.contextmanager
+def output(recording: Recording, path: Path) -> Iterator[BinaryIO]:
+    """A file that replaces `path` when it is whole. Raises UsageError for one of the record itself, and Failure."""
+    own = [recording.folder / name for name in recording.files]
+    if any(path.exists() and one.exists() and path.samefile(one) for one in own):
+        raise UsageError(f"{path}: this is a file of the record itself: name another one")
+    try:
+        with files.replacing(path) as out:
+            yield out
+    except OSError as error:
+        raise Failure(FAILED, f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+@contextlib.contextmanager
+def needing(extra: str, what: str) -> Iterator[None]:
+    """For what needs an optional package. Raises UsageError with the cure when it is missing."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "arva_hil").startswith("arva_hil"):
+            raise
+        raise UsageError(f"{what} needs {error.name}, which is missing: pip install 'arva-hil[{extra}]'") from None

@@ -1,0 +1,17 @@
+"""Text from outside in XML: escaped, one line, without characters that XML has not."""
+
+from __future__ import annotations
+
+from xml.sax.saxutils import escape
+
+from arva_hil.safe_text import one_line
+
+
+def text(value: object) -> str:
+    """For the content of an element or an attribute in double quotes."""
+    return escape(one_line(value), {'"': "&quot;"})
+
+
+def element(name: str, value: object) -> str:
+    """A line with one element."""
+    return f"<{name}>{text(value)}</{name}>\n"

@@ -1,0 +1,192 @@
+"""Exported records are read back, by libraries that others wrote, with the values of readings.csv."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import fastkml
+import geojson
+import gpxpy
+import numpy as np
+import pytest
+from fastkml.validator import validate
+from lxml import etree
+
+from arva_hil.config import DEFAULT
+from arva_hil.field import LocalFrame
+from arva_hil.recordings import Recording, load
+from arva_hil.registry import EXPORTS
+from tests.records import HOME, SILENT, frames, write, write_search
+
+COUNT = 20
+EVIL = "</name><script>\x1b[31m=1+1&\u202e"
+
+
+def exported(name: str, recording: Recording) -> bytes:
+    out = io.BytesIO()
+    EXPORTS[name](recording, out)
+    return out.getvalue()
+
+
+def where(n: int) -> list[float]:
+    """Latitude, longitude, altitude of a frame of `write`."""
+    pose = frames(DEFAULT, COUNT)[n].pose
+    assert pose is not None
+    return [float(value) for value in LocalFrame(*HOME).lla(pose.position)]
+
+
+def placemarks(data: bytes) -> dict[str, Any]:
+    document = fastkml.KML.from_string(data.decode().partition("\n")[2]).features[0]
+    return {feature.name: feature for feature in document.features}
+
+
+def test_kml_has_the_track_with_its_times_and_the_place_found_with_its_ellipse(tmp_path: Path) -> None:
+    data = exported("kml", load(write(tmp_path / "flight", COUNT)))
+    path = tmp_path / "flight.kml"
+    path.write_bytes(data)
+    assert validate(file_to_validate=path)
+    marks = placemarks(data)
+    track = marks["receiver"].kml_geometry
+    assert len(track.track_items) == COUNT - SILENT
+    for n, item in enumerate(track.track_items, SILENT):
+        lat, lon, alt = where(n)
+        assert item.coord.coords[0] == pytest.approx((lon, lat, alt), abs=1e-9)
+        assert item.when.dt.isoformat() == f"2027-01-01T00:00:{2 + n:02}+00:00"
+    found, edge = marks["place found: transmitter 1"], marks["place found: transmitter 1, 95 %"]
+    assert "95% inside an ellipse of 1.00 m × 0.44 m (semi-axes), long axis 13°" in found.description
+    centre = LocalFrame(*HOME).ned(found.geometry.y, found.geometry.x, HOME[2])
+    assert centre[:2].tolist() == pytest.approx([20.5, 5.25], abs=1e-3)
+    around = [LocalFrame(*HOME).ned(lat, lon, HOME[2])[:2] - centre[:2] for lon, lat in edge.geometry.exterior.coords]
+    lengths = np.hypot(*np.transpose(around))
+    assert (lengths.max(), lengths.min()) == pytest.approx((1.0, 0.444), abs=0.005)
+    assert len(marks["search"].kml_geometry.track_items) == COUNT
+
+
+def test_kml_has_d_beside_each_point_and_nothing_where_nothing_is_heard(tmp_path: Path) -> None:
+    recording = load(write(tmp_path / "flight", COUNT, search=False))
+    root = etree.fromstring(exported("kml", recording))
+    gx = "{http://www.google.com/kml/ext/2.2}"
+    arrays = {array.get("name"): [value.text for value in array] for array in root.iter(f"{gx}SimpleArrayData")}
+    assert [float(text) for text in arrays["d_m"]] == [
+        made.reading.channels[0].d_cm / 100 for made in frames(DEFAULT, COUNT)[SILENT:]
+    ]
+    assert len(arrays["true_range_m"]) == COUNT - SILENT
+
+
+def test_gpx_has_every_point_and_the_ellipse_as_a_route(tmp_path: Path) -> None:
+    parsed = gpxpy.parse(exported("gpx", load(write(tmp_path / "flight", COUNT))).decode())
+    receiver, search = parsed.tracks
+    (segment,) = receiver.segments
+    assert len(segment.points) == COUNT - SILENT
+    for n, point in enumerate(segment.points, SILENT):
+        lat, lon, alt = where(n)
+        assert (point.latitude, point.longitude, point.elevation) == pytest.approx((lat, lon, alt), abs=1e-9)
+        assert point.time.isoformat() == f"2027-01-01T00:00:{2 + n:02}+00:00"
+        (d,) = point.extensions
+        assert float(d.text) == frames(DEFAULT, COUNT)[n].reading.channels[0].d_cm / 100
+    assert [point.name for point in parsed.waypoints] == ["place found: transmitter 1", "transmitter 1"]
+    truth = parsed.waypoints[1]
+    there = LocalFrame(*HOME).ned(truth.latitude, truth.longitude, truth.elevation)
+    assert there.tolist() == pytest.approx([20, 5, 0], abs=1e-6)
+    assert len(parsed.routes[0].points) == 49
+    assert search.name == "search"
+
+
+def test_gpx_begins_a_new_segment_where_the_pose_was_lost(tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", COUNT, search=False)
+    lines = (folder / "readings.csv").read_text().splitlines(keepends=True)
+    for n in range(1 + 4 * 10, 1 + 4 * 12):
+        cells = lines[n].split(",")
+        lines[n] = ",".join([*cells[:3], *[""] * 7, *cells[10:]])
+    (folder / "readings.csv").write_text("".join(lines))
+    (track,) = gpxpy.parse(exported("gpx", load(folder)).decode()).tracks
+    assert [len(segment.points) for segment in track.segments] == [7, 8]
+
+
+def test_geojson_is_valid_and_has_each_reading_as_a_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(geojson.geometry, "DEFAULT_PRECISION", 15)
+    collection = geojson.loads(exported("geojson", load(write(tmp_path / "flight", COUNT))))
+    assert collection.is_valid, collection.errors()
+    kinds: dict[str, list[Any]] = {}
+    for feature in collection.features:
+        kinds.setdefault(feature.properties["kind"], []).append(feature)
+    assert {kind: len(features) for kind, features in kinds.items()} == {
+        "found": 1,
+        "ellipse": 1,
+        "transmitter": 1,
+        "track": 2,
+        "reading": COUNT - SILENT,
+    }
+    for n, feature in enumerate(kinds["reading"], SILENT):
+        lat, lon, alt = where(n)
+        assert feature.geometry.coordinates == pytest.approx([lon, lat, alt], abs=1e-7)
+        channel = frames(DEFAULT, COUNT)[n].reading.channels[0]
+        (heard,) = feature.properties["heard"]
+        assert (heard["id"], heard["d_cm"], heard["delta_deg"]) == (channel.id, channel.d_cm, channel.delta_deg)
+        assert heard["true_range_m"] == channel.true_range_m
+    (ring,) = kinds["ellipse"][0].geometry.coordinates
+    assert ring[0] == ring[-1]
+    area = sum(x1 * y2 - x2 * y1 for (x1, y1), (x2, y2) in pairwise(ring))
+    assert area > 0  # anticlockwise, as RFC 7946 wants it
+
+
+def test_csv_has_every_reading_once_with_what_the_search_did_then(tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", COUNT)
+    rows = list(csv.DictReader(io.StringIO(exported("csv", load(folder)).decode())))
+    with (folder / "readings.csv").open(newline="") as file:
+        readings = list(csv.DictReader(file))
+    assert len(rows) == len(readings) == 4 * COUNT
+    for row, reading in zip(rows, readings, strict=True):
+        for name, value in reading.items():
+            if name == "faults" or not value:
+                assert row[name] == value
+            else:
+                assert float(row[name]) == float(value)
+    for n in range(SILENT, COUNT):
+        assert [float(rows[4 * n][name]) for name in ("lat_deg", "lon_deg", "alt_m")] == pytest.approx(
+            where(n), abs=1e-9
+        )
+        assert rows[4 * n]["utc"] == f"2027-01-01T00:00:{2 + n:02}.000Z"
+    assert [rows[4 * n]["search_phase"] for n in range(5)] == ["", "climbing", "flying", "flying", "landing"]
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_two_receivers_and_a_search_alone_and_an_empty_run_are_written(name: str, tmp_path: Path) -> None:
+    for folder in (write(tmp_path / "none", 0, search=False), write(tmp_path / "one", 4), write_search(tmp_path / "s")):
+        data = exported(name, load(folder))
+        if name in ("kml", "gpx"):
+            etree.fromstring(data)
+        elif name == "geojson":
+            assert geojson.loads(data).is_valid
+        else:
+            assert data.count(b"\n") >= 1
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_text_from_outside_is_data_and_nothing_else(name: str, tmp_path: Path) -> None:
+    folder = write(tmp_path / EVIL.replace("/", "-"), 10, search=False)
+    how = write_search(folder, how=EVIL)
+    data = exported(name, load(how))
+    assert b"\x1b" not in data
+    assert "\u202e".encode() not in data
+    if name == "csv":
+        assert all(not cell.startswith("=") for row in csv.reader(io.StringIO(data.decode())) for cell in row)
+    elif name == "geojson":
+        assert geojson.loads(data).is_valid
+    else:
+        assert not list(etree.fromstring(data).iter("{*}script"))
+
+
+def test_a_run_whose_datum_nobody_knows_has_no_place_on_earth_and_the_table_has_the_rest(tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", 5, ended=False, search=False)
+    (folder / "events.jsonl").unlink()
+    recording = load(folder)
+    assert gpxpy.parse(exported("gpx", recording).decode()).tracks == []
+    rows = list(csv.DictReader(io.StringIO(exported("csv", recording).decode())))
+    assert (rows[12]["lat_deg"], rows[12]["north_m"]) == ("", repr(0.9 * 3))
+    assert math.isfinite(float(rows[12]["d_cm"]))
