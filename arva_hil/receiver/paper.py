@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.receiver.reading import ChannelReading, Reading, Zone, with_true_ranges
-from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
+from arva_hil.receiver.receiver_model import Answer, Impairment, Look, ReceiverSettings
 
 __all__ = [
     "Antennas",
@@ -33,6 +33,9 @@ NoiseKind = Literal["uniform", "gaussian", "off"]
 _INNER_M: Final = 3.0
 _MID_M: Final = 50.0
 _FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
+_REFERENCE_NA_M: Final = (
+    2e6 * math.pi
+)  # of a field of 1, where the reference transmitter has 1 µA/m on its axis at 10 m
 _NORMAL: Final = NormalDist()
 
 
@@ -162,6 +165,7 @@ class PaperReceiver:
         self._no_signal = no_signal
         self._channels = channels
         self._noise = NoiseSource(antennas.noise, bound, seed)
+        self._beside = np.random.Generator(np.random.PCG64([seed, 1]))  # noise that is not the receiver's own
         self._heard: list[tuple[int, int, int, int]] = []  # d, id, δ, zone at the last look
         self._start()
 
@@ -188,6 +192,8 @@ class PaperReceiver:
             return
         p_r, R_r = look.pose.position, look.pose.rotation
         h_r = receive(t.field_at(p_r), R_r, self._q, w)
+        if look.impairment is not None:
+            h_r = self._impaired(h_r, look.impairment)
         columns = (column.tolist() for column in outputs(h_r, self._kappa_eq))
         heard = [
             (d_cm, id_, delta_deg, zone) for id_, d_cm, delta_deg, zone in zip(t.ids, *columns, strict=True) if zone
@@ -215,6 +221,13 @@ class PaperReceiver:
         if name not in obey or len(values) > 1 or not all(float(value).is_integer() for value in values):
             return Answer.REFUSED
         return Answer.DONE if obey[name](*map(int, values)) else Answer.REFUSED
+
+    def _impaired(self, h_r: Array, wrong: Impairment) -> Array:
+        """What antennas say of which something is wrong."""
+        noise = self._beside.standard_normal(h_r.shape) * (wrong.noise_na_m / _REFERENCE_NA_M)
+        limit = wrong.saturation_na_m / _REFERENCE_NA_M
+        limited: Array = np.clip(h_r * wrong.gains + noise, -limit, limit)
+        return limited
 
     def _start(self) -> None:
         self._marked: set[int] = set()

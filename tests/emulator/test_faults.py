@@ -48,6 +48,12 @@ VALUES = {  # one value for every fault, strong enough to be met within seconds
     "transmitter_moved": "1, by_ned: [-5, 5, 0]",
     "transmitter_fading": "1, over_s: 10",
     "interference": "20",
+    "antenna_x": "0.5",
+    "antenna_y": "0",
+    "antenna_z": "0",
+    "cold_battery_db": "6",
+    "saturation_na_m": "10",
+    "electronics_na_m": "20",
     "delay_s": "0.25",
     "jitter_s": "0.25",
     "baud_ratio": "0.5",
@@ -445,6 +451,13 @@ def test_two_bursts_of_interference_at_once_add_up_whatever_their_order(step: in
     if step == 1:  # one of a kind is drawn from the same numbers with a second one and without
         assert [s.frame for s in both[:100]] == [s.frame for s in of_the_strong[:100]]
         assert any(a.frame != b.frame for a, b in zip(both[100:150], of_the_strong[100:150], strict=True))
+
+
+def test_a_cold_battery_makes_everything_sound_farther_away() -> None:
+    cold = quiet("cold_battery_db: 18.062, from_s: 10")
+    before, then = ([s.frame.channels[0].d for s in cold.snapshots[n : n + 50]] for n in (40, 140))
+    assert set(before) == set(before[:1])
+    assert then == pytest.approx([2 * before[0]] * 50, abs=1)
 
 
 def test_a_stuck_receiver_repeats_its_last_reading_and_the_true_range_goes_on() -> None:
