@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
+import order
 import pytest
 import slow
 from hypothesis import settings
@@ -24,8 +25,9 @@ if (
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the slow ones (slow.py)."""
+@pytest.hookimpl(wrapper=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> Generator[None]:
+    """Mark the slow ones (slow.py); those that are left have an order for several workers (order.py)."""
     for item in items:
         name = getattr(item, "originalname", item.name)
         path, fixtures = item.path.relative_to(TESTS).as_posix(), getattr(item, "fixturenames", [])
@@ -33,6 +35,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow(why))
             if slow.counted(path, fixtures):
                 item.add_marker(pytest.mark.counted)
+    yield
+    workers = getattr(config, "workerinput", {}).get("workercount", 1)
+    if workers > 1:
+        items[:] = order.dealt(items, workers, waits, lambda item: item.path)
+
+
+def waits(item: pytest.Item) -> bool:
+    marker = item.get_closest_marker("slow")
+    return marker is not None and marker.args[0] in slow.WAITS
 
 
 @pytest.fixture(params=["arducopter", "px4"])

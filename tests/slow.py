@@ -15,6 +15,8 @@ REAL_TIME: Final = "waits in real time"
 FLIGHTS: Final = "whole searches are flown"
 REPLAYS: Final = "whole flights are replayed, many times"
 EXAMPLES: Final = "hundreds of examples of something long"
+PAGES: Final = "all pages are built"
+WAITS: Final = {PROCESS, REAL_TIME, PAGES}  # while others may compute
 SLOW_FIXTURES: Final = {"start": PROCESS, "autopilot": REAL_TIME, "examine": REAL_TIME}
 
 COUNTED: Final = ("campaign/", "cli/", "search/test_extremum.py", "search/test_take_over.py")
@@ -59,7 +61,7 @@ SLOW: Final = {
     "firmware_proto/test_wire_binary.py::test_every_frame_among_garbage_is_delivered": EXAMPLES,
     "firmware_proto/test_wire_lines.py::test_cutting_changes_nothing_and_nothing_raises": EXAMPLES,
     "links/test_links_reconnecting.py::test_unplugged_and_plugged_again": REAL_TIME,
-    "pages/test_build.py": "all pages are built",
+    "pages/test_build.py": PAGES,
     "pages/test_examples.py": PROCESS,
     "pages/test_command_lines.py": PROCESS,
     "pages/test_tutorial.py": REAL_TIME,
