@@ -92,6 +92,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.field",
         "arva_hil.messages",
         "arva_hil.receiver",
+        "arva_hil.recordings",
         "arva_hil.safe_text",
         "firmware_proto",
     },

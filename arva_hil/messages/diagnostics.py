@@ -30,7 +30,7 @@ def _of_vehicle(vehicle: VehicleStatus) -> DiagnosticStatus:
 def _of_receiver(vehicle: str, receiver: ReceiverStatus) -> DiagnosticStatus:
     last = receiver.last
     values = {"frames": str(receiver.frames), "dropped": str(receiver.dropped)}
-    level, message = _STALE, "no frame yet"
+    level, message = (_OK, "frames are sent") if receiver.frames else (_STALE, "no frame yet")
     if last is not None:
         heard = sum(bool(channel.zone) for channel in last.reading.channels)
         level, message = _OK, f"{heard} heard"

@@ -8,6 +8,8 @@ from typing import Final
 
 from arva_hil.messages.types import ORIGIN, UNTURNED, ColorRGBA, Header, Marker, Point, Pose, Quaternion, Vector3
 
+FIELD: Final = "field"  # the namespace of the field's arrows
+
 _ARROW: Final = 0
 _SPHERE: Final = 2
 _CYLINDER: Final = 3
@@ -44,15 +46,17 @@ def transmitter(header: Header, id_: int, pose: Pose) -> tuple[Marker, Marker]:
 
 def field(header: Header, slot: int, id_: int, direction: Vector3) -> Marker:
     """An arrow from the receiver along the field of a slot's transmitter, as long whatever the field; `header`: of the
-    receiver's frame. Without a direction the slot's arrow is removed.
+    receiver's frame.
     """
-    length = math.hypot(direction.x, direction.y, direction.z)
-    thick = Vector3(0.05, 0.1, 0.0)  # shaft and head
-    if not 0 < length < math.inf:
-        return Marker(header, "field", slot, _ARROW, _DELETE, _AT_ORIGIN, thick, colour(0))
-    share = _FIELD_M / length
+    share = _FIELD_M / math.hypot(direction.x, direction.y, direction.z)
     tip = Point(direction.x * share, direction.y * share, direction.z * share)
-    return Marker(header, "field", slot, _ARROW, _ADD, _AT_ORIGIN, thick, colour(id_), points=(ORIGIN, tip))
+    thick = Vector3(0.05, 0.1, 0.0)  # shaft and head
+    return Marker(header, FIELD, slot, _ARROW, _ADD, _AT_ORIGIN, thick, colour(id_), points=(ORIGIN, tip))
+
+
+def is_direction(vector: Vector3) -> bool:
+    """Whether it points anywhere."""
+    return 0 < math.hypot(vector.x, vector.y, vector.z) < math.inf
 
 
 def sphere(header: Header, ns: str, id_: int, at: Point, size_m: float, opacity: float = 1.0) -> Marker:

@@ -26,6 +26,8 @@ from arva_hil.messages.types import (
     Arva,
     ArvaData,
     DiagnosticArray,
+    Header,
+    Marker,
     MarkerArray,
     NavSatFix,
     NavSatStatus,
@@ -62,17 +64,22 @@ class Taken(NamedTuple):
 class RunMessages:
     """Makes the messages of one run. Remembers each vehicle's datum and transmitters, and what was published when.
 
-    `epoch_us`: microseconds since 1970 at the loop's time 0. Transmitters that follow a vehicle are not drawn, and
-    their field is not known here.
+    `scenario`: None if nobody knows it, so that no transmitter is known. `epoch_us`: microseconds since 1970 at the
+    loop's time 0. `receivers`: by vehicle and receiver; by default the scenario's. Transmitters that follow a vehicle
+    are not drawn, and their field is not known here.
     """
 
-    def __init__(self, scenario: Scenario, epoch_us: int) -> None:
+    def __init__(
+        self, scenario: Scenario | None, epoch_us: int, receivers: Sequence[tuple[str, str]] | None = None
+    ) -> None:
         self._scenario = scenario
         self._epoch_us = epoch_us
-        self._names = names_of(receivers_of(scenario))
+        of_scenario = receivers_of(scenario) if scenario else []
+        self._names = names_of(of_scenario if receivers is None else receivers)
         self._datums: dict[str, LocalFrame] = {}
         self._there: dict[str, MovingTransmitters] = {}
         self._shaped: dict[tuple[str, str], int] = {}  # when, ns
+        self._arrows: dict[tuple[str, str], frozenset[int]] = {}  # the slots that have one
         self._next_status_ns = 0
 
     def of_event(self, event: Event) -> list[Publication]:
@@ -92,7 +99,8 @@ class RunMessages:
     def place(self, vehicle: str, lla: tuple[float, float, float]) -> None:
         """The vehicle's datum: degrees, degrees, metres AMSL."""
         self._datums[vehicle] = own = LocalFrame(*lla)
-        self._there[vehicle] = moving_transmitters(self._scenario, own)
+        if self._scenario:
+            self._there[vehicle] = moving_transmitters(self._scenario, own)
 
     @property
     def world(self) -> LocalFrame | None:
@@ -124,7 +132,7 @@ class RunMessages:
             if names.map != MAP and self.world and (datum := self._datums.get(taken.vehicle)):
                 there_is = frames.between(self.world, datum)
                 transforms.append(TransformStamped(header(stamp, MAP), names.map, there_is))
-            shapes = [markers.field(own, n, slot.id, slot.direction) for n, slot in enumerate(slots, 1)]
+            shapes = self._arrows_of(key, own, slots)
             for id_, place, rotation in _placed(there):
                 pose = frames.pose(place, rotation)
                 shapes += markers.transmitter(world, id_, pose)
@@ -153,6 +161,14 @@ class RunMessages:
     def _transmitters(self, taken: Taken) -> Transmitters | None:
         there = self._there.get(taken.vehicle)
         return None if there is None else there.at(taken.instant_s, lambda system: None)
+
+    def _arrows_of(self, key: tuple[str, str], own: Header, slots: Sequence[ArvaData]) -> list[Marker]:
+        """An arrow for each slot that has a direction; those that have none any more are removed."""
+        shown = {n: slot for n, slot in enumerate(slots, 1) if markers.is_direction(slot.direction)}
+        gone = sorted(self._arrows.get(key, frozenset()) - shown.keys())
+        self._arrows[key] = frozenset(shown)
+        arrows = [markers.field(own, n, slot.id, slot.direction) for n, slot in shown.items()]
+        return arrows + markers.removed(own, markers.FIELD, gone)
 
     def _may_draw(self, key: tuple[str, str], stamp_ns: int) -> bool:
         if abs(stamp_ns - self._shaped.get(key, -(2**63))) < _SHAPES_S * 1e9:

@@ -88,13 +88,19 @@ def test_transmitters_dipoles_and_field_are_drawn() -> None:
     shapes = by_topic(messages().of_event(made()))["/arva/visualization"]["markers"]
     assert [(s["ns"], s["id"], s["action"]) for s in shapes] == [
         ("field", 1, 0),
-        ("field", 2, 2),  # an empty slot's arrow goes
         ("transmitters", 1, 0),
         ("dipoles", 1, 0),
     ]
-    assert shapes[2]["pose"]["position"] == {"x": 5, "y": 20, "z": 0}
+    assert shapes[1]["pose"]["position"] == {"x": 5, "y": 20, "z": 0}
     start, end = shapes[0]["points"]
     assert math.dist(list(start.values()), list(end.values())) == pytest.approx(1.0)
+
+
+def test_the_arrow_of_a_slot_that_becomes_empty_is_removed() -> None:
+    made_of = messages()
+    made_of.of_event(made())
+    shapes = by_topic(made_of.of_event(made(NORTHWARDS, EMPTY, EMPTY, time_s=2.5)))["/arva/visualization"]["markers"]
+    assert [(s["id"], s["action"]) for s in shapes if s["ns"] == "field"] == [(1, 2)]
 
 
 def test_shapes_are_drawn_five_times_a_second_and_readings_are_all_told() -> None:
@@ -104,10 +110,10 @@ def test_shapes_are_drawn_five_times_a_second_and_readings_are_all_told() -> Non
     assert topics.count("/arva/visualization") == 5
 
 
-def test_without_a_pose_only_the_reading_is_told_and_no_arrow_stays() -> None:
+def test_without_a_pose_only_the_reading_and_the_transmitters_are_told() -> None:
     told = by_topic(messages().of_event(made(None, EMPTY)))
     assert sorted(told) == ["/arva", "/arva/visualization", "/tf"]
-    assert [s["action"] for s in told["/arva/visualization"]["markers"] if s["ns"] == "field"] == [2]
+    assert {s["ns"] for s in told["/arva/visualization"]["markers"]} == {"transmitters", "dipoles"}
 
 
 def test_without_a_datum_there_are_no_transmitters_and_no_coordinates() -> None:
@@ -119,14 +125,14 @@ def test_without_a_datum_there_are_no_transmitters_and_no_coordinates() -> None:
 def test_a_transmitter_that_follows_a_vehicle_is_not_drawn_where_it_is_not() -> None:
     follows = Transmitter(id=1, follows=Follows(2))
     told = by_topic(messages(replace(DEFAULT, transmitters=(follows,))).of_event(made()))
-    assert {s["ns"] for s in told["/arva/visualization"]["markers"]} == {"field"}
+    assert told["/arva/visualization"]["markers"] == []
     assert told["/arva"]["arva_signals"][0]["direction"] == {"x": 0, "y": 0, "z": 0}
 
 
 def test_a_pose_of_nothing_but_nan_breaks_nothing() -> None:
     nothing = Pose(np.full(3, np.nan), np.full((3, 3), np.nan))
     told = by_topic(messages().of_event(made(nothing, EMPTY)))
-    assert told["/arva/visualization"]["markers"][0]["action"] == 2  # no arrow
+    assert {s["ns"] for s in told["/arva/visualization"]["markers"]} == {"transmitters", "dipoles"}  # no arrow
     assert told["/arva/pose"]["pose"]["position"]["x"] == "NaN"
 
 
