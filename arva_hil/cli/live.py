@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 
+from arva_hil.cli.live_options import FOXGLOVE
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario
@@ -29,11 +30,15 @@ def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch
         from arva_hil.observers.foxglove import FoxgloveError, FoxgloveServer
 
         try:
-            server = FoxgloveServer(messages(), *options.foxglove)
+            server = FoxgloveServer(messages(), options.foxglove)
         except FoxgloveError as error:
             raise UsageError(error) from None
-        taken = f" (port {options.foxglove.port} is taken)" if server.port != options.foxglove.port else ""
+        taken = f" (port {options.foxglove.port} is taken)" if options.foxglove.port not in (0, server.port) else ""
         tell(f"messages for Foxglove: {server.url}{taken}")
+        if options.foxglove.host != FOXGLOVE.host:
+            tell(
+                f"warning: everybody in this network can read the messages; --foxglove {FOXGLOVE} serves them here only"
+            )
         observers.append(server)
     if options.ros2:
         from arva_hil.observers.ros2 import Ros2Error, Ros2Publisher

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.config import Scenario
+from arva_hil.config import Lla, Scenario
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.fleet import receivers_of
 from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
@@ -81,6 +81,9 @@ class RunMessages:
         self._shaped: dict[tuple[str, str], int] = {}  # when, ns
         self._arrows: dict[tuple[str, str], frozenset[int]] = {}  # the slots that have one
         self._next_status_ns = 0
+        if scenario and isinstance(fixed := scenario.datum, Lla):
+            for vehicle, _ in self._names:
+                self.place(vehicle, (fixed.lat, fixed.lon, fixed.alt))
 
     def of_event(self, event: Event) -> list[Publication]:
         """The messages of an event of a live run; none of most."""
@@ -196,5 +199,5 @@ def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, Vect
 
 def _slot(channel: ChannelReading, directions: dict[int, Vector3]) -> ArvaData:
     id_ = _EMPTY if channel.id is None else channel.id
-    direction = directions.get(id_, _NOWHERE)
+    direction = directions.get(id_, _NOWHERE) if channel.zone else _NOWHERE  # a blank one hears nothing now
     return ArvaData(id_, float(channel.d_cm), direction, channel.delta_deg, int(channel.zone))

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from arva_hil.events import ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.searches import FrameHeard, PlaceFound, TakeOffPoint
@@ -59,9 +60,9 @@ def _readings(
 ) -> Iterator[tuple[float, Pose | None, Pose | None, Sequence[ChannelReading]]]:
     """Time, pose, reported pose and slots of some rows."""
     position, reported, attitude = receiver.position[rows], receiver.reported[rows], receiver.attitude_deg[rows]
-    there = np.isfinite(position).all(axis=1) & np.isfinite(attitude).all(axis=1)
+    there = _whole(position) & _whole(attitude)
     matrices = rotation.to_matrix(rotation.from_euler(*np.radians(np.where(there[:, None], attitude, 0.0)).T))
-    differs = there & np.isfinite(reported).all(axis=1) & (np.asarray(reported != position)).any(axis=1)
+    differs = there & _whole(reported) & ~_same(reported, position)
     columns = (receiver.id, receiver.zone, receiver.d_cm, receiver.delta_deg)
     slots = np.stack([column[rows] for column in columns], axis=-1).tolist()
     every = zip(receiver.time_s[rows].tolist(), there.tolist(), differs.tolist(), slots, strict=True)
@@ -73,6 +74,16 @@ def _readings(
             for id_, zone, d_cm, delta_deg in of_frame
         ]
         yield time_s, pose, other, channels
+
+
+def _whole(rows: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which rows have all their values."""
+    return np.asarray(np.isfinite(rows).all(axis=1))
+
+
+def _same(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which rows are the same."""
+    return np.asarray(np.equal(a, b).all(axis=1))
 
 
 def _of_status(recording: Recording, run: RunMessages) -> Iterator[Publication]:

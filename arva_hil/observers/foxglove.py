@@ -13,6 +13,7 @@ from arva_hil.events import Event
 from arva_hil.messages.cdr import encode
 from arva_hil.messages.live import LiveMessages
 from arva_hil.messages.message import Message, schema
+from arva_hil.observers.web.address import Address
 
 INSTALL: Final = "pip install 'arva-hil[foxglove]'"
 _NEXT: Final = 20  # ports that are tried
@@ -30,7 +31,7 @@ class FoxgloveServer:
     nothing. Raises FoxgloveError if foxglove-sdk is missing or there is no port.
     """
 
-    def __init__(self, messages: LiveMessages, host: str, port: int) -> None:
+    def __init__(self, messages: LiveMessages, address: Address) -> None:
         try:
             import foxglove
         except ImportError as error:
@@ -39,9 +40,9 @@ class FoxgloveServer:
         self._context = foxglove.Context()
         self._messages = messages
         self._channels = {topic: self._channel(topic, kind) for topic, kind in messages.topics.items()}
-        self._server = self._start(host, port)
+        self._server = self._start(address)
         self.port: int = self._server.port
-        self.url = f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
+        self.url = f"ws://{address._replace(port=self.port)}"
 
     def observe(self, event: Event) -> None:
         for topic, stamp_ns, message in self._messages.of_event(event):
@@ -57,7 +58,8 @@ class FoxgloveServer:
         described = self._foxglove.Schema(name=kind.ros_name(), encoding="ros2msg", data=schema(kind).encode())
         return self._foxglove.Channel(topic, schema=described, message_encoding="cdr", context=self._context)
 
-    def _start(self, host: str, port: int) -> Any:
+    def _start(self, address: Address) -> Any:
+        host, port = address
         last = min(port + _NEXT, 65536) if port else 1
         for free in range(port, last):
             try:
@@ -66,4 +68,4 @@ class FoxgloveServer:
                 why = str(error)
                 if "in use" not in why:
                     break
-        raise FoxgloveError(f"--foxglove {host}:{port}: cannot be served there ({why}): name another HOST:PORT")
+        raise FoxgloveError(f"--foxglove {address}: cannot be served there ({why}): name another HOST:PORT")

@@ -125,4 +125,4 @@ def test_a_search_tells_what_it_reads(start: Start, autopilot: Autopilot, keep: 
 def test_an_address_that_is_none_ends_with_2(arva: Callable[..., Any], flight: Path) -> None:
     ended = arva("replay", flight, "--foxglove", "a:b")
     assert ended.code == 2
-    assert "expected HOST:PORT, e.g. 127.0.0.1:8765" in ended.err
+    assert "expected HOST:PORT, HOST or PORT, e.g. 127.0.0.1:8765" in ended.err

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from arva_hil.config import DEFAULT, Follows, Scenario, Transmitter, load
+from arva_hil.config import DEFAULT, Follows, Lla, Scenario, Transmitter, load
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events import DatumSet, FrameMade, PoseFound, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.field import rotation
@@ -120,6 +120,18 @@ def test_without_a_datum_there_are_no_transmitters_and_no_coordinates() -> None:
     told = by_topic(RunMessages(DEFAULT, EPOCH_US).of_event(made()))
     assert "/arva/fix" not in told
     assert told["/arva"]["arva_signals"][0]["direction"] == {"x": 0, "y": 0, "z": 0}
+
+
+def test_a_datum_that_the_scenario_gives_is_known_from_the_start() -> None:
+    told = by_topic(RunMessages(replace(DEFAULT, datum=Lla(*HOME)), EPOCH_US).of_event(made()))
+    assert told["/arva/fix"]["latitude"] == pytest.approx(46.0 + 17 / 111_145, abs=2e-7)
+    assert {s["ns"] for s in told["/arva/visualization"]["markers"]} == {"field", "transmitters", "dipoles"}
+
+
+def test_a_slot_that_hears_nothing_for_the_moment_has_its_id_and_no_direction() -> None:
+    blank = ChannelReading(1, Zone.OUTER, -1, -1, 3.6)
+    (slot,) = by_topic(messages().of_event(made(NORTHWARDS, blank)))["/arva"]["arva_signals"]
+    assert slot == {"id": 1, "distance": -1.0, "direction": {"x": 0, "y": 0, "z": 0}, "delta": -1, "zone": 0}
 
 
 def test_a_transmitter_that_follows_a_vehicle_is_not_drawn_where_it_is_not() -> None:

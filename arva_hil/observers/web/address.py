@@ -24,10 +24,13 @@ class Address(NamedTuple):
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
 
-def parse_address(text: str) -> Address:
-    """HOST:PORT, HOST or PORT; an IPv6 address in brackets. Raises ValueError with what was expected."""
-    match = _PATTERN.fullmatch(text)
-    port = int(match["port"] or match["only"] or DEFAULT_PORT) if match else -1
+def parse_address(text: str, usual: Address | None = None) -> Address:
+    """HOST:PORT, HOST or PORT; an IPv6 address in brackets. Raises ValueError with what was expected.
+
+    `usual`: has what the text leaves out.
+    """
+    usual, match = usual or Address(), _PATTERN.fullmatch(text)
+    port = int(match["port"] or match["only"] or usual.port) if match else -1
     if match is None or port > 65535:
-        raise ValueError(f"{text!r}: expected HOST:PORT, HOST or PORT, e.g. {Address()}")
-    return Address((match["host"] or DEFAULT_HOST).strip("[]"), port)
+        raise ValueError(f"{text!r}: expected HOST:PORT, HOST or PORT, e.g. {usual}")
+    return Address((match["host"] or usual.host).strip("[]"), port)
