@@ -19,11 +19,11 @@ from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.doctor import diagnosis, port_diagnosis
 from arva_hil.doctor.examination import AutopilotProbe, PortProbe
 from arva_hil.doctor.held import held
-from arva_hil.doctor.tcp_server import accepted
 from arva_hil.doctor.values import Finding, Position
 from arva_hil.emulator.formats import encoder
 from arva_hil.links import Address, Link, LinkError, open_link, parse
-from arva_hil.links.serial_ports import SerialPort, far_program, list_ports
+from arva_hil.links.processes import accepted, far_program
+from arva_hil.links.serial_ports import SerialPort, list_ports
 from arva_hil.mavlink.signing import Signing
 from arva_hil.observers.console.text import BAD, DOUBTFUL, GOOD, coloured, wants_colour
 from arva_hil.registry import MAVLINK_FORMATS

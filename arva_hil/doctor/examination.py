@@ -16,8 +16,8 @@ from arva_hil.emulator.build import receiver
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events.vehicles import StreamEvent
 from arva_hil.links import Address, Link, LinkEnded, LinkError, Sender
+from arva_hil.links.processes import far_program, holders, unread
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.serial_ports import far_program, holders, unread
 from arva_hil.mavlink.codec import RESULTS, Packet, dialect
 from arva_hil.observers.console.sentences import stream as stream_words
 from arva_hil.runtime.clock import Clock

@@ -9,11 +9,11 @@ from typing import Any, Final
 
 from arva_hil.links import symlinks
 from arva_hil.links.base import Link, LinkError, Opening
-from arva_hil.links.inotify import Closings
-from arva_hil.links.serial_ports import far_program
+from arva_hil.links.processes import far_program
 from arva_hil.links.stream import FdLink
 from arva_hil.links.url import Address
 
+_IN_CLOSE: Final = 0x18  # inotify: a program closes the file
 _TIOCGEXCL: Final = 0x80045440  # Linux: whether TIOCEXCL was set
 
 
@@ -46,7 +46,7 @@ class PtyLink(FdLink):
         super().__init__(f"{name} ({self.path})", master)
         tty.setraw(self._slave)
         self._settings = self._current() or []
-        self._closings = Closings(self.path)
+        self._closings = _Closings(self.path)
         self._selector = selectors.DefaultSelector()
         for fd in (master, self._closings.fd):
             if fd >= 0:
@@ -152,3 +152,31 @@ def make_symlink(link: str, path: str, slave: int) -> int:
         raise LinkError(name, f"the symlink cannot be made: {error.strerror}") from error
     symlinks.mark_in_use(slave, inode)
     return inode
+
+
+class _Closings:
+    """Detects by inotify (Linux) that a program closes a file. `fd` can be waited on; it is −1 without inotify."""
+
+    def __init__(self, path: str) -> None:
+        self.fd = -1
+        with contextlib.suppress(ImportError, OSError, AttributeError, TypeError):
+            import ctypes
+
+            libc = ctypes.CDLL(None)
+            self.fd = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)
+            if self.fd >= 0:
+                libc.inotify_add_watch(self.fd, os.fsencode(path), _IN_CLOSE)
+
+    def seen(self) -> bool:
+        """Whether a program has closed the file since the last call."""
+        if self.fd < 0:
+            return False
+        try:
+            return bool(os.read(self.fd, 4096))
+        except BlockingIOError:
+            return False
+
+    def close(self) -> None:
+        if self.fd >= 0:
+            os.close(self.fd)
+        self.fd = -1

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from arva_hil.links import symlinks
 from arva_hil.links.base import Absent, Link, LinkError, Opening
-from arva_hil.links.serial_ports import holders, list_ports
+from arva_hil.links.processes import holders
+from arva_hil.links.serial_ports import list_ports
 from arva_hil.links.stream import CHUNK, FdLink, StreamLink
 from arva_hil.links.url import Address
 from arva_hil.runtime.clock import await_descriptors

@@ -9,7 +9,8 @@ from typing import Final
 
 from arva_hil.links import Address, open_link
 from arva_hil.links.base import Link, LinkError
-from arva_hil.links.serial_ports import far_program, stable_name
+from arva_hil.links.processes import far_program
+from arva_hil.links.serial_ports import stable_name
 from arva_hil.runtime.clock import Clock
 
 _STUBBORN_S: Final = 1.0  # after a port is plugged in, its permissions are set late, and other programs probe it

@@ -7,7 +7,7 @@ import socket
 from typing import Any, Final, Literal
 
 from arva_hil.links.base import Absent, Link, LinkError, Opening
-from arva_hil.links.serial_ports import listeners
+from arva_hil.links.processes import listeners
 from arva_hil.links.stream import CHUNK, StreamLink
 from arva_hil.links.url import Address
 

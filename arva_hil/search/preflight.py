@@ -10,7 +10,7 @@ from arva_hil.events.searches import CountDown, FailsafesKnown, WaitingFor
 from arva_hil.flight.battery import Battery
 from arva_hil.flight.failsafes import Failsafes
 from arva_hil.links import Link
-from arva_hil.links.terminal_readers import other_readers
+from arva_hil.links.processes import other_readers
 from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.observers.console.reasons import no_pose, no_vehicle
 from arva_hil.runtime.link_monitor import LinkMonitor

@@ -19,10 +19,11 @@ from links_waiting import receive, until
 
 from arva_hil.links import Absent, Address, Link, LinkEnded, LinkError, parse, serial_opener
 from arva_hil.links.memory import MemoryLink, pair
+from arva_hil.links.processes import far_program, holders
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.reconnecting import Job, ReconnectingLink, open_reconnecting
 from arva_hil.links.serial_opener import Barred, SerialOpener
-from arva_hil.links.serial_ports import far_program, holders, stable_name
+from arva_hil.links.serial_ports import stable_name
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.runtime.clock import RealClock, StepClock

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from arva_hil.links.processes import other_readers
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.terminal_readers import other_readers
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc")
 
