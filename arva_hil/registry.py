@@ -136,7 +136,7 @@ class Registry:
                 made = thing(*self._made_with)
                 missing = [name for name in self._attributes if not hasattr(made, name)]
             except (Exception, SystemExit) as error:
-                return f"cannot be made ({_said(error)})"
+                return f"cannot be created ({_said(error)})"
         return f"lacks {', '.join(missing)}" if missing else ""
 
     def _unknown(self, name: str) -> UnknownKindError:

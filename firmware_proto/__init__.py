@@ -1,4 +1,4 @@
-"""The wire between an ARVA receiver and its host, as a codec. One table of truth: PROTOCOL.md.
+"""A codec for the frames between an ARVA receiver and its host, as specified in PROTOCOL.md.
 
 Its section "What a reading means" says what d and δ are, and what a consumer does with a frame.
 """

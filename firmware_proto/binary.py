@@ -20,12 +20,12 @@ _CHANNEL: Final = struct.Struct("<BBhh")  # id, zone, d, δ
 _SYNC: Final = 0x57A4
 
 _LENGTHS: Final = re.escape(bytes(3 + 6 * n for n in range(1, MAX_CHANNELS + 1)))
-# A head as far as the length, or the beginning of one where the bytes end.
+# A head up to the length, or the beginning of one at the end of the bytes.
 _CANDIDATE: Final = re.compile(rb"\xa4(?:\Z|\x57(?:\Z|\x01(?:\Z|[" + _LENGTHS + rb"])))")
 
 
 def encode(frame: Frame) -> bytes:
-    """The 9 + 6·n bytes of a frame. Raises ValueError naming the field that does not fit."""
+    """The 9 + 6·n bytes of a frame. Raises ValueError that names the field that does not fit."""
     check(frame)
     n = len(frame.channels)
     raw = bytearray(_HEAD.pack(_SYNC, VERSION, 3 + 6 * n, frame.sequence, frame.status, n))
@@ -35,18 +35,18 @@ def encode(frame: Frame) -> bytes:
 
 
 class Decoder(FrameDecoder):
-    """Incremental decoder of binary frames; remembers the candidate that is not whole yet and when it came.
+    """Incremental decoder of binary frames. Remembers the incomplete candidate and when its bytes came.
 
-    A false candidate costs one byte, never the bytes behind it: every frame that comes without a pause is
-    delivered, unless a false candidate that overlaps it has a right CRC by chance. It is delivered at once,
-    or, behind the head of a longer false candidate, when that fills up or is 100 ms old; an empty `feed`
-    tells the time to a silent line.
+    Only the first byte of a false candidate is dropped, so every frame that comes without a pause is delivered, unless
+    a false candidate that overlaps it has a correct CRC by chance. A frame is delivered at once. If it is inside a
+    longer false candidate, it is delivered when that candidate is complete or 100 ms old. On a silent line, call
+    `feed` without bytes.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self._tail = b""  # at most MAX_FRAME_BYTES − 1
-        self._arrived: list[float] = []  # one a byte of the tail
+        self._arrived: list[float] = []  # one time for each byte of the tail
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
         """The frames completed by `chunk`, or by the end of a false candidate's 100 ms. See FrameDecoder."""
@@ -65,7 +65,7 @@ class Decoder(FrameDecoder):
         return frames
 
     def _scan(self, data: bytes, at: int, frames: list[Frame]) -> int:
-        """Append the frames in `data[at:]`; where the candidate that is not whole begins, or the end."""
+        """Append the frames in `data[at:]`. Returns the start of the incomplete candidate, or the end of the data."""
         end = len(data)
         while found := _CANDIDATE.search(data, at):
             self.dropped += found.start() - at

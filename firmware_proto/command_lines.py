@@ -1,4 +1,4 @@
-"""Commands and answers as NMEA sentences, for the formats of lines: `$PARVC` and `$PARVR`. See PROTOCOL.md."""
+"""Commands and answers as NMEA sentences, for the text formats: `$PARVC` and `$PARVR`. See PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _SENTENCE: Final = re.compile(rb"\$([^$*]{0,76})\*([0-9A-Fa-f]{2})\r?")
 
 
 def encode_command_line(command: Command) -> bytes:
-    """The sentence of a command. Raises ValueError naming the field that does not fit."""
+    """The sentence of a command. Raises ValueError that names the field that does not fit."""
     check_command(command)
     return _sentence(["PARVC", command.number, command.name, *command.values])
 
 
 def encode_answer_line(answer: Answer) -> bytes:
-    """The sentence of an answer. Raises ValueError naming the field that does not fit."""
+    """The sentence of an answer. Raises ValueError that names the field that does not fit."""
     check_answer(answer)
     return _sentence(["PARVR", answer.number, answer.name, answer.result, answer.text, *answer.values])
 
@@ -38,9 +38,9 @@ def _sentence(fields: list[str | int]) -> bytes:
 
 
 class SentenceDecoder(StreamDecoder[T]):
-    """Incremental decoder of sentences of one kind; remembers the sentence that is not whole yet and when it began.
+    """Incremental decoder of sentences of one kind. Remembers the incomplete sentence and when it began.
 
-    One that took 100 ms or more to arrive, a torn one and any other are dropped. `$` always begins a sentence.
+    Invalid and other sentences are dropped, and those that took 100 ms or more to arrive. `$` always begins a sentence.
     """
 
     def __init__(self, parse: Callable[[list[str]], T | None]) -> None:
@@ -55,7 +55,7 @@ class SentenceDecoder(StreamDecoder[T]):
         if self._part and now - self._since >= PAUSE_S:
             self.dropped += len(self._part)
             self._part = b""
-        old = len(self._part)  # of these bytes, those at the beginning came at `_since`
+        old = len(self._part)  # the first of these bytes came at `_since`
         *lines, part = (self._part + chunk).split(b"\n")
         for line in lines:
             message = self._message(line)

@@ -1,4 +1,4 @@
-"""Commands of a host to its receiver, and the answers: values, binary form. Layout and meaning: PROTOCOL.md."""
+"""Commands of a host to its receiver, and the answers: values and binary format. See PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ ANSWER_KIND: Final = 17
 _NAME: Final = re.compile(r"[a-z][a-z0-9-]{0,15}")
 _TEXT: Final = re.compile(rf"[ -#%-)+\x2d-~]{{0,{MAX_TEXT}}}")  # printable ASCII without `$`, `*` and `,`
 _CODES: Final = {name: code for code, name in enumerate(NAMES, 1)}
-_OTHER: Final = "command-"  # and its code: a command that has no name here
+_OTHER: Final = "command-"  # and its code: a command without a name in NAMES
 
 
 class Command(NamedTuple):
-    """A command. `number` 0…255 comes back in its answer; `name`: one of NAMES, or another; `values`: at most 4, int32.
+    """A command. `number`: 0…255, repeated in the answer; `name`: one of NAMES, or another; `values`: at most 4, int32.
 
-    In the binary form a command that has no name here is `command-` and its code, 0…255.
+    A command of the binary format without a name in NAMES is `command-` and its code, 0…255.
     """
 
     number: int
@@ -58,9 +58,9 @@ class Answer(NamedTuple):
 
 
 class HostForm(NamedTuple):
-    """How commands and answers travel on a port: what a host sends, and what a receiver sends.
+    """The format of commands (from the host) and answers (from the receiver) on a port.
 
-    The encoders raise ValueError, naming the field that does not fit. The decoders are for one stream of bytes.
+    The encoders raise ValueError that names the field that does not fit. Each decoder is for one stream of bytes.
     """
 
     command: Callable[[Command], bytes]
@@ -70,7 +70,7 @@ class HostForm(NamedTuple):
 
 
 def check_command(command: Command | Answer) -> None:
-    """Raise ValueError, naming field and range, when number, name or values do not fit on the wire."""
+    """Raise ValueError with the field and its range if number, name or values cannot be encoded."""
     if not isinstance(command.number, int) or not 0 <= command.number <= 255:
         raise ValueError(f"number is {command.number!r}, expected an integer 0…255")
     if not _NAME.fullmatch(command.name):
@@ -83,7 +83,7 @@ def check_command(command: Command | Answer) -> None:
 
 
 def check_answer(answer: Answer) -> None:
-    """The same for an answer."""
+    """As `check_command`, for an answer."""
     check_command(answer)
     if answer.result not in RESULTS:
         raise ValueError(f"result is {answer.result!r}, expected one of {', '.join(RESULTS)}")
@@ -92,13 +92,13 @@ def check_answer(answer: Answer) -> None:
 
 
 def encode_command(command: Command) -> bytes:
-    """The 10 + 4·values bytes of a command. Raises ValueError naming the field that does not fit."""
+    """The 10 + 4·values bytes of a command. Raises ValueError that names the field that does not fit."""
     check_command(command)
     return seal(COMMAND_KIND, bytes([command.number, _code(command.name)]) + _pack(command.values))
 
 
 def encode_answer(answer: Answer) -> bytes:
-    """The 12 + 4·values + text bytes of an answer. Raises ValueError naming the field that does not fit."""
+    """The 12 + 4·values + text bytes of an answer. Raises ValueError that names the field that does not fit."""
     check_answer(answer)
     head = bytes([answer.number, _code(answer.name), RESULTS.index(answer.result), len(answer.values)])
     return seal(ANSWER_KIND, head + _pack(answer.values) + answer.text.encode())

@@ -1,4 +1,4 @@
-"""What a frame says, whatever its bytes look like: the values, their limits and the face of every decoder.
+"""The contents of a frame in any format: its values and their limits, and the base of all decoders.
 
 Layout and meaning: PROTOCOL.md, next to this file.
 """
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 SYNTHETIC: Final = 1  # status bits; always set by an emulator
 INTERFERENCE: Final = 2  # above the receiver's limit
-MORE_TRANSMITTERS: Final = 4  # more heard than there are channels
+MORE_TRANSMITTERS: Final = 4  # more transmitters are heard than there are channels
 SELF_TEST_FAULT: Final = 8
 
 OUTER: Final = 0  # zones
@@ -23,16 +23,16 @@ INNER: Final = 2
 MARKED: Final = 0x80  # added to the zone on the wire
 
 MAX_CHANNELS: Final = 16
-NO_SIGNAL: Final = -1  # d and δ of a channel that hears nothing
-RESTART: Final = 16  # a number below it, where more frames than this would be missing: the receiver has restarted
-PAUSE_S: Final = 0.1  # seconds; the bytes of one frame come without a pause as long as this
+NO_SIGNAL: Final = -1  # d and δ of a channel without a signal
+RESTART: Final = 16  # a lower number after a gap of more than this many frames means that the receiver has restarted
+PAUSE_S: Final = 0.1  # [s] there is no pause of this length inside a frame
 
 
 class Channel(NamedTuple):
-    """One channel of a reading: `d` in centimetres, `delta` in degrees. `Channel()` hears nothing.
+    """One channel of a reading: `d` in centimetres, `delta` in degrees. `Channel()` has no signal.
 
-    `id` is the transmitter's, 0…254, or None. `zone` is OUTER, MID or INNER; a decoder delivers a zone that
-    it does not know (3…127) as it came.
+    `id`: of the transmitter, 0…254, or None. `zone`: OUTER, MID or INNER; a decoder returns an unknown zone (3…127)
+    unchanged.
     """
 
     id: int | None = None
@@ -43,7 +43,7 @@ class Channel(NamedTuple):
 
     @property
     def valid(self) -> bool:
-        """Whether the channel hears a transmitter: d > 0, whatever δ and id say (PROTOCOL.md, "No signal")."""
+        """Whether the channel hears a transmitter: d > 0, for any δ and id (PROTOCOL.md, "No signal")."""
         return self.d > 0
 
 
@@ -56,10 +56,10 @@ class Frame(NamedTuple):
 
 
 class FrameDecoder(ABC):
-    """The face of the three decoders: feed bytes, get frames. Wrong bytes are counted and never raise.
+    """The base of all decoders of frames: `feed` takes bytes and returns frames. Wrong bytes are counted, not raised.
 
-    Counters: `good` (frames delivered), `bad_crc` (candidates whose checksum failed), `dropped` (bytes in no
-    frame) and `lost` (frames missing from the sequence; a receiver that restarts has lost none).
+    Counters: `good` (frames returned), `bad_crc` (candidates whose checksum failed), `dropped` (bytes in no frame) and
+    `lost` (frames missing from the sequence; a receiver that restarts has lost none).
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class FrameDecoder(ABC):
         """
 
     def _count(self, sequence: int) -> None:
-        """Count a good frame and those missing before it; one that comes twice is not a gap."""
+        """Count a valid frame and those missing before it. A frame that comes twice is no gap."""
         self.good += 1
         if self._sequence is not None:
             self.lost += missing(self._sequence, sequence)
@@ -85,11 +85,11 @@ class FrameDecoder(ABC):
 
 
 class Format(NamedTuple):
-    """A wire format: how a frame becomes bytes, and bytes frames again.
+    """A wire format: its encoder and its decoder.
 
     `encode` raises ValueError for a frame that does not fit. `decoder` makes a decoder for one stream of bytes.
-    `numbered`: a frame's sequence number and status are in its bytes. `host`: how commands and answers travel on the
-    same port, None if the receiver takes none.
+    `numbered`: the bytes contain the frame's sequence number and status. `host`: the format of commands and answers
+    on the same port, None if the receiver takes none.
     """
 
     encode: Callable[[Frame], bytes]
@@ -99,13 +99,13 @@ class Format(NamedTuple):
 
 
 def missing(before: int, sequence: int) -> int:
-    """How many frames were lost between two good ones, by their sequence numbers (PROTOCOL.md, "Lost frames")."""
+    """The number of frames lost between two valid ones, by sequence numbers (PROTOCOL.md, "Lost frames")."""
     gap = max((sequence - before) % 256 - 1, 0)
     return 0 if sequence < RESTART < gap else gap
 
 
 def check(frame: Frame) -> None:
-    """Raise ValueError, naming field and range, when the frame does not fit on the wire."""
+    """Raise ValueError with the field and its range if a frame cannot be encoded."""
     _fits("sequence", frame.sequence, 0, 255)
     _fits("status", frame.status, 0, 255)
     _fits("n", len(frame.channels), 1, MAX_CHANNELS)

@@ -1,4 +1,4 @@
-"""Version 2 of the wire: messages beside the frames of version 1, framed as they are. Layout and rules: PROTOCOL.md."""
+"""Version 2 of the protocol: messages between the frames of version 1, with the same framing. See PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -17,26 +17,23 @@ VERSION: Final = 2
 MAX_MESSAGE_BYTES: Final = 255
 
 _SYNC: Final = b"\xa4\x57"
-_BEGIN: Final = _SYNC[0]  # it occurs in no message but as its first byte and in its CRC
-_HEAD_BYTES: Final = 6  # up to the kind
-_CANDIDATE: Final = re.compile(rb"\xa4(?:\Z|\x57(?:\Z|\x02))")  # as far as the version
+_BEGIN: Final = _SYNC[0]  # it occurs only as the first byte of a message and in its CRC
+_HEAD_BYTES: Final = 6  # including the kind
+_CANDIDATE: Final = re.compile(rb"\xa4(?:\Z|\x57(?:\Z|\x02))")  # up to the version
 
 
 class Kind(NamedTuple, Generic[T]):
-    """One kind of message: the lengths that its body can have, and what is in a body of such a length.
-
-    `parse` returns None for a body that makes no sense.
-    """
+    """One kind of message. `lengths`: of its body; `parse`: the message in a body, None if the body is invalid."""
 
     lengths: frozenset[int]
     parse: Callable[[bytes], T | None]
 
 
 def seal(kind: int, body: bytes) -> bytes:
-    """A message: A4 57, version, length, mask, then kind and body with the mask on each byte, and the CRC.
+    """A message: A4 57, version, length, mask, then kind and body, each byte XORed with the mask, and the CRC.
 
-    The mask is the lowest with which no byte becomes A4, so decoders of version 1 find no head in a message.
-    Raises ValueError for a body that is too long.
+    The mask is the lowest that makes no byte A4, so decoders of version 1 find no head in a message. Raises ValueError
+    if the body is too long.
     """
     plain = bytes([kind]) + body
     if len(plain) + 7 > MAX_MESSAGE_BYTES:
@@ -48,7 +45,7 @@ def seal(kind: int, body: bytes) -> bytes:
 
 
 class StreamDecoder(ABC, Generic[T]):
-    """The face of the decoders of messages: feed bytes, get messages. Wrong bytes are counted and never raise.
+    """The base of decoders of messages: `feed` takes bytes and returns messages. Wrong bytes are counted, not raised.
 
     Counters: `good` (messages delivered), `bad_crc` (candidates whose checksum failed) and `dropped` (bytes in no
     message that this decoder delivers).
@@ -68,17 +65,17 @@ class StreamDecoder(ABC, Generic[T]):
 
 
 class MessageDecoder(StreamDecoder[T]):
-    """Incremental decoder of messages of some `kinds`; other messages and frames of version 1 are dropped bytes.
+    """Incremental decoder of messages of some `kinds`. Other messages and frames of version 1 count as dropped bytes.
 
-    It finds messages as the decoder of frames finds frames: a false candidate costs one byte, and a candidate that is
-    not whole 100 ms after its first byte is a false one.
+    As in the decoder of frames, only the first byte of a false candidate is dropped, and a candidate that is incomplete
+    100 ms after its first byte is false.
     """
 
     def __init__(self, kinds: Mapping[int, Kind[T]]) -> None:
         super().__init__()
         self._kinds = kinds
         self._tail = b""  # at most MAX_MESSAGE_BYTES − 1
-        self._arrived: list[float] = []  # one a byte of the tail
+        self._arrived: list[float] = []  # one time for each byte of the tail
 
     def feed(self, chunk: bytes, now: float) -> list[T]:
         """The messages completed by `chunk`, or by the end of a false candidate's 100 ms. See StreamDecoder."""
@@ -97,7 +94,7 @@ class MessageDecoder(StreamDecoder[T]):
         return found
 
     def _scan(self, data: bytes, at: int, found: list[T]) -> int:
-        """Append the messages in `data[at:]`; where the candidate that is not whole begins, or the end."""
+        """Append the messages in `data[at:]`. Returns the start of the incomplete candidate, or the end of the data."""
         end = len(data)
         while candidate := _CANDIDATE.search(data, at):
             self.dropped += candidate.start() - at

@@ -1,4 +1,4 @@
-"""The NMEA 0183 form: one `$PARVA` sentence a channel. Layout and rules: PROTOCOL.md."""
+"""The NMEA 0183 format: one `$PARVA` sentence for each channel. See PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PARVA: Final = re.compile(
 
 
 def encode_nmea(frame: Frame) -> bytes:
-    """The sentences of a frame, one a channel. Raises ValueError naming the field that does not fit."""
+    """The sentences of a frame, one for each channel. Raises ValueError that names the field that does not fit."""
     check(frame)
     n = len(frame.channels)
     sentences = []
@@ -30,19 +30,19 @@ def encode_nmea(frame: Frame) -> bytes:
 
 
 class NmeaDecoder(FrameDecoder):
-    """Incremental decoder of `$PARVA` sentences; remembers the sentence and the frame that are not whole yet.
+    """Incremental decoder of `$PARVA` sentences. Remembers the incomplete sentence and the incomplete frame.
 
-    A frame is its sentences 1…n in order, less than 100 ms from one to the next; anything else costs the
-    sentences that were already there. Other sentences on the line are dropped.
+    A frame is its sentences 1…n in order, with less than 100 ms between them; otherwise the sentences before are
+    dropped. Other sentences on the line are dropped too.
     """
 
     def __init__(self) -> None:
         super().__init__()
         self._part = b""  # at most _MAX_SENTENCE
-        self._head = (0, 0, 0)  # sequence, status, n of the frame that is not whole
+        self._head = (0, 0, 0)  # sequence, status, n of the incomplete frame
         self._channels: list[Channel] = []
-        self._bytes = 0  # its sentences so far
-        self._since = 0.0  # and when the last one came
+        self._bytes = 0  # of its sentences so far
+        self._since = 0.0  # when the last sentence came
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
         """The frames completed by `chunk`. See FrameDecoder."""
@@ -81,7 +81,7 @@ class NmeaDecoder(FrameDecoder):
         return frame
 
     def _values(self, line: bytes) -> tuple[int, int, int, int, Channel] | None:
-        """Sequence, status, n, slot and channel of a good sentence; None for anything else."""
+        """Sequence, status, n, slot and channel of a valid sentence; None for anything else."""
         sentence = _SENTENCE.fullmatch(line)
         if not sentence:
             return None

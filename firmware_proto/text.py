@@ -1,4 +1,4 @@
-"""The plain text form: `<d>,<δ>` of the nearest channel, a line a reading. Layout and rules: PROTOCOL.md."""
+"""The plain text format: `<d>,<δ>` of the nearest channel, one line for each reading. See PROTOCOL.md."""
 
 from __future__ import annotations
 
@@ -9,22 +9,24 @@ from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.frame import PAUSE_S, Channel, Format, Frame, FrameDecoder, check
 
 _LINE: Final = re.compile(rb"(-?\d{1,5}),(-?\d{1,5})\r?")
-_KEPT: Final = len(b"-32768,-32768\r") + 1  # one more than a good line: cut to it, a line stays a bad one
+_KEPT: Final = (
+    len(b"-32768,-32768\r") + 1
+)  # one more than a valid line: an invalid line cut to this length stays invalid
 
 
 def encode_text(frame: Frame) -> bytes:
-    """The line of the nearest channel that hears, else of channel 1. Raises ValueError like `encode`."""
+    """The line of the nearest channel with a signal, otherwise of channel 1. Raises ValueError as `encode`."""
     check(frame)
     nearest = min((c for c in frame.channels if c.valid), key=lambda c: c.d, default=frame.channels[0])
     return f"{nearest.d},{nearest.delta}\r\n".encode()
 
 
 class TextDecoder(FrameDecoder):
-    """Incremental decoder of text lines; remembers the line that is not whole yet and when it began.
+    """Incremental decoder of text lines. Remembers the incomplete line and when it began.
 
-    A frame has one channel, whose transmitter is unknown (id None, zone OUTER, not marked), status 0, and
-    the sequence is counted here: `lost` and `bad_crc` stay 0. Nothing on the wire protects a line, so one
-    that took 100 ms or more to arrive may be two torn ones and is dropped whole.
+    A frame has one channel with an unknown transmitter (id None, zone OUTER, not marked) and status 0. The sequence
+    numbers are counted here, so `lost` and `bad_crc` stay 0. A line has no checksum: one that took 100 ms or more to
+    arrive may be made of two incomplete ones, and is dropped.
     """
 
     def __init__(self) -> None:

@@ -49,7 +49,7 @@ _LEAST_ERROR_M: Final = 0.001  # on a logarithmic axis, which has no 0
 
 
 def colours(strategies: Iterable[str]) -> dict[str, str]:
-    """A colour for each strategy, that colour-blind eyes tell apart too (M. Okabe, K. Ito, 2008)."""
+    """A colour for each strategy, also distinct for the colour-blind (M. Okabe, K. Ito, 2008)."""
     return {name: _PALETTE[n % len(_PALETTE)] for n, name in enumerate(dict.fromkeys(strategies))}
 
 
@@ -83,7 +83,7 @@ def draw(rows: Sequence[TrialRow], success_m: float) -> dict[str, bytes]:
 
 
 def _success(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
-    """A line for each scenario, and one for all of them when there are several."""
+    """A line for each scenario, and one for all of them if there are several."""
     lines = {str(name): some for (name,), some in groups(rows, "scenario").items()}
     if len(lines) > 1:
         lines["all"] = list(rows)
@@ -121,7 +121,7 @@ def _error(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
 
 
 def _by_number(column: str, axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
-    """A point for each value of a column, or for each band of them when they are many."""
+    """A point for each value of a column, or for each range of values if there are many."""
     known = [row for row in rows if getattr(row, column) is not None]
     values = np.unique([getattr(row, column) for row in known])
     if len(values) > _VALUES:
@@ -142,7 +142,7 @@ def _by_number(column: str, axes: Axes, rows: Sequence[TrialRow], success_m: flo
 
 
 def _climb(axes: Axes, values: list[float], runs: int, low: float, high: float, strategy: str, colour: str) -> None:
-    """How many of all runs have a value up to x, in percent, from `low` to `high`."""
+    """The percentage of all runs that have a value up to x, from `low` to `high`."""
     x = [low, *sorted(values), high]
     y = [100 * n / runs for n in (*range(len(values) + 1), len(values))]
     axes.step(x, y, where="post", color=colour, lw=2, label=strategy)
@@ -150,13 +150,13 @@ def _climb(axes: Axes, values: list[float], runs: int, low: float, high: float, 
 
 
 def _each(rows: Sequence[TrialRow]) -> list[tuple[str, str, list[TrialRow]]]:
-    """Strategy, colour, rows."""
+    """The name, colour and rows of each strategy."""
     shades = colours(row.strategy for row in rows)
     return [(str(name), shades[name], mine) for (name,), mine in groups(rows, "strategy").items()]
 
 
 def _aside(n: int, count: int) -> float:
-    """Where the n-th of some goes when they share a place, in places."""
+    """The offset of the n-th of several marks at one place, as a fraction of the distance between places."""
     return (n - (count - 1) / 2) * min(0.2, 0.8 / count)
 
 
@@ -165,7 +165,7 @@ def _rate(rows: Sequence[TrialRow], success_m: float) -> float:
 
 
 def _arms(rows: Sequence[TrialRow], success_m: float) -> tuple[float, float]:
-    """From the rate down and up to the ends of its interval."""
+    """The lengths of the error bars: from the rate down and up to the ends of its interval."""
     successes = sum(row.success(success_m) for row in rows)
     low, high = wilson(successes, len(rows))
     rate = successes / len(rows)

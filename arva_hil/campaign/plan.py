@@ -1,7 +1,6 @@
-"""The plan of a campaign written out as trials.
+"""Expands the plan of a campaign into trials.
 
-What is drawn, the place of a random transmitter and the wind's direction, is drawn by the seed alone: strategies meet
-the same.
+The place of a random transmitter and the direction of the wind depend only on the seed: all strategies get the same.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ from arva_hil.config import NoiseKind, Scenario, Transmitter, to_dict
 from arva_hil.config.campaign import CampaignPlan, Random
 from arva_hil.field import rotation
 
-FORMAT: Final = 1  # of the results: another one makes every key another
+FORMAT: Final = 1  # of the results; a new one changes every key
 
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """A trial and what the plan calls it. `key` tells it from every other trial, by content."""
+    """A trial and its names in the plan. `key`: a digest of its content, different for each trial."""
 
     key: str
     trial: Trial
@@ -35,12 +34,12 @@ class Planned:
 
 
 def size(plan: CampaignPlan) -> int:
-    """How many trials there are."""
+    """The number of trials."""
     return math.prod(map(len, _axes(plan))) * len(plan.strategies)
 
 
 def trials(plan: CampaignPlan) -> Iterator[Planned]:
-    """Every trial, seed by seed and the strategies side by side: what is stopped half-way has tried all alike."""
+    """All trials, by seed first and strategy last, so that a stopped campaign has tried all strategies alike."""
     before: tuple[Any, ...] = ()
     for seed, (name, kind), noise, wind_m_s, gps_noise_m, take_off_m in itertools.product(*_axes(plan)):
         if before != (seed, name, noise):
@@ -63,14 +62,13 @@ def trials(plan: CampaignPlan) -> Iterator[Planned]:
 
 
 def wind(speed_m_s: float, seed: int) -> tuple[float, float, float]:
-    """NED, m/s: from a direction that the seed draws."""
+    """The wind [m/s, NED], from a random direction that depends on the seed."""
     angle = random.Random(f"wind {seed}").random() * math.tau
     return round(speed_m_s * math.cos(angle), 6) + 0.0, round(speed_m_s * math.sin(angle), 6) + 0.0, 0.0
 
 
 def draw(kind: Random, seed: int) -> Scenario:
-    """The scenario of a seed, to the millimetre and 0.001°, so that it is the same whatever a machine's last digit of
-    a sine."""
+    """The random scenario of a seed. Its values are rounded to 1 mm and 0.001°, to be the same on all machines."""
     r = random.Random(f"transmitter {seed}")
     north, east = (round((2 * r.random() - 1) * kind.within_m, 3) for _ in "ne")
     low, high = kind.depth_m

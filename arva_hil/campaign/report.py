@@ -1,4 +1,4 @@
-"""What a campaign says of each strategy: sums with their uncertainty, as text and as one page of HTML."""
+"""The report of a campaign: statistics of each strategy with their uncertainty, as text and as an HTML page."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _HEAD: Final = ("runs", "successes", "rate", "95 % confidence", "time, s", "path
 
 
 def text(rows: Sequence[TrialRow], success_m: float) -> str:
-    """A short table for a terminal: one line a strategy."""
+    """A short table for a terminal: one line for each strategy."""
     table: list[tuple[str, ...]] = [("strategy", *_HEAD)]
     table += [(str(name), *_cells(summary(some, success_m))) for (name,), some in groups(rows, "strategy").items()]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
@@ -48,7 +48,7 @@ def text(rows: Sequence[TrialRow], success_m: float) -> str:
 
 
 def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
-    """The report, one HTML file with all that belongs to it."""
+    """The report as one self-contained HTML file."""
     several = {what: len(groups(rows, name)) for name, what in _SEVERAL.items()}
     axes = [("strategy", ""), *((name, label) for name, label in _AXES.items() if len(groups(rows, name)) > 1)]
     environment = jinja2.Environment(
@@ -75,7 +75,7 @@ def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
 
 
 def _parts(rows: Sequence[TrialRow], column: str, success_m: float) -> Iterator[tuple[str, dict[str, Summary]]]:
-    """Each value of a column, with the sums of each strategy there. Of strategies: one part with all of them."""
+    """Each value of a column, with the summary of each strategy there. The column `strategy` is one part with all."""
     for (value,), some in ({("",): rows} if column == "strategy" else groups(rows, column)).items():
         name = f"{value:g}" if isinstance(value, float) else str(value)
         yield name, {strategy: summary(mine, success_m) for (strategy,), mine in groups(some, "strategy").items()}

@@ -1,7 +1,7 @@
 """The results of a campaign in a folder: a row for each trial in `results.sqlite`, committed as soon as it has ended.
 
-SQLite keeps what was committed, whatever ends the campaign, and keeps other programs out while it is at work. Its
-write-ahead log is not used, because that does not work on a network disk. `results.csv` is exported at the end.
+Committed rows stay even if the campaign is killed. The database is locked while a campaign runs. Its write-ahead log is
+not used, because that does not work on a network disk. `results.csv` is exported at the end.
 """
 
 from __future__ import annotations
@@ -40,21 +40,21 @@ __all__ = [
 NAME: Final = "results.sqlite"
 TABLE: Final = "results.csv"
 REPORT: Final = "report.html"
-FAILED: Final = "failed: "  # how the outcome of a trial starts that was no search but an error of the program
+FAILED: Final = "failed: "  # begins the outcome of a trial that ended with an error of the program
 
-_APPLICATION: Final = 0x41525641  # "ARVA": whose database it is, in its header
-_FORMAT: Final = 1  # of the table, in the header too
-_WAIT_S: Final = 1.0  # for who has the database to end
+_APPLICATION: Final = 0x41525641  # "ARVA", in the header of the database
+_FORMAT: Final = 1  # of the table, also in the header
+_WAIT_S: Final = 1.0  # for another program to release the database
 _ELSEWHERE: Final = "it is left as it is; name another folder with --out"
 
 
 class ResultsError(ArvaError):
-    """The results cannot be read or written; `str()` says where and why."""
+    """The results cannot be read or written. `str()` says where and why."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrialRow:
-    """One line of results.csv. `distance_m`: from take-off to the nearest transmitter, horizontally, at first."""
+    """One line of results.csv. `distance_m`: from the take-off to the nearest transmitter at the start."""
 
     key: str
     seed: int
@@ -94,7 +94,7 @@ _CREATE: Final = ", ".join(f"{field.name} {_TYPES[str(field.type)].format(field.
 
 
 def flown(planned: Planned) -> dict[str, Any]:
-    """What a trial is: the columns up to `distance_m`."""
+    """The conditions of a trial: the columns up to `distance_m`."""
     trial = planned.trial
     places = [t.path.points_ned[0][1:] if t.path else t.ned for t in trial.scenario.transmitters]
     return {
@@ -114,7 +114,7 @@ def flown(planned: Planned) -> dict[str, Any]:
 
 
 def row(planned: Planned, result: Result) -> TrialRow:
-    """What a trial was, and what came of it."""
+    """The row of a trial with its result."""
     outcome = one_line(" ".join(result.outcome.split())[:300])
     return TrialRow(**flown(planned), **asdict(result) | {"outcome": outcome})
 
@@ -157,11 +157,11 @@ class Results:
         return {one.key: one for one in rows}
 
     def done(self, key: str) -> bool:
-        """Whether a trial has a result; one that failed has none."""
+        """Whether a trial has a result. A failed one has none."""
         return key in self.rows and not self.rows[key].failed
 
     def add(self, new: TrialRow) -> None:
-        """Keep a row. It is on the disk when this returns. Raises ResultsError, e.g. when that is full."""
+        """Store a row. It is on the disk when this returns. Raises ResultsError, e.g. if the disk is full."""
         try:
             marks = ", ".join("?" * len(_COLUMNS))
             self._database.execute(f"INSERT OR REPLACE INTO results VALUES ({marks})", astuple(new))
@@ -184,7 +184,7 @@ class Results:
 
 @contextmanager
 def opened(folder: Path) -> Iterator[Results]:
-    """The results in a folder, made if there is none, for one campaign at a time. Raises ResultsError."""
+    """The results in a folder, created if needed, for one campaign at a time. Raises ResultsError."""
     with contextlib.ExitStack() as stack:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -202,7 +202,7 @@ def opened(folder: Path) -> Iterator[Results]:
 
 
 def replace(path: Path, data: bytes) -> None:
-    """Write a file as a whole or not at all. Raises ResultsError."""
+    """Write a file completely or not at all. Raises ResultsError."""
     try:
         files.replace(path, data)
     except OSError as error:

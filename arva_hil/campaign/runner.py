@@ -1,4 +1,4 @@
-"""Runs trials in processes of this machine, or on a Dask cluster, and gives back results as they come."""
+"""Runs trials in processes of this machine or on a Dask cluster, and yields their results as they end."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ __all__ = ["Fly", "MissingExtra", "Unreachable", "WorkerPool", "WorkerPoolError"
 Fly = Callable[[Trial], Result]
 
 _DIED: Final = "a worker process died, killed or out of memory"
-_POLL_S: Final = 0.1  # how often somebody is asked whether to stop
+_POLL_S: Final = 0.1  # how often `stopped` is asked
 _CONNECT_S: Final = 10
-_AHEAD: Final = 1000  # trials that a cluster is given ahead of their results: workers may join it at any time
+_AHEAD: Final = 1000  # trials that are submitted to a cluster at a time; workers may join it later
 _ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _SIGNALS: Final = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
 
 class WorkerPoolError(ArvaError):
-    """No more trials can be run; `str()` says why."""
+    """No more trials can be run. `str()` says why."""
 
 
 class MissingExtra(WorkerPoolError):
-    """A package is not there; `str()` says how to install it."""
+    """A package is not installed. `str()` says how to install it."""
 
 
 class Unreachable(WorkerPoolError):
-    """No scheduler answers, or it does no longer."""
+    """The scheduler does not answer, or does not answer any more."""
 
 
 @dataclass(frozen=True)
 class WorkerPool:
-    """Who flies the trials, `width` of them under way or waiting. `lost`: why there will be no more results."""
+    """Runs trials, at most `width` at a time. `lost` gives the error if there will be no more results."""
 
     name: str
     executor: Executor
@@ -56,9 +56,10 @@ class WorkerPool:
     def fly(
         self, planned: Iterable[Planned], fly: Fly, *, stopped: Callable[[], bool]
     ) -> Iterator[tuple[Planned, Result]]:
-        """Trials and what came of them, in the order of their ends; `fly` is a function of a module.
+        """Trials and their results, in the order in which they end. `fly` must be a function of a module.
 
-        A trial that raises has an outcome that says so. Raises WorkerPoolError when a worker dies or the cluster goes.
+        If a trial raises an error, its outcome contains the error. Raises WorkerPoolError if a worker dies or the
+        cluster is lost.
         """
         queue = iter(planned)
         waiting: dict[Future[Result], Planned] = {}
@@ -84,7 +85,7 @@ class WorkerPool:
 
 
 def attempt(fly: Fly, trial: Trial) -> Result:
-    """The result of a trial, also when that raises. Runs in the worker."""
+    """The result of a trial, also if it raises an error. Runs in the worker."""
     try:
         return fly(trial)
     except Exception as error:
@@ -93,7 +94,7 @@ def attempt(fly: Fly, trial: Trial) -> Result:
 
 @contextmanager
 def processes(count: int) -> Iterator[WorkerPool]:
-    """So many processes of this machine, numpy on one thread in each. They are gone afterwards, busy or not."""
+    """`count` processes on this machine, with one thread for numpy in each. They are ended afterwards, even if busy."""
     context = multiprocessing.get_context("spawn")
     held, lifeline = context.Pipe(duplex=False)
     before = {name: os.environ.get(name) for name in _ONE_THREAD}
@@ -116,13 +117,13 @@ def processes(count: int) -> Iterator[WorkerPool]:
 def cluster(address: str) -> Iterator[WorkerPool]:
     """The Dask cluster whose scheduler is at an address, e.g. tcp://127.0.0.1:8786.
 
-    Raises MissingExtra without Dask, Unreachable when no scheduler answers there.
+    Raises MissingExtra without Dask, Unreachable if no scheduler answers there.
     """
     try:
         from distributed import Client
     except ImportError:
         raise MissingExtra("--scheduler needs Dask: pip install 'arva-hil[dask]'") from None
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what goes wrong is said here
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors are reported here
     try:
         client = Client(address, timeout=_CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -141,7 +142,7 @@ def cluster(address: str) -> Iterator[WorkerPool]:
 
 
 class _Processes(ProcessPoolExecutor):
-    """Its processes do not hear the signals that a terminal sends to all of a program: who started them stops them."""
+    """Its processes ignore the signals that a terminal sends to the whole program. The parent process ends them."""
 
     def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
         before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)  # a new process inherits it
@@ -152,7 +153,7 @@ class _Processes(ProcessPoolExecutor):
 
 
 def _hold(lifeline: Connection) -> None:
-    """In a new process: end at once when the other end of the lifeline is closed, whatever ends who holds it."""
+    """Runs in a new process: ends it when the other end of the lifeline is closed, also by a kill."""
 
     def watch() -> None:
         lifeline.poll(None)
@@ -162,7 +163,7 @@ def _hold(lifeline: Connection) -> None:
 
 
 def _result(future: Future[Result]) -> Result | None:
-    """None when the worker pool has lost it."""
+    """The result, None if its worker was lost."""
     if future.cancelled() or isinstance(error := future.exception(), BrokenExecutor):
         return None
     return _failure(error) if error else future.result()

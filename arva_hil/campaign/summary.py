@@ -1,4 +1,4 @@
-"""Sums over the rows of a campaign, with their uncertainty."""
+"""Statistics of the rows of a campaign, with their uncertainty."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True)
 class Summary:
-    """Of some runs. `interval` of the success rate; (median, 90th percentile) of time and path to a success, and of
-    the error of every place reported; None where there is none."""
+    """Statistics of some runs. `interval`: the 95 % confidence interval of the success rate. `time_s`, `path_m` (of
+    successes) and `error_m` (of all places reported): median and 90th percentile, None without values."""
 
     runs: int
     failed: int
@@ -47,7 +47,7 @@ def wilson(successes: int, runs: int) -> Pair:
 
 
 def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
-    """A run that failed by an error of the program is a run without success."""
+    """The statistics of rows. A run that failed with an error of the program counts as a run without success."""
     good = [row for row in rows if row.success(success_m)]
     return Summary(
         len(rows),
@@ -61,7 +61,7 @@ def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
 
 
 def groups(rows: Iterable[TrialRow], *columns: str) -> dict[tuple[Any, ...], list[TrialRow]]:
-    """Rows by their values in some columns, in the order in which those first appear."""
+    """The rows by their values in some columns, in the order in which the values first appear."""
     found: dict[tuple[Any, ...], list[TrialRow]] = {}
     for row in rows:
         found.setdefault(tuple(getattr(row, column) for column in columns), []).append(row)

@@ -1,4 +1,4 @@
-"""One trial: a scenario, a strategy, a seed, the air; and what came of it."""
+"""One trial of a campaign: its conditions, its flight and its result."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from arva_hil.simulated.closed_loop import ClosedLoop
 __all__ = ["FOUND", "Result", "Trial", "fly"]
 
 _STREAM_HZ: Final = 10.0  # of the pose; the vehicle's streams are most of the cost of a flight
-_AROUND_S: Final = 120.0  # for getting into the air
+_AROUND_S: Final = 120.0  # for the take-off
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What is flown, all of it: the same trial gives the same result on every machine and run."""
+    """All conditions of a flight. The same trial gives the same result on every machine and in every run."""
 
     strategy: str
     scenario: Scenario  # its seed is that of the receiver's noise
@@ -37,10 +37,10 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What came of a trial. Numbers are None where nothing was found.
+    """The result of a trial. The errors are None if nothing was found.
 
-    Errors are horizontal distances from the true transmitter to the place reported, and to where the hovering vehicle
-    truly is.
+    They are horizontal distances from the true transmitter: `error_m` to the place reported, `hover_m` to the true
+    place of the hovering vehicle.
     """
 
     outcome: str  # "found", or why not

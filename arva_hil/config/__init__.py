@@ -1,6 +1,6 @@
 # mypy: implicit-reexport
 # ruff: noqa: F401
-"""The files that say what is to be done: scenarios, their faults, plans of campaigns. One declaration of each key.
+"""The files of scenarios, their faults, and plans of campaigns. Each key is declared once.
 
 The ranges here are those of commands' options too: importing them imports nothing else.
 """

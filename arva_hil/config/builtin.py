@@ -20,7 +20,7 @@ def builtin_files() -> dict[str, Path]:
 
 
 def located(path: str | os.PathLike[str]) -> str:
-    """Where the file of a name is: `builtin:NAME` is one of ours, anything else is itself. Raises ScenarioError."""
+    """The path of a scenario: of a built-in one for `builtin:NAME`, else `path` itself. Raises ScenarioError."""
     name = os.fspath(path)
     if not name.startswith(PREFIX):
         return name

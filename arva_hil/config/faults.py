@@ -1,4 +1,4 @@
-"""What faults there are, and how they are written: in a scenario, or on the command line."""
+"""The faults of a scenario and of the command line: their names, values and schedule."""
 
 import math
 import re
@@ -24,11 +24,11 @@ _NEEDS: Final = ("by_ned", "over_s")
 
 
 class FaultKind(NamedTuple):
-    """A kind of fault: where it strikes, which values it takes (None: only `true`), which keys it needs besides.
+    """A kind of fault: its stage, its valid values (None: only `true`), its help, and the other keys that it needs.
 
-    `strike` depends on the stage. `heard`: `(look, switch)` gives another look. `sent`: `(sending, value, random)`
-    changes how a frame is sent; whether it did. `wire`: `(bytes of a frame, value, random)` gives what is left of them,
-    and how many were hit. None: the room `faults` knows it by name.
+    `strike` depends on the stage. `heard`: `(look, switch)` returns the changed look. `sent`: `(sending, value,
+    random)` changes how a frame is sent, and returns whether it did. `wire`: `(bytes of a frame, value, random)`
+    returns the changed bytes and the number of changes. None: `arva_hil.faults` handles this fault by its name.
     """
 
     stage: Stage
@@ -47,8 +47,8 @@ class FaultKind(NamedTuple):
 class Fault:
     """One fault and when it is on, in seconds from the start of the run.
 
-    `value`: a probability a frame or a byte, seconds, a factor, a transmitter's id, or 1 where there is nothing to
-    say but that it is on. From `from_s` until `until_s`, and with `every_s` only for the first `for_s` of each.
+    `value`: a probability per frame or byte, seconds, a factor, a transmitter's id, or 1 for a fault that is just on.
+    It is on from `from_s` until `until_s`, and with `every_s` only for the first `for_s` of each period.
     Raises ValueError for a name, value or schedule that no fault has.
     """
 
@@ -84,7 +84,7 @@ class Fault:
             yield Violation(f"less than every_s ({fault.every_s:g})", f"for_s {fault.for_s:g}", path=("for_s",))
 
     def since(self, time_us: int) -> int | None:
-        """How long it has been on [µs] at `time_us`, None when it is off."""
+        """How long it has been on [µs] at `time_us`, None if it is off."""
         since = time_us - round(self.from_s * 1e6)
         if since < 0 or time_us >= self.until_s * 1e6 - 0.5:
             return None
@@ -173,7 +173,7 @@ def _not_one(value: Mapping[str, Any], named: list[str]) -> Iterator[Violation]:
 
 
 def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] | None:
-    """What was found and what was expected, when a scenario with these transmitters and this format cannot have it."""
+    """What was found and what was expected, if a scenario with these transmitters and this format cannot have it."""
     kind: FaultKind = FAULTS[fault.name]
     if kind.valid is TRANSMITTER and fault.value not in ids:
         return f"{fault.name} of transmitter {fault.value:g}", f"one of {', '.join(map(str, sorted(ids)))}"

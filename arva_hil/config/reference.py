@@ -1,4 +1,4 @@
-"""What follows from the declarations: the JSON Schema for editors, and the reference page."""
+"""The JSON Schema for editors and the reference page, made from the declarations."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def schema(kind: SchemaKind) -> dict[str, Any]:
 
 
 def schema_text(kind: SchemaKind) -> str:
-    """The same as it is in a file."""
+    """The text of the file with the schema."""
     return json.dumps(schema(kind), indent=2, ensure_ascii=False) + "\n"
 
 

@@ -55,10 +55,10 @@ class OutputOptions:
 class Scenario:
     """One scenario. `source` is the file's name; two scenarios that differ in nothing else are equal.
 
-    `pose`: whether the receiver hears where the autopilot believes to be or where a simulator says that it is.
-    `navigation_error` (None: there is none) is added to the estimate. Without `vehicles` there is one, the command
-    line's, with one receiver. A file has `output_format` in a mapping `output`. Raises ValueError when an id or a name
-    is there twice, and for a navigation_error of the truth.
+    `pose`: whether the receiver is at the pose that the autopilot estimates or at the true pose of a simulator.
+    `navigation_error` (None: no error) is added to the estimate. Without `vehicles` there is one vehicle, on the
+    command line's link, with one receiver. A file has `output_format` in a mapping `output`. Raises ValueError if an
+    id or a name occurs twice, and for a navigation_error with `pose: truth`.
     """
 
     spec: InitVar[Annotated[int, Spec(nodes.NEWEST_SPEC), Help("the version of this file format")]] = field(
@@ -156,8 +156,8 @@ def _read(top: nodes.Value) -> Scenario:
 
 
 def _inherit(top: nodes.Mapping) -> None:
-    """Give each receiver of a vehicle what it has not of its own: the keys of `receiver`, the format, and a seed, the
-    n-th one (from 0) the scenario's plus n, so that no two hear the same noise."""
+    """Add the keys that a vehicle's receiver does not have: those of `receiver`, the format, and a seed. The seed of
+    the n-th receiver (from 0) is the scenario's plus n, so that no two hear the same noise."""
     receiver, output = top.get("receiver"), top.get("output")
     seed = valid_value(Scenario, top, "seed") or 0
     entries = [entry for _, vehicle in items_of(top, "vehicles") for _, entry in items_of(vehicle, "receivers")]
@@ -179,7 +179,7 @@ def to_dict(scenario: Scenario) -> dict[str, Any]:
 
 
 def parts_of_spec_2(scenario: Scenario) -> dict[str, bool]:
-    """Which of the things are there that only a file of spec 2 can say."""
+    """Which parts that only a file of spec 2 can have are in use."""
     return {
         "pose": scenario.pose != "estimate",
         "navigation_error": scenario.navigation_error is not None,

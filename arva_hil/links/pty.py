@@ -149,7 +149,7 @@ def make_symlink(link: str, path: str, slave: int) -> int:
     except FileExistsError:
         raise LinkError(name, "exists and is not a symlink", "take another name") from None
     except OSError as error:
-        raise LinkError(name, f"the symlink cannot be made: {error.strerror}") from error
+        raise LinkError(name, f"the symlink cannot be created: {error.strerror}") from error
     symlinks.mark_in_use(slave, inode)
     return inode
 

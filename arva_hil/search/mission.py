@@ -215,7 +215,7 @@ class Mission:
         elif before and not why:
             self._emit(SearchResumed(time_s, before))
         if why == "same readings" and time_s - self._hovering_since > self.plan.patience_s:
-            self._end("the receiver says the same: it is stuck", broken=True)
+            self._end("the receiver repeats the same reading: it is stuck", broken=True)
         return why is not None
 
     def _go_there(self, found: Found, position: Position) -> Velocity:

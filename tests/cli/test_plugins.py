@@ -263,7 +263,10 @@ def test_a_built_in_name_cannot_be_taken_over(install: Callable[..., None]) -> N
     ("code", "why"),
     [
         ("class Mine:\n    def hear(self, o): ...\n", "lacks velocity"),
-        ("class Mine:\n    def hear(self, o): ...\n    def velocity(self, t, p): ...\n", "cannot be made (TypeError"),
+        (
+            "class Mine:\n    def hear(self, o): ...\n    def velocity(self, t, p): ...\n",
+            "cannot be created (TypeError",
+        ),
         (
             "class Mine:\n    def __init__(self, speed): ...\n"
             "    def hear(self, o): ...\n    def velocity(self, t, p): ...\n",
@@ -277,12 +280,12 @@ def test_a_built_in_name_cannot_be_taken_over(install: Callable[..., None]) -> N
         (
             "class Mine:\n    def __init__(self, speed): raise SystemExit('no')\n"
             "    def hear(self, o): ...\n    def velocity(self, t, p): ...\n",
-            "cannot be made (SystemExit: no)",
+            "cannot be created (SystemExit: no)",
         ),
         (
             "class Mine:\n    def __init__(self, speed): ...\n    def hear(self, o): ...\n"
             "    def velocity(self, t, p): ...\n    found = property(lambda self: 1 / 0)\n",
-            "cannot be made (ZeroDivisionError: division by zero)",
+            "cannot be created (ZeroDivisionError: division by zero)",
         ),
         ("import no_such_thing\n", "cannot be imported (ModuleNotFoundError: No module named 'no_such_thing')"),
         ("class Mine(:\n", "cannot be imported (SyntaxError: "),

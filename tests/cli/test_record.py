@@ -146,7 +146,7 @@ def test_a_run_that_fails_says_so_in_its_record(start: Start, line: PtyLink, tmp
     assert (run["vehicle"], run["datum"]) == (None, None)
 
 
-# -- where a record cannot be made -------------------------------------------------------------------------
+# -- where a record cannot be created -------------------------------------------------------------------------
 
 
 def test_an_existing_record_is_never_overwritten(arva: Arva, tmp_path: Path) -> None:

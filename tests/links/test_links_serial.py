@@ -256,7 +256,7 @@ def test_a_live_symlink_a_file_and_a_directory_are_left_alone(tmp_path: Path) ->
         (unplugged, "is a symlink to /dev/serial/by-id/x, which another program made"),
         (file, "exists and is not a symlink"),
         (folder, "exists and is not a symlink"),
-        (tmp_path / "none" / "x", "cannot be made: No such file"),
+        (tmp_path / "none" / "x", "cannot be created: No such file"),
     ):
         with pytest.raises(LinkError, match=what):
             PtyLink(str(path))

@@ -189,12 +189,15 @@ def test_a_receiver_that_sticks_near_the_end_has_found_nothing_it_cannot_know(
         assert flight.off is not None
         assert flight.off < 1.0
     else:
-        assert (flight.outcome.kind, flight.outcome.how) == ("failed", "the receiver says the same: it is stuck")
+        assert (flight.outcome.kind, flight.outcome.how) == (
+            "failed",
+            "the receiver repeats the same reading: it is stuck",
+        )
 
 
 def test_a_receiver_that_sticks_is_said_and_landed_on() -> None:
     flight = Flight("extremum", "faults: [{stuck: true, from_s: 20}]")
-    assert (flight.outcome.kind, flight.outcome.how) == ("failed", "the receiver says the same: it is stuck")
+    assert (flight.outcome.kind, flight.outcome.how) == ("failed", "the receiver repeats the same reading: it is stuck")
     assert "same readings" in [event.reason for event in flight.events if isinstance(event, SearchPaused)]
 
 

@@ -460,7 +460,7 @@ def test_a_reading_that_never_changes_is_not_flown_by(strategy: type[Scripted]) 
     assert m.news() == [SearchResumed(106.0, "same readings")]
     for k in range(20):
         heard(m, beacon(1, 8, 20), at_s=107.0 + k, position=(4.0 + min(k, 4), 0.0, -1.0))
-    assert (m.ended, m.broken) == ("the receiver says the same: it is stuck", True)
+    assert (m.ended, m.broken) == ("the receiver repeats the same reading: it is stuck", True)
 
 
 def test_what_the_receiver_says_again_elsewhere_tells_the_strategy_nothing(strategy: type[Scripted]) -> None:

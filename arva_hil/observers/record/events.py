@@ -10,14 +10,14 @@ from arva_hil.events import Event, FrameMade, StatusReport
 from arva_hil.observers.console.event_json import event_json
 from arva_hil.observers.record.tables import moment
 
-_MOST_BYTES: Final = 1 << 25  # a vehicle that talks for days does not fill the disk
+_MOST_BYTES: Final = 1 << 25  # so that a vehicle that sends text for days does not fill the disk
 
 
 class EventLines:
     """Makes the lines of events.jsonl: events as `--json` gives them, and two objects of its own.
 
     `first_frame`: its `time_s` is the time 0 of the frames on the clock of the events, and `utc` the same instant.
-    `status`: a StatusReport, once a second. Remembers how much it has made; after 32 MiB it makes one last line,
+    `status`: a StatusReport, once a second. Counts its bytes; after 32 MiB it makes one last line,
     `events_left_out`. `epoch_us`: microseconds since 1970 at the loop's time 0.
     """
 
@@ -28,7 +28,7 @@ class EventLines:
         self._left = _MOST_BYTES
 
     def of(self, event: Event) -> bytes:
-        """The lines for an event, b"" for none."""
+        """The line for an event, b"" if it has none."""
         line = self._line(event)
         if line is None or self._left < 0:
             return b""

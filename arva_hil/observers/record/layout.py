@@ -22,8 +22,8 @@ _OF_RECEIVERS: Final = (FRAMES, TABLE, READINGS)
 class RecordLayout:
     """`receivers`: names of vehicle and receiver; `links`: the engine's names of the links that are recorded.
 
-    With one receiver its files are beside run.json, with several in `VEHICLE/RECEIVER/`. The packets of one link are
-    in autopilot.tlog, those of several in autopilot-1.tlog, autopilot-2.tlog and so on.
+    The files of a single receiver are beside run.json, those of several in `VEHICLE/RECEIVER/`. The packets of a single
+    link are in autopilot.tlog, those of several in autopilot-1.tlog, autopilot-2.tlog and so on.
     """
 
     receivers: tuple[tuple[str, str], ...] = ()
@@ -39,7 +39,7 @@ class RecordLayout:
 
     @property
     def folders(self) -> list[str]:
-        """The folders to make, the outer ones first."""
+        """The folders to create, outer ones first."""
         if len(self.receivers) < 2:
             return []
         vehicles = dict.fromkeys(vehicle for vehicle, _ in self.receivers)
@@ -47,7 +47,7 @@ class RecordLayout:
 
     @property
     def files(self) -> list[str]:
-        """Every file but run.json."""
+        """All files except run.json."""
         logs = [self.tlog(link) for link in self.links] or [TLOG]
         return [*logs, EVENTS, *(self.of_receiver(*names, file) for names in self._receivers for file in _OF_RECEIVERS)]
 

@@ -21,13 +21,13 @@ from arva_hil.observers.record.tables import COLUMNS, header_of_frames, moment, 
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.worker_thread import WorkerThread
 
-NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # what run.json says until it ends
+NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # in run.json until the run ends
 _BATCH_BYTES: Final = 1 << 16
-_FLUSH_S: Final = 0.2  # with the status four times a second, what a killed program loses is less than half a second
-_SYNC_S: Final = 1.0  # what is lost besides when the power fails
-_LAST_S: Final = 5.0  # for the disk to take what is left at the end
-_FEW_JOBS: Final = 8  # a batch each: who can wait for the disk does so rather than keep it all in memory
-_MANY_JOBS: Final = 10_000  # a batch each, of 0.2 s
+_FLUSH_S: Final = 0.2  # with a status four times a second, a killed program loses less than half a second
+_SYNC_S: Final = 1.0  # a power failure loses this much more
+_LAST_S: Final = 5.0  # for the last data to be written at the end
+_FEW_JOBS: Final = 8  # one batch each: a replay waits for the disk instead of filling the memory
+_MANY_JOBS: Final = 10_000  # one batch of 0.2 s each
 
 
 class RecordError(ArvaError):
@@ -85,7 +85,7 @@ class Recorder:
 
     @property
     def error(self) -> str:
-        """Why recording has stopped, "" while it goes on."""
+        """The reason if recording has stopped, "" while it goes on."""
         if self._background.error is not None:
             return why(self._folder, self._background.error)
         if self._background.refused:
@@ -125,7 +125,7 @@ class Recorder:
             self._flush()
 
     def close(self, run: Mapping[str, Any]) -> None:
-        """Close all files and replace run.json by `run`, also after errors. Raises RecordError if there were any."""
+        """Close all files and replace run.json by `run`, also after errors. Raises RecordError if there was one."""
         for table in self._layout.tables:
             if table not in self._begun:
                 self._pending[table] += header_of_frames(0).encode()
@@ -175,7 +175,7 @@ class Recorder:
 
 
 def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:
-    """Raise RecordError when `folder` holds one of these files: `what` would be written over."""
+    """Raise RecordError if `folder` contains one of these files: `what` would be overwritten."""
     there = [name for name in names if files.there(folder / name)]
     if there:
         raise RecordError(f"{folder}: holds {what} already ({', '.join(there)}); name another folder")

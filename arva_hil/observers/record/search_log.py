@@ -1,4 +1,4 @@
-"""The log of a search: one row a step of the flight, and how it ended."""
+"""The log of a search: one row for each step of the flight, and its outcome."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from arva_hil.search.outcome import SearchStep
 
 TRACK, OUTCOME = SEARCH_FILES = ("search.csv", "search.json")
 _BATCH: Final = 1 << 12  # characters
-_FLUSH_S: Final = 0.2  # what a killed program loses, and a row
+_FLUSH_S: Final = 0.2  # a killed program loses this much, and one row
 
 
 def refuse_search(folder: Path) -> None:
-    """Raise RecordError when `folder` holds a search already; nothing is written."""
+    """Raise RecordError if `folder` contains a search already. Nothing is written."""
     try:
         refuse_old(folder, SEARCH_FILES, "a search")
     except OSError as error:
@@ -30,10 +30,10 @@ def refuse_search(folder: Path) -> None:
 
 
 class SearchLog:
-    """Writes `search.csv` and, at the end, `search.json` into a folder, which may hold the emulator's record too.
+    """Writes `search.csv` and, at the end, `search.json` into a folder, which may contain the emulator's record too.
 
-    `clock`: real time, whatever the loop's is. Raises RecordError when the folder cannot be written or holds a search
-    already.
+    `clock`: real time, independent of the loop's clock. Raises RecordError if the folder cannot be written or contains
+    a search already.
     """
 
     def __init__(self, folder: Path, clock: Clock | None = None) -> None:
@@ -54,18 +54,18 @@ class SearchLog:
 
     @property
     def error(self) -> Exception | None:
-        """Why nothing more is written."""
+        """The error if nothing more is written, else None."""
         return self._background.error
 
     def row(self, row: SearchStep) -> None:
-        """Take one step."""
+        """Add one step."""
         self.rows.append(row)
         self._csv.writerow(row)
         if self._pending.tell() > _BATCH or self._clock.now() >= self._next_flush:
             self._flush()
 
     def close(self, outcome: Mapping[str, Any]) -> None:
-        """Close the files, `outcome` as search.json; RecordError when anything went wrong."""
+        """Close the files and write `outcome` to search.json. Raises RecordError if anything went wrong."""
         self._flush()
         finished = self._background.close(self._end)
         ending = WorkerThread("end of search log")  # the other one may hang

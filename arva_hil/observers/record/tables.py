@@ -1,6 +1,6 @@
-"""The rows of a record's tables: one a reading and slot in readings.csv, one a frame in frames.csv.
+"""The rows of a record's tables: one for each slot of a reading in readings.csv, one for each frame in frames.csv.
 
-What is unknown is an empty cell. Numbers are at full precision. The names of faults are the only texts.
+An unknown value is an empty cell. Numbers have full precision. The names of faults are the only texts.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ def header_of_frames(slots: int) -> str:
 
 
 def rows(made: FrameMade, columns: int) -> tuple[str, str]:
-    """The lines of readings.csv, and the one of frames.csv without its `utc`, which begins with a comma.
+    """The lines of readings.csv, and the line of frames.csv without its `utc`, so it begins with a comma.
 
-    `columns`: frames.csv has so many slots, also where a command has changed their number.
+    `columns`: the number of slots in frames.csv, which stays if a command changes the receiver's.
     """
     pose = ",".join(_pose(made))
     number, instant_s = str(made.frame.sequence), repr(made.instant_s)
@@ -54,7 +54,7 @@ def rows(made: FrameMade, columns: int) -> tuple[str, str]:
 
 
 def moment(time_s: float, epoch_us: int) -> str:
-    """A time of the loop in UTC, to the millisecond; "" beyond the years 1 to 9999, as logs may say.
+    """A time of the loop in UTC, to the millisecond; "" outside the years 1 to 9999, which a log may contain.
 
     `epoch_us`: microseconds since 1970 at the loop's time 0.
     """
