@@ -43,6 +43,20 @@ def check_sides(autopilot: str | None, port: str | None, form: str) -> None:
         )
 
 
+def check_ground_station(url: str, autopilot: str, receiver: str) -> None:
+    """Whether a ground station has a link of its own. Raises UsageError."""
+    address = parse(url)
+    if address.kind in ("tlog", "stdout"):
+        raise UsageError(f"--gcs {url}: no ground station is there: name its link, e.g. udpout:127.0.0.1:14555")
+    for name, other in (("autopilot", autopilot), ("receiver", receiver)):
+        same_port = address.port != 0 and (address.host, address.port) == parse(other)[1:3]
+        if same_port or (address != Address("pty") and place(url) == place(other)):
+            raise UsageError(
+                f"--gcs {url}: --{name} is there: the ground station needs a link of its own, because an autopilot may "
+                "evade what is shown on the map"
+            )
+
+
 def place(url: str) -> Address:
     """An address that is equal for all spellings of the same link. Raises AddressError."""
     where = parse(url)

@@ -18,6 +18,7 @@ from arva_hil.cli.keyfile import signing
 from arva_hil.cli.live import close_all, live_observers
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, UsageError
 from arva_hil.cli.page import open_page
+from arva_hil.cli.run_links import check_ground_station
 from arva_hil.cli.search_report import as_dict, close_log, open_log, result, would_order
 from arva_hil.cli.terminal import show_json
 from arva_hil.events import Event
@@ -29,6 +30,7 @@ from arva_hil.observers.audience import Audience
 from arva_hil.observers.console import Printer
 from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.question import TerminalQuestion, somebody_is_there
+from arva_hil.observers.ground_station import GroundStation
 from arva_hil.observers.record.search_log import SearchLog
 from arva_hil.observers.web.state import State
 from arva_hil.registry import FORMATS, STRATEGIES
@@ -73,6 +75,8 @@ def main(options: argparse.Namespace) -> int:
         if getattr(options, name) in (None, "-"):
             example = "arva-hil search --autopilot udpin:127.0.0.1:14540 --receiver /tmp/arva0"
             raise UsageError(f"--{name} is missing, e.g. {example}")
+    if options.gcs:
+        check_ground_station(options.gcs, options.autopilot, options.receiver)
     plan = plan_of(options)
     way = describe(plan)
     clock, guard = RealClock(), SignalGuard()
@@ -96,6 +100,10 @@ def main(options: argparse.Namespace) -> int:
             stack.callback(page.close)
         planned: list[Event] = []
         live = live_observers(options, None, clock.epoch_us)
+        if options.gcs:
+            link = common.open_or_fail(options.gcs, clock, open_reconnecting, patient=True)
+            live.append(GroundStation(link, lambda: session.vehicle.system if session.vehicle else None, COMPONENT))
+            printer.say(f"ground station: {link.name}")
         audience = Audience([printer, *live, *([page] if page else [])])
 
         def emit(event: Event) -> None:

@@ -392,3 +392,33 @@ def test_two_ctrl_c_end_it_at_once(start: Start, autopilot: Autopilot, beacon: B
     program.says("interrupted: the vehicle ")
     program.send(signal.SIGINT)
     assert program.ends() == 130
+
+
+def test_a_ground_station_gets_what_the_search_reads_on_a_link_of_its_own(
+    start: Start, autopilot: Autopilot, beacon: Beacon
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as station:
+        station.bind(("127.0.0.1", 0))
+        station.settimeout(60)
+        program = start(
+            *("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, "--dry-run", "--yes"),
+            *("--gcs", f"udpout:127.0.0.1:{station.getsockname()[1]}"),
+        )
+        parser, types, values = dialect.MAVLink(None), set(), {}
+        while len(values) < 4:
+            for message in parser.parse_buffer(bytearray(station.recv(65536))) or []:
+                types.add(message.get_type())
+                if message.get_type() == "NAMED_VALUE_FLOAT":
+                    values[message.name] = message.value
+        program.send(signal.SIGINT)
+        program.ends()
+    assert values == {"arva_d": 20.0, "arva_delta": 10.0, "arva_zone": 1.0, "arva_id": 4.0}
+    heard = dialect.MAVLink(None).parse_buffer(bytearray(autopilot.heard)) or []
+    assert not {message.get_type() for message in heard} & {"NAMED_VALUE_FLOAT", "ADSB_VEHICLE"}
+
+
+@pytest.mark.parametrize("url", ["udpin:127.0.0.1:14999", "udpout:127.0.0.1:14999", "/tmp/arva-none", "log.tlog", "-"])
+def test_a_ground_station_on_the_link_of_another_is_refused(arva: Arva, url: str) -> None:
+    ended = arva("search", "--autopilot", "udpin:127.0.0.1:14999", "--receiver", "/tmp/arva-none", "--gcs", url)
+    assert ended.code == 2
+    assert "--gcs" in ended.err

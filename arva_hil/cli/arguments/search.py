@@ -69,6 +69,13 @@ def add_options(parser: opt.CommandParser) -> None:
         "--stream-rate", type=opt.number(4, 50, " of Hz"), default=10.0, metavar="HZ", help="of the pose; default 10"
     )
     add_live(parser)
+    parser.option(
+        "--gcs",
+        type=opt.address,
+        metavar="URL",
+        help="show the place found, as ADSB_VEHICLE, and readings on a ground station: a link of its own, which nobody "
+        "forwards to an autopilot, e.g. udpout:127.0.0.1:14555",
+    )
     parser.option("--record", metavar="DIR", help="record the flight, how it ended and a picture into DIR")
     add_web(parser)
     parser.option("--json", action="store_true", help="how it ended, as a JSON object on stdout")

@@ -1,0 +1,138 @@
+"""Shows a search on a ground station's map: the place found as ADSB_VEHICLE, readings as NAMED_VALUE_FLOAT.
+
+Ground stations draw an ADSB_VEHICLE wherever it comes from. An autopilot may evade one, so this needs a link of its
+own, where no autopilot is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from arva_hil.events import Event
+from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, SearchEvent, TakeOffPoint
+from arva_hil.field import LocalFrame
+from arva_hil.links import Link
+from arva_hil.mavlink.codec import Encoder, Message, dialect
+from firmware_proto import Channel, Frame
+
+_EVERY_S: Final = 1.0
+_FIRST_ADDRESS: Final = 0xF0A000  # of a range that ICAO gives to no state
+_NO_ID: Final = 0xFF
+
+
+class _Place(NamedTuple):
+    """The place shown, metres from the take-off point; `found`: the search ends there, else it is the likeliest one."""
+
+    transmitter: int | None
+    north_m: float
+    east_m: float
+    sigma_m: float | None
+    found: bool
+
+
+class GroundStation:
+    """An observer that sends what a search knows once a second. Remembers the newest of each.
+
+    `link` is closed by `close`. `system`: the vehicle's system id, None while it is not known; nothing is sent then.
+    `component`: of the sender.
+    """
+
+    def __init__(self, link: Link, system: Callable[[], int | None], component: int) -> None:
+        self._link = link
+        self._system = system
+        self._encoder = Encoder(1, component)
+        self._due_s = -math.inf
+        self._start_s: float | None = None
+        self._origin: tuple[LocalFrame, float] | None = None  # and its altitude
+        self._place: _Place | None = None
+        self._frame: Frame | None = None
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, FromSearch):
+            event = event.event
+        if not isinstance(event, SearchEvent):
+            return
+        self._remember(event)
+        if self._start_s is None:
+            self._start_s = event.time_s
+        if event.time_s >= self._due_s:
+            self._due_s = event.time_s + _EVERY_S
+            self._tell(event.time_s - self._start_s)
+
+    def close(self) -> None:
+        self._link.close()
+
+    def _remember(self, event: SearchEvent) -> None:
+        if isinstance(event, TakeOffPoint):
+            self._origin = LocalFrame(event.lat, event.lon, event.alt), event.alt
+        elif isinstance(event, FrameHeard):
+            self._frame = event.frame
+        elif isinstance(event, BeliefChanged) and event.hypotheses and not (self._place and self._place.found):
+            north, east, _ = max(event.hypotheses, key=lambda one: one[2])
+            self._place = _Place(event.transmitter, north, east, _sigma(event.covariance), False)
+        elif isinstance(event, PlaceFound):
+            sigma = _sigma(event.covariance)
+            self._place = _Place(event.transmitter, event.north_m, event.east_m, sigma, True)
+            self._due_s = -math.inf  # at once
+
+    def _tell(self, time_s: float) -> None:
+        self._link.read()  # what a ground station says is not for us
+        if (system := self._system()) is None:
+            return
+        self._encoder.system = system
+        messages = [_HEARTBEAT, *self._values(round(time_s * 1e3) % 2**32)]
+        if self._place and self._origin:
+            messages.append(self._on_map(self._place, *self._origin))
+        self._link.write(b"".join(map(self._encoder.pack, messages)))
+
+    def _values(self, boot_ms: int) -> list[Message]:
+        values: dict[str, float] = {}
+        if self._frame is not None:
+            nearest = _nearest(self._frame, self._place.transmitter if self._place else None)
+            values = {"arva_d": nearest.d / 100 if nearest.valid else -1.0, "arva_delta": float(nearest.delta)}
+            values |= {"arva_zone": float(nearest.zone), "arva_id": float(-1 if nearest.id is None else nearest.id)}
+        if self._place and self._place.sigma_m is not None:
+            values["arva_sigma"] = self._place.sigma_m
+        return [
+            dialect.MAVLink_named_value_float_message(boot_ms, name.encode(), value) for name, value in values.items()
+        ]
+
+    def _on_map(self, place: _Place, origin: LocalFrame, alt: float) -> Message:
+        lat, lon, _ = map(float, origin.lla([place.north_m, place.east_m, 0.0]))
+        id_ = _NO_ID if place.transmitter is None else place.transmitter
+        name = "ARVA" if place.transmitter is None else f"ARVA{place.transmitter}"
+        return dialect.MAVLink_adsb_vehicle_message(
+            _FIRST_ADDRESS + id_,
+            round(lat * 1e7),
+            round(lon * 1e7),
+            dialect.ADSB_ALTITUDE_TYPE_GEOMETRIC,
+            round(alt * 1e3),  # the take-off point's; not said to be valid
+            0,
+            0,
+            0,
+            (name if place.found else f"{name}?").encode(),
+            dialect.ADSB_EMITTER_TYPE_POINT_OBSTACLE,
+            0,  # seconds old
+            dialect.ADSB_FLAGS_VALID_COORDS | dialect.ADSB_FLAGS_VALID_CALLSIGN,
+            0,
+        )
+
+
+_HEARTBEAT: Final = dialect.MAVLink_heartbeat_message(
+    dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+)
+
+
+def _nearest(frame: Frame, transmitter: int | None) -> Channel:
+    """The channel of the transmitter searched for, else the first one."""
+    return next((c for c in frame.channels if c.valid and c.id == transmitter), frame.channels[0])
+
+
+def _sigma(covariance: tuple[float, float, float] | None) -> float | None:
+    """The largest standard deviation in any direction, m."""
+    if covariance is None:
+        return None
+    nn, ne, ee = covariance
+    return math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne))
