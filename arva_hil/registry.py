@@ -278,6 +278,7 @@ EXPORTS: Final = Registry(  # a function (recording, binary file) -> None
         "gpx": "arva_hil.exports.gpx:write",
         "geojson": "arva_hil.exports.geojson:write",
         "csv": "arva_hil.exports.table:write",
+        "mcap": "arva_hil.exports.mcap:write",
     },
     ("__call__",),
 )

@@ -110,6 +110,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.__version__",
         "arva_hil.exports",
         "arva_hil.field",
+        "arva_hil.messages",
         "arva_hil.recordings",
         "arva_hil.runtime.clock",
         "arva_hil.safe_text",

@@ -19,7 +19,7 @@ Arva = Callable[..., Any]
     [
         ("replya x.tlog", "no command 'replya'", "did you mean replay?"),
         ("lisen pty", "no command 'lisen'", "did you mean listen?"),
-        ("frobnicate", "no command 'frobnicate'", "the commands are run, replay, demo, search, campaign, listen,"),
+        ("frobnicate", "no command 'frobnicate'", "the commands are run, replay, demo, search,"),
         ("", "--port is missing", "--port /dev/ttyUSB0, --port pty, or --format tunnel"),
         ("run", "--port is missing", "--port /dev/ttyUSB0, --port pty, or --format tunnel"),
         ("--prot pty", "--prot pty", "arva-hil run --help"),

@@ -1,0 +1,31 @@
+"""MCAP with ROS 2 messages, for Foxglove, Lichtblick, PlotJuggler and rosbag2. Needs the extra `mcap`."""
+
+from __future__ import annotations
+
+from typing import BinaryIO, Final
+
+from mcap.writer import Writer
+
+from arva_hil import __version__
+from arva_hil.messages.cdr import encode
+from arva_hil.messages.message import Message, schema
+from arva_hil.messages.recorded import messages_of
+from arva_hil.recordings import Recording
+
+_PROFILE: Final = "ros2"
+
+
+def write(recording: Recording, out: BinaryIO) -> None:
+    """See `arva_hil.exports`: the messages of a record, in the order of their times."""
+    writer = Writer(out)
+    writer.start(profile=_PROFILE, library=f"arva-hil {__version__}")
+    schemas: dict[type[Message], int] = {}
+    channels: dict[str, int] = {}
+    for number, (topic, stamp_ns, message) in enumerate(messages_of(recording)):
+        kind = type(message)
+        if kind not in schemas:
+            schemas[kind] = writer.register_schema(kind.ros_name(), "ros2msg", schema(kind).encode())
+        if topic not in channels:
+            channels[topic] = writer.register_channel(topic, "cdr", schemas[kind])
+        writer.add_message(channels[topic], stamp_ns, encode(message), stamp_ns, sequence=number)
+    writer.finish()  # type: ignore[no-untyped-call]
