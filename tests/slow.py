@@ -47,6 +47,7 @@ SLOW: Final = {
     "cli/test_doctor.py": REAL_TIME,
     "cli/test_links_fail.py": REAL_TIME,
     "cli/test_links_return.py": REAL_TIME,
+    "cli/test_plot.py": "figures are drawn",
     "cli/test_plugins.py": FLIGHTS,
     "cli/test_replay.py": REPLAYS,
     "cli/test_search.py": REAL_TIME,

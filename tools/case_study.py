@@ -20,7 +20,7 @@ from arva_hil.campaign.summary import groups, summary
 from arva_hil.campaign.trial import Trial, fly
 from arva_hil.cli.main import main as arva_hil
 from arva_hil.config.campaign import load_plan
-from arva_hil.observers.plots import Track, draw_search
+from arva_hil.pictures.search import Track, draw_search
 from arva_hil.search.outcome import SearchStep
 
 PLAN = Path(__file__).parents[1] / "configs/campaigns/paper.yaml"

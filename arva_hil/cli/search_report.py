@@ -10,9 +10,9 @@ from typing import Any, Final
 from arva_hil import __version__
 from arva_hil.cli.outcome import UsageError
 from arva_hil.events import Event
-from arva_hil.observers.plots import Track, draw_search
 from arva_hil.observers.record import RecordError
 from arva_hil.observers.record.search_log import TRACK, SearchLog, refuse_search
+from arva_hil.pictures.search import Track, draw_search
 from arva_hil.runtime.clock import utc
 from arva_hil.search.heard import NO_ID
 from arva_hil.search.mission import FOUND

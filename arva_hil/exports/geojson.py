@@ -29,7 +29,7 @@ def _features(recording: Recording) -> Iterator[dict[str, Any]]:
         yield from _mark(mark)
     for track in tracks(recording):
         yield from _lines(track)
-        if track.receiver:
+        if track.receiver is not None:
             yield from _readings(recording, track)
 
 

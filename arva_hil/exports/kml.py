@@ -58,14 +58,14 @@ def _mark(mark: Mark) -> Iterator[str]:
 
 
 def _track(recording: Recording, track: Track) -> Iterator[str]:
-    style = "receiver" if track.receiver else "search"
+    style = "receiver" if track.receiver is not None else "search"
     yield f"<Placemark>\n{element('name', track.name)}<styleUrl>#{style}</styleUrl>\n"
     yield "<gx:Track>\n<altitudeMode>absolute</altitudeMode>\n"
     for time_s in track.time_s.tolist():
         yield f"<when>{moment(recording, time_s)}</when>\n"
     for lat, lon, alt in track.lla.tolist():
         yield f"<gx:coord>{lon!r} {lat!r} {alt!r}</gx:coord>\n"
-    if track.receiver and track.receiver.slots:
+    if track.receiver is not None and track.receiver.slots:
         yield '<ExtendedData><SchemaData schemaUrl="#reading">\n'
         yield from _array("d_m", track.heard_m().tolist())
         yield from _array("true_range_m", track.receiver.true_range_m[track.rows, 0].tolist())

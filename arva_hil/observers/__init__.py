@@ -1,1 +1,1 @@
-"""Observers of an engine: console, record, service manager, pictures."""
+"""Observers of an engine: console, record, service manager and others."""

@@ -35,7 +35,7 @@ def load(folder: Path) -> Recording:
     if not has_run:
         search, notes = read_search(folder, None)
         started = search.started_utc_s if search else None
-        return Recording(folder, None, (), search, (), (), started, {}, tuple(notes))
+        return Recording(folder, None, (), search, (), (), started, started, {}, tuple(notes))
     run, notes = _run(folder / RUN)
     names = receivers_of(run.scenario) if run.scenario else _receivers_there(folder)
     layout, receivers = RecordLayout(tuple(names)), []
@@ -58,6 +58,7 @@ def load(folder: Path) -> Recording:
         tuple(event for event in events if event.get("event") != "status"),
         tuple(event for event in events if event.get("event") == "status"),
         start_utc_s if start_utc_s and start_utc_s > _YEAR_2001_S else seconds_of(run.started),
+        start_utc_s,
         {receiver.vehicle: _datums(run, receiver.vehicle, events) for receiver in receivers},
         tuple(notes + more),
     )

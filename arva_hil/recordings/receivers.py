@@ -61,13 +61,19 @@ class RecordedReceiver:
         return tuple(int(one) for one in np.unique(self.id[self.zone > 0]) if one != NO_ID)
 
     @property
+    def nearest_zone(self) -> Ints:
+        """(N,) the innermost zone of all slots; 0 where nothing is heard."""
+        return self.zone.max(axis=1) if self.slots else np.zeros(len(self), np.int8)
+
+    @property
     def faults(self) -> tuple[str, ...]:
         """The names of the faults that changed a frame."""
         return tuple(dict.fromkeys(name for names in self.fault_sets for name in names))
 
     def with_fault(self, name: str) -> NDArray[np.bool_]:
         """(N,) whether the fault changed the frame."""
-        return np.array([name in names for names in self.fault_sets])[self.fault_set]
+        has: NDArray[np.bool_] = np.array([name in names for names in self.fault_sets], bool)
+        return has[self.fault_set]
 
     def of_transmitter(self, id_: int) -> tuple[Floats, Floats, Ints, Floats]:
         """What was read of one transmitter: d in metres, δ in degrees, zone, true range in metres, each (N,).

@@ -82,8 +82,9 @@ class Recording:
 
     `events`: the objects of events.jsonl, their `time_s` on the clock of the frames, which is 0 at the start of the
     run; without the status. `status`: those of the status. `start_utc_s`: that instant in seconds since 1970, None if
-    it is not known. `datums`: by vehicle ("" in a record of one receiver), as they changed. `notes`: what of the files
-    is not used, for a person.
+    it is not known; `log_start_s`: the same by the clock of the logs, which a demo may have stepped from 1970 on.
+    `datums`: by vehicle ("" in a record of one receiver), as they changed. `notes`: what of the files is not used, for
+    a person.
     """
 
     folder: Path
@@ -93,8 +94,14 @@ class Recording:
     events: tuple[Event, ...]
     status: tuple[Event, ...]
     start_utc_s: float | None
+    log_start_s: float | None
     datums: Mapping[str, tuple[Datum, ...]]
     notes: tuple[str, ...]
+
+    @cached_property
+    def _placed(self) -> dict[Datum, MovingTransmitters]:
+        """The transmitters as they were asked for."""
+        return {}
 
     @property
     def title(self) -> str:
@@ -151,7 +158,9 @@ class Recording:
             if any(transmitter.lla for transmitter in scenario.transmitters):
                 return None
             datum = Datum(0.0, 0.0, 0.0, 0.0)
-        return moving_transmitters(scenario, datum.frame)
+        if datum not in self._placed:
+            self._placed[datum] = moving_transmitters(scenario, datum.frame)
+        return self._placed[datum]
 
     def of_search(self, ned: ArrayLike, vehicle: str = "") -> Floats | None:
         """Places of the search (..., 3), NED from its take-off point, as NED from the vehicle's datum.

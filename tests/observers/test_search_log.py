@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from arva_hil.observers.plots import Track, draw_search
 from arva_hil.observers.record import RecordError
 from arva_hil.observers.record.search_log import SearchLog
+from arva_hil.pictures.search import Track, draw_search
 from arva_hil.runtime.clock import StepClock
 from arva_hil.search.outcome import SearchStep
 

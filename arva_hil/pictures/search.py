@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from arva_hil import files
+from arva_hil.pictures.style import GREY, PALETTE, RED, figure, saved, styled
 from arva_hil.search.outcome import SearchStep
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Place = tuple[float, float]  # north, east of the take-off point, m
 
@@ -30,46 +33,44 @@ def draw_search(
     `truth`: the transmitters by id, empty if they are not known. `target`: the id of the transmitter searched for.
     A file or symlink of this name is replaced. Raises ImportError without matplotlib, OSError if it cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    with styled():
+        made = figure(9, 4.2)
+        made.suptitle(title)
+        above, time = made.subplots(1, 2)
+        _draw(above, time, tracks, truth, target)
+        png = saved(made, "png")
+    files.replace(path, png)
 
-    figure = Figure(figsize=(9, 4.2), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
-    figure.suptitle(title)
-    above, time = figure.subplots(1, 2)
+
+def _draw(above: Axes, time: Axes, tracks: Sequence[Track], truth: Mapping[int, Place], target: int | None) -> None:
+    """The trajectories seen from above, and the distances over time."""
     names = list(dict.fromkeys(track.name for track in tracks))
     for track in tracks:
-        colour = f"C{names.index(track.name)}"
+        colour = PALETTE[names.index(track.name) % len(PALETTE)]
         flown = [row for row in track.rows if row.phase == "flying"]
         _draw_path(above, flown, track.found, colour)
         _draw_distance(time, flown, truth.get(-1 if target is None else target), colour)
     for id_, (north, east) in truth.items():
-        above.plot(east, north, "*", ms=13, color="#c00000", mec="white", zorder=4, label=f"transmitter {id_}")
-    above.plot(0, 0, "ks", ms=6, label="take-off")
+        above.plot(east, north, "*", ms=13, color=RED, mec="white", zorder=4, label=f"transmitter {id_}")
+    above.plot(0, 0, "s", ms=6, color=GREY, label="take-off")
     for at, name in enumerate(names):
-        above.plot([], [], color=f"C{at}", label=name)
+        above.plot([], [], color=PALETTE[at % len(PALETTE)], label=name)
     marked = "; × is where it reports the victim" if any(track.found for track in tracks) else ""
     above.set(xlabel="east [m]", ylabel="north [m]", title="trajectory" + marked)
     above.set_aspect("equal", adjustable="datalim")
-    above.legend(fontsize=8)
+    above.legend()
     over = "dots: the receiver's d; line: true horizontal distance" if truth else "dots: the receiver's d"
     time.set(xlabel="time from the end of the take-off [s]", ylabel="[m]", title=over)
     time.set_ylim(bottom=0)
-    for axes in (above, time):
-        axes.grid(alpha=0.3)
-        axes.title.set_fontsize(10)
-    png = io.BytesIO()
-    figure.savefig(png, format="png")
-    files.replace(path, png.getvalue())
 
 
-def _draw_path(axes: Any, flown: Sequence[SearchStep], found: Place | None, colour: str) -> None:
+def _draw_path(axes: Axes, flown: Sequence[SearchStep], found: Place | None, colour: str) -> None:
     axes.plot([row.east_m for row in flown], [row.north_m for row in flown], lw=1.2, color=colour)
     if found is not None:
         axes.plot(found[1], found[0], "x", ms=8, mew=1.8, color=colour, zorder=5)
 
 
-def _draw_distance(axes: Any, flown: Sequence[SearchStep], target: Place | None, colour: str) -> None:
+def _draw_distance(axes: Axes, flown: Sequence[SearchStep], target: Place | None, colour: str) -> None:
     start = flown[0].time_s if flown else 0.0
     heard = [(row.time_s - start, row.d_cm / 100) for row in flown if row.d_cm is not None and row.d_cm > 0]
     axes.plot([t for t, _ in heard], [d for _, d in heard], ".", ms=4, color=colour)

@@ -1,0 +1,57 @@
+"""`arva-hil plot`: draws a record, on one sheet or in a file for each picture."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+
+from arva_hil.cli.outcome import FAILED, OK, Failure, UsageError
+from arva_hil.cli.recorded import loaded, needing, output
+from arva_hil.cli.terminal import tell
+from arva_hil.pictures.run import pictures, sheets
+from arva_hil.pictures.style import FORMATS, Format
+from arva_hil.recordings import Recording, RecordingError
+
+
+def main(options: argparse.Namespace) -> int:
+    out = Path(options.out or Path(options.run) / "plots")
+    sheet = next((one for one in FORMATS if out.suffix.lower() == f".{one}" and not out.is_dir()), None)
+    if sheet and options.format not in (None, sheet):
+        raise UsageError(f"--format {options.format}: --out {out} says {sheet}: leave one of them out")
+    format: Format = sheet or options.format or "png"
+    recording = loaded(options.run)
+    if not sheet:
+        _make(out)
+    with needing("plots", "plot"):
+        try:
+            if sheet:
+                drawn = [(_named(out, receiver), data) for receiver, data in sheets(recording, format)]
+            else:
+                drawn = [
+                    (_named(out / f"{name}.{format}", receiver), data)
+                    for receiver, name, data in pictures(recording, format)
+                ]
+        except RecordingError as error:
+            raise UsageError(error) from None
+    _write(recording, drawn)
+    return OK
+
+
+def _named(path: Path, receiver: str) -> Path:
+    """The file of a receiver's picture: with one receiver the path itself."""
+    return path.with_name(f"{receiver.replace('/', '-')}-{path.name}") if receiver else path
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise Failure(FAILED, f"{folder}: cannot be made: {error.strerror or error}") from None
+
+
+def _write(recording: Recording, drawn: Iterable[tuple[Path, bytes]]) -> None:
+    for path, data in drawn:
+        with output(recording, path) as out:
+            out.write(data)
+        tell(f"written: {path}")

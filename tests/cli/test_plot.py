@@ -1,0 +1,52 @@
+"""`arva-hil plot`: a sheet, or a folder of pictures."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.records import write
+
+Arva = Callable[..., Any]
+
+
+def test_a_sheet_is_of_the_kind_that_its_name_says(arva: Arva, tmp_path: Path) -> None:
+    run = write(tmp_path / "flight", 0, search=False)
+    for name, begins in {"a.png": b"\x89PNG", "b.svg": b"<?xml", "c.PDF": b"%PDF"}.items():
+        assert arva("plot", run, "--out", tmp_path / name) == (0, "", f"written: {tmp_path / name}\n")
+        assert (tmp_path / name).read_bytes().startswith(begins)
+
+
+def test_without_out_each_picture_is_a_file_in_the_record(arva: Arva, tmp_path: Path) -> None:
+    run = write(tmp_path / "flight", 0, search=False)
+    assert arva("plot", run, "--format", "svg").code == 0
+    assert sorted(path.name for path in (run / "plots").iterdir()) == [
+        "distance.svg",
+        "lateness.svg",
+        "map.svg",
+        "streams.svg",
+        "timeline.svg",
+    ]
+
+
+def test_a_folder_that_cannot_be_made_and_two_kinds_at_once_are_refused(arva: Arva, tmp_path: Path) -> None:
+    run = write(tmp_path / "flight", 0, search=False)
+    code, _, err = arva("plot", run, "--out", tmp_path / "x.svg", "--format", "png")
+    assert (code, err) == (
+        2,
+        f"arva-hil: --format png: --out {tmp_path}/x.svg says svg: leave one of them out\n",
+    )
+    code, _, err = arva("plot", run, "--out", run / "run.json" / "x")
+    assert (code, err) == (1, f"arva-hil: {run}/run.json/x: cannot be made: Not a directory\n")
+
+
+def test_without_matplotlib_it_says_how_to_get_it(arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    code, _, err = arva("plot", write(tmp_path / "flight", 3), "--out", tmp_path / "x.png")
+    assert code == 2
+    assert err == "arva-hil: plot needs matplotlib, which is missing: pip install 'arva-hil[plots]'\n"
+    assert not (tmp_path / "x.png").exists()

@@ -1,0 +1,170 @@
+"""Pictures of records show what is in readings.csv, and every record has one."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image
+
+from arva_hil.config import DEFAULT, parse
+from arva_hil.links.tlog import tlog_record
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.pictures import over_time, run
+from arva_hil.pictures.flight_map import draw_map
+from arva_hil.pictures.over_time import draw_distance, draw_timeline
+from arva_hil.pictures.style import MOST_POINTS, thinned
+from arva_hil.pictures.timing import draw_lateness, draw_streams
+from arva_hil.recordings import load
+from arva_hil.recordings.streams import streams
+from tests.records import EPOCH_US, SILENT, frames, write, write_search
+
+COUNT = 20
+
+
+@pytest.fixture(autouse=True)
+def _no_warning() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+@pytest.fixture
+def axes() -> Axes:
+    return Figure().add_subplot()
+
+
+def labelled(axes: Axes) -> dict[str, np.ndarray]:
+    """The points (N, 2) of each curve that has a label."""
+    return {
+        str(line.get_label()): np.asarray(line.get_xydata()) for line in axes.lines if str(line.get_label())[0] != "_"
+    }
+
+
+def test_the_map_has_the_track_the_place_found_and_the_transmitters(axes: Axes, tmp_path: Path) -> None:
+    recording = load(write(tmp_path / "flight", COUNT))
+    draw_map(axes, recording, recording.receivers[0])
+    curves = labelled(axes)
+    poses = [made.pose.position for made in frames(DEFAULT, COUNT) if made.pose]
+    np.testing.assert_allclose(curves["mid zone"], [(east, north) for north, east, _ in poses])
+    assert curves["place found, 95 % ellipse"].tolist()[0] == pytest.approx([5.25, 20.5], abs=1e-3)
+    assert curves["transmitter and its dipole"].tolist() == [[5.0, 20.0]]
+    assert curves["search: its own position"][0].tolist() == pytest.approx([0.0, 2.0], abs=1e-3)
+    assert {text.get_text() for text in axes.texts} >= {"1", "10 m", "20 m"}
+    assert axes.get_xlabel().endswith(", m")
+    assert axes.get_aspect() == 1.0
+
+
+def test_d_is_drawn_as_read_beside_the_true_range(axes: Axes, tmp_path: Path) -> None:
+    recording = load(write(tmp_path / "flight", COUNT))
+    draw_distance(axes, recording, recording.receivers[0])
+    curves = labelled(axes)
+    made = frames(DEFAULT, COUNT)[SILENT:]
+    assert curves["d, mid zone"].tolist() == [[m.instant_s, m.reading.channels[0].d_cm / 100] for m in made]
+    shown = curves["transmitter 1: true range"][SILENT:]
+    assert shown.tolist() == [[m.instant_s, m.reading.channels[0].true_range_m] for m in made]
+
+
+def test_the_true_range_goes_on_where_nothing_is_heard(axes: Axes, tmp_path: Path) -> None:
+    scenario = parse("transmitters: [{id: 5, enu: [0, 500, 0]}]\n", "x")
+    recording = load(write(tmp_path / "flight", COUNT, scenario, search=False))
+    draw_distance(axes, recording, recording.receivers[0])
+    ranges = labelled(axes)["transmitter 5: true range"][SILENT:, 1]
+    assert ranges.tolist() == pytest.approx(
+        [np.hypot(500 - 0.9 * n, np.hypot(0.3 * n, 3)) for n in range(SILENT, COUNT)]
+    )
+
+
+def test_the_timeline_has_each_fault_when_it_struck(axes: Axes, tmp_path: Path) -> None:
+    recording = load(write(tmp_path / "flight", COUNT))
+    lanes = {lane.label: lane.spans for lane in over_time._lanes(recording, recording.receivers[0])}
+    assert list(lanes) == ["pose", "zone", "stuck", "drop", "search"]
+    assert [(begin, end) for begin, end, _ in lanes["stuck"]] == [(6.0, 7.0), (13.0, 14.0)]
+    assert [(begin, end) for begin, end, _ in lanes["pose"]] == [(3.0, 20.0)]
+    assert [time_s for span in lanes["search"] for time_s in span[:2]] == pytest.approx([1, 2, 2, 4, 4, 4.8])
+    draw_timeline(axes, recording, recording.receivers[0])
+    assert [label.get_text() for label in axes.get_yticklabels()] == list(lanes)
+
+
+def test_the_lateness_is_that_of_all_frames(axes: Axes, tmp_path: Path) -> None:
+    recording = load(write(tmp_path / "flight", COUNT))
+    draw_lateness(axes, recording.receivers[0])
+    assert sum(bar.get_height() for bar in axes.patches) == COUNT  # type: ignore[attr-defined]
+    assert "50 % of the frames: up to 2 ms" in labelled(axes)
+    assert axes.get_xlabel().endswith(", ms")
+
+
+def test_rates_are_those_of_the_vehicle_s_packets_in_each_second(axes: Axes, tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", COUNT, search=False)
+    ours, others = Encoder(1, 1), Encoder(1, 190)
+    log = b""
+    for n in range(100):
+        message = dialect.MAVLink_attitude_message(n, 0, 0, 0, 0, 0, 0)
+        beat = dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3)
+        log += tlog_record(EPOCH_US + 2_000_000 + n * 50_000, ours.pack(message))
+        log += tlog_record(EPOCH_US + 2_000_000 + n * 50_000, others.pack(beat))
+    (folder / "autopilot.tlog").write_bytes(log)
+    (stream,) = streams(load(folder))
+    assert (stream.name, stream.hz.tolist()) == ("ATTITUDE", [20.0] * 5)
+    assert stream.time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
+    draw_streams(axes, [stream])
+    assert labelled(axes)["ATTITUDE, 20 Hz"].tolist() == [[n, 20] for n in range(5)]
+
+
+def damaged(folder: Path) -> Path:
+    """A scenario that nobody can read, and poses of NaN."""
+    (folder / "run.json").write_text((folder / "run.json").read_text().replace('"kappa_eq"', '"x"'))
+    rows = [line.split(",") for line in (folder / "readings.csv").read_text().splitlines()]
+    rows = [rows[0], *([*row[:3], *["nan"] * 6, *row[9:]] for row in rows[1:])]
+    (folder / "readings.csv").write_text("\n".join(map(",".join, rows)) + "\n")
+    return folder
+
+
+def test_every_record_has_a_picture_whatever_is_missing_in_it(tmp_path: Path) -> None:
+    records = [
+        write(tmp_path / "none", 0, search=False),
+        write(tmp_path / "one", 1, search=False),
+        write(tmp_path / "killed", 9, ended=False),
+        damaged(write(tmp_path / "damaged", 9, search=False)),
+        write_search(tmp_path / "search"),
+        write_search(tmp_path / "step", 1, found=None),
+    ]
+    for folder in records:
+        for _, draws in run._each(load(folder)):
+            for draw in draws.values():
+                axes = Figure().add_subplot()
+                draw(axes)
+                assert axes.get_title()
+    ((_, data),) = run.sheets(load(records[0]), "png")
+    width, height = Image.open(io.BytesIO(data)).size
+    assert width > height > 900
+
+
+def test_svg_needs_nothing_else_and_is_the_same_again(tmp_path: Path) -> None:
+    recording = load(write(tmp_path / "flight", 5))
+    (_, name, first), (_, _, again) = (next(run.pictures(recording, "svg")) for _ in range(2))
+    assert name == "map"
+    assert first == again
+    links = re.findall(r'(?:href|src)="([^"]*)"|url\(([^)]*)\)', first.decode())
+    assert links
+    assert all((a or b).startswith("#") for a, b in links)
+
+
+def test_a_long_record_is_thinned_and_its_ends_stay() -> None:
+    rows = thinned(1_000_000)
+    assert len(rows) <= MOST_POINTS
+    assert (rows[0], rows[-1]) == (0, 999_999)
+    assert thinned(3).tolist() == [0, 1, 2]
+    assert thinned(0).tolist() in ([], [0])
+    struck = np.zeros(1_000_000, bool)
+    struck[123_456] = True
+    spans = over_time._spans(np.arange(1e6), struck, 1e6)
+    assert len(spans) == 1
+    assert spans[0][0] <= 123_456 < spans[0][1]  # also one frame of a million is seen
