@@ -1,4 +1,4 @@
-"""The autopilot's clock seen from here: boot time ↔ host time by a minimum-delay filter."""
+"""Converts host time to the autopilot's boot time with a minimum-delay filter."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from collections import deque
 from typing import Final
 
 _WINDOW_S: Final = 1.0
-_STALL_S: Final = 0.5  # a silence counts for no more than this in the window,
-_LONGEST_STALL_S: Final = 5.0  # unless it was so long that the clocks may have drifted apart meanwhile
-_LEARN_S: Final = 2.0  # to tell how fast a clock runs
+_STALL_S: Final = 0.5  # a longer silence counts as this long in the window,
+_LONGEST_STALL_S: Final = 5.0  # except one of at least this length, in which the clocks may have drifted apart
+_LEARN_S: Final = 2.0  # for measuring the rate of a clock
 _FASTEST: Final = 20.0
 
 
 class ClockMap:
-    """Remembers how late the last second (`window_s`) of samples arrived, and trusts the one that came quickest.
+    """Remembers the delays of the samples of the last second (`window_s`), and uses the smallest one.
 
-    A sample stamped `boot` and received at `host` was at least as old as its stamp says: host − boot = offset +
-    delay, delay ≥ 0. The least of them is the offset, and a pose asked for by it is never from the future. The
-    window is short because autopilots' clocks do not keep the host's time (a simulator's was measured 1.5 % slow,
-    in steps of 0.15 s); a late second makes the pose older, never newer. What comes in a burst behind a stall of the
-    link was late: it is judged by what came quickest before, or else it would pass for fresh.
+    For a sample with time stamp `boot`, received at `host`: host − boot = offset + delay, with delay ≥ 0. The smallest
+    difference is the offset, so a pose at a converted time is never from the future. The window is short because the
+    clocks of autopilots run at other rates than the host's (a simulator's was measured 1.5 % slow, in steps of 0.15 s).
+    A second with delays makes the pose older, never newer. Samples that come in a burst after a stall of the link were
+    late: they are compared with the samples before the stall, otherwise they would look new.
     """
 
     def __init__(self, window_s: float = _WINDOW_S) -> None:
@@ -30,7 +30,7 @@ class ClockMap:
         self._newest = -math.inf
 
     def add(self, host: float, boot: float) -> None:
-        """One sample received; both in seconds."""
+        """Add a sample; both times in seconds."""
         offset = host - boot
         if self._first is None:
             self._first = host, boot
@@ -51,7 +51,7 @@ class ClockMap:
 
     @property
     def rate(self) -> float:
-        """How many seconds of boot time pass in one of host time: 1, but for a simulator that is told to be quick."""
+        """Seconds of boot time per second of host time: 1, except for a simulator that runs faster than real time."""
         if not self._samples or self._first is None:
             return 1.0
         (first, boot), (last, offset) = self._first, self._samples[-1]

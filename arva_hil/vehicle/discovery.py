@@ -1,4 +1,4 @@
-"""Which vehicle: the first autopilot heard, or the one asked for; and who else is on the link."""
+"""Finds the vehicle to follow: the first autopilot heard, or the one asked for. Lists other senders on the link."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, Final
 from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.vehicle.reasons import HeardSource
 
-_MOST_SOURCES: Final = 32  # remembered of those heard; a hostile link has 65,536
+_MOST_SOURCES: Final = 32  # that are remembered; a hostile link may have 65,536
 _NOT_VEHICLES: Final = {
     dialect.MAV_TYPE_GCS,
     dialect.MAV_TYPE_GIMBAL,
@@ -28,7 +28,7 @@ class Vehicle:
     autopilot: int  # MAV_AUTOPILOT
     kind: int  # MAV_TYPE
     armed: bool
-    version: int  # of MAVLink, as its heartbeats come
+    version: int  # of MAVLink in its heartbeats
 
     def __str__(self) -> str:
         return f"{short_name('MAV_AUTOPILOT', self.autopilot)} {self.short}"
@@ -39,16 +39,16 @@ class Vehicle:
         return f"{short_name('MAV_TYPE', self.kind)} {self.system}/{self.component}"
 
     def sent(self, packet: Packet) -> bool:
-        """Whether a packet is this vehicle's."""
+        """Whether a packet has this vehicle's ids."""
         return packet.system == self.system and packet.component == self.component
 
     def is_like(self, heartbeat: Any) -> bool:
-        """Whether a heartbeat may be this vehicle's own."""
+        """Whether a heartbeat may be from this vehicle."""
         return bool(heartbeat.autopilot == self.autopilot and heartbeat.type not in _NOT_VEHICLES)
 
 
 class VehicleDiscovery:
-    """Remembers who was heard. `system`, `component`: look only for these (default: any, component 1)."""
+    """Remembers the sources heard. `system`, `component`: accept only these (default: any system, component 1)."""
 
     def __init__(self, system: int | None, component: int | None) -> None:
         self._system = system
@@ -56,7 +56,7 @@ class VehicleDiscovery:
         self._heard: dict[tuple[int, int, str], int] = {}
 
     def vehicle(self, packet: Packet, heartbeat: Any) -> Vehicle | None:
-        """The vehicle that a heartbeat makes known; None when it is not an autopilot's, or not the one."""
+        """The vehicle that sent a heartbeat; None if it is not an autopilot, or not the one asked for."""
         if (
             packet.system == (self._system or packet.system or -1)
             and packet.component == self._component
@@ -68,7 +68,7 @@ class VehicleDiscovery:
         return None
 
     def note(self, packet: Packet, kind: str) -> bool:
-        """Count a source; True when it is new."""
+        """Count a source. Returns whether it is new."""
         key = (packet.system, packet.component, kind)
         if key not in self._heard and len(self._heard) >= _MOST_SOURCES:
             return False
@@ -77,16 +77,16 @@ class VehicleDiscovery:
 
     @property
     def sources(self) -> tuple[HeardSource, ...]:
-        """Who was heard."""
+        """The sources heard."""
         return tuple(HeardSource(kind, s, c, n) for (s, c, kind), n in self._heard.items())
 
 
 def is_autopilot(heartbeat: Any) -> bool:
-    """Whether a heartbeat is a vehicle's, and not a ground station's or a gimbal's."""
+    """Whether a heartbeat is from an autopilot, not from a ground station or a gimbal."""
     return heartbeat.autopilot != dialect.MAV_AUTOPILOT_INVALID and heartbeat.type not in _NOT_VEHICLES
 
 
 def short_name(enum: str, value: int) -> str:
-    """An enum entry's name without the enum's own, e.g. 'quadrotor'."""
+    """The name of an enum entry without the prefix of its enum, e.g. 'quadrotor'."""
     entry = dialect.enums[enum].get(value)
     return entry.name.removeprefix(enum + "_").lower() if entry else f"{enum} {value}"

@@ -1,8 +1,8 @@
-"""How an attitude goes on after the newest sample: plain floats, for a search asks five times a second.
+"""Extrapolates an attitude after the newest sample, in plain floats because a search does it five times a second.
 
-Over two recorded square flights the tilt half a second ahead is wrong by 5.4° (root mean square) when the body rates
-go on, by 2.9° when they stop after 0.15 s and by 2.6° when it is held; the heading by 4.7° when the turn goes on for
-0.5 s, and by 9.6° when it is held (tools/measure_extrapolation.py).
+In two recorded square flights, half a second ahead, the tilt is wrong by 5.4° (root mean square) with constant body
+rates, by 2.9° if they stop after 0.15 s, and by 2.6° if it is held; the heading is wrong by 4.7° with a constant turn
+for 0.5 s, and by 9.6° if it is held (tools/measure_extrapolation.py).
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from arva_hil.field.quaternion import Quaternion, from_euler, multiply, unit
 _TILT_S: Final = 0.15
 _HEADING_S: Final = 0.5
 _MOST_TURN: Final = math.pi / 6  # rad, by body rates
-_MOST_HEADING: Final = math.pi / 3  # rad, by the turn that goes on
+_MOST_HEADING: Final = math.pi / 3  # rad, by the turn about the vertical
 
 
 def attitude_ahead(angles: tuple[float, ...], rates: tuple[float, float, float], ahead_s: float) -> Quaternion:
     """The attitude, body FRD → NED, `ahead_s` after it was `angles`: roll, pitch, yaw, or a quaternion near length 1.
 
-    It goes on with the body `rates` [rad/s] for 0.15 s and at most 30°, then with the turn about the vertical up to
-    0.5 s and by at most 60°, then it is held.
+    It is extrapolated with the body `rates` [rad/s] for 0.15 s and at most 30°, then with the turn about the vertical
+    until 0.5 s and at most 60°, then it is held.
     """
     q = from_euler(*angles) if len(angles) == 3 else unit(*angles)
     p, r, y = rates

@@ -1,4 +1,4 @@
-"""What is known of one vehicle, and of what was heard on its link: questions only, which change nothing."""
+"""What is known of one vehicle and of its link. These methods change nothing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from arva_hil.vehicle.streams import Streams
 
 
 class FollowedVehicle:
-    """Remembers what a `Session` has learnt; the arguments are explained there."""
+    """The state of a `Session`, which explains the arguments."""
 
     def __init__(
         self,
@@ -41,32 +41,32 @@ class FollowedVehicle:
         self.component = component
         self.vehicle: Vehicle | None = None
         self.navigation = Navigation(self.news)
-        self.own: list[Packet] = []  # of what was fed last, the vehicle's own packets that are believed
-        self.ignored = 0  # packets of other systems and components, and of who only claims to be the vehicle
+        self.own: list[Packet] = []  # the accepted packets of the vehicle in the last chunk
+        self.ignored = 0  # packets of other systems and components, and of senders that only claim to be the vehicle
         self.rate_hz = rate_hz
         self._finder = VehicleDiscovery(target_system, target_component)
         self._passive = passive
         self._signing = reader.signing
         self._disbelieved: set[Verdict] = set()
         self._streams: Streams | None = None
-        self._identity: Identity | None = None  # of the vehicle, once it is pinned
+        self._identity: Identity | None = None  # of the pinned vehicle
         self._last_heartbeat = -math.inf
         self._lost = False
         self._interrupted = ""  # why the link is lost
 
     @property
     def parser(self) -> Parser:
-        """Of the link."""
+        """The parser of the link."""
         return self.reader.parser
 
     @property
     def usurped(self) -> str:
-        """Why what speaks is not the vehicle that was pinned; "" while it is."""
+        """Why the sender is not the pinned vehicle any more; "" while it is."""
         return self._identity.why if self._identity else ""
 
     @property
     def doubtful(self) -> bool:
-        """What was heard last may be another vehicle's than the one that was pinned."""
+        """Whether the last message may be from another vehicle than the pinned one."""
         return self._identity is not None and self._identity.doubtful
 
     @property
@@ -81,16 +81,16 @@ class FollowedVehicle:
 
     @property
     def home(self) -> Place | None:
-        """Its home, once it has said so."""
+        """The vehicle's home; None before it has sent it."""
         return self.navigation.home
 
     @property
     def lost(self) -> bool:
-        """There is a vehicle, and its heartbeat has stopped."""
+        """Whether the heartbeat of the vehicle has stopped."""
         return self._lost
 
     def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
-        """The vehicle's pose at host time `now` in the NED frame `frame`, None when it is unknown."""
+        """The vehicle's pose at host time `now` in the NED frame `frame`, None if it is unknown."""
         boot = self.clock.boot(now)
         return None if boot is None else self.track.at(boot, frame)
 
@@ -99,12 +99,12 @@ class FollowedVehicle:
         return self._streams.rates(now) if self._streams else {}
 
     def answers_us(self, message: Any) -> bool:
-        """Whether a COMMAND_ACK is for us, or, from an older autopilot, for nobody by name."""
+        """Whether a COMMAND_ACK is for us, or without an addressee, as older autopilots send it."""
         addressee = (message.target_system, message.target_component)
         return addressee in ((self.encoder.system, self.component), (0, 0))
 
     def counts(self) -> dict[str, int]:
-        """What was heard, and what of it was not believed."""
+        """Counters of what was received and not used."""
         return {
             "bytes_received": self.reader.bytes,
             "packets_received": self.parser.packets,
@@ -119,7 +119,7 @@ class FollowedVehicle:
         }
 
     def disbelieved(self) -> dict[str, int]:
-        """What came whole, and changed nothing all the same."""
+        """Counters of complete packets and values that were not used."""
         signatures = self.disbelieved_signatures() or {}
         return {
             "packets_incompatible": self.parser.incompatible,
@@ -131,11 +131,11 @@ class FollowedVehicle:
         }
 
     def disbelieved_signatures(self) -> dict[str, int] | None:
-        """How many packets were refused for their signature, by why; None without a key."""
+        """The number of packets refused for their signature, by reason; None without a key."""
         return dict(self._signing.refused) if self._signing else None
 
     def heard(self) -> NoVehicle:
-        """What was heard, when no vehicle was found."""
+        """What was heard if no vehicle was found."""
         if self._interrupted:
             return NoVehicle("link lost", self._interrupted)
         packets, refused = self.parser.packets, tuple(self._signing.refused.items()) if self._signing else ()
@@ -145,7 +145,7 @@ class FollowedVehicle:
         return NoVehicle(reason, "", self.reader.bytes, packets, refused, self._finder.sources)
 
     def why_no_pose(self) -> NoPose:
-        """Why there is no pose though there is a vehicle."""
+        """Why there is a vehicle but no pose."""
         if self._streams is None:
             return NoPose("no vehicle")
         nowhere = self.track.first_position is None

@@ -1,4 +1,4 @@
-"""Whether what speaks is still the vehicle that was launched: another one may have its ids, and its place on a link."""
+"""Checks that messages are still from the launched vehicle: another one may have its ids and its place on a link."""
 
 from __future__ import annotations
 
@@ -11,26 +11,27 @@ from arva_hil.vehicle.navigation import Place, is_zero, offset_m, place_of
 
 Velocity = tuple[float, float, float]  # NED, m/s
 
-_WINDOW_S: Final = 30.0  # of the clock: a vehicle's may be slow, and old packets come late
-_AHEAD_S: Final = 1.0  # of where the clock should be, and 5 % of a silence more
+_WINDOW_S: Final = 30.0  # of the clock: a vehicle's clock may be slow, and packets may come late
+_AHEAD_S: Final = 1.0  # of the expected clock, plus 5 % of a silence
 _AHEAD: Final = 0.05
-_BEHIND_S: Final = 0.5  # the newest: no packets in another order
-_JUMP_M: Final = 10.0  # an estimator may correct itself by so much, and 5 m more each second
+_BEHIND_S: Final = 0.5  # of the newest time: packets do not come in another order
+_JUMP_M: Final = 10.0  # an estimator may correct itself by this much, plus 5 m per second
 _JUMP_MS: Final = 5.0
-_LASTING: Final = 3  # values in a row: no single lie
+_LASTING: Final = 3  # values in a row, so that one wrong value does not count
 
 
 class Identity:
-    """Remembers the clock and the place of one vehicle. `rate`: how fast its clock runs to ours.
+    """Remembers the clock and the position of one vehicle. `rate`: of its clock relative to ours.
 
-    `why` says why it is another one, once that has lasted. `doubtful`: the last value heard was not its own.
+    `why`: the reason, once several messages in a row show that it is another vehicle. `doubtful`: the last value did
+    not fit this vehicle.
     """
 
     def __init__(self, rate: float) -> None:
         self.why = ""
         self._rate = rate
         self._clock = ClockMap(_WINDOW_S)
-        self._last: tuple[float, float] | None = None  # boot time, and when it came
+        self._last: tuple[float, float] | None = None  # boot time, and host time of its arrival
         self._place: tuple[float, Place, Velocity] | None = None
         self._strange_times = 0
         self._strange_places = 0
@@ -40,7 +41,7 @@ class Identity:
         return bool(self._strange_times or self._strange_places or self.why)
 
     def owns(self, message: Any, now: float) -> bool:
-        """Whether one of the messages that navigation handles may be its own."""
+        """Whether a message that navigation handles may be from this vehicle."""
         if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
             return True
         boot = message.time_boot_ms / 1e3
@@ -51,7 +52,7 @@ class Identity:
         return self.place(boot, *place_of(message))
 
     def time(self, boot: float, now: float) -> bool:
-        """Whether its clock may read `boot` now, s."""
+        """Whether its clock may show `boot` [s] now."""
         strange = ""
         if self._last is not None:
             boot_before, before = self._last
@@ -72,7 +73,7 @@ class Identity:
         return True
 
     def place(self, boot: float, place: Place, velocity: Velocity) -> bool:
-        """Whether it may be there at its boot time."""
+        """Whether it may be at this place at this boot time."""
         off = 0.0
         if self._place is not None:
             before, there, (north, east, down) = self._place

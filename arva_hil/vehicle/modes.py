@@ -38,10 +38,10 @@ _VELOCITY_AND_YAW: Final = 0b100111000111  # what the type mask ignores: positio
 
 @dataclass(frozen=True)
 class Modes:
-    """One autopilot's custom modes, and how it wants to be told.
+    """One autopilot's custom modes, and the form of its commands.
 
-    `hold`: stays where it is; it arms in it. `take_off`: seen while it climbs. `steer`: follows velocities. `yields`:
-    stays where it is until the sticks move. `px4`: modes are main and sub-modes, heights are above mean sea level.
+    `hold`: it hovers, and can be armed; `take_off`: during the climb; `steer`: it follows velocities; `yields`: it
+    hovers until the sticks move. `px4`: modes are main and sub-modes, heights are above mean sea level.
     """
 
     hold: int
@@ -59,7 +59,7 @@ class Modes:
         return (_PX4_SUB.get(sub) if main == 4 else _PX4_MAIN.get(main)) or f"mode {main}/{sub}"
 
     def to_set(self, vehicle: Vehicle, mode: int) -> Any:
-        """DO_SET_MODE; believe the heartbeat, not the acknowledgement."""
+        """DO_SET_MODE. Only a heartbeat confirms the mode, not the acknowledgement."""
         main, sub = (mode >> 16 & 0xFF, mode >> 24) if self.px4 else (mode, 0)
         return command(
             vehicle.system,
@@ -73,15 +73,15 @@ class Modes:
     def to_take_off(self, vehicle: Vehicle, height: float, ground_amsl: float) -> Any:
         """NAV_TAKEOFF to a height above the ground, straight up, heading kept.
 
-        PX4 ends a take-off within 0.8 m of its height, and then holds, as the pilot may have told it. So it is ordered
-        higher than it is to go, and told to follow set-points before it is there.
+        PX4 ends a take-off within 0.8 m of its height, and then changes to hold, as if the pilot had ordered it. So the
+        height ordered is larger, and the mode that follows set-points is ordered before it is reached.
         """
         here = float("nan") if self.px4 else 0.0  # PX4 takes a number for a place, ArduPilot ignores it
         level = ground_amsl + height + _SPARE_M if self.px4 else height
         return command(vehicle.system, vehicle.component, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, here, here, here, level)
 
     def to_steer(self, vehicle: Vehicle, velocity: tuple[float, float, float], yaw: float) -> Any:
-        """A set-point: NED, m/s, and the heading, radians. In any mode but `steer` it has no effect."""
+        """A set-point: velocity [m/s, NED] and heading [rad]. It has an effect only in the mode `steer`."""
         still = (0.0, 0.0, 0.0)
         to = vehicle.system, vehicle.component
         frame, ignored = dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
@@ -104,7 +104,7 @@ PX4: Final = Modes(hold=_HOLD, take_off=_AUTO | 2 << 24, steer=6 << 16, land=_AU
 
 
 def modes_of(vehicle: Vehicle) -> Modes:
-    """Raises ValueError for a vehicle that cannot be flown by velocities here."""
+    """The modes of a vehicle. Raises ValueError if it cannot be flown by velocities here."""
     modes = {dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: ARDUCOPTER, dialect.MAV_AUTOPILOT_PX4: PX4}.get(vehicle.autopilot)
     if modes is None:
         raise ValueError(f"{vehicle} is neither ArduPilot nor PX4")

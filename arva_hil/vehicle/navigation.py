@@ -1,4 +1,4 @@
-"""Where one vehicle says it is: its clock, its pose track and its home, out of messages that may be wrong."""
+"""The clock, pose track and home of one vehicle, from messages that may be wrong."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSampl
 
 Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
 
-_REORDER_S: Final = 0.5  # boot time further back than this is a reboot, not a late packet
-_AHEAD_S: Final = 10.0  # boot time may be so far ahead of what it was,
-_FASTEST: Final = 20.0  # and a simulator's clock run so much faster than ours
-_JUMP_M: Final = 100.0  # an estimator may correct itself by so much
+_REORDER_S: Final = 0.5  # a boot time further back than this is a reboot, not a late packet
+_AHEAD_S: Final = 10.0  # boot time may be this far ahead of the expected one,
+_FASTEST: Final = 20.0  # and a simulator's clock may be this much faster than ours
+_JUMP_M: Final = 100.0  # an estimator may correct itself by this much
 _SPEED_MS: Final = 100.0
 _ALTITUDES_M: Final = (-1_000.0, 100_000.0)
 _LARGEST_ANGLES: Final = 8.0  # radians, the root of the sum of squares; yaw comes as 0…2π or as ±π
@@ -29,11 +29,11 @@ _POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 
 
 class Navigation:
-    """Remembers what the vehicle's own messages made known, and tells the `news`. Times are host seconds.
+    """Remembers what the vehicle's own messages say, and emits events to `news`. Times are host seconds.
 
-    Counts what it did not believe: `refused` (values that are no pose), `unpositioned` (positions before the first
-    fix), `stray_times` and `stray_positions` (which did not follow from those before, nor last). And what it did
-    believe in the end: `reboots`, `leaps` of the vehicle's clock ahead, `jumps` of its position.
+    Counters of values that are not used: `refused` (no valid pose), `unpositioned` (positions before the first fix),
+    `stray_times` and `stray_positions` (single values that do not fit those before). Counters of changes that are
+    accepted: `reboots`, `leaps` of the vehicle's clock ahead, `jumps` of its position.
     """
 
     def __init__(self, news: EventQueue) -> None:
@@ -65,14 +65,14 @@ class Navigation:
         return self._place.strays
 
     def hear(self, message: Any, now: float) -> Judgement:
-        """One of the messages it `handles`: "anew" when its boot time has gone back: the vehicle has rebooted."""
+        """Use a message that it `handles`. Returns "anew" if the vehicle has rebooted: its boot time has gone back."""
         if message.id == _HOME:
             self._on_home(message)
             return "follows"
         boot = message.time_boot_ms / 1e3
         judgement = self._time.judge(boot, now)
         if judgement == "stray":
-            self.unpositioned += is_zero(message)  # without a fix some send no time either
+            self.unpositioned += is_zero(message)  # without a fix some autopilots send no time either
             return judgement
         if judgement == "anew":
             before = self._time.replaced
@@ -87,7 +87,7 @@ class Navigation:
         return judgement
 
     def renew(self) -> None:
-        """The link is a new one: nothing of the old one comes late on it."""
+        """The link is new: no late packets of the old link can come."""
         self._reorder_s = 0.0
         self.home = None
 
@@ -102,7 +102,7 @@ class Navigation:
         self._place.forget()
 
     def _on_leap(self, ahead_s: float, now: float) -> None:
-        """What came before was held up somewhere, or lay in a buffer. The vehicle may be far from where it was then."""
+        """Earlier packets were delayed or came from a buffer. The vehicle may be far from where it was then."""
         self.leaps += 1
         self._place.forget()
         self._news.emit(ClockLeapt(now, self._news.name, ahead_s))
@@ -120,7 +120,7 @@ class Navigation:
             return
         if judgement == "anew" and (before := self.track.last_position):
             self.jumps += 1
-            self.track.forget_positions()  # between the two sides of the jump it never was
+            self.track.forget_positions()  # the vehicle was never between the two sides of the jump
             self._news.emit(PositionJumped(now, self._news.name, _distance(before[1:4], place)))
         self.track.add_position(PositionSample(boot, *place, velocity))
 
@@ -148,18 +148,18 @@ class Navigation:
 
 
 def place_of(message: Any) -> tuple[Place, tuple[float, float, float]]:
-    """Place and velocity, NED, m/s, of a GLOBAL_POSITION_INT."""
+    """The place and the velocity [m/s, NED] of a GLOBAL_POSITION_INT."""
     velocity = message.vx / 100, message.vy / 100, message.vz / 100
     return (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3), velocity
 
 
 def _square(x: float, y: float, z: float) -> float:
-    """Of the length; of a NaN it is NaN, which compares with nothing."""
+    """The squared length; NaN if a value is NaN, so that every comparison is false."""
     return x * x + y * y + z * z
 
 
 def is_zero(message: Any) -> bool:
-    """Whether it is a position at 0° north, 0° east, which means that there is none."""
+    """Whether the position is 0° north, 0° east, which means that there is no position."""
     return bool(message.id == _POSITION and message.lat == message.lon == 0)
 
 
@@ -177,6 +177,6 @@ def _distance(a: Place, b: Place) -> float:
 
 
 def offset_m(a: Place, b: Place) -> tuple[float, float, float]:
-    """North, east and down from one place to another, metres, on a sphere and roughly."""
+    """The approximate offset north, east and down [m] from one place to another, on a sphere."""
     east = (b[1] - a[1] + 180) % 360 - 180
     return (b[0] - a[0]) * _M_PER_DEG, east * _M_PER_DEG * math.cos(math.radians(a[0])), a[2] - b[2]

@@ -1,4 +1,4 @@
-"""The events of one vehicle, in the order in which they happened."""
+"""The events of one vehicle, in their order."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from arva_hil.events import Event
 
 
 class EventQueue:
-    """Remembers events until somebody takes them. `name`: of the vehicle, as its events have it."""
+    """Remembers events until they are taken. `name`: the vehicle's name in its events."""
 
     def __init__(self, name: str = "vehicle") -> None:
         self.name = name
@@ -16,7 +16,7 @@ class EventQueue:
         self._events.append(event)
 
     def take(self) -> list[Event]:
-        """What has happened since the last call."""
+        """The events since the last call."""
         events = self._events
         if events:
             self._events = []

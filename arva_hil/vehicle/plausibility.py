@@ -1,4 +1,4 @@
-"""What does not follow from what was heard before: not believed until it lasts."""
+"""Ignores values that do not fit the values before, until they last."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ _SETTLE_S: Final = 0.5
 
 
 class Plausibility(Generic[T]):
-    """Remembers the last value believed and the last one doubted.
+    """Remembers the last value that was accepted, and the last one that was not.
 
-    `follows(old, new, gap_s)` tells whether one value can come so long after another. Values that cannot are stray
-    until two in a row agree with each other and the last one believed was heard 0.5 s ago: then all begins anew. So
-    a single stray value changes nothing, and of two sources that speak at once the first is believed. `best(old, new)`
-    is what is remembered of two values that follow: the new one, unless it says else.
+    `follows(old, new, gap_s)`: whether `new` can come `gap_s` after `old`. A value that cannot is stray. If two stray
+    values in a row fit each other, and the last accepted value is at least 0.5 s old, they replace it: a new start. So
+    a single stray value changes nothing, and of two sources at the same time the first one is used. `best(old, new)`:
+    the one of two accepted values to remember; by default the new one.
     """
 
     def __init__(self, follows: Callable[[T, T, float], bool], best: Callable[[T, T], T] | None = None) -> None:
         self.strays = 0
-        self.replaced: T | None = None  # what was believed before all began anew the last time
+        self.replaced: T | None = None  # the value before the last new start
         self._follows = follows
         self._best = best
         self._believed: tuple[T, float] | None = None
         self._doubted: tuple[T, float] | None = None
 
     def judge(self, value: T, now: float) -> Judgement:
-        """What to make of a value heard at `now` [s]."""
+        """Whether to accept a value received at `now` [s]."""
         believed, doubted = self._believed, self._doubted
         if believed is None or self._follows(believed[0], value, now - believed[1]):
             best = self._best
@@ -44,5 +44,5 @@ class Plausibility(Generic[T]):
         return "stray"
 
     def forget(self) -> None:
-        """Whatever comes next is believed."""
+        """Accept the next value, whatever it is."""
         self._believed = self._doubted = None

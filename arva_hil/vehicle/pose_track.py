@@ -1,4 +1,4 @@
-"""The pose track: samples of different messages at different rates in, the pose at any instant out."""
+"""The pose track: computes the pose at any instant from samples of different messages at different rates."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Vector = NDArray[np.float64]
 
 _KEEP_S: Final = 10.0
 _KEEP_SAMPLES: Final = 8192  # 10 s at the fastest stream there is, twice over
-_WIDEST_GAP_S: Final = 2.0  # two samples further apart do not tell what was between them
+_WIDEST_GAP_S: Final = 2.0  # no interpolation between samples that are further apart
 
 
 class PositionSample(NamedTuple):
@@ -31,7 +31,7 @@ class PositionSample(NamedTuple):
 
     @property
     def frame(self) -> LocalFrame:
-        """NED from there."""
+        """The NED frame with its origin there."""
         return LocalFrame(self.lat, self.lon, self.alt)
 
 
@@ -54,7 +54,7 @@ class VehicleState:
     """The vehicle at one instant of the autopilot's clock.
 
     `boot_s` [s]; `position` NED [m] from the datum; `velocity` NED [m/s]; `attitude` quaternion (w, x, y, z) body
-    FRD → NED; `age_s` [s] from the older of the samples it rests on to `boot_s`.
+    FRD → NED; `age_s` [s]: from the older of the samples used to `boot_s`.
     """
 
     boot_s: float
@@ -75,9 +75,9 @@ S = TypeVar("S", bound=_Stamped)
 class PoseTrack:
     """Remembers the last seconds of position and attitude.
 
-    Between two samples the pose is interpolated (position: cubic Hermite, which meets both velocities; attitude:
-    slerp). After the newest it is extrapolated: the position with its velocity; the attitude for a while with its body
-    rates (`extrapolation.py`). Before the first there is none.
+    Between two samples the pose is interpolated (position: cubic Hermite with the velocities of both; attitude: slerp).
+    After the newest sample it is extrapolated: the position with its velocity, the attitude for some time with its body
+    rates (`extrapolation.py`). Before the first sample there is no pose.
     """
 
     def __init__(self) -> None:
@@ -91,7 +91,7 @@ class PoseTrack:
         _append(self._attitudes, sample)
 
     def forget_positions(self) -> None:
-        """Those so far tell nothing of those to come."""
+        """Forget all positions: the next ones do not follow from them."""
         self._positions.clear()
 
     @property
@@ -103,7 +103,7 @@ class PoseTrack:
 
     @property
     def first_position(self) -> PositionSample | None:
-        """The oldest position still remembered."""
+        """The oldest position that is remembered."""
         return self._positions[0] if self._positions else None
 
     @property
@@ -112,7 +112,7 @@ class PoseTrack:
         return self._positions[-1] if self._positions else None
 
     def at(self, boot: float, frame: LocalFrame) -> VehicleState | None:
-        """The pose at boot time `boot` [s] in the NED frame `frame`; None when either part is unknown then."""
+        """The pose at boot time `boot` [s] in the NED frame `frame`; None if position or attitude is unknown."""
         position = _around(self._positions, boot)
         attitude = _around(self._attitudes, boot)
         if position is None or attitude is None:
@@ -123,7 +123,7 @@ class PoseTrack:
 
 
 def _append(samples: deque[S], sample: S) -> None:
-    """Add in order of time; a sample that comes late or twice tells nothing new and is dropped."""
+    """Append a sample. One that comes late or twice is dropped."""
     if samples and sample.boot <= samples[-1].boot:
         return
     samples.append(sample)
@@ -132,7 +132,7 @@ def _append(samples: deque[S], sample: S) -> None:
 
 
 def _around(samples: deque[S], boot: float) -> tuple[S, S | None] | None:
-    """The last sample at or before `boot`, and the next when it is near enough to interpolate."""
+    """The last sample at or before `boot`, and the next one if it is near enough to interpolate."""
     after: S | None = None
     for sample in reversed(samples):
         if sample.boot <= boot:

@@ -1,4 +1,4 @@
-"""Why there is no vehicle or no pose: values for a program; the console has the words."""
+"""Why there is no vehicle or no pose, as values. The console makes sentences of them."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Literal, NamedTuple
 
 
 class SilentStream(NamedTuple):
-    """A pose message that does not come. `command`, `asked_hz`: the last request for it that is settled, "" for none.
+    """A pose message that does not come. `command`, `asked_hz`: the last completed request for it, "" for none.
 
-    `result`: MAVLink's name of what was answered, "" for nothing. `recorded`: it is a log, nobody asks. `promised`: it
-    was, and is silent.
+    `result`: MAVLink's name of the answer, "" for none. `recorded`: this is a log, which cannot be asked. `promised`:
+    the vehicle accepted the request, but sends nothing.
     """
 
     name: str
@@ -23,9 +23,9 @@ class SilentStream(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class NoPose:
-    """Why there is no pose. `streams`: those that are missing; with "zero position" there may be some, too.
+    """Why there is no pose. `streams`: the missing ones, also with "zero position".
 
-    With "no truth", what a simulator would say: `message` by MAVLink's name, "" where the autopilot's has none.
+    `message`: with "no truth", the message that a simulator of this autopilot would send, "" if it has none.
     """
 
     reason: Literal[
@@ -42,7 +42,7 @@ class NoPose:
 
 
 class HeardSource(NamedTuple):
-    """`what` came from a system and component, `times` times: "packets", "other" or "heartbeats of gcs"."""
+    """A source: `what` came from it `times` times. `what`: "packets", "other" or e.g. "heartbeats of gcs"."""
 
     what: str
     system: int
@@ -52,7 +52,7 @@ class HeardSource(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class NoVehicle:
-    """Why there is no vehicle. `link_error`: why its link is lost. `refused`: packets by the verdict on signatures."""
+    """Why there is no vehicle. `link_error`: of a lost link. `refused`: packets by the verdict on their signature."""
 
     reason: Literal["link lost", "silence", "no packets", "no signature", "no heartbeat"]
     link_error: str = ""

@@ -1,4 +1,4 @@
-"""The session with one vehicle: bytes in, bytes out. What is then known of the vehicle is in `followed.py`."""
+"""The session with one vehicle: bytes in, bytes out. `followed.py` has its state."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from arva_hil.vehicle.streams import Streams
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 _HEARTBEAT_S: Final = 1.0
 _LOST_S: Final = 5.0  # without a heartbeat
-_GAP_S: Final = 2.5  # between heartbeats: who was away for so long may have forgotten what was asked
-_POLL_S: Final = 0.1  # how often requests and time-outs are looked at
+_GAP_S: Final = 2.5  # between heartbeats: a vehicle that was away for so long may have forgotten the requests
+_POLL_S: Final = 0.1  # how often requests and time-outs are checked
 
 _ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
 _HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
@@ -37,22 +37,21 @@ _HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
 
 
 def heartbeat() -> Any:
-    """An onboard computer's; never a ground station's, which could mask the vehicle's link-loss failsafe."""
+    """The heartbeat of an onboard computer. One of a ground station could mask the vehicle's link-loss failsafe."""
     kind, active = dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_STATE_ACTIVE
     return dialect.MAVLink_heartbeat_message(kind, dialect.MAV_AUTOPILOT_INVALID, 0, 0, active, 3)
 
 
 class Session(FollowedVehicle):
-    """Remembers one vehicle: chosen by its first heartbeat, followed by its system and component ids.
+    """Follows one vehicle: found by its first heartbeat, then recognized by its system and component ids.
 
-    `target_system`, `target_component`: follow only these (default: the first autopilot, component 1).
-    `rate_hz`: of the pose streams wanted. `passive`: never sends, for a log. `component`: our own id.
-    `signing`: believe only what is signed with its key, and sign. `reader`: of the link, with its signing, where
-    several sessions share one; they `hear` what it has read. What happens to the vehicle is in its `news`. Times are
-    host seconds from the caller's clock.
+    `target_system`, `target_component`: follow only these (default: the first autopilot, component 1). `rate_hz`: of
+    the pose streams. `passive`: never send, for a log. `component`: our own id. `signing`: accept only packets signed
+    with its key, and sign. `reader`: of the link, with its signing, if several sessions share a link; they `hear` the
+    packets that it has read. Events of the vehicle are in `news`. Times are host seconds from the caller's clock.
 
-    What other systems send changes nothing. Of several senders on the link only the one that is the vehicle's is
-    believed, `senders.vehicle`; a vehicle of the same ids may speak from another once that one has been silent for 3 s.
+    Packets of other systems change nothing. Of several senders on the link only `senders.vehicle` is accepted. After it
+    has been silent for 3 s, another sender with the vehicle's ids may take its place.
     """
 
     def __init__(
@@ -76,17 +75,17 @@ class Session(FollowedVehicle):
         )
         self.next_due = -math.inf
         self._wanted = self.navigation.handles | {_ACK}
-        self._strangers = Parser()  # what other senders than the vehicle's sent
+        self._strangers = Parser()  # for the packets of other senders
         self._extras: dict[int, float] = {}
         self._next_heartbeat = -math.inf
 
     # -- bytes in ------------------------------------------------------------------------------------------
 
     def feed(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> Sequence[Packet]:
-        """Take what came at `now`; gives back every packet in it, whatever system sent it. Never raises.
+        """Use bytes that came at `now`. Returns every packet in them, of all systems. Never raises.
 
-        `sender`: which of several on the link it came from. Of others than the vehicle's nothing is given back.
-        `whole`: no packet goes on in the next chunk, as in a record of a log.
+        `sender`: one of several on the link; packets of other senders than the vehicle's are not returned. `whole`: no
+        packet continues in the next chunk, as in a record of a log.
         """
         if not self._is_heard(sender, now):
             self._look_beside(self._strangers.feed(chunk, sender), now)
@@ -96,7 +95,7 @@ class Session(FollowedVehicle):
         return packets.every if self.vehicle is None or sender == self.senders.vehicle else []
 
     def hear(self, packets: Packets, now: float, sender: Hashable = None) -> bool:
-        """As `feed`, of what the link's `reader` has read; whether this sender may be the vehicle's."""
+        """As `feed`, for packets that the link's `reader` has read. Returns whether this sender may be the vehicle."""
         if not self._is_heard(sender, now):
             self._look_beside(packets.every, now)
             return False
@@ -104,24 +103,24 @@ class Session(FollowedVehicle):
         return self.vehicle is None or bool(sender == self.senders.vehicle)
 
     def want(self, streams: Mapping[int, float]) -> None:
-        """Ask for these too, message id → Hz, and do without where they are not granted."""
+        """Request these optional streams too: message id → Hz."""
         self._extras.update(streams)
         if self._streams:
             self._streams.want(streams)
 
     def pin(self) -> None:
-        """From now on the vehicle never changes: another one is none, whatever it says, and `usurped` tells."""
+        """From now on the vehicle never changes. Another one with its ids is ignored, and `usurped` says so."""
         self._identity = Identity(self.clock.rate)
         self.senders.pin()
 
     def take_events(self) -> list[Event]:
-        """What has happened since the last call."""
+        """The events since the last call."""
         return self.news.take()
 
     # -- bytes out -----------------------------------------------------------------------------------------
 
     def poll(self, now: float) -> bytes:
-        """What is due to be sent: the onboard computer's heartbeat, requests for streams. Sets `next_due`."""
+        """The bytes to send now: our heartbeat and requests for streams. Sets `next_due`."""
         self._watch_vehicle(now)
         self.senders.look(now)
         if self._signing:
@@ -145,15 +144,15 @@ class Session(FollowedVehicle):
         return out
 
     def interrupt(self, why: str) -> None:
-        """The link is lost: nothing can be sent, and silence is no vehicle's fault, until `resume`."""
+        """The link is lost: until `resume` nothing can be sent, and silence does not count."""
         self._interrupted = why
         self.parser.cut()
         self.senders.release()
 
     def resume(self, now: float) -> None:
-        """The link is a new one: say hello and ask for everything again, at once.
+        """The link is back: send a heartbeat and request all streams again, at once.
 
-        Whose boot time goes on is the same vehicle, and its pose track goes on; whose goes back has rebooted.
+        If the vehicle's boot time continues, so does its pose track. If it has gone back, the vehicle has rebooted.
         """
         self._interrupted = ""
         self._next_heartbeat = now
@@ -165,13 +164,13 @@ class Session(FollowedVehicle):
             self._streams.renew(now)
 
     def skip(self, now: float) -> None:
-        """Nothing was read for a while: silence until now is no vehicle's fault."""
+        """The link was not read for some time: silence until `now` does not count."""
         self._last_heartbeat = max(self._last_heartbeat, now)
 
     # -- the vehicle ---------------------------------------------------------------------------------------
 
     def _is_heard(self, sender: Hashable, now: float) -> bool:
-        """Begin with what a sender sent; False when it is not the vehicle's."""
+        """Whether the packets of a sender are used. Called first for each chunk."""
         self.own.clear()
         if sender is not None:
             self.senders.look(now)
@@ -203,7 +202,7 @@ class Session(FollowedVehicle):
                     self._streams.note(packet.msgid, now)
 
     def _look_around(self, packet: Packet, now: float, sender: Hashable) -> None:
-        """A heartbeat, or any packet before the vehicle is known."""
+        """Use a heartbeat, or any packet before the vehicle is known."""
         if packet.msgid != _HEARTBEAT:
             self._finder.note(packet, "packets")
             self.senders.meet(sender, candidate=True)
@@ -230,7 +229,7 @@ class Session(FollowedVehicle):
             self.senders.meet(sender, candidate=False)
 
     def _look_beside(self, packets: Sequence[Packet], now: float) -> None:
-        """What another sender than the vehicle's sent changes nothing; but another autopilot is news."""
+        """Packets of another sender than the vehicle's: they change nothing, but another autopilot is reported."""
         for packet in packets:
             if packet.msgid != _HEARTBEAT or self._signing:
                 continue
@@ -239,7 +238,7 @@ class Session(FollowedVehicle):
                 self._tell_other(packet, found, now)
 
     def _tell_other(self, packet: Packet, found: Vehicle | None, now: float) -> None:
-        """One event for each autopilot that is not the vehicle."""
+        """Report each autopilot that is not the vehicle once."""
         assert self.vehicle is not None
         same = self.vehicle.sent(packet)
         if (found or same) and self._finder.note(packet, "other"):
@@ -266,7 +265,7 @@ class Session(FollowedVehicle):
             self.vehicle = replace(self.vehicle, armed=armed)
         if self._lost:
             self._lost = False
-            self.navigation.home = None  # it may have been moved, or be another one: it is asked for its home again
+            self.navigation.home = None  # it may have been moved, or be another vehicle: request its home again
             self.news.emit(VehicleBack(now, self.news.name, str(self.vehicle)))
 
     def _watch_vehicle(self, now: float) -> None:
@@ -292,7 +291,7 @@ class Session(FollowedVehicle):
     # -- who is not believed -------------------------------------------------------------------------------
 
     def _disbelieve(self, packet: Packet, why: Verdict, now: float) -> None:
-        """One event for each reason, with the first who gave it."""
+        """Report each reason once, with the first sender."""
         if why not in self._disbelieved:
             self._disbelieved.add(why)
             self.news.emit(SignatureRefused(now, self.news.name, packet.system, packet.component, why))

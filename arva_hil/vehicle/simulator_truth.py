@@ -1,6 +1,6 @@
-"""The true pose of a simulated vehicle, as its simulator tells it on request.
+"""The true pose of a simulated vehicle, which its simulator sends on request.
 
-ArduPilot's simulator has SIM_STATE (its older SIMSTATE knows no altitude), PX4's HIL_STATE_QUATERNION; neither has a
+ArduPilot's simulator has SIM_STATE (its older SIMSTATE has no altitude), PX4's HIL_STATE_QUATERNION; neither has a
 usable time stamp. https://mavlink.io/en/messages/common.html
 """
 
@@ -17,9 +17,9 @@ from arva_hil.vehicle.session import Session
 
 Vector = tuple[float, float, float]
 
-_LATER_S: Final = 1e-6  # what comes in one chunk came in this order
+_LATER_S: Final = 1e-6  # between messages of one chunk, to keep their order
 _ALTITUDES_M: Final = (-1_000.0, 100_000.0)
-_FASTEST: Final = 1_000.0  # m/s; and so many rad/s
+_FASTEST: Final = 1_000.0  # m/s, and rad/s
 _ASKED: Final = {  # by MAV_AUTOPILOT
     dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: dialect.MAVLINK_MSG_ID_SIM_STATE,
     dialect.MAV_AUTOPILOT_PX4: dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
@@ -36,10 +36,10 @@ class _Told(NamedTuple):
 
 
 class SimulatorTruth:
-    """Remembers the last seconds of the true pose of the session's vehicle; has the session ask for it.
+    """Remembers the last seconds of the true pose of the session's vehicle, and makes the session request it.
 
-    A message is stamped with the vehicle's time when it arrives: some milliseconds late. `refused` counts values that
-    are no pose.
+    A message gets the vehicle's time at its arrival, which is some milliseconds late. `refused`: the number of values
+    that are no valid pose.
     """
 
     def __init__(self, session: Session) -> None:
@@ -51,7 +51,7 @@ class SimulatorTruth:
         self._newest = -math.inf
 
     def hear(self, now: float) -> None:
-        """Take what the session was fed last."""
+        """Use the packets that the session was fed last."""
         session = self._session
         vehicle, reboots = session.vehicle, session.navigation.reboots
         if self._asked is None and vehicle is not None and vehicle.autopilot in _ASKED:
@@ -80,13 +80,13 @@ class SimulatorTruth:
 
 
 def _sim_state(m: Any) -> _Told:
-    """Its `lat` and `lon` are floats, too coarse."""
+    """The pose in a SIM_STATE. Its `lat` and `lon` are not used: they are floats, which is too coarse."""
     place = m.lat_int * 1e-7, m.lon_int * 1e-7, m.alt
     return _Told(place, (m.vn, m.ve, m.vd), (m.q1, m.q2, m.q3, m.q4), (m.xgyro, m.ygyro, m.zgyro))
 
 
 def _hil_state_quaternion(m: Any) -> _Told:
-    """The quaternion may be the opposite one, which is the same attitude."""
+    """The pose in a HIL_STATE_QUATERNION. The sign of the quaternion has no meaning."""
     velocity = m.vx * 1e-2, m.vy * 1e-2, m.vz * 1e-2
     w, x, y, z = m.attitude_quaternion
     place = m.lat * 1e-7, m.lon * 1e-7, m.alt * 1e-3
@@ -100,7 +100,7 @@ _READERS: Final[dict[int, Callable[[Any], _Told]]] = {
 
 
 def _is_pose(told: _Told) -> bool:
-    """Of a NaN no comparison is true."""
+    """Whether all values are valid. Comparisons with NaN are false."""
     lat, lon, alt = told.place
     somewhere = (lat, lon) != (0, 0) and abs(lat) <= 90 and abs(lon) <= 180
     possible = _ALTITUDES_M[0] <= alt <= _ALTITUDES_M[1] and 0.9 < math.hypot(*told.quaternion) < 1.1

@@ -1,4 +1,4 @@
-"""The streams a pose needs: asked for, measured, asked for again while they are too slow."""
+"""Requests the streams that a pose needs, measures their rates, and requests them again if they are too slow."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from arva_hil.mavlink.codec import RESULTS, command, dialect
 from arva_hil.vehicle.news import EventQueue
 
 _MEASURE_S: Final = 2.0  # the window of a rate
-_JUDGE_S: Final = 1.0  # a rate seen for less than this is not judged yet,
-_SILENT_S: Final = 0.3  # unless nothing came at all for this long
+_JUDGE_S: Final = 1.0  # a rate is judged after this time,
+_SILENT_S: Final = 0.3  # or after this time if nothing came
 _LOOK_S: Final = 0.2  # after it was fast enough
 _MOST_SEEN: Final = 1024
-_ENOUGH: Final = 0.7  # of what was asked for: below it the stream is asked for again
+_ENOUGH: Final = 0.7  # of the rate requested; a slower stream is requested again
 _ACK_S: Final = 1.0
 _AGAIN_S: Final = (2.0, 4.0, 8.0, 16.0, 30.0)
-_PATIENCE: Final = 3  # requests of one kind that change nothing, before the other kind is tried
+_PATIENCE: Final = 3  # requests with one command without effect, before the other command is tried
 _SLOWEST_HZ: Final = 4.0
 
 _SET_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
 
 
 class Request(NamedTuple):
-    """`result`: MAVLink's name of what was answered, "" while nothing was. `command` is "" before the first request."""
+    """A request. `command`: "" before the first one; `result`: MAVLink's name of the answer, "" while there is none."""
 
     command: str = ""
     hz: float = 0.0
@@ -38,28 +38,28 @@ _NOT_ASKED: Final = Request()
 
 @dataclass
 class Stream:
-    """One wanted kind of message: what is known of it, and how it has been asked for."""
+    """One stream: what was received, and how it was requested."""
 
     name: str
-    request: int  # the message id to ask for
-    ids: frozenset[int]  # the message ids that serve
+    request: int  # the message id to request
+    ids: frozenset[int]  # the message ids that can be used
     group: int  # the MAV_DATA_STREAM it belongs to
     want_hz: float
-    asked: Request = _NOT_ASKED  # the last one that was answered, or waited for in vain
-    promised: bool = False  # it accepted a request
-    seen: dict[int, deque[float]] = field(default_factory=dict)  # when each of the ids came lately
-    tries: int = 0  # since it was fast enough
+    asked: Request = _NOT_ASKED  # the last one that was answered or timed out
+    promised: bool = False  # the vehicle accepted a request
+    seen: dict[int, deque[float]] = field(default_factory=dict)  # the latest times at which each id came
+    tries: int = 0  # requests since it was fast enough
     by_group: bool = False
-    anew: bool = False  # to be asked for even if it flows
+    anew: bool = False  # to be requested even if it is fast enough
     next_ask: float = 0.0
-    needed: bool = True  # else it is asked for a few times, and done without
+    needed: bool = True  # if not, it is requested only a few times
     refused: bool = False
 
     def __post_init__(self) -> None:
         self.seen = {msgid: deque(maxlen=_MOST_SEEN) for msgid in self.ids}
 
     def rate(self, now: float, since: float) -> float:
-        """Messages per second lately, of the id that comes fastest."""
+        """The present rate [Hz] of the fastest of its message ids."""
         span = max(min(_MEASURE_S, now - since), 0.1)
         for times in self.seen.values():
             while times and times[0] < now - _MEASURE_S:
@@ -68,12 +68,12 @@ class Stream:
 
 
 class Streams:
-    """Remembers which streams flow from one vehicle, and what was asked of it and answered.
+    """Remembers the streams of one vehicle, the requests for them, and the answers.
 
-    A stream is asked for with SET_MESSAGE_INTERVAL, one request at a time since its acknowledgement does not name
-    the message. A rate denied is halved; a command unknown or without effect gives way to REQUEST_DATA_STREAM.
-    Streams that already flow fast enough are left as they are, and nothing else is asked for. `extras`: message id → Hz
-    of what is done without where it is not granted. What there is to tell goes to the `news`.
+    A stream is requested with SET_MESSAGE_INTERVAL, one request at a time because its acknowledgement does not name
+    the message. A denied rate is halved. If the command is unknown or has no effect, REQUEST_DATA_STREAM is used.
+    Streams that are fast enough already are not requested. `extras`: message id → Hz of optional streams. Events go to
+    `news`.
     """
 
     def __init__(self, rate_hz: float, now: float, extras: Mapping[int, float], news: EventQueue) -> None:
@@ -82,7 +82,7 @@ class Streams:
         self._pending: tuple[Stream, float] | None = None
         self._home_next = now
         self._home_asks = 0
-        self._next_ask = 0.0  # when the first of the streams is to be looked at
+        self._next_ask = 0.0  # when to check the next stream
         self.home_wanted = True
         self.wanted = [
             Stream(
@@ -105,7 +105,7 @@ class Streams:
         self.want(extras)
 
     def want(self, extras: Mapping[int, float]) -> None:
-        """These too: message id → Hz."""
+        """Request these streams too: message id → Hz."""
         for msgid, rate_hz in extras.items():
             self.extras.append(Stream(f"message {msgid}", msgid, frozenset({msgid}), 0, rate_hz, needed=False))
         self._all, self._next_ask = self.wanted + self.extras, 0.0
@@ -113,7 +113,7 @@ class Streams:
         self.extra_ids = frozenset(stream.request for stream in self.extras)
 
     def note(self, msgid: int, now: float) -> None:
-        """One of the wanted messages came from the vehicle."""
+        """A message of a stream came from the vehicle."""
         self._seen[msgid].append(now)
 
     def rates(self, now: float) -> dict[str, float]:
@@ -121,7 +121,7 @@ class Streams:
         return {stream.name: stream.rate(now, self._since) for stream in self.wanted}
 
     def renew(self, now: float) -> None:
-        """The vehicle may have forgotten: ask for all of them at once, in the way that has worked so far."""
+        """Request all streams again, with the commands that have worked: the vehicle may have forgotten them."""
         self._since = now
         self._pending, self._next_ask = None, 0.0
         self._home_next = now
@@ -145,7 +145,7 @@ class Streams:
             return messages
         for stream in self._all:
             if self._pending:
-                return messages  # the others once it is answered
+                return messages  # the other streams once it is answered
             if now < stream.next_ask or stream.refused:
                 continue
             if stream.anew or self._too_slow(stream, now):
@@ -157,7 +157,7 @@ class Streams:
         return messages
 
     def acknowledged(self, command: int, result: int, now: float) -> None:
-        """A COMMAND_ACK of the vehicle to us."""
+        """A COMMAND_ACK of the vehicle for us came."""
         if command != _SET_INTERVAL or not self._pending or result == dialect.MAV_RESULT_IN_PROGRESS:
             return
         stream, _ = self._pending
@@ -195,7 +195,7 @@ class Streams:
         return command(system, component, _SET_INTERVAL, stream.request, interval_us)
 
     def _ask_home(self, system: int, component: int) -> Any:
-        """REQUEST_MESSAGE and the older GET_HOME_POSITION in turn."""
+        """Request the home position with REQUEST_MESSAGE and the older GET_HOME_POSITION, in turn."""
         self._home_asks += 1
         if self._home_asks % 2:
             home = dialect.MAVLINK_MSG_ID_HOME_POSITION
@@ -204,6 +204,6 @@ class Streams:
 
     def _change_kind(self, stream: Stream, now: float) -> None:
         stream.by_group = not stream.by_group
-        if stream.by_group and stream.tries <= _PATIENCE:  # once; what follows is only repetition
+        if stream.by_group and stream.tries <= _PATIENCE:  # only once
             self._news.emit(StreamAskedOtherwise(now, self._news.name, stream.name, *stream.asked, stream.want_hz))
         stream.next_ask = 0.0
