@@ -54,6 +54,7 @@ SLOW: Final = {
     "cli/test_search_permission.py": REAL_TIME,
     "cli/test_standard_streams.py": PROCESS,
     "cli/test_start_up.py": PROCESS,
+    "cli/test_web.py": PROCESS,
     "config/test_reference.py::test_the_schema_refuses_what_is_refused_for_its_keys_types_and_ranges": EXAMPLES,
     "config/test_scenario.py::test_any_text_is_a_scenario_or_a_scenario_error": EXAMPLES,
     "config/test_scenario.py::test_so_is_the_default_with_any_piece_replaced": EXAMPLES,

@@ -96,6 +96,13 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.safe_text",
         "firmware_proto",
     },
+    "arva_hil/viewer.py": {
+        "arva_hil.events",
+        "arva_hil.field",
+        "arva_hil.observers.console",
+        "arva_hil.observers.web",
+        "arva_hil.recordings",
+    },
     "arva_hil/recordings": {
         "arva_hil.config",
         "arva_hil.emulator.build",

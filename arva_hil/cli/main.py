@@ -29,6 +29,7 @@ COMMANDS: Final = {
     "plot": "draw a record: track, distance, timeline, lateness, rates",
     "export": "write a record for maps, spreadsheets and other programs",
     "campaign": "fly a plan of many trials and compare the strategies",
+    "view": "look at a record on a page in a browser, with a slider for the time",
     "listen": "decode and print frames, like a consumer",
     "command": "send a command to a receiver, e.g. mark 3, and print its answer",
     "check": "validate scenario files",

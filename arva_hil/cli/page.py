@@ -49,8 +49,15 @@ def open_page(wanted: Address | str | None, state: Callable[[], State], say: Cal
         page = WebPage(wanted, state())
     except WebError as error:
         raise UsageError(error) from None
-    taken = f" (port {wanted.port} is taken)" if wanted.port not in (0, page.address.port) else ""
-    say(f"page: {page.url}{taken}")
-    if not page.address.host.startswith(_LOCAL):
-        say(f"warning: everybody in this network can see the page; --web {DEFAULT_HOST} shows it here only")
+    for line in said_of(page.address, wanted):
+        say(line)
     return page
+
+
+def said_of(address: Address, wanted: Address) -> list[str]:
+    """What there is to say of a page: its address, and who can see it."""
+    taken = f" (port {wanted.port} is taken)" if wanted.port not in (0, address.port) else ""
+    lines = [f"page: {address.url}{taken}"]
+    if not address.host.startswith(_LOCAL):
+        lines.append(f"warning: everybody in this network can see the page; --web {DEFAULT_HOST} shows it here only")
+    return lines

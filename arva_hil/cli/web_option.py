@@ -32,3 +32,11 @@ def web(text: str) -> Address | str:
         return parse_address(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{error}, on or off") from None
+
+
+def page_address(text: str) -> Address:
+    """A converter for where a page is."""
+    try:
+        return parse_address(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import math
 import re
+from collections.abc import Mapping
 from typing import Any, Final
 
-from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
+from arva_hil import events
+from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport, searches, vehicles
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
 
 NOT_NEWS: Final = (  # frames have objects of their own; the others are for observers that draw
@@ -31,13 +34,34 @@ def event_name(kind: type[Event]) -> str:
 def event_json(event: Event) -> str | None:
     """An event as a JSON object of numbers, strings, lists, true, false and null; None for those in NOT_NEWS."""
     told = event.event if isinstance(event, FromSearch) else event
-    return None if isinstance(told, NOT_NEWS) else json.dumps(_object(event))
+    return None if isinstance(told, NOT_NEWS) else json.dumps(event_object(event))
 
 
-def _object(event: Event) -> dict[str, Any]:
+def event_object(event: Event) -> dict[str, Any]:
+    """Any event as a dictionary that JSON can take."""
     if isinstance(event, FromSearch):
-        return {**_object(event.event), "by": "search"}
+        return {**event_object(event.event), "by": "search"}
     return {"event": event_name(type(event)), **_fields(event)}
+
+
+def event_of(said: Mapping[str, Any]) -> Event | None:
+    """The event that such a dictionary was made of; None if that is not known or it has values inside values.
+
+    The types of its values are not checked.
+    """
+    fields = {name: value for name, value in said.items() if name not in ("event", "by")}
+    kind = _kinds().get(str(said.get("event")))
+    try:
+        event = kind(**fields) if kind else None
+    except TypeError:  # it lacks fields, or has others
+        return None
+    return FromSearch(event.time_s, event) if event and said.get("by") == "search" else event
+
+
+@functools.cache
+def _kinds() -> Mapping[str, type[Event]]:
+    every = (kind for room in (events, vehicles, searches) for kind in vars(room).values() if isinstance(kind, type))
+    return {event_name(kind): kind for kind in every if issubclass(kind, Event)}
 
 
 def _fields(value: Any, prefix: str = "") -> dict[str, Any]:

@@ -7,7 +7,8 @@ import math
 from typing import Any, Final
 
 from arva_hil.events import Event, FrameMade, StatusReport
-from arva_hil.observers.console.event_json import event_json
+from arva_hil.events.searches import BeliefChanged, FromSearch, PlaceFound, TakeOffPoint
+from arva_hil.observers.console.event_json import event_json, event_object
 from arva_hil.observers.record.tables import moment
 
 _MOST_BYTES: Final = 1 << 25  # so that a vehicle that sends text for days does not fill the disk
@@ -17,14 +18,14 @@ class EventLines:
     """Makes the lines of events.jsonl: events as `--json` gives them, and two objects of its own.
 
     `first_frame`: its `time_s` is the time 0 of the frames on the clock of the events, and `utc` the same instant.
-    `status`: a StatusReport, once a second. Counts its bytes; after 32 MiB it makes one last line,
-    `events_left_out`. `epoch_us`: microseconds since 1970 at the loop's time 0.
+    `status`: a StatusReport, once a second. What a search believes is also there once a second. Counts its bytes; after
+    32 MiB it makes one last line, `events_left_out`. `epoch_us`: microseconds since 1970 at the loop's time 0.
     """
 
     def __init__(self, epoch_us: int) -> None:
         self._epoch_us = epoch_us
         self._has_frame = False
-        self._next_status = -math.inf
+        self._next_status = self._next_belief = -math.inf
         self._left = _MOST_BYTES
 
     def of(self, event: Event) -> bytes:
@@ -49,6 +50,13 @@ class EventLines:
                 return None
             self._next_status = math.floor(event.time_s) + 1.0
             return json.dumps(_status(event))
+        told = event.event if isinstance(event, FromSearch) else event
+        if isinstance(told, BeliefChanged):
+            if event.time_s < self._next_belief:
+                return None
+            self._next_belief = math.floor(event.time_s) + 1.0
+        if isinstance(told, BeliefChanged | PlaceFound | TakeOffPoint):
+            return json.dumps(event_object(event))
         return event_json(event)
 
 

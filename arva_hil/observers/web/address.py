@@ -23,6 +23,12 @@ class Address(NamedTuple):
     def __str__(self) -> str:
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
+    @property
+    def url(self) -> str:
+        """Of the page, on this computer."""
+        host = {"0.0.0.0": DEFAULT_HOST, "::": "::1"}.get(self.host, self.host)
+        return f"http://{self._replace(host=host)}/"
+
 
 def parse_address(text: str, usual: Address | None = None) -> Address:
     """HOST:PORT, HOST or PORT; an IPv6 address in brackets. Raises ValueError with what was expected.

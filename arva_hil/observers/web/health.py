@@ -35,6 +35,14 @@ class Health:
         elif isinstance(event, vehicles.StreamRateLowered):
             self._asked_hz = {**self._asked_hz, event.stream: event.next_hz}
 
+    def forget(self) -> None:
+        """Forget what has happened."""
+        self._labels.clear()
+        self._silent.clear()
+        self._report = None
+        for name, link in self._links.items():
+            self._links[name] = _link(link["address"])
+
     def add_link(self, name: str, address: str) -> None:
         """A link that is open."""
         self._links.setdefault(name, _link(address))

@@ -42,12 +42,6 @@ class WebPage:
         sys.setswitchinterval(_SWITCH_S)
         threading.Thread(target=self._work, name="web state", daemon=True).start()
 
-    @property
-    def url(self) -> str:
-        """Where the page is."""
-        host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(self.address.host, self.address.host)
-        return f"http://{Address(host, self.address.port)}/"
-
     def observe(self, event: Event) -> None:
         """See `Observer`."""
         if not isinstance(event, PacketsReceived | BytesSent):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Any, Final
 
 from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
 from arva_hil.events.searches import FrameHeard, FromSearch
@@ -69,7 +69,8 @@ class State:
         }
         if datum is not None:
             self.places.put("", *datum)
-        self._named = named
+        self.is_named = named
+        self.head: dict[str, Any] = {}  # of documents, more
         self._start_s: float | None = None  # of the run, on the driver's clock
         self._time_s = 0.0
         self._ended = ""
@@ -101,6 +102,21 @@ class State:
         for key, made in frames.items():
             self._take_frames(key, made)
 
+    def put(self, key: Key, frames: int, texts: Iterable[str], faults: Iterable[str], down_m: float | None) -> None:
+        """A receiver's readings are these, in place of those before. `frames`: how many they stand for."""
+        receiver = self._receivers.setdefault(key, _Receiver())
+        receiver.history = History()
+        receiver.history.extend(texts, self.version)
+        receiver.frames, receiver.faults, receiver.down_m = frames, tuple(faults), down_m
+
+    def forget(self) -> None:
+        """Forget what has happened, but not where things are."""
+        self.health.forget()
+        self._search = SearchView(self.places)
+        self._events = History(_MOST_EVENTS, 0)
+        self._time_s = 0.0
+        self._new_version()
+
     def end(self, how: str) -> None:
         """The run has ended: how."""
         self._ended = how
@@ -126,7 +142,7 @@ class State:
             self._truth.observe(told)
             return
         self._search.observe(told)
-        if (notice := sentence(event, named=self._named)) is not None:
+        if (notice := sentence(event, named=self.is_named)) is not None:
             said = f"[{jsons.number(event.time_s - (self._start_s or 0.0), 2)},{jsons.text(notice.level)},"
             self._events.extend([said + jsons.text(notice.text) + "]"], self.version)
 
@@ -197,6 +213,7 @@ class State:
         said = self._events.whole() if events is None else events
         head = {
             **self._about,
+            **self.head,
             "version": self.version,
             "full": full,
             "time_s": round(self._time_s - (self._start_s or 0.0), 3),

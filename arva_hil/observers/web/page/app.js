@@ -4,12 +4,13 @@ import { checks, showChecks, showCounters, showEvents, showSearch } from "./heal
 import { showDisplay } from "./display.js";
 import { showMap, view } from "./map.js";
 import { forgetPlots, setSpan, showPlots } from "./plots.js";
+import { Player } from "./player.js";
 import { hearTone, setTone } from "./tone.js";
 import { E, N, Store, T, clock, css, el, forgetColours } from "./store.js";
 
-const POLL_MS = 200, HIDDEN_MS = 2000, RETRY_MS = 1000, PLOT_MS = 500;
+const POLL_MS = 200, HIDDEN_MS = 2000, RETRY_MS = 1000, ENDED_MS = 3000, PLOT_MS = 500;
 const $ = (id) => document.getElementById(id);
-const store = new Store();
+const store = new Store(), player = new Player(() => poll());
 let field = { version: -1, transmitters: [] }, fieldAsked = 0, failures = 0, plotted = 0;
 let chosen = "", truth = true, newest = null, newestAt = 0, legend = "";
 
@@ -19,10 +20,15 @@ async function ask(name) {
   return answer.json();
 }
 
+let timer = 0, asking = false;
+
 async function poll() {
+  clearTimeout(timer);
+  if (asking) return;
+  asking = true;
   let pause = document.hidden ? HIDDEN_MS : POLL_MS;
   try {
-    const before = store.version, state = await ask(`state.json?since=${before}`);
+    const before = store.version, state = await ask(`state.json?since=${before}${player.query()}`);
     failures = 0;
     if (!store.take(state)) store.version = 0;
     else if (state.version !== before || !plotted) show();
@@ -32,14 +38,18 @@ async function poll() {
       show();
     }
     if (stale() || !plotted) show();
+    player.take(state);
+    if (state.ended) pause = ENDED_MS; // the next run may be at the same address
     document.documentElement.dataset.ready = "true";
   } catch {
     failures += 1;
     fieldAsked = 0;
     pause = RETRY_MS;
-    if (failures === 2) { store.version = 0; show(); }
+    if (store.state?.ended) pause = ENDED_MS;
+    else if (failures === 2) { store.version = 0; show(); }
   }
-  setTimeout(poll, pause);
+  asking = false;
+  timer = setTimeout(poll, player.hurried() ? 0 : pause);
 }
 
 const points = () => store.points.get(chosen) ?? [];
@@ -51,7 +61,7 @@ function period(every) {
 }
 
 function stale() {
-  if (!newest || store.state?.ended || failures) return Boolean(newest);
+  if (!newest || store.state?.ended) return false;
   return store.state.kind !== "view" && performance.now() - newestAt > Math.max(3000, 3000 * period(points()));
 }
 
@@ -61,7 +71,7 @@ function show() {
   if (!store.points.has(chosen)) chosen = store.keys[0] ?? "";
   const every = points(), last = every.at(-1);
   if (last !== newest) { newest = last; newestAt = performance.now(); }
-  const old = Boolean(stale()) || failures >= 2;
+  const old = !state.ended && (Boolean(stale()) || failures >= 2);
   const shown = truth && state.known;
   document.body.classList.toggle("no-truth", !shown);
   $("truth").hidden = !state.known;
@@ -73,7 +83,7 @@ function show() {
   showChoice();
   showDisplay(last, old);
   hearTone(last, old);
-  showChecks(checks(state, last, !state.ended && !failures && old, chosen), failures < 2);
+  showChecks(checks(state, last, !state.ended && !failures && old, chosen), failures < 2 || state.ended);
   showCounters(state);
   showEvents(store.events);
   showSearch(state.search, shown, state.transmitters);
@@ -84,7 +94,8 @@ function show() {
   $("map").setAttribute("aria-label", describe(state, last, shown));
   showLegend(state, shown);
   showBanner();
-  if (performance.now() - plotted > PLOT_MS) { plotted = performance.now(); showPlots(every, shown); }
+  if (state.kind === "view") plotted = Math.min(plotted, performance.now() - PLOT_MS / 2);
+  if (performance.now() - plotted > PLOT_MS || state.ended) { plotted = performance.now(); showPlots(every, shown); }
 }
 
 // One for each vehicle: its chosen receiver, or its first.

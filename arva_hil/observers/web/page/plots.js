@@ -3,6 +3,7 @@
 import { AGE, CM, ID, LATE, RANGE, SLOTS, T, clock, colourOf, css, el } from "./store.js";
 
 const MOST_IDS = 6;
+const SECONDS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
 const $ = (id) => document.getElementById(id);
 let plots = [], layout = "", span = 0;
 
@@ -71,7 +72,7 @@ function add(title, unit, height, series) {
     cursor: { sync: { key: "time" }, drag: { x: false, y: false }, points: { size: 6 } },
     scales: { x: { time: false }, y: { range: (_, low, high) => [Math.min(0, low ?? 0), Math.max(high ?? 1, 1e-3) * 1.08] } },
     axes: [
-      { ...axis, size: 30, values: (_, ticks) => ticks.map(clock) },
+      { ...axis, size: 30, incrs: SECONDS, values: (_, ticks) => ticks.map(clock) },
       { ...axis, size: 48 },
     ],
     series: [{}, ...series.map((one) => ({

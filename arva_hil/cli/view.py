@@ -1,0 +1,89 @@
+"""`arva-hil view`: shows a record on the page until it is stopped."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import tempfile
+import threading
+from collections.abc import Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+from arva_hil.cli import replay
+from arva_hil.cli.arguments import replay as replay_arguments
+from arva_hil.cli.endings import SignalGuard
+from arva_hil.cli.options import CommandParser
+from arva_hil.cli.outcome import INTERRUPTED, OK, UsageError
+from arva_hil.cli.page import said_of
+from arva_hil.cli.terminal import tell
+from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.server import Server, WebError
+from arva_hil.recordings import Recording, RecordingError, load
+from arva_hil.runtime.clock import RealClock
+from arva_hil.viewer import RecordedState
+
+
+def main(options: argparse.Namespace) -> int:
+    guard, clock = SignalGuard(), RealClock()
+    with ExitStack() as stack:
+        recording = _recording(options, stack)
+        for note in recording.notes:
+            tell(f"warning: {note}")
+        server = _serve(options.web, RecordedState(recording))
+        stack.callback(server.close)
+        for line in said_of(server.address, options.web):
+            tell(line)
+        first, last = recording.span_s
+        tell(f"{recording.title}: {last - first:.0f} s; Ctrl-C ends")
+        with guard:
+            while not (guard.caught or guard.error) and clock.now() < options.duration:
+                clock.wait(min(clock.now() + 0.1, options.duration))
+    return INTERRUPTED if guard.caught else OK
+
+
+def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording:
+    """The record in a folder, or of a log that is replayed first."""
+    folder = Path(options.record_or_log)
+    if folder.is_file():
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="arva-view-"))) / folder.name
+        parser = CommandParser(prog="arva-hil view")
+        replay_arguments.add_options(parser)
+        chosen = ["--scenario", options.scenario] if options.scenario else []
+        code = replay.main(parser.parse([options.record_or_log, "--record", str(folder), *chosen], {}))
+        if code != OK:
+            raise UsageError(f"{options.record_or_log}: cannot be replayed")
+    elif options.scenario:
+        raise UsageError("--scenario: a record has its own: it is for a log, LOG.tlog")
+    try:
+        return load(folder)
+    except RecordingError as error:
+        raise UsageError(error) from None
+
+
+def _serve(address: Address, state: RecordedState) -> Server:
+    """The page of a record; every request says which time it wants to see. Raises UsageError."""
+    lock = threading.Lock()
+
+    def state_json(query: Mapping[str, str]) -> bytes:
+        since = query.get("since", "")
+        with lock:
+            state.show(_seconds(query.get("at", "")))
+            return state.document(int(since) if since.isdecimal() and len(since) < 16 else 0)
+
+    def field_json(query: Mapping[str, str]) -> bytes:
+        with lock:
+            return state.field()
+
+    try:
+        return Server(address, {"/state.json": state_json, "/field.json": field_json})
+    except WebError as error:
+        raise UsageError(error) from None
+
+
+def _seconds(text: str) -> float:
+    """A time in a request; the end of the record if it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.inf

@@ -1,0 +1,284 @@
+"""--web and `view` in a real browser: what a person sees is what the record of the same run says."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import re
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from browser import Tab, browser
+
+from arva_hil.events import FrameMade, ReceiverStatus, StatusReport, VehicleStatus
+from arva_hil.events.vehicles import AutopilotText, VehicleFound
+from arva_hil.links.pty import PtyLink
+from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.page import WebPage
+from arva_hil.observers.web.state import State
+from arva_hil.receiver import ChannelReading, Pose, Reading
+from arva_hil.runtime.clock import RealClock
+from firmware_proto import MID, Channel, Frame, encode
+
+from .far_ends import Autopilot, Program
+
+__all__ = ["browser"]
+
+LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
+WEB = ("--web", "127.0.0.1:0")
+ZONES = ("–", "mid", "inner")
+OVER = re.compile("The run is over")
+
+Start = Callable[..., Program]
+Arva = Callable[..., Any]
+Keep = Callable[[Any], Any]
+
+
+@pytest.fixture
+def tab(browser: Any) -> Iterator[Tab]:
+    tab = Tab(browser)
+    yield tab
+    tab.close()
+
+
+def url_of(program: Program) -> str:
+    return program.says(r"page: (http://127\.0\.0\.1:\d+/)")[1]
+
+
+def readings(folder: Path) -> list[dict[str, str]]:
+    with open(folder / "readings.csv", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def frame_at(rows: list[dict[str, str]], time_s: float = math.inf) -> list[dict[str, str]]:
+    """The slots of the last frame until then."""
+    last = max(float(row["time_s"]) for row in rows if float(row["time_s"]) <= time_s)
+    return [row for row in rows if float(row["time_s"]) == last]
+
+
+def minus(degrees: str) -> str:
+    return f"{'−' if int(degrees) < 0 else '+'}{abs(int(degrees))}°"
+
+
+def is_shown(tab: Tab, slots: list[dict[str, str]], *, true: bool = True) -> None:
+    """The display says what the slots of a frame say."""
+    tab.shows("#number", slots[0]["seq"])
+    expected = []
+    for slot in slots:
+        heard, zone = int(slot["d_cm"]) > 0, int(slot["zone"])
+        delta = minus(slot["delta_deg"]) if heard and zone == 1 else "–"
+        expected.append(
+            [
+                slot["id"] if heard else "–",
+                f"{slot['d_cm']} cm" if heard else "–",
+                delta,
+                ZONES[zone],
+                f"{float(slot['true_range_m']):.2f} m" if true and slot["true_range_m"] else "–",
+            ]
+        )
+    shown = tab.rows("#channels tbody tr")
+    for row, wanted in zip(shown, expected, strict=True):
+        assert row[:4] == wanted[:4]
+        if true and wanted[4] != "–":
+            assert float(row[4].removesuffix(" m")) == pytest.approx(float(wanted[4].removesuffix(" m")), abs=0.011)
+    d_cm = min((int(slot["d_cm"]) for slot in slots if int(slot["d_cm"]) > 0), default=0)
+    assert tab.text("#distance") == (f"{d_cm / 100:.{1 if d_cm >= 1000 else 2}f}" if d_cm else "––")
+    assert tab.text("#heard") == str(sum(int(slot["d_cm"]) > 0 for slot in slots))
+
+
+def test_a_replay(start: Start, tab: Tab, tmp_path: Path) -> None:
+    program = start("replay", LOG, "--speed", 15, *WEB, "--record", tmp_path / "record")
+    tab.open(url_of(program))
+    tab.shows("#banner", OVER)
+    assert program.ends() == 0
+    rows = readings(tmp_path / "record")
+    is_shown(tab, frame_at(rows))
+    frames = len({row["time_s"] for row in rows})
+    assert tab.page.locator(".plot").first.get_attribute("data-points") == str(frames)
+    assert tab.text("#kind") == "replay"
+
+
+def test_a_run(start: Start, autopilot: Autopilot, line: PtyLink, tab: Tab, tmp_path: Path) -> None:
+    program = start(
+        *("run", "--autopilot", autopilot.address, "--port", line.path, "--rate", 10, "--duration", 3),
+        *(*WEB, "--record", tmp_path / "record"),
+    )
+    tab.open(url_of(program))
+    tab.shows("#banner", OVER)
+    assert program.ends() == 0
+    rows = readings(tmp_path / "record")
+    is_shown(tab, frame_at(rows))
+    health = tab.text("#checks")
+    assert re.search(r"position\n\d+ Hz of 50", health)
+    assert "quadrotor 1/1" in health
+    assert line.path not in health  # only what is wrong says where
+    assert "there is a pose" in tab.text("#events")
+    last = frame_at(rows)[0]
+    place = f"vehicle at {float(last['north_m']):.1f} m north, {float(last['east_m']):.1f} m east"
+    label = str(tab.page.locator("#map").get_attribute("aria-label"))
+    assert place.replace("-0.0", "0.0") in label.replace("-0.0", "0.0")
+
+
+def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Tab, tmp_path: Path) -> None:
+    program = start("demo", "--headless", "--speed", 10, *WEB, "--record", tmp_path / "record")
+    tab.open(url_of(program))
+    label = tab.page.locator("#map")
+    tab.shows("#phase", "homing in")
+    assert "transmitter 1 at 20.0 m north, 5.0 m east" in str(label.get_attribute("aria-label"))
+    tab.page.locator("#truth").click()
+    assert "transmitter" not in str(label.get_attribute("aria-label"))
+    assert not tab.page.locator("#channels .true").first.is_visible()
+    assert "true range" not in tab.text("#plots")
+    assert "off the truth" not in tab.text("#belief")
+    tab.page.locator("#truth").click()
+    tab.shows("#banner", OVER)
+    assert program.ends() == 0
+    is_shown(tab, frame_at(readings(tmp_path / "record")))
+    found = json.loads((tmp_path / "record" / "search.json").read_text())["found"]
+    place = f"place found\n{found['north']:.1f} m N, {found['east']:.1f} m E"
+    assert place in tab.text("#belief")
+    assert "place found at" in str(label.get_attribute("aria-label"))
+
+
+class Beacon:
+    """A receiver's wire: ten frames a second, each with another distance."""
+
+    def __init__(self) -> None:
+        self.link = PtyLink()
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._speak)
+        self._thread.start()
+
+    def _speak(self) -> None:
+        clock, n = RealClock(), 0
+        while not self._stop.is_set():
+            channels = (Channel(4, MID, self.d_cm(n % 256), 10), Channel(9, MID, 4500, -40))
+            self.link.write(encode(Frame(n % 256, 1, channels)))
+            n += 1
+            clock.wait(n * 0.1)
+
+    @staticmethod
+    def d_cm(sequence: int) -> int:
+        return 2000 + 7 * sequence
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self.link.close()
+
+
+def test_a_search(start: Start, autopilot: Autopilot, keep: Keep, tab: Tab, tmp_path: Path) -> None:
+    beacon = keep(Beacon())
+    program = start(
+        *("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, "--dry-run"),
+        *(*WEB, "--record", tmp_path / "record"),
+    )
+    tab.open(url_of(program))
+    tab.shows("#banner", OVER)
+    assert program.ends() == 0
+    d_cm = Beacon.d_cm(int(tab.text("#number")))
+    assert tab.rows("#channels tbody tr") == [
+        ["4", f"{d_cm} cm", "+10°", "mid", "–"],
+        ["9", "4500 cm", "−40°", "mid", "–"],
+    ]
+    with open(tmp_path / "record" / "search.csv", newline="") as file:
+        assert str(d_cm) in [row["d_cm"] for row in csv.DictReader(file)]
+    assert not tab.page.locator("#truth").is_visible()  # there is none to show
+    assert "transmitter 4" in tab.text("#belief")
+    assert int(tab.text("#belief").split("hypotheses\n")[1].split("\n")[0]) > 0
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from arva_hil.cli.main import main
+
+    folder = tmp_path_factory.mktemp("view") / "record"
+    assert main(["demo", "--headless", "--speed", "max", "--rate", "5", "--record", str(folder)]) == 0
+    return folder
+
+
+def test_a_record_at_any_time(start: Start, tab: Tab, record: Path) -> None:
+    program = start("view", record, *WEB)
+    tab.open(url_of(program))
+    rows = readings(record)
+    is_shown(tab, frame_at(rows))
+    slider = tab.page.locator("#slider")
+    for time_s in (12.34, 3.3, 20.0):
+        slider.fill(str(time_s))
+        tab.shows("#clock", f"0:{int(time_s):02}")
+        is_shown(tab, frame_at(rows, time_s))
+    tab.page.locator("#speed").select_option("20")
+    tab.page.locator("#play").click()
+    tab.shows("#play", "Play")  # at the end it stops
+    is_shown(tab, frame_at(rows))
+    assert "place found" in tab.text("#belief")
+    program.stops()
+
+
+@pytest.mark.parametrize("how", ["light", "dark", "phone"])
+def test_nothing_keeps_anybody_from_using_it(start: Start, browser: Any, record: Path, how: str) -> None:
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    phone = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
+    tab = Tab(browser, color_scheme="dark" if how == "dark" else "light", reduced_motion="reduce")
+    if how == "phone":
+        tab.page.set_viewport_size(phone["viewport"])
+    program = start("view", record, *WEB)
+    tab.open(url_of(program))
+    tab.shows("#phase", "ended")
+    result = axe.Axe().run(tab.page)
+    assert result.violations_count == 0, result.generate_report()
+    assert tab.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    tab.close()
+    program.stops()
+
+
+def test_the_keyboard_reaches_everything_and_moves_the_map(start: Start, tab: Tab, record: Path) -> None:
+    program = start("view", record, *WEB)
+    tab.open(url_of(program))
+    reached = []
+    for _ in range(25):
+        tab.page.keyboard.press("Tab")
+        reached.append(tab.page.evaluate("document.activeElement.id || document.activeElement.textContent"))
+    wanted = {"truth", "sound", "map", "fit", "follow", "closer", "wider", "play", "slider", "speed", "events"}
+    assert wanted <= set(reached)
+    fit = tab.page.locator("#fit")
+    tab.page.locator("#map").focus()
+    tab.page.keyboard.press("ArrowLeft")
+    assert fit.get_attribute("aria-pressed") == "false"
+    tab.page.keyboard.press("0")
+    assert fit.get_attribute("aria-pressed") == "true"
+    tab.page.keyboard.press("f")
+    assert tab.page.locator("#follow").get_attribute("aria-pressed") == "true"
+    program.stops()
+
+
+def test_several_receivers_strange_texts_and_a_pose_that_is_no_number(tab: Tab) -> None:
+    page = WebPage(Address("127.0.0.1", 0), State("run", "<i>", named=True))
+    try:
+        tab.open(page.address.url)
+        assert tab.text("#distance") == "––"
+        for name, d_cm in (("front", 1234), ("rear", 250)):
+            reading = Reading((ChannelReading(7, 1, d_cm, -12, None),), False, False)
+            where = Pose([math.nan, 0.0, 0.0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+            frame = Frame(5, 1, (Channel(7, 1, d_cm, -12),))
+            page.observe(FrameMade(1.0, "alpha", name, 5, 1.0, None, where, 0.1, reading, frame, True, 0.0, ("drop",)))
+        hostile = "<img src=x onerror=alert(1)>\u202e"
+        page.observe(VehicleFound(1.0, "alpha", hostile, 2, False))
+        page.observe(AutopilotText(1.0, "alpha", hostile))
+        status = [ReceiverStatus(name, None, 5, 2, None) for name in ("front", "rear")]
+        page.observe(StatusReport(1.0, [VehicleStatus("alpha", hostile, {"ATTITUDE": 1.0}, status)]))
+        tab.shows("#distance", "12.3")
+        tab.page.locator("#receiver").select_option("alpha/rear")
+        tab.shows("#distance", "2.50")
+        assert "<img src=x onerror=alert(1)>\\u202e" in tab.text("#events")
+        assert tab.page.locator("img").count() == 1
+        health = tab.text("#checks")
+        assert "2 dropped" in health
+        assert "faults on\ndrop" in health
+        assert tab.page.locator("#pill").get_attribute("data-level") == "bad"
+    finally:
+        page.close()
