@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator
 from typing import Any
@@ -10,7 +11,7 @@ import pytest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 ARGUMENTS = ["--no-sandbox", "--disable-background-networking", "--disable-component-update", "--disable-gpu"]
-GONE = "net::ERR_CONNECTION_"  # what the browser logs when the program has ended
+GONE = re.compile(r"net::ERR_(CONNECTION_\w+|EMPTY_RESPONSE|SOCKET_NOT_CONNECTED)")  # when the program has ended
 WAIT_MS = 60_000
 
 
@@ -67,5 +68,5 @@ class Tab:
         assert [url for url in self.asked if not url.startswith((origin, "data:"))] == []
 
     def _hear(self, message: Any) -> None:
-        if message.type in ("error", "warning") and GONE not in message.text:
+        if message.type in ("error", "warning") and not GONE.search(message.text):
             self.errors.append(message.text)
