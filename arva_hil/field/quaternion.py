@@ -41,6 +41,21 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
+def slerp(a: Quaternion, b: Quaternion, u: float) -> Quaternion:
+    """From a (u = 0) to b (u = 1), both of length 1, the shortest way at a constant rate."""
+    if a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3] < 0:
+        b = -b[0], -b[1], -b[2], -b[3]
+    turn = 2 * math.atan2(math.dist(a, b), math.hypot(a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]))  # ≤ π/2
+    of_a, of_b = (1 - u) * _sinc((1 - u) * turn), u * _sinc(u * turn)
+    return unit(
+        of_a * a[0] + of_b * b[0], of_a * a[1] + of_b * b[1], of_a * a[2] + of_b * b[2], of_a * a[3] + of_b * b[3]
+    )
+
+
+def _sinc(x: float) -> float:
+    return math.sin(x) / x if x else 1.0
+
+
 def matrix(w: float, x: float, y: float, z: float) -> tuple[Row, Row, Row]:
     """The rotation matrix, body → world, of a quaternion of any length but 0. Raises ValueError for that."""
     length = math.sqrt(w * w + x * x + y * y + z * z)

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.field import rotation
+from arva_hil.field import quaternion
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.vehicle.extrapolation import attitude_ahead
 
@@ -45,8 +45,9 @@ class AttitudeSample(NamedTuple):
     rates: tuple[float, float, float]
 
     @property
-    def quaternion(self) -> Vector:
-        return rotation.from_euler(*self.angles) if len(self.angles) == 3 else np.array(self.angles)
+    def quaternion(self) -> quaternion.Quaternion:
+        """Of length 1."""
+        return quaternion.from_euler(*self.angles) if len(self.angles) == 3 else quaternion.unit(*self.angles)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,5 +162,5 @@ def _position_at(boot: float, a: PositionSample, b: PositionSample | None, frame
 
 def _attitude_at(boot: float, a: AttitudeSample, b: AttitudeSample | None) -> Vector:
     if b is not None:
-        return rotation.slerp(a.quaternion, b.quaternion, (boot - a.boot) / (b.boot - a.boot))
+        return np.array(quaternion.slerp(a.quaternion, b.quaternion, (boot - a.boot) / (b.boot - a.boot)))
     return np.array(attitude_ahead(a.angles, a.rates, boot - a.boot))

@@ -128,3 +128,13 @@ def test_a_single_rotation_in_plain_floats_is_as_in_arrays() -> None:
 def test_no_single_rotation_is_an_error_too(q: tuple[float, float, float, float]) -> None:
     with pytest.raises(ValueError, match="no rotation"):
         quaternion.matrix(*q)
+
+
+@pytest.mark.parametrize("u", [0.0, 0.2, 0.5, 1.0])
+def test_a_single_turn_half_way_in_plain_floats_is_as_in_arrays(u: float) -> None:
+    a, b = (q / np.linalg.norm(q, axis=1, keepdims=True) for q in (quaternions(6, 200), quaternions(7, 200)))
+    near = np.concatenate([b, a, -a, a + 1e-9])
+    for one, other, between in zip(
+        np.tile(a, (4, 1)), near, slerp(np.tile(a, (4, 1)), near, np.full(800, u)), strict=True
+    ):
+        assert quaternion.slerp(one.tolist(), other.tolist(), u) == pytest.approx(between.tolist(), abs=1e-9)
