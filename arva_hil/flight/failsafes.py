@@ -40,9 +40,11 @@ class Failsafes:
         """What to ask it now."""
         self.px4 = vehicle.autopilot == dialect.MAV_AUTOPILOT_PX4
         self._names = _PX4 if self.px4 else _ARDUPILOT
-        if now < self._next or self.done:
+        if now < self._next:
             return []
         self._next = now + _AGAIN_S
+        if self.done:
+            return []
         self._tries += 1
         to = vehicle.system, vehicle.component
         lacking = [name for name in self._names if name not in self.values] if self._tries <= _TRIES else []

@@ -10,7 +10,7 @@ import functools
 import re
 import struct
 from collections.abc import Hashable
-from typing import Any, Final, NamedTuple
+from typing import Any, ClassVar, Final, NamedTuple
 
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -63,6 +63,10 @@ class Parser:
     packets too short for their message).
     """
 
+    # The chunk that any parser split last, if all of it was good packets, and these: the built-in vehicle says the same
+    # on several links of one process.
+    _newest: ClassVar[tuple[bytes, tuple[Packet, ...]]] = b"", ()
+
     def __init__(self) -> None:
         self.packets = 0
         self.bad_crc = 0
@@ -79,9 +83,12 @@ class Parser:
         `sender`: who sent it, where several do; bytes of two are never joined. `whole`: no packet of the chunk goes on
         in the next one, as in a record of a log; the head of a packet longer than the chunk is then a false one.
         """
+        if chunk is self._newest[0] and not self._rests:
+            self.packets += len(self._newest[1])
+            return list(self._newest[1])
         data = self._rests.pop(sender, b"") + chunk if self._rests else chunk
         packets: list[Packet] = []
-        at, end = 0, len(data)
+        at, end, alike = 0, len(data), data is chunk
         self._good_at = -1
         head, seeds, crc = _HEAD_V2.unpack_from, _CRC_EXTRA, crc16.mcrf4xx
         while at < end:
@@ -95,6 +102,7 @@ class Parser:
                         packets.append(_packet((data[at:stop], 2, flags == 1, system, component, msgid, True)))
                         at = stop
                         continue
+            alike = False
             size = _size(data, at)
             if at + size <= end:
                 packet = self._packet(data, at, size) if size else None
@@ -117,6 +125,8 @@ class Parser:
         if at < end:
             self._keep(data[at:], sender)
         self.packets += len(packets)
+        if alike:
+            Parser._newest = chunk, tuple(packets)
         return packets
 
     def cut(self) -> None:

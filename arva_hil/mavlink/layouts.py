@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import operator
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -71,13 +70,7 @@ def payload_writer(msgid: int) -> Callable[[Any], bytes] | None:
     kind = dialect.mavlink_map[msgid]
     if "char" in kind.fieldtypes or len(kind.fieldnames) < 2:
         return None
-    values, lengths = operator.attrgetter(*kind.ordered_fieldnames), kind.lengths
-    pack: Callable[..., bytes] = kind.unpacker.pack
-    if max(lengths) == 1:
-        return lambda message: pack(*values(message))
-
-    def write(message: Any) -> bytes:
-        fields = zip(values(message), lengths, strict=True)
-        return pack(*itertools.chain.from_iterable(value[:n] if n > 1 else (value,) for value, n in fields))
-
+    fields = zip(kind.ordered_fieldnames, kind.lengths, strict=True)
+    values = ", ".join(f"*m.{name}[:{n}]" if n > 1 else f"m.{name}" for name, n in fields)
+    write: Callable[[Any], bytes] = eval(f"lambda m: pack({values})", {"pack": kind.unpacker.pack})
     return write

@@ -40,10 +40,11 @@ class LinkMonitor:
 
     def look(self, now: float) -> list[Event]:
         """What has happened to it since the last look."""
-        before, seen, events = self._seen, _seen(self.link), list[Event]()
-        if seen == before:
+        before, link, events = self._seen, self.link, list[Event]()
+        counts = link.losses, link.renewals, link.returns, link.strangers
+        if counts == before[:4] and link.why == before.why and link.away == before.away:
             return events
-        self._seen = seen
+        self._seen = seen = _seen(link)
         about = now, self.name, self.link.name
         if seen.losses > before.losses:
             self._lost_at = now

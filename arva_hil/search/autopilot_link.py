@@ -70,8 +70,8 @@ class AutopilotLink:
 
         When to be called again, because orders have not left; infinite when there are none.
         """
-        for _ in range(_LOOKS):
-            empty = self.take_in(clock)
+        for _ in range(_LOOKS):  # where time stands still, it is as empty as a moment ago
+            empty = (self._empty_s == clock.now() and not self.link.ready()) or self.take_in(clock)
             out, orders = due(clock.now())
             in_time = empty and clock.now() - self._empty_s <= _HELD_UP_S
             went = self.link.write(out + orders if in_time else out) if out or (orders and in_time) else True

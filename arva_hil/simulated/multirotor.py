@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from functools import partial
 from math import hypot
 from typing import Final, NamedTuple
 
@@ -53,6 +54,9 @@ class Motion(NamedTuple):
     velocity: Vector  # NED, m/s
     quaternion: Quaternion  # (w, x, y, z), body FRD to NED
     rates: Vector  # about the body axes, rad/s
+
+
+_motion: Final = partial(tuple.__new__, Motion)  # from the tuple of its fields, in a third of the time
 
 
 class Multirotor:
@@ -144,19 +148,21 @@ class Multirotor:
         s = rest * 1e-6
         half = s * s / (2 * _STEP)
         q, rates = _turn(_quaternion(a), _quaternion(b), rest / STEP_US)
-        return Motion(
+        return _motion(
             (
-                a[0] + a[3] * s + (b[3] - a[3]) * half,
-                a[1] + a[4] * s + (b[4] - a[4]) * half,
-                a[2] + a[5] * s + (b[5] - a[5]) * half,
-            ),
-            (
-                a[3] + (b[3] - a[3]) * s / _STEP,
-                a[4] + (b[4] - a[4]) * s / _STEP,
-                a[5] + (b[5] - a[5]) * s / _STEP,
-            ),
-            q,
-            rates,
+                (
+                    a[0] + a[3] * s + (b[3] - a[3]) * half,
+                    a[1] + a[4] * s + (b[4] - a[4]) * half,
+                    a[2] + a[5] * s + (b[5] - a[5]) * half,
+                ),
+                (
+                    a[3] + (b[3] - a[3]) * s / _STEP,
+                    a[4] + (b[4] - a[4]) * s / _STEP,
+                    a[5] + (b[5] - a[5]) * s / _STEP,
+                ),
+                q,
+                rates,
+            )
         )
 
 

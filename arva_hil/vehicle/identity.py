@@ -9,6 +9,9 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.vehicle.clock_map import ClockMap
 from arva_hil.vehicle.navigation import Place, is_zero, offset_m, place_of
 
+_HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
+_POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+
 Velocity = tuple[float, float, float]  # NED, m/s
 
 _WINDOW_S: Final = 30.0  # of the clock: a vehicle's clock may be slow, and packets may come late
@@ -42,12 +45,12 @@ class Identity:
 
     def owns(self, message: Any, now: float) -> bool:
         """Whether a message that navigation handles may be from this vehicle."""
-        if message.id == dialect.MAVLINK_MSG_ID_HOME_POSITION:
+        if message.id == _HOME:
             return True
         boot = message.time_boot_ms / 1e3
         if not self.time(boot, now):
             return False
-        if message.id != dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT or is_zero(message):
+        if message.id != _POSITION or is_zero(message):
             return True
         return self.place(boot, *place_of(message))
 

@@ -125,10 +125,12 @@ class PoseTrack:
 
 def _append(samples: deque[S], sample: S) -> None:
     """Append a sample. One that comes late or twice is dropped."""
-    if samples and sample.boot <= samples[-1].boot:
+    boot = sample.boot
+    if samples and boot <= samples[-1].boot:
         return
     samples.append(sample)
-    while samples[0].boot < sample.boot - _KEEP_S:
+    oldest = boot - _KEEP_S
+    while samples[0].boot < oldest:
         samples.popleft()
 
 

@@ -60,11 +60,12 @@ class Stream:
 
     def rate(self, now: float, since: float) -> float:
         """The present rate [Hz] of the fastest of its message ids."""
-        span = max(min(_MEASURE_S, now - since), 0.1)
+        span, oldest, most = max(min(_MEASURE_S, now - since), 0.1), now - _MEASURE_S, 0
         for times in self.seen.values():
-            while times and times[0] < now - _MEASURE_S:
+            while times and times[0] < oldest:
                 times.popleft()
-        return max(len(times) / span for times in self.seen.values())
+            most = max(most, len(times))
+        return most / span
 
 
 class Streams:
