@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
-from arva_hil.runtime.clock import Clock, Waitable
+from arva_hil.runtime.clock import Clock, Waitable, punctual
 
 _LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within it, and no task is left alone for longer
 _AT_ONCE_S: Final = 1e-6  # deadlines so close together are one: they were reckoned in different ways
@@ -36,14 +36,19 @@ def run(
     """
     dues = [-math.inf] * len(tasks)
     alone = len(tasks) == 1
-    while not stopped():
-        now = clock.now()
-        links: list[Waitable] = []
-        for number, task in enumerate(tasks):
-            if alone or dues[number] <= now or now >= until or any(link.ready() for link in task.links):
-                dues[number] = min(task.service(clock), now + _LONGEST_WAIT_S)
-            links += task.links
-        if now >= until:
-            return
-        first = min(dues)
-        clock.wait(min(max(due for due in dues if due <= first + _AT_ONCE_S), until), links)
+    with punctual():
+        while not stopped():
+            now = clock.now()
+            nobody, every = True, alone or now >= until
+            for number, task in enumerate(tasks):
+                if every or dues[number] <= now or any(link.ready() for link in task.links):
+                    dues[number] = min(task.service(clock), now + _LONGEST_WAIT_S)
+                    nobody = False
+            if now >= until:
+                return
+            if nobody:  # a link woke the clock and has nothing to read: its task has to find out why
+                dues = [-math.inf] * len(tasks)
+                continue
+            first = min(dues)
+            due = max(due for due in dues if due <= first + _AT_ONCE_S)
+            clock.wait(min(due, until), [link for task in tasks for link in task.links])

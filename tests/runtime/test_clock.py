@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import resource
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,7 +17,8 @@ from arva_hil.links.stdout import StdoutLink
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
-from arva_hil.runtime.clock import RealClock, await_descriptors
+from arva_hil.runtime import clock
+from arva_hil.runtime.clock import RealClock, await_descriptors, punctual
 
 LONG_S = 60.0
 
@@ -107,3 +110,21 @@ def test_standard_output_waits_for_its_reader() -> None:
         os.read(reader, 65536)
         assert link.write(b"frame")
     os.close(reader)
+
+
+@pytest.mark.skipif(not Path(f"/proc/{os.getpid()}/timerslack_ns").exists(), reason="Linux has it")
+@pytest.mark.parametrize("ends", [None, KeyboardInterrupt])
+def test_within_it_the_thread_wakes_in_time_and_afterwards_as_before(ends: type[BaseException] | None) -> None:
+    slack = Path(f"/proc/{threading.get_native_id()}/timerslack_ns")
+    before = slack.read_text()
+    with contextlib.suppress(KeyboardInterrupt), punctual():
+        assert int(slack.read_text()) == 1
+        if ends:
+            raise ends
+    assert slack.read_text() == before
+
+
+def test_where_the_system_knows_no_such_setting_nothing_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(clock, "Path", lambda _: Path("/nonexistent/timerslack_ns"))
+    with punctual():
+        pass

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import pytest
 
 from arva_hil.links import Link, memory
-from arva_hil.runtime.clock import Clock, StepClock
+from arva_hil.runtime.clock import Clock, StepClock, Waitable
 from arva_hil.runtime.loop import run
 
 
@@ -57,6 +57,22 @@ def test_whose_link_has_bytes_is_served_at_once() -> None:
     listener, speaker = Every(math.inf, first=math.inf, links=[far]), Speaker(0.03)
     run([listener, speaker], StepClock(), until=0.08)
     assert listener.told == pytest.approx([0.0, 0.06, 0.08])
+
+
+def test_a_link_that_wakes_the_clock_and_has_nothing_to_read_is_looked_into() -> None:
+    """As one that is hung up: else the clock would be woken again and again, and nobody ask why."""
+
+    class HungUp(memory.MemoryLink):
+        def ready(self) -> bool:
+            return False
+
+    class Woken(StepClock):
+        def wait(self, deadline: float, links: Iterable[Waitable] = ()) -> None:
+            self._now = min(deadline, self._now + 0.01)
+
+    looks, other = Every(1.0, first=1.0, links=[HungUp("hung up", None)]), Every(0.05)
+    run([looks, other], Woken(), until=0.045)
+    assert looks.told == pytest.approx([0.0, 0.01, 0.02, 0.03, 0.04, 0.045])
 
 
 def test_nobody_is_left_alone_for_longer_than_a_tenth_of_a_second() -> None:
