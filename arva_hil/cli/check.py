@@ -37,7 +37,12 @@ def _check(name: str, text: str) -> None:
     """Print a summary of a file. Raises ScenarioError."""
     from arva_hil.config import parse
     from arva_hil.config.campaign import is_plan, parse_plan
+    from arva_hil.config.profiles import parse_profile, profile_kind
 
+    if of := profile_kind(text):
+        parse_profile(text, of, name)
+        show(f"{name}: ok: the profile of a {of}")
+        return
     if is_plan(text):
         from arva_hil.campaign.plan import size
 
@@ -54,3 +59,8 @@ def _check(name: str, text: str) -> None:
             show(f"  {vehicle.name}/{receiver.name}: {rate_hz:g} Hz, {receiver.output_format} to {where}")
     for fault in chosen.faults:
         show(f"  fault {fault}")
+    if any(t.keying for t in chosen.transmitters):
+        from arva_hil.emulator.build import outside_norm  # slow to import
+
+        for remark in outside_norm(chosen):
+            tell(f"{name}: warning: {remark}")

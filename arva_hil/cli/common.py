@@ -100,6 +100,10 @@ def describe(chosen: Scenario) -> list[str]:
             lines.append(f"  transmitter {t.id}: on a path of {len(t.path.points_ned)} points, then {t.path.end}")
         elif t.follows is not None:
             lines.append(f"  transmitter {t.id}: follows system {t.follows.system}")
+    if any(t.keying for t in chosen.transmitters):
+        from arva_hil.emulator.build import outside_norm  # slow to import
+
+        lines += [f"  warning: {what}" for what in outside_norm(chosen)]
     return lines + [f"  fault {fault}" for fault in chosen.faults]
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from arva_hil.config.faults import Fault, FaultKind, misfit, parse_fault, plain_fault
     from arva_hil.config.receiver import MountOptions, Noise, ReceiverOptions
     from arva_hil.config.scenario import DEFAULT, Datum, Scenario, load, parse, parts_of_spec_2, to_dict
+    from arva_hil.config.signals import KeyingOptions, MediumOptions, VehicleNoiseOptions
     from arva_hil.config.transmitter import Follows, Lla, Path, Transmitter
     from arva_hil.config.vehicles import NavigationError, ReceiverConfig, VehicleConfig
 
@@ -27,6 +28,7 @@ _MODULES: Final = {
     "common": "NOISE_KINDS RATE_HZ SEED NoiseKind Pose Triple",
     "receiver": "MountOptions Noise ReceiverOptions",
     "scenario": "DEFAULT Datum Scenario load parse parts_of_spec_2 to_dict",
+    "signals": "KeyingOptions MediumOptions VehicleNoiseOptions",
     "transmitter": "Follows Lla Path Transmitter",
     "vehicles": "NavigationError ReceiverConfig VehicleConfig",
     "errors": "Problem ScenarioError",

@@ -1,13 +1,14 @@
 """The receiver of a scenario: what it is like, where it sits, how often it looks."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import InitVar, asdict, field
 from typing import Annotated, Any, Final
 
 from arva_hil.config import model_keys
 from arva_hil.config.common import BODY_POINT, NOISE_KINDS, RATE_HZ, Attitude, NoiseKind, Triple
-from arva_hil.config.constraints import Anything, Named, Number, Numbers, Whole, Word
+from arva_hil.config.constraints import Anything, Named, Number, Numbers, Text, Whole, Word
 from arva_hil.config.errors import Violation, wrong
+from arva_hil.config.signals import VehicleNoiseOptions
 from arva_hil.config.tables import Help, NotAKey, OtherKeys, Since, table, valid_value
 from arva_hil.registry import RECEIVERS
 
@@ -48,7 +49,8 @@ class ReceiverOptions:
     """The receiver. `sensitivity`: the diagonal of Q; `no_signal`: (d, δ) when there is nothing to report.
 
     Each frame is up to `jitter_s` late, less than half the period. `options`: for a model with keys of its own its
-    `Options`, or a mapping of them; a file has these keys beside `model`. Raises ValueError when it does not fit.
+    `Options`, or a mapping of them; a file has these keys beside `model`. `profile` is of files alone. Raises
+    ValueError when it does not fit.
     """
 
     channels: Annotated[int, Whole(1, 16), Help("how many transmitters it can show at once, the nearest first")] = 4
@@ -71,8 +73,16 @@ class ReceiverOptions:
         model_keys.PAPER
     )
     options: Annotated[Any, Anything(), NotAKey()] = None
+    vehicle_noise: Annotated[
+        VehicleNoiseOptions | None, Since(2), Help("what the motors add; only receivers of pulses care")
+    ] = None
+    profile: InitVar[
+        Annotated[
+            str | None, Text("the name of a profile"), Since(2), Help("a file to take keys from, or builtin:NAME")
+        ]
+    ] = field(default=None, kw_only=True)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, profile: str | None) -> None:
         object.__setattr__(self, "options", model_keys.checked_options(self.model, self.options))
 
     @classmethod

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_type_hints
 
 from arva_hil.config.campaign import PlanFile, Random
 from arva_hil.config.constraints import ListOf
 from arva_hil.config.faults import Fault
+from arva_hil.config.profiles import ReceiverProfile, TransmitterProfile
 from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.scenario import Scenario
 from arva_hil.config.tables import Field, TableOf, keys
 from arva_hil.config.vehicles import ReceiverEntry
-from arva_hil.registry import FAULTS
+from arva_hil.registry import FAULTS, RECEIVERS
 
-SchemaKind = Literal["scenario", "campaign"]
+SchemaKind = Literal["scenario", "campaign", "receiver", "transmitter"]
 FILES: Final[Mapping[SchemaKind, tuple[Any, str]]] = {
     "scenario": (Scenario, "A scenario of arva-hil"),
     "campaign": (PlanFile, "The plan of a campaign of arva-hil"),
+    "receiver": (ReceiverProfile, "The profile of a receiver of arva-hil"),
+    "transmitter": (TransmitterProfile, "The profile of a transmitter of arva-hil"),
 }
 
 
@@ -53,6 +57,20 @@ def page() -> str:
         *_table(_rows(Scenario)),
         "",
         "A vehicle's receiver has every key of `receiver` too; what it has not is as in `receiver`.",
+        "",
+        "`profile` names a file of which the keys are taken over that are not given: `builtin:NAME`, or a path from",
+        "the scenario's folder. A receiver's has `spec` and `receiver`; a transmitter's has `spec` and `transmitter`,",
+        "with `strength` and `keying`.",
+        "",
+        "## Receivers of pulses",
+        "",
+        "The own keys of `model: pulsed`, beside those of every receiver. `vector` and `rssi` have them too, with",
+        "other defaults.",
+        "",
+        *_model_table("pulsed"),
+        "",
+        *_defaults("vector"),
+        *_defaults("rssi"),
         "",
         "## Faults",
         "",
@@ -88,6 +106,38 @@ def _rows(cls: Any, prefix: str = "", spec: int = 1) -> Iterator[tuple[str, ...]
         if below is not None and below is not Fault:
             dot = "[]." if isinstance(constraint, ListOf) else "."
             yield from _rows(below, f"{prefix}{name}{dot}", max(one.since, spec))
+
+
+def _model_table(model: str) -> Iterator[str]:
+    """The own keys of a receiver model."""
+    yield "| key | default | meaning |"
+    yield "|---|---|---|"
+    for name, (default, text) in _own_keys(model).items():
+        yield f"| `{name}` | {default} | {text} |"
+
+
+def _defaults(model: str) -> Iterator[str]:
+    """What a model has otherwise than `pulsed`."""
+    usual = _own_keys("pulsed")
+    others = [
+        f"`{name}: {value}`"
+        for name, (v, _) in _own_keys(model).items()
+        if (value := v.strip("`")) and v != usual.get(name, ("", ""))[0]
+    ]
+    yield f"- `{model}`: {', '.join(others)}."
+
+
+def _own_keys(model: str) -> dict[str, tuple[str, str]]:
+    """Default and meaning of each own key of a model."""
+    cls = RECEIVERS[model].Options
+    texts = get_type_hints(cls, include_extras=True)
+    return {
+        one.name: (
+            "" if one.default is None else f"`{plain(one.default)}`",
+            next((m for m in getattr(texts[one.name], "__metadata__", ()) if isinstance(m, str)), ""),
+        )
+        for one in dataclasses.fields(cls)
+    }
 
 
 def _default(one: Field) -> str:

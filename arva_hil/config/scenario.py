@@ -13,9 +13,11 @@ from arva_hil.config import nodes
 from arva_hil.config.builtin import located
 from arva_hil.config.common import FORMAT, SEED, Pose
 from arva_hil.config.constraints import ListOf, Spec, Text, Word
-from arva_hil.config.errors import ConstraintError, Violation
+from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation
 from arva_hil.config.faults import Fault, FaultItem, misfit
+from arva_hil.config.profiles import take_over
 from arva_hil.config.receiver import ReceiverOptions
+from arva_hil.config.signals import MediumOptions
 from arva_hil.config.tables import Help, NotAKey, Since, TableOf, duplicates, items_of, keys, table, valid_value
 from arva_hil.config.transmitter import Lla, Transmitter
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, vehicle_conflicts
@@ -87,6 +89,7 @@ class Scenario:
         Since(2),
         Help("without it one, the command line's"),
     ] = ()
+    medium: Annotated[MediumOptions | None, Since(2), Help("what lies between; without it air")] = None
 
     def __post_init__(self, spec: int, output: OutputOptions | None) -> None:
         if output is not None:
@@ -145,14 +148,36 @@ def parse(text: str, source: str) -> Scenario:
     """The scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
     from arva_hil.config.reading import read  # slow to import
 
-    return replace(read(text, source, WHAT, _read, nodes.NEWEST_SPEC), source=source)
+    return replace(read(text, source, WHAT, lambda top: _read(top, source), nodes.NEWEST_SPEC), source=source)
 
 
-def _read(top: nodes.Value) -> Scenario:
+def _read(top: nodes.Value, source: str) -> Scenario:
+    problems: list[Problem] = []
     if isinstance(top, nodes.Mapping):
+        if nodes.spec_of(top) > 1:
+            problems += _take_profiles(top, source)
         _inherit(top)
-    scenario: Scenario = TableOf(Scenario).read(top)
+    try:
+        scenario: Scenario = TableOf(Scenario).read(top)
+    except ConstraintError as error:
+        raise ConstraintError(*error.violations, problems=[*problems, *error.problems]) from None
+    if problems:
+        raise ConstraintError(problems=problems)
     return scenario
+
+
+def _take_profiles(top: nodes.Mapping, source: str) -> list[Problem]:
+    """Give transmitters and receivers the keys of their profiles; what is wrong with those."""
+    entries = [(one, "transmitter") for _, one in items_of(top, "transmitters")]
+    vehicles = (vehicle for _, vehicle in items_of(top, "vehicles"))
+    entries += [(one, "receiver") for vehicle in vehicles for _, one in items_of(vehicle, "receivers")]
+    problems: list[Problem] = []
+    for entry, of in [(top.get("receiver"), "receiver"), *entries]:
+        try:
+            take_over(entry, of, source)
+        except ScenarioError as error:
+            problems += error.problems
+    return problems
 
 
 def _inherit(top: nodes.Mapping) -> None:
@@ -185,6 +210,9 @@ def parts_of_spec_2(scenario: Scenario) -> dict[str, bool]:
         "navigation_error": scenario.navigation_error is not None,
         "path": any(t.path for t in scenario.transmitters),
         "follows": any(t.follows for t in scenario.transmitters),
+        "keying": any(t.keying for t in scenario.transmitters),
+        "medium": scenario.medium is not None,
+        "vehicle_noise": scenario.receiver.vehicle_noise is not None,
         "model": scenario.receiver.model != "paper",
         "vehicles": bool(scenario.vehicles),
     }

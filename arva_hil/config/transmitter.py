@@ -16,12 +16,14 @@ from arva_hil.config.common import (
     Attitude,
     Triple,
 )
-from arva_hil.config.constraints import ListOf, Number, Numbers, Word
+from arva_hil.config.constraints import ListOf, Number, Numbers, Text, Word
 from arva_hil.config.errors import ConstraintError, Violation
+from arva_hil.config.signals import KeyingOptions
 from arva_hil.config.tables import Help, NotAKey, Since, table
 
 Frame = Literal["enu", "ned"]
 End = Literal["stay", "loop"]
+PROFILE: Final = Text("the name of a profile")
 Waypoint = tuple[float, float, float, float]  # seconds, then metres north, east, down (or as the file's frame has it)
 
 
@@ -106,7 +108,7 @@ class Transmitter:
     None. `enu` is a way to give `ned`.
 
     `attitude`: roll, pitch, yaw in degrees, FRD → NED; the dipole is the x axis. `strength`: κ‖m‖ relative to
-    the reference transmitter. Raises ValueError unless exactly one place is given.
+    the reference transmitter. `profile` is of files alone. Raises ValueError unless exactly one place is given.
     """
 
     id: Annotated[int, TRANSMITTER_ID, Help("each its own")]
@@ -123,8 +125,12 @@ class Transmitter:
     strength: Annotated[float, Number(0, 1000, above=True), Help("relative to the reference transmitter")] = 1.0
     path: Annotated[Path | None, Since(2), Help("where it is when")] = None
     follows: Annotated[Follows | None, Since(2), Help("which vehicle carries it")] = None
+    keying: Annotated[KeyingOptions | None, Since(2), Help("when it sends; only receivers of pulses care")] = None
+    profile: InitVar[
+        Annotated[str | None, PROFILE, Since(2), Help("a file whose keys it takes over, or builtin:NAME")]
+    ] = field(default=None, kw_only=True)
 
-    def __post_init__(self, enu: Triple | None) -> None:
+    def __post_init__(self, enu: Triple | None, profile: str | None) -> None:
         if sum(place is not None for place in (enu, self.ned, self.lla, self.path, self.follows)) != 1:
             raise ValueError("a transmitter has either ned or lla, path or follows")
         if enu is not None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil import config
-from arva_hil.field import Following, LocalFrame, Mount, MovingTransmitters, Transmitters, Waypoints, rotation
-from arva_hil.field.keying import KEYING_CLASSES, draw_keying
+from arva_hil.field import Following, LocalFrame, Mount, MovingTransmitters, Transmitters, Waypoints, keying, rotation
+from arva_hil.field.medium import AIR, Medium, skin_depth_m
+from arva_hil.field.vehicle_noise import VehicleNoise
 from arva_hil.receiver import ReceiverModel
 from arva_hil.registry import RECEIVERS
 
@@ -21,8 +23,9 @@ def transmitters(scenario: config.Scenario, frame: LocalFrame) -> Transmitters:
         tuple(t.id for t in every),
         np.array([_place(t, frame) for t in every]),
         np.array([rotation.to_matrix(_quaternion(t.attitude)) for t in every]),
-        np.array([t.strength for t in every]),
-        keyings=tuple(draw_keying(KEYING_CLASSES["modern"], scenario.seed, t.id) for t in every),
+        np.array([t.strength * _strength(t) for t in every]),
+        keyings=tuple(_keying(t, scenario.seed) for t in every),
+        medium=_medium(scenario.medium),
     )
 
 
@@ -42,6 +45,44 @@ def receiver(scenario: config.Scenario) -> ReceiverModel:
     """The scenario's receiver, without its faults."""
     model: ReceiverModel = RECEIVERS[scenario.receiver.model].from_settings(scenario.receiver, scenario.seed)
     return model
+
+
+def vehicle_noise(scenario: config.Scenario) -> VehicleNoise | None:
+    """What the motors add to the scenario's receiver."""
+    options = scenario.receiver.vehicle_noise
+    return VehicleNoise(options.motors, options.motor_na_m, options.line_na_m) if options else None
+
+
+def outside_norm(scenario: config.Scenario) -> list[str]:
+    """What of the scenario's transmitters no set of today's norm does, one sentence each, with the limit."""
+    return [
+        f"transmitter {t.id}: {what}"
+        for t in scenario.transmitters
+        if t.keying is not None
+        for what in keying.outside_norm(_keying(t, scenario.seed), t.strength * _strength(t))
+    ]
+
+
+def _strength(transmitter: config.Transmitter) -> float:
+    """What its class adds to its own."""
+    options = transmitter.keying
+    return keying.KEYING_CLASSES[options.kind].strength if options else 1.0
+
+
+def _keying(transmitter: config.Transmitter, seed: int) -> keying.Keying:
+    """One of its class, with what is given."""
+    options = transmitter.keying or config.KeyingOptions()
+    drawn = keying.draw_keying(keying.KEYING_CLASSES[options.kind], seed, transmitter.id, options.temperature_c)
+    names = "period_s", "pulse_s", "phase_s", "jitter_s", "carrier_hz", "leak_db", "from_s"
+    given = {name: value for name in names if (value := getattr(options, name)) is not None}
+    return replace(drawn, battery=options.battery, battery_life_s=3600 * options.battery_life_h, **given)
+
+
+def _medium(options: config.MediumOptions | None) -> Medium:
+    if options is None:
+        return AIR
+    depth_m = skin_depth_m(options.snow_conductivity_s_m, options.snow_permittivity)
+    return Medium(options.dipole, depth_m, options.surface_m)
 
 
 def _quaternion(degrees: tuple[float, float, float]) -> NDArray[np.float64]:

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.config import Scenario
-from arva_hil.emulator.build import mount, moving_transmitters
+from arva_hil.emulator.build import mount, moving_transmitters, vehicle_noise
 from arva_hil.emulator.datum import Datum
 from arva_hil.events import Event, PoseFound, PoseLost, PoseMissing, TooFar
 from arva_hil.field import LocalFrame, Transmitters
-from arva_hil.receiver import Look, Pose, Reading, ReceiverModel
+from arva_hil.receiver import Impairment, Look, Pose, Reading, ReceiverModel
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.reasons import NoPose
 
@@ -35,6 +35,9 @@ class PoseSource(Protocol):
 
         The same object where the report counts as the truth.
         """
+
+    def load(self) -> float:
+        """How hard its motors work now, 0…1."""
 
     def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
         """Position (3,) NED from the datum and body → NED (3, 3) of another vehicle; None: it is not heard."""
@@ -73,6 +76,8 @@ class VirtualReceiver:
         self._about = vehicle, name
         self._model = model
         self._mount = mount(scenario)
+        self._place = scenario.receiver.mount.position
+        self._vehicle_noise = vehicle_noise(scenario)
         self._transmitters = moving_transmitters(scenario, LocalFrame(0.0, 0.0, 0.0))  # until the datum is known
         self._start = start
         self._max_age_s = max_age_s
@@ -109,7 +114,7 @@ class VirtualReceiver:
             reported_pose = self._pose(reported) if self._is_fresh(reported) else None
         there = self._transmitters.at(self._look_s, lambda system: vehicle.pose_of(system, t))
         self.seen = Seen(t, pose, reported_pose, state.age_s if state else None, there)
-        return bool(self._model.look(Look(self._look_s, pose, there))), events
+        return bool(self._model.look(Look(self._look_s, pose, there, impairment=self._deafened(vehicle)))), events
 
     def show(self, t: float, now: float, vehicle: PoseSource) -> tuple[Reading, Sequence[Event]]:
         """What it says at `t`, and what there is to tell of it at `now`."""
@@ -122,6 +127,11 @@ class VirtualReceiver:
     def age_s(self, t: float) -> float | None:
         """How old at `t` the pose is that the newest reading rests on."""
         return None if self.seen.age_s is None else self.seen.age_s + (t - self.seen.t)
+
+    def _deafened(self, vehicle: PoseSource) -> Impairment | None:
+        """What the vehicle does to it."""
+        noise = self._vehicle_noise
+        return Impairment(noise_na_m=noise.sigma_na_m(self._place, vehicle.load())) if noise else None
 
     def _pose(self, state: VehicleState | None) -> Pose | None:
         return Pose(*self._mount.pose(state.position, state.attitude)) if state else None

@@ -172,6 +172,14 @@ def _extended_sys_state(r: VehicleReport) -> Message:
     return dialect.MAVLink_extended_sys_state_message(0, state)
 
 
+def _vfr_hud(r: VehicleReport) -> Message:
+    """Half throttle holds it in the air, more climbs."""
+    north, east, down = r.motion.velocity
+    throttle = 0 if r.pilot.landed else max(0, min(100, round(50 - 10 * down)))
+    heading, speed = round(math.degrees(_yaw(r.motion))) % 360, math.hypot(north, east)
+    return dialect.MAVLink_vfr_hud_message(speed, speed, heading, throttle, r.home.alt_m - r.motion.position[2], -down)
+
+
 def _rc_channels(r: VehicleReport) -> Message:
     unused = [0xFFFF] * 14
     return dialect.MAVLink_rc_channels_message(r.boot_ms, 4, *r.pilot.sticks, *unused, 255)
@@ -238,4 +246,5 @@ BUILDERS: Final[dict[int, Callable[[VehicleReport], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     dialect.MAVLINK_MSG_ID_SIMSTATE: _simstate,
     dialect.MAVLINK_MSG_ID_RC_CHANNELS: _rc_channels,
+    dialect.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
 }

@@ -77,7 +77,8 @@ def test_every_key_has_its_help(cls: Any) -> None:
 def test_every_config_names_its_schema_and_is_valid(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     (named,) = re.findall(r"(?m)^# yaml-language-server: \$schema=(\S+)$", text)
-    kind: SchemaKind = "campaign" if path.parent.name == "campaigns" else "scenario"
+    kinds: dict[str, SchemaKind] = {"campaigns": "campaign", "receivers": "receiver", "transmitters": "transmitter"}
+    kind = kinds.get(path.parent.name, "scenario")
     assert (path.parent / named).resolve() == ROOT / f"arva_hil/config/{kind}.schema.json"
     assert valid(kind, text)
 

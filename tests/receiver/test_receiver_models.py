@@ -64,6 +64,10 @@ class Vehicle:
 
     datum: Datum = field(default_factory=lambda: Datum(Scenario((Transmitter(1, ned=(0.0, 0.0, 0.0)),))))
     known: bool = True
+    motors: float = 0.0
+
+    def load(self) -> float:
+        return self.motors
 
     def boot(self, t: float) -> float | None:
         return t - START

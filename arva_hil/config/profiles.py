@@ -1,0 +1,109 @@
+"""Profiles of receivers and transmitters: files whose keys others take over by `profile: NAME`."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from arva_hil.config import nodes
+from arva_hil.config.builtin import PREFIX, located
+from arva_hil.config.constraints import Number, Spec
+from arva_hil.config.errors import ScenarioError, Violation
+from arva_hil.config.receiver import ReceiverOptions
+from arva_hil.config.signals import KeyingOptions
+from arva_hil.config.tables import Help, TableOf, table
+
+FOLDERS: Final = {"receiver": "receivers", "transmitter": "transmitters"}
+"""Of built-in profiles, by what they are of."""
+
+
+@table()
+class ReceiverProfile:
+    """A file with what a kind of receiver is like."""
+
+    spec: Annotated[int, Spec(nodes.NEWEST_SPEC), Help("the version of this file format")]
+    receiver: Annotated[ReceiverOptions, Help("the keys of a scenario's receiver")]
+
+    @classmethod
+    def conflicts(cls, holder: Any) -> Iterator[Violation]:
+        receiver = holder.get("receiver") if isinstance(holder, Mapping) else None
+        if isinstance(receiver, Mapping) and "profile" in receiver:
+            yield Violation("none in a profile", "profile", path=("receiver", "profile"), at_key=True)
+
+
+@table()
+class TransmitterTraits:
+    """What a kind of transmitter is like, wherever it is."""
+
+    strength: Annotated[float, Number(0, 1000, above=True), Help("relative to the reference transmitter")] = 1.0
+    keying: Annotated[KeyingOptions | None, Help("when it sends")] = None
+
+
+@table()
+class TransmitterProfile:
+    """A file with what a kind of transmitter is like."""
+
+    spec: Annotated[int, Spec(nodes.NEWEST_SPEC), Help("the version of this file format")]
+    transmitter: Annotated[TransmitterTraits, Help("keys of a scenario's transmitter")]
+
+
+_TABLES: Final[Mapping[str, Any]] = {"receiver": ReceiverProfile, "transmitter": TransmitterProfile}
+
+
+def profile_kind(text: str) -> str | None:
+    """What a text looks like a profile of, and not like a scenario; None if of nothing."""
+    from arva_hil.config.yaml_document import Problems  # slow to import
+
+    try:
+        root = nodes.value_of(Problems("").compose(text, ""), nodes.NEWEST_SPEC)
+    except ScenarioError:
+        return None
+    if not isinstance(root, nodes.Mapping):
+        return None
+    return next((of for of in _TABLES if root.keys() == {"spec", of}), None)
+
+
+def take_over(entry: Any, of: str, source: str) -> None:
+    """Give a receiver or a transmitter of a file the keys of its profile that it has not of its own.
+
+    `source`: the file, beside which a profile is looked for. Raises ScenarioError with the problems of the profile.
+    """
+    if not isinstance(entry, nodes.Mapping) or not isinstance(name := entry.get("profile"), nodes.Scalar):
+        return
+    value = read_profile(name, of, source)[of]
+    _place(value, name.node)
+    entry.inherit(value, list(value))
+
+
+def read_profile(name: str, of: str, source: str = "") -> nodes.Mapping:
+    """The mapping in a profile's file, which is valid. Raises ScenarioError."""
+    from arva_hil.config.reading import read_text  # slow to import
+
+    path = _path(name, of, source)
+    return parse_profile(read_text(path, f"the profile of a {of}"), of, path)
+
+
+def parse_profile(text: str, of: str, source: str) -> nodes.Mapping:
+    """The mapping in the text of a profile, which is valid; `source` names it. Raises ScenarioError."""
+    from arva_hil.config.reading import read  # slow to import
+
+    def checked(top: nodes.Value) -> nodes.Mapping:
+        TableOf(_TABLES[of]).read(top)
+        assert isinstance(top, nodes.Mapping)
+        return top
+
+    return read(text, source, f"a mapping with spec, {of}", checked, nodes.NEWEST_SPEC)
+
+
+def _path(name: str, of: str, source: str) -> str:
+    if name.startswith(PREFIX):
+        return located(f"{PREFIX}{FOLDERS[of]}/{name.removeprefix(PREFIX)}")
+    return str(Path(source).parent / name)
+
+
+def _place(value: nodes.Value, node: Any) -> None:
+    """Have a value of another file stand where a node of this one is."""
+    value.node = node
+    if isinstance(value, nodes.Mapping):
+        value.key_nodes = dict.fromkeys(value.key_nodes, node)
+    for item in value.values() if isinstance(value, nodes.Mapping) else value if isinstance(value, nodes.Items) else ():
+        _place(item, node)

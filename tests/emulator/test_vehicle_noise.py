@@ -1,0 +1,99 @@
+"""A vehicle deafens its receiver: with the throttle that it tells, less on a longer pole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from arva_hil.config import ReceiverOptions, Scenario, Transmitter, VehicleNoiseOptions, parse
+from arva_hil.events import FrameMade
+from arva_hil.links import memory
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.loop import run
+from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.vehicle.motor_load import MotorLoad
+from arva_hil.vehicle.pose_track import VehicleState
+from arva_hil.vehicle.session import Session
+from tests.one_receiver import Diary, OneReceiver
+from tests.receiver.test_receiver_models import START, Vehicle, source
+
+HOME = (46.0123, 7.7456, 1650.0)
+AUTOPILOT = Encoder(1, 1)
+HEARTBEAT = dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3)
+
+
+def hud(throttle: int) -> bytes:
+    return AUTOPILOT.pack(dialect.MAVLink_vfr_hud_message(0, 0, 0, throttle, 0, 0))
+
+
+def outputs(*pulses: int, port: int = 0) -> bytes:
+    return AUTOPILOT.pack(dialect.MAVLink_servo_output_raw_message(0, port, *pulses, 0, 0, 0, 0))
+
+
+def heard(*chunks: bytes) -> float:
+    session = Session()
+    load = MotorLoad(session)
+    for chunk in (AUTOPILOT.pack(HEARTBEAT), *chunks):
+        session.feed(chunk, 1.0)
+        load.hear()
+    return load.load
+
+
+def test_the_load_is_the_throttle_or_else_the_mean_of_the_motors_outputs() -> None:
+    assert heard() == 0.0
+    assert heard(hud(55)) == 0.55
+    assert heard(outputs(1400, 1500, 1600, 1700)) == pytest.approx(0.55)
+    assert heard(hud(30), outputs(1900, 1900, 1900, 1900)) == 0.3
+    assert heard(outputs(900, 900, 0, 0)) == 0.0
+    assert heard(outputs(1900, 1900, 1900, 1900, port=1)) == 0.0
+
+
+class Hovering(Vehicle):
+    """20 m from the transmitter."""
+
+    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
+        state = VehicleState(t - START, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), 0.01)
+        return state, state
+
+
+def spread(pole_m: float, load: float) -> float:
+    """Of the field that d stands for, with a motor above the receiver, relative to the field."""
+    keys = "model: pulsed, steps: cm, rate_hz: 1, start_s: 0, threshold_na_m: 0.5, noise: {kind: 'off'}"
+    noise = f"mount: {{position: [0, 0, {pole_m}]}}, vehicle_noise: {{motors: [[0, 0, 0]], motor_na_m: 8}}"
+    of = source(parse(f"spec: 2\ntransmitters: [{{id: 1, ned: [0, 20, 0]}}]\nreceiver: {{{keys}, {noise}}}", "test"))
+    of.advance(START + 1000.0, Hovering(motors=load), live=False, ready=lambda t: True)
+    for output in of.take_outputs():
+        of.written(output, True, START + 1000.0, lost=False, vehicle_known=True)
+    frames = [event for event in of.take_events() if isinstance(event, FrameMade)]
+    field = np.array([f.frame.channels[0].d for f in frames if f.frame.channels[0].valid], float) ** -3
+    return float(field.std() / field.mean())
+
+
+def test_noise_rises_with_the_load_and_falls_with_the_cube_of_the_pole() -> None:
+    assert spread(0.5, 0.0) == pytest.approx(0.0, abs=1e-9)
+    near, half, far = spread(0.5, 1.0), spread(0.5, 0.5), spread(1.0, 1.0)
+    assert half / near == pytest.approx(0.5, rel=0.12)
+    assert far / near == pytest.approx(1 / 8, rel=0.12)
+
+
+def test_the_built_in_vehicle_tells_its_throttle_when_it_is_asked() -> None:
+    asking = parse(
+        "spec: 2\ntransmitters: [{id: 1, ned: [0, 20, 0]}]\nreceiver: {vehicle_noise: {motors: [[0, 0, 0]]}}", "test"
+    )
+    clock, diary = StepClock(), Diary()
+    autopilot, far = memory.pair()
+    port, _ = memory.pair()
+    emulator = OneReceiver(asking, Session(rate_hz=10), autopilot, port, start=0.0, observers=[diary])
+    run([Simulator([SimulatedVehicle(HOME)], [far]), emulator], clock, until=20.0)
+    ids = [packet.msgid for chunk in diary.packets for packet in chunk.packets]
+    assert ids.count(dialect.MAVLINK_MSG_ID_VFR_HUD) > 40
+    assert emulator.emulator.vehicles[0].load() == 0.0
+
+
+def test_without_vehicle_noise_nobody_is_asked_for_the_throttle() -> None:
+    quiet = Scenario((Transmitter(1, ned=(0.0, 20.0, 0.0)),), receiver=ReceiverOptions(model="pulsed"))
+    assert quiet.receiver.vehicle_noise is None
+    with pytest.raises(ValueError, match="motor_na_m"):
+        VehicleNoiseOptions(((0.0, 0.0, 0.0),), -1.0)
