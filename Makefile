@@ -33,14 +33,17 @@ docs: $(VENV)/.dev
 	$(BIN)/python -m sphinx -q -W --keep-going -n -d build/doctrees -b html docs build/docs
 	$(BIN)/python -m sphinx -q -W --keep-going -n -d build/doctrees -b doctest docs build/doctest
 
-# the wheel and the source archive, tried in empty environments: the whole, and the codec alone; and what is in it
-dist: $(VENV)/.dist
+# the wheel and the source archive, tried in empty environments: the whole, with every command line of the pages and the
+# tutorial; the codec alone; and what is in it
+dist: $(VENV)/.dist $(VENV)/.dev
+	$(BIN)/python tools/check_release.py
 	rm -rf build dist
 	$(BIN)/python -m build
 	$(BIN)/twine check --strict dist/*
 	$(PYTHON) -m venv build/whole
 	build/whole/bin/python -m pip install --quiet dist/*.whl
 	cd build && whole/bin/arva-hil demo --speed max
+	PROGRAM_UNDER_TEST=$(CURDIR)/build/whole/bin/arva-hil $(BIN)/python -m pytest --numprocesses $(WORKERS) tests/pages/test_command_lines.py tests/pages/test_tutorial.py
 	$(PYTHON) -m venv build/codec
 	build/codec/bin/python -m pip install --quiet --no-deps dist/*.whl fastcrc
 	build/codec/bin/python -c "import firmware_proto as f; print(f.Decoder().feed(f.encode(f.Frame(1, 1, (f.Channel(1, 1, 1234, 17),))), 0.0))"

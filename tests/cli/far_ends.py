@@ -30,7 +30,9 @@ from .forked import Forked, possible
 
 DEADLINE_S = 90.0  # none is reached but by a mistake, however slow the machine
 HOME = (46.0123, 7.7456, 1650.0)
-PROGRAM = REAL = [sys.executable, "-m", "arva_hil"]
+REAL = [sys.executable, "-m", "arva_hil"]
+UNDER_TEST = os.environ.get("PROGRAM_UNDER_TEST")  # that of an installed wheel: `make dist`
+PROGRAM = [UNDER_TEST] if UNDER_TEST else REAL
 
 # root reads and writes whatever it likes; without these two capabilities it is like everybody else
 ORDINARY = ["setpriv", "--bounding-set", "-dac_override,-dac_read_search"] if os.geteuid() == 0 else []

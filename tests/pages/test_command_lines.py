@@ -24,7 +24,7 @@ from tests.cli.far_ends import Program, free_port
 from .pages import ROOT, Typed, pages, shell_lines
 
 NOT_RUN = {  # what a line begins with → why it is not run here
-    r"make (demo|test|test-fast|lint|docs)$": "calls what other tests call, after an installation from the network",
+    r"make (demo|test|test-fast|lint|docs|dist)$": "calls what other tests call, after an installation by pip",
     r"python3 -m venv|\. |(~/mavproxy/bin/)?pip install": "installs from the network; so does `make dist`",
     r"sudo(edit)? ": "changes the system; tests/cli/test_service.py runs the unit's command",
     r"docker ": "needs docker; tests/cli/test_service.py reads the Containerfile",

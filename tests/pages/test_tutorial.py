@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.far_ends import UNDER_TEST
+
 from .pages import ROOT, Typed, console, pattern
 
 LESSONS = ["first-victim", "own-client", "own-search"]
@@ -86,7 +88,7 @@ def terminals(tmp_path: Path) -> Iterator[dict[str, Terminal]]:
     home.mkdir()
     for name in ("configs", "docs", "firmware_proto", "tests"):
         (folder / name).symlink_to(ROOT / name)
-    programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    programs = f"{Path(UNDER_TEST or sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {"HOME": str(home), "PATH": programs, "TMPDIR": str(tmp_path), "LANG": "C.UTF-8"}
     opened: dict[str, Terminal] = defaultdict(lambda: Terminal(folder, environment))
     yield opened
