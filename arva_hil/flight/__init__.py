@@ -1,1 +1,1 @@
-"""Commanding an autopilot: who has the vehicle, modes, acknowledgements, set-points."""
+"""Commanding an autopilot: who controls the vehicle, modes, acknowledgements, set-points."""

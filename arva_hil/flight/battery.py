@@ -1,7 +1,7 @@
-"""The last word of the vehicle's batteries: what speaks against flying on, or against arming at all.
+"""The last reports of the vehicle's batteries: the reasons against flying on, or against arming.
 
-ArduPilot calls a battery that it has not measured yet UNHEALTHY (seen for 0.1 s behind its start), and one whose
-failsafe has triggered LOW or CRITICAL until it is restarted, also where that failsafe only warns.
+ArduPilot reports a battery that it has not measured yet as UNHEALTHY (for 0.1 s after its start), and a battery whose
+failsafe has triggered as LOW or CRITICAL until it is restarted, also if that failsafe only warns.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from arva_hil.mavlink.codec import dialect
 
-_LAST_S: Final = 5.0  # a word holds so long: the vehicle may have been restarted, or be another one
+_LAST_S: Final = 5.0  # that a report is valid: the vehicle may have been restarted, or be another one
 _BATTERY: Final = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
 _LOW: Final = {
     dialect.MAV_BATTERY_CHARGE_STATE_LOW,
@@ -22,18 +22,18 @@ _LOW_WORD: Final = "low battery"
 _ILL_WORD: Final = "the battery is not healthy"
 
 WANTED: Final = {dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0, dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0}
-"""What has to be asked for, Hz."""
+"""The messages to request, and their rates [Hz]."""
 
 
 class Battery:
-    """Remembers what was said last, of each battery and of all of them, and when. Times are the caller's, s."""
+    """Remembers the last report of each battery and of all together. Times are seconds on the caller's clock."""
 
     def __init__(self) -> None:
-        self._said: dict[int, tuple[float, str]] = {}  # by the battery's id; -1: of all
+        self._said: dict[int, tuple[float, str]] = {}  # by battery id; -1: all together
 
     def hear(self, message: Any, now: float) -> None:
-        """A SYS_STATUS or a BATTERY_STATUS."""
-        if type(message).id == dialect.MAVLINK_MSG_ID_BATTERY_STATUS:  # it has a field of that name
+        """Use a SYS_STATUS or a BATTERY_STATUS."""
+        if type(message).id == dialect.MAVLINK_MSG_ID_BATTERY_STATUS:  # `message.id` is a field of it
             state = message.charge_state
             ill = state == dialect.MAV_BATTERY_CHARGE_STATE_UNHEALTHY
             self._said[message.id] = now, _LOW_WORD if state in _LOW else _ILL_WORD if ill else ""
@@ -43,10 +43,10 @@ class Battery:
             self._said[-1] = now, _ILL_WORD if ill else ""
 
     def why(self, now: float) -> str:
-        """What speaks against it, for a person; "" for nothing."""
+        """The reason against flying, for a person; "" if there is none."""
         words = {word for at, word in self._said.values() if now - at < _LAST_S}
         return next((word for word in (_LOW_WORD, _ILL_WORD) if word in words), "")
 
     def low(self, now: float) -> bool:
-        """It is known to be low, not only unknown or not healthy."""
+        """Whether a battery is known to be low, not only unknown or not healthy."""
         return self.why(now) == _LOW_WORD

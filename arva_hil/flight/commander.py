@@ -1,9 +1,8 @@
-"""Flying a vehicle by orders: arm, take off, follow velocities, land. Messages in, messages out.
+"""Flies a vehicle by orders: arm, take off, follow velocities, land. Messages in, messages out.
 
-Autopilots lose commands, acknowledge what they then do not do, and refuse without a word. So an order is repeated
-until heartbeat or height shows that it is carried out, and nothing else counts. The pilot has the last word: when an
-order may leave is in `authority.py`, what else takes the vehicle from us in `sticks.py` and
-`battery.py`.
+Autopilots lose commands, acknowledge commands that they do not carry out, and refuse without an answer. So an order is
+repeated until the heartbeat or the height shows that it is carried out. The pilot always wins: `authority.py` says when
+an order may be sent, `sticks.py` and `battery.py` what else ends our control.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ from arva_hil.vehicle.session import Session
 __all__ = ["Commander", "Phase"]
 
 _REPEAT_S: Final = 1.0
-_ARM_AGAIN_S: Final = 3.0  # each refused try costs a message on every ground station
-_TAKE_OFF_AGAIN_S: Final = 5.0  # acknowledged, and still on the ground
-_FLOWING_S: Final = 1.0  # of set-points, before PX4 is told to follow them
-_STOPPED_S: Final = 0.5  # of set-points that say stop, before it is left alone
+_ARM_AGAIN_S: Final = 3.0  # each refused try is a message on every ground station
+_TAKE_OFF_AGAIN_S: Final = 5.0  # if it is acknowledged, but the vehicle is still on the ground
+_FLOWING_S: Final = 1.0  # of set-points, before PX4 is ordered to follow them
+_STOPPED_S: Final = 0.5  # of set-points with velocity 0, before none are sent any more
 _STILL: Final = (0.0, 0.0, 0.0)
 _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 
@@ -40,16 +39,16 @@ class Commander(FlightState):
         self.ready = True
         self._arm_timeout_s = arm_timeout_s
         self._velocity = _STILL
-        self._tries = 0  # of arming
-        self._heard_since = 0.0  # what is heard now came after that
-        self._offered: list[Callable[[float], None]] = []  # what is to be remembered once that was sent
+        self._tries = 0  # to arm
+        self._heard_since = 0.0  # the messages heard now came after this time
+        self._offered: list[Callable[[float], None]] = []  # called after the present messages were sent
 
     # -- orders --------------------------------------------------------------------------------------------
 
     def launch(self, now: float) -> None:
         """Arm, take off, then follow velocities with the heading kept.
 
-        There must be a vehicle with a pose. Raises ValueError for one that cannot be flown like this.
+        There must be a vehicle with a pose. Raises ValueError if it cannot be flown by velocities.
         """
         assert self._session.vehicle is not None
         self._modes = modes_of(self._session.vehicle)
@@ -57,10 +56,10 @@ class Commander(FlightState):
         self._enter(Phase.ARMING, now, self._modes.hold, self._arm_timeout_s)
 
     def take_over(self, now: float) -> None:
-        """Follow velocities from where it hovers, armed, in a mode of somebody else; the heading is kept.
+        """Follow velocities from the place where it hovers, armed, in a mode of somebody else. The heading is kept.
 
-        The origin is below that place, at the height of home. If it does not follow it is left to who had it. Raises
-        ValueError for a vehicle that cannot be flown like this.
+        The origin is below that place, at the height of home. If it does not follow, it is left in that mode. Raises
+        ValueError for a vehicle that cannot be flown by velocities.
         """
         assert self._session.vehicle is not None
         self._modes = modes_of(self._session.vehicle)
@@ -75,11 +74,11 @@ class Commander(FlightState):
         self._next_order = now + _FLOWING_S
 
     def steer(self, velocity: tuple[float, float, float]) -> None:
-        """Fly with this velocity, NED, m/s, until told otherwise."""
+        """Fly with this velocity [m/s, NED] until the next call."""
         self._velocity = velocity
 
     def land(self, now: float, why: str = "") -> None:
-        """Land where it is; before the take-off: disarm. `why`: when that is not how it should end."""
+        """Land here; before the take-off: disarm. `why`: the reason, if it is not the normal end."""
         if self._leave_alone(why):
             return
         if self.phase is Phase.ARMING:
@@ -90,7 +89,7 @@ class Commander(FlightState):
             self._enter(Phase.LANDING, now, self._modes.land)
 
     def hold(self, now: float, why: str = "") -> None:
-        """Stay in the air where it is, for the pilot to take; before the take-off: disarm. A landing goes on."""
+        """Hover here for the pilot; before the take-off: disarm. A landing goes on."""
         if self._leave_alone(why):
             return
         if self.phase is Phase.ARMING:
@@ -99,10 +98,10 @@ class Commander(FlightState):
             self.why = why
             self._enter(Phase.HOLDING, now, self._modes.hold)
 
-    # -- what it is told -----------------------------------------------------------------------------------
+    # -- orders to send -----------------------------------------------------------------------------------
 
     def poll(self, now: float) -> bytes:
-        """What is due to be sent, until it is `sent`. The link must have been read until it was empty."""
+        """The messages to send now; the same until `sent`. The link must have been read until it was empty."""
         self._offered = []
         if self.phase.active:
             self._advance(now)
@@ -117,13 +116,13 @@ class Commander(FlightState):
         return b"".join(map(self._session.encoder.pack, messages))
 
     def sent(self, now: float) -> None:
-        """What `poll` gave last has left."""
+        """The messages of the last `poll` were sent."""
         for remember in self._offered:
             remember(now)
         self._offered = []
 
     def _advance(self, now: float) -> None:
-        """Go on to the next phase when this one has come to its end, or to the limit of its time."""
+        """Change to the next phase if this one has ended, or has taken too long."""
         late, in_mode = now - self._since, self._authority.in_mode
         self._borrowing = self._borrowing and not in_mode
         if self._authority.silent(now):
@@ -143,7 +142,7 @@ class Commander(FlightState):
                 self._lose(why)
 
     def _due(self, now: float) -> list[Any]:
-        """Set-points, which take effect in one mode only; and orders, which may change it."""
+        """Set-points, which have an effect in one mode only, and orders, which may change the mode."""
         messages = []
         if not self._steered:
             self._pace.rest()
@@ -173,7 +172,7 @@ class Commander(FlightState):
         return self._modes.to_steer(self._session.vehicle, velocity, self._yaw)
 
     def _order(self) -> tuple[Any | None, float]:
-        """The order that is not carried out yet, None when all are; and when to look again, in seconds."""
+        """The order that is not carried out yet, None if there is none, and the time [s] until it is repeated."""
         vehicle, modes = self._session.vehicle, self._modes
         assert vehicle is not None
         to = vehicle.system, vehicle.component
@@ -194,8 +193,8 @@ class Commander(FlightState):
     # -- what the vehicle says -----------------------------------------------------------------------------
 
     def hear(self, now: float, since: float | None = None) -> None:
-        """Take what the session was fed last. It came after `since`, when the link was read until it was empty before
-        that; default: right now."""
+        """Use the packets that the session was fed last. They came after `since`, the time at which the link was last
+        read until it was empty; default: now."""
         self._heard_since = now if since is None else since
         for packet in self._session.own:
             if packet.msgid in _HEARD and (message := self._session.parser.decode(packet)) is not None:
@@ -210,7 +209,9 @@ class Commander(FlightState):
         mode = self._modes.name(message.custom_mode)
         if not self.phase.active:
             return
-        disarmed = self.phase is Phase.DISARMING and now - self._ordered_s > _STOPPED_S  # an order to arm was under way
+        disarmed = (
+            self.phase is Phase.DISARMING and now - self._ordered_s > _STOPPED_S
+        )  # an order to arm was on its way
         if (self.phase is Phase.LANDING or disarmed) and not armed:
             self.phase = Phase.ENDED
         elif self.phase is Phase.DISARMING:
@@ -225,9 +226,9 @@ class Commander(FlightState):
                 self._stand(armed, now)
 
     def _on_current_mode(self, message: Any, now: float) -> None:
-        """The mode that it is in; the one that is intended is not looked at.
+        """The present mode; the intended mode is not used.
 
-        PX4 changes it when it has landed and disarms; the heartbeat tells that from the pilot's hand.
+        PX4 changes its mode when it disarms after a landing. The heartbeat shows that this was not the pilot.
         """
         self._authority.hear(message.custom_mode, self._heard_since, now)
         if self.phase.active and self.phase is not Phase.LANDING:
@@ -260,7 +261,7 @@ class Commander(FlightState):
         self._watch_pilot(now)
 
     def _watch_pilot(self, now: float) -> None:
-        """The sticks, or the battery: the pilot is to have it. ArduPilot has to be told so, PX4 gives it by itself."""
+        """After a stick was moved, or with a low battery, give the vehicle to the pilot. PX4 does so by itself."""
         flown = self.phase in (Phase.CLIMBING, Phase.FLYING)
         if not (why := self.sticks.moved or self.battery.why(now)):
             return

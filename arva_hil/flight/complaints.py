@@ -1,4 +1,4 @@
-"""Why the vehicle does not do as it is told, in its own words: refusals, texts, what it calls not healthy."""
+"""Why the vehicle does not carry out an order: its refusals, its texts, and its sensors that are not healthy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ORDERS: Final = {
 
 
 class Complaints:
-    """Remembers the answer to the last order when it was a refusal, the last texts, and what is not healthy."""
+    """Remembers the refusal of the last order, the last texts, and the sensors that are not healthy."""
 
     def __init__(self) -> None:
         self.refused_order = self.refused_result = ""
@@ -24,7 +24,7 @@ class Complaints:
         self._unwell: list[str] = []
 
     def hear_ack(self, message: Any) -> bool:
-        """An acknowledgement for us; whether it is of an order that was taken."""
+        """Use an acknowledgement for us. Returns whether an order was accepted."""
         if message.command not in _ORDERS:
             return False
         if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
@@ -41,17 +41,17 @@ class Complaints:
         self._unwell = unwell(message)
 
     def begin(self, *, keep_texts: bool) -> None:
-        """Another order. `keep_texts`: it is perhaps refused for what was said before."""
+        """A new order begins. `keep_texts`: earlier texts may explain why it is refused."""
         self.refused_order = self.refused_result = ""
         if not keep_texts:
             self._texts.recent.clear()
 
     def why(self, *, status: bool = False) -> str:
-        """All of it, for a person; `status`: with what is not healthy."""
+        """All reasons, for a person. `status`: with the sensors that are not healthy."""
         said = f"not healthy: {', '.join(self._unwell)}" if status and self._unwell else ""
         answer = f"{self.refused_order}: {self.refused_result}" if self.refused_order else ""
         return "; ".join(filter(None, [answer, *self._texts.recent, said]))
 
     def take_texts(self) -> list[str]:
-        """Those that are new since the last call, each once."""
+        """The texts since the last call, each once."""
         return self._texts.take()

@@ -1,6 +1,6 @@
-"""What a vehicle does when nobody orders anything, by its own parameters: asked for before it is armed.
+"""The parameters of a vehicle's failsafes, which are read before it is armed.
 
-A search that breaks off leaves the vehicle to these. With default parameters it hovers, armed.
+They say what the vehicle does if a search ends without orders. With default parameters it hovers, armed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _INTEGERS: Final = {  # MAV_PARAM_TYPE → struct: PX4 copies the bytes of an in
 
 
 class Failsafes:
-    """Remembers what one vehicle answered. `values`: parameter → value, as far as told. `px4`: its names are PX4's."""
+    """Remembers the answers of one vehicle. `values`: value by parameter, as far as known; `px4`: it is a PX4."""
 
     def __init__(self) -> None:
         self.values: dict[str, float] = {}
@@ -37,7 +37,7 @@ class Failsafes:
         self._next = -math.inf
 
     def poll(self, now: float, vehicle: Vehicle) -> list[Any]:
-        """What to ask it now."""
+        """The requests to send now."""
         self.px4 = vehicle.autopilot == dialect.MAV_AUTOPILOT_PX4
         self._names = _PX4 if self.px4 else _ARDUPILOT
         if now < self._next:
@@ -51,7 +51,7 @@ class Failsafes:
         return [dialect.MAVLink_param_request_read_message(*to, name.encode(), -1) for name in lacking]
 
     def hear(self, message: Any) -> None:
-        """A PARAM_VALUE of the vehicle."""
+        """The vehicle sent a PARAM_VALUE."""
         layout = _INTEGERS.get(message.param_type) if self.px4 else None
         raw = struct.pack("<f", message.param_value)
         value = struct.unpack(layout, raw)[0] if layout else message.param_value
@@ -60,5 +60,5 @@ class Failsafes:
 
     @property
     def done(self) -> bool:
-        """All is answered, or has been asked for often enough."""
+        """Whether all parameters are known, or were requested often enough."""
         return self._tries > _TRIES or (bool(self._names) and all(name in self.values for name in self._names))

@@ -1,4 +1,4 @@
-"""How far a flight is, and how long each part of it may take."""
+"""The phases of a flight, and how long each may take."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Final
 
 
 class Phase(Enum):
-    """ENDED: landed, disarmed or left hovering, as ordered. LOST: it is no longer ours to fly.
+    """ENDED: landed, disarmed or left hovering, as ordered. LOST: we do not control the vehicle any more.
 
-    YIELDING: ArduPilot is stopped, and the pilot gets it in LOITER.
+    YIELDING: ArduPilot is stopped, and given to the pilot in LOITER.
     """
 
     IDLE = auto()
@@ -25,16 +25,16 @@ class Phase(Enum):
 
     @property
     def active(self) -> bool:
-        """There may be something to send."""
+        """Whether messages may be sent."""
         return self not in (Phase.IDLE, Phase.ENDED, Phase.LOST)
 
     @property
     def to_do(self) -> str:
-        """What the vehicle does in it, as a verb."""
+        """What the vehicle does in this phase, as a verb."""
         return _TO_DO[self]
 
     def limit_s(self, metres: float) -> float:
-        """How long it may last, with so many metres to climb or to sink."""
+        """The longest duration of the phase [s], with this many metres to climb or to descend."""
         fixed, each_metre = _LIMITS[self]
         return fixed + each_metre * max(metres, 0.0)
 
@@ -48,9 +48,9 @@ _TO_DO: Final = {
     Phase.HOLDING: "hover",
     Phase.YIELDING: "go to LOITER",
 }
-_LIMITS: Final = {  # s, and s a metre
+_LIMITS: Final = {  # s, and s per metre
     Phase.CLIMBING: (30.0, 1.0),
-    Phase.FLYING: (10.0, 0.0),  # until it follows
+    Phase.FLYING: (10.0, 0.0),  # until it follows velocities
     Phase.LANDING: (90.0, 2.0),
     Phase.DISARMING: (10.0, 0.0),
     Phase.HOLDING: (5.0, 0.0),

@@ -1,4 +1,4 @@
-"""Whether a vehicle is a simulator: one that is knows its own truth, and says it when asked. A real one cannot."""
+"""Whether a vehicle is a simulator: only a simulator can send its true pose on request."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from arva_hil.mavlink.codec import Packet, command, dialect
 from arva_hil.vehicle.session import Session
 
 _ASK_S: Final = 1.0
-_NEAR_M: Final = 200.0  # truth from estimate, horizontally; farther away it is another vehicle's
+_NEAR_M: Final = 200.0  # horizontally, from the estimate to the truth; farther away it belongs to another vehicle
 _ASKED: Final = {  # by MAV_AUTOPILOT
     dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: dialect.MAVLINK_MSG_ID_SIMSTATE,
     dialect.MAV_AUTOPILOT_PX4: dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
@@ -24,23 +24,23 @@ _PLACES: Final = {  # the fields of latitude and longitude, degrees · 1e7
 
 
 class SimulatorCheck:
-    """Asks the session's vehicle once a second for its true pose, and remembers by which message it answered, if so.
+    """Requests the true pose of the session's vehicle once a second. `answer`: the message that it answered with.
 
-    ArduPilot's simulator has SIMSTATE, PX4's HIL_STATE_QUATERNION; built for a flight controller, ArduPilot denies it
-    and PX4 has none to send. Only the vehicle's own packets count, and only a place near the one it reports itself.
+    ArduPilot's simulator has SIMSTATE, PX4's HIL_STATE_QUATERNION. On a flight controller ArduPilot denies the request,
+    and PX4 has nothing to send. Only the vehicle's own packets count, and only a place near its reported position.
     """
 
     def __init__(self, session: Session) -> None:
-        self.answer = ""  # the message's name
+        self.answer = ""  # the name of the message
         self._session = session
         self._next = 0.0
 
     def forget(self) -> None:
-        """It may be another vehicle now."""
+        """Forget the answer: it may be another vehicle now."""
         self.answer = ""
 
     def hear(self, packets: Sequence[Packet]) -> None:
-        """The vehicle's own packets."""
+        """Use packets of the vehicle."""
         if self.answer:
             return
         for packet in packets:
@@ -50,7 +50,7 @@ class SimulatorCheck:
                     self.answer = message.get_type()
 
     def poll(self, now: float) -> bytes:
-        """The request, when it is due."""
+        """The request, if it is due."""
         vehicle = self._session.vehicle
         if vehicle is None or self.answer or now < self._next or vehicle.autopilot not in _ASKED:
             return b""

@@ -1,4 +1,4 @@
-"""What a flight by orders stands on: how far it is, why, where it began, whose mode it is in."""
+"""The state of a flight by orders: its phase, its start, and who controls the vehicle."""
 
 from __future__ import annotations
 
@@ -20,16 +20,17 @@ from arva_hil.vehicle.session import Session
 _STALLED: Final = (
     " (this program was held up, and no set-point left for {:.1f} s before: PX4 leaves OFFBOARD after COM_OF_LOSS_T)"
 )
-_LEAD_S: Final = 0.5  # from an order to what comes of it
+_LEAD_S: Final = 0.5  # from an order to its effect
 _STEERED: Final = (Phase.FLYING, Phase.HOLDING, Phase.YIELDING)
-RISEN_M: Final = 0.5  # no drift of an altitude: it has taken off
+RISEN_M: Final = 0.5  # more than the drift of an altitude: it has taken off
 
 
 class FlightState:
-    """Remembers the phase of a flight, since when it lasts, and what the vehicle said of itself in it.
+    """Remembers the phase of a flight, its start, and the vehicle's reports in it.
 
-    `why` says why it was LOST, or had to land. Once it is LOST nothing is sent any more: the pilot has the vehicle, if
-    it was `handed_over`, or the autopilot's own failsafe. `origin`: where it armed. `take_off_m`: how high it climbs.
+    `why`: the reason if the flight is LOST, or had to land. After it is LOST nothing is sent any more: the pilot
+    controls the vehicle if it was `handed_over`, otherwise the autopilot's own failsafe does. `origin`: where it armed;
+    `take_off_m`: the height of the take-off.
     """
 
     def __init__(self, session: Session, take_off_m: float) -> None:
@@ -43,10 +44,10 @@ class FlightState:
         self._take_off_m = take_off_m
         self._modes = ARDUCOPTER  # until the launch
         self._yaw = 0.0
-        self._borrowing = False  # it flies in the mode of who had it, and does not follow us yet
+        self._borrowing = False  # it is still in the mode of a take-over, and does not follow us yet
         self._authority = Authority()
-        self._since = 0.0  # in this phase
-        self._limit_s = math.inf  # of it
+        self._since = 0.0  # of this phase
+        self._limit_s = math.inf  # of this phase
         self._next_order = -math.inf
         self._ordered_s = math.inf  # when the first order of this phase was sent
         self._pace = Pace()  # of the set-points
@@ -55,38 +56,38 @@ class FlightState:
         session.want(authority.WANTED | sticks.WANTED | battery.WANTED)
 
     def let_go(self) -> None:
-        """Send nothing any more."""
+        """Stop sending."""
         if self.phase is not Phase.ENDED:
             self.phase = Phase.LOST
 
     def doubt(self, now: float) -> None:
-        """There was a gap: no order before news that comes after it shows the mode that was ordered."""
+        """There was a gap: send no order before a later report shows the mode that was ordered."""
         self._authority.doubt(now)
 
     @property
     def mode(self) -> int:
-        """Its custom mode, as last heard; -1 before."""
+        """The custom mode reported last; -1 before the first report."""
         return self._authority.mode
 
     @property
     def settled(self) -> bool:
-        """There is no doubt who has the vehicle."""
+        """Whether it is known who controls the vehicle."""
         return self._authority.settled
 
     @property
     def lands_by_itself(self) -> bool:
-        """It is in the mode that lands."""
+        """Whether it is in the mode that lands."""
         return self._authority.wanted == self._modes.land and self._authority.in_mode
 
     @property
     def height(self) -> float:
-        """Above the take-off point, m; 0 while that is not known."""
+        """The height above the take-off point [m]; 0 while it is not known."""
         last = self._session.track.last_position
         return last.alt - self.origin.alt if last and self.origin else 0.0
 
     @property
     def _climbed(self) -> bool:
-        """It is high enough, or will be when it has heard so: PX4 climbs on until then."""
+        """Whether it is high enough, or will be when the next order reaches it: PX4 climbs until then."""
         enough = 0.9 * self._take_off_m - 0.1
         if not self._modes.px4:
             return self.height > enough
@@ -95,12 +96,12 @@ class FlightState:
 
     @property
     def _steered(self) -> bool:
-        """Set-points flow without a pause until another mode needs none. In a take-off ArduPilot would obey them."""
+        """Whether set-points are sent, until another mode needs none. ArduPilot would follow them in a take-off."""
         landing = self.phase is Phase.LANDING and not self.lands_by_itself
         return landing or self.phase in _STEERED or (self.phase is Phase.CLIMBING and self._modes.px4)
 
     def _reasons(self) -> str:
-        """What it has answered and said in this phase, for a person."""
+        """The vehicle's answers and texts in this phase, for a person."""
         return self._complaints.why(status=self.phase is Phase.ARMING)
 
     def _enter(self, phase: Phase, now: float, wanted: int, limit_s: float | None = None) -> None:
@@ -112,7 +113,7 @@ class FlightState:
         self._authority.want(wanted, ours=phase not in (Phase.ARMING, Phase.DISARMING))
 
     def _leave_alone(self, why: str) -> bool:
-        """Before it follows us, whatever speaks against it ends the take-over: nothing has to be undone by an order."""
+        """End a take-over before the vehicle follows us, for any reason: no order has to be undone."""
         if self._borrowing and self.phase.active:
             self._lose("; ".join(filter(None, [why, "it was not taken over"])), handed_over=True)
         return self._borrowing
@@ -122,7 +123,7 @@ class FlightState:
         self.why = "; ".join(filter(None, [self.why, why]))
 
     def _stand(self, armed: bool, now: float) -> None:
-        """Note place and heading: until it arms an autopilot still moves them while it settles."""
+        """Remember place and heading. An autopilot still corrects them until it arms."""
         place = self._session.track.last_position
         if place is not None and self._turn(now, place):
             self.origin = place
@@ -130,17 +131,17 @@ class FlightState:
             self._enter(Phase.CLIMBING, now, self._modes.take_off)
 
     def _turn(self, now: float, place: PositionSample) -> bool:
-        """Keep the heading that it has; False when that is not known."""
+        """Keep the present heading. Returns False if it is not known."""
         state = self._session.state_at(now, place.frame)
         if state is not None:
             self._yaw = heading(state.attitude.tolist())
         return state is not None
 
     def _watch_mode(self, now: float) -> None:
-        """A mode that does not come of an order of ours is somebody else's: the pilot's, or a failsafe's.
+        """A mode that our orders do not cause was set by the pilot or by a failsafe.
 
-        PX4 arms in the mode that holds, and may be in it until it has risen. It does not come back to it by itself, for
-        its take-off is ordered to more than the height at which it is told to follow set-points.
+        PX4 arms in hold, and may be in it until it has risen. It does not return to hold by itself, because the height
+        of its take-off is larger than the one at which it is ordered to follow set-points.
         """
         name, in_mode = self._modes.name(self._authority.mode), self._authority.in_mode
         risen = self.phase is Phase.CLIMBING and self.height > RISEN_M

@@ -1,4 +1,4 @@
-"""What an autopilot says of itself to a person: STATUSTEXT, put together from its chunks, and SYS_STATUS in words."""
+"""The texts of an autopilot: STATUSTEXT, joined from its chunks, and SYS_STATUS in words."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from typing import Any, Final
 
 from arva_hil.mavlink.codec import dialect
 
-_CHUNK: Final = 50  # characters; a chunk of fewer is the last
+_CHUNK: Final = 50  # characters; a shorter chunk is the last one
 _MOST_OPEN: Final = 8
 _MOST_RECENT: Final = 4
 
 
 class StatusTexts:
-    """Remembers the last few texts that differ, in `recent`, and those that nobody has taken yet.
+    """Remembers the last few different texts in `recent`, and those that were not taken yet.
 
-    Chunks of several texts may come mixed; "…" stands for those that were lost.
+    The chunks of several texts may be mixed; "…" stands for a lost chunk.
     """
 
     def __init__(self) -> None:
@@ -40,13 +40,13 @@ class StatusTexts:
             self._new.append(text)
 
     def take(self) -> list[str]:
-        """What is new since the last call."""
+        """The texts since the last call."""
         new, self._new = self._new, []
         return new
 
 
 def unwell(message: Any) -> list[str]:
-    """What a SYS_STATUS calls enabled and not healthy; PX4's only reason on a link without a ground station."""
+    """The sensors that are enabled and not healthy; on a link without a ground station PX4 gives no other reason."""
     bits = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
     sensors = dialect.enums["MAV_SYS_STATUS_SENSOR"]
     names = [sensors[1 << n].name for n in range(32) if bits >> n & 1 and 1 << n in sensors]

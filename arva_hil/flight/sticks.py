@@ -1,4 +1,4 @@
-"""The pilot's hands, for autopilots that follow set-points whatever the sticks do, as ArduPilot does in GUIDED."""
+"""The pilot's sticks, for autopilots that ignore them while they follow set-points, as ArduPilot does in GUIDED."""
 
 from __future__ import annotations
 
@@ -7,38 +7,38 @@ from typing import Any, Final
 
 from arva_hil.mavlink.codec import dialect
 
-_MOVED_US: Final = 75  # from where it stood: 15 % of a stick's way from its middle
-_MIDDLE_US: Final = (1400, 1600)  # of the throttle: LOITER keeps its height
-_PULSE_US: Final = (975, 2200)  # what is no pulse of a radio that is heard: ArduPilot's FS_THR_VALUE is 975
-_TWICE: Final = 2  # messages in a row: no glitch
+_MOVED_US: Final = 75  # 15 % of the way of a stick from its middle
+_MIDDLE_US: Final = (1400, 1600)  # of the throttle: LOITER keeps the height
+_PULSE_US: Final = (975, 2200)  # pulses outside are not from a radio: ArduPilot's FS_THR_VALUE is 975
+_TWICE: Final = 2  # messages in a row, to ignore glitches
 _RC: Final = dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 
 WANTED: Final = {
     dialect.MAVLINK_MSG_ID_RC_CHANNELS: 5.0,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
 }
-"""What has to be asked for, Hz."""
+"""The messages to request, and their rates [Hz]."""
 
 
 class Sticks:
-    """Remembers where the first four channels stood when they were `mark`ed, and whether one has moved since.
+    """Remembers the first four channels at `mark`, and whether one has moved since then.
 
-    `moved` says so to a person. `throttle`: its channel, from 1. A radio that is not heard moves nothing.
+    `moved`: a text for a person. `throttle`: the number of its channel, from 1. Without a radio nothing moves.
     """
 
     def __init__(self) -> None:
         self.throttle = 3
         self.moved = ""
-        self.channel = self.by_us = 0  # which one, from 1, and how far
+        self.channel = self.by_us = 0  # the stick that was moved, from 1, and how far
         self._now: Sequence[int] = ()
         self._rest: Sequence[int] = ()
         self._marked = False
-        self._heard = True  # the radio's receiver works
+        self._heard = True  # whether the radio's receiver works
         self._times = 0
 
     @property
     def known(self) -> bool:
-        """There is a radio."""
+        """Whether there is a radio."""
         return self._heard and bool(self._now)
 
     @property
@@ -47,11 +47,11 @@ class Sticks:
         return self.known and 1 <= self.throttle <= len(self._now) and low <= self._now[self.throttle - 1] <= high
 
     def mark(self) -> None:
-        """This is how they stand when nobody moves them."""
+        """Remember the present position of the sticks as their rest."""
         self._marked, self._rest, self.moved, self._times = True, self._now, "", 0
 
     def hear(self, message: Any) -> None:
-        """One of the messages `WANTED`."""
+        """Use one of the messages in `WANTED`."""
         if type(message).id == dialect.MAVLINK_MSG_ID_RC_CHANNELS:
             self._hear_channels(message)
         else:
