@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import BinaryIO, Final
+from typing import IO, BinaryIO, Final, cast
 
 from mcap.writer import Writer
 
@@ -15,9 +15,25 @@ from arva_hil.recordings import Recording
 _PROFILE: Final = "ros2"
 
 
+class _Counting:
+    """Writes to `out` and counts, so that it may be a pipe. Has all of a file that the writer uses."""
+
+    def __init__(self, out: BinaryIO) -> None:
+        self._out = out
+        self._written = 0
+
+    def write(self, data: bytes) -> int:
+        self._out.write(data)
+        self._written += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        return self._written
+
+
 def write(recording: Recording, out: BinaryIO) -> None:
     """See `arva_hil.exports`: the messages of a record, in the order of their times."""
-    writer = Writer(out)
+    writer = Writer(cast(IO[bytes], _Counting(out)))
     writer.start(profile=_PROFILE, library=f"arva-hil {__version__}")
     schemas: dict[type[Message], int] = {}
     channels: dict[str, int] = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -73,3 +74,12 @@ def test_a_missing_package_is_told_with_its_extra(arva: Arva, tmp_path: Path, mo
     assert code == 2
     assert err == "arva-hil: --format kml needs no_such_package, which is missing: pip install 'arva-hil[kml]'\n"
     assert not (tmp_path / "x.kml").exists()
+
+
+@pytest.mark.parametrize("name", EXPORTS)
+def test_what_a_pipe_gets_is_what_a_file_gets(name: str, arva: Arva, start: Callable[..., Any], tmp_path: Path) -> None:
+    run = write(tmp_path / "flight", 5)
+    assert arva("export", run, "--format", name, "--out", tmp_path / "file").code == 0
+    program = start("export", run, "--format", name, "--out", "-", stdout=subprocess.PIPE)
+    assert program.process.stdout.read() == (tmp_path / "file").read_bytes()
+    assert program.ends() == 0
