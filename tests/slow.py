@@ -50,6 +50,7 @@ SLOW: Final = {
     "cli/test_plot.py": "figures are drawn",
     "cli/test_plugins.py": FLIGHTS,
     "cli/test_replay.py": REPLAYS,
+    "cli/test_report.py": "figures are drawn",
     "cli/test_search.py": REAL_TIME,
     "cli/test_search_permission.py": REAL_TIME,
     "cli/test_standard_streams.py": PROCESS,

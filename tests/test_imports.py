@@ -133,6 +133,14 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.safe_text",
         "arva_hil.search.outcome",
     },
+    "arva_hil/report": {
+        "arva_hil.__version__",
+        "arva_hil.config",
+        "arva_hil.pictures",
+        "arva_hil.recordings",
+        "arva_hil.report",
+        "arva_hil.safe_text",
+    },
     "arva_hil/search": {  # never the model, never where the transmitters are
         "arva_hil.events",
         "arva_hil.field.geodesy",
@@ -167,6 +175,7 @@ ROOMS = {  # a room → what of ours it may import
     "arva_hil/campaign": {
         "arva_hil.__version__",
         "arva_hil.campaign",
+        "arva_hil.report.html",
         "arva_hil.config",
         "arva_hil.field",
         "arva_hil.files",

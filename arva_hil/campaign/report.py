@@ -6,12 +6,10 @@ import base64
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-import jinja2
-
-from arva_hil import __version__
 from arva_hil.campaign import charts
 from arva_hil.campaign.results import TrialRow
 from arva_hil.campaign.summary import Pair, Summary, groups, summary
+from arva_hil.report.html import render
 
 __all__ = ["page", "text"]
 
@@ -51,15 +49,9 @@ def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
     """The report as one self-contained HTML file."""
     several = {what: len(groups(rows, name)) for name, what in _SEVERAL.items()}
     axes = [("strategy", ""), *((name, label) for name, label in _AXES.items() if len(groups(rows, name)) > 1)]
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("arva_hil.campaign"),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("report.html").render(
-        version=__version__,
+    return render(
+        "arva_hil.campaign",
+        "report.html",
         title=title,
         trials=len(rows),
         crossed=" × ".join(f"{count} {what}" for what, count in several.items() if count > 1),

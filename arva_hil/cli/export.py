@@ -33,7 +33,7 @@ def _opened(recording: Recording, name: str) -> Iterator[BinaryIO]:
         with binary_stdout() as out:
             yield out
         return
-    with output(recording, Path(name)) as out:
+    with output(Path(name), recording) as out:
         yield out
     tell(f"written: {name}")
 

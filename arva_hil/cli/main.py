@@ -26,6 +26,7 @@ COMMANDS: Final = {
     "replay": "the same from a recorded flight (.tlog), at any speed",
     "demo": "a simulated vehicle searches for a transmitter and finds it; no hardware",
     "search": "find the victim: reads the receiver's port, flies the autopilot",
+    "report": "a page about a record, or two side by side",
     "plot": "draw a record: track, distance, timeline, lateness, rates",
     "export": "write a record for maps, spreadsheets and other programs",
     "campaign": "fly a plan of many trials and compare the strategies",

@@ -52,6 +52,6 @@ def _make(folder: Path) -> None:
 
 def _write(recording: Recording, drawn: Iterable[tuple[Path, bytes]]) -> None:
     for path, data in drawn:
-        with output(recording, path) as out:
+        with output(path, recording) as out:
             out.write(data)
         tell(f"written: {path}")

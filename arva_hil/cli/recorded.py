@@ -10,7 +10,9 @@ from typing import BinaryIO
 from arva_hil import files
 from arva_hil.cli.outcome import FAILED, Failure, UsageError
 from arva_hil.cli.terminal import tell
-from arva_hil.recordings import Recording, RecordingError, load
+from arva_hil.recordings import Recording, RecordingError, is_record, load
+
+__all__ = ["is_record", "loaded", "needing", "output"]
 
 
 def loaded(folder: str) -> Recording:
@@ -27,9 +29,9 @@ def loaded(folder: str) -> Recording:
 
 
 @contextlib.contextmanager
-def output(recording: Recording, path: Path) -> Iterator[BinaryIO]:
-    """A file that replaces `path` when it is whole. Raises UsageError for one of the record itself, and Failure."""
-    own = [recording.folder / name for name in recording.files]
+def output(path: Path, *recordings: Recording) -> Iterator[BinaryIO]:
+    """A file that replaces `path` when it is whole. Raises UsageError for one of the records' own, and Failure."""
+    own = [recording.folder / name for recording in recordings for name in recording.files]
     if any(path.exists() and one.exists() and path.samefile(one) for one in own):
         raise UsageError(f"{path}: this is a file of the record itself: name another one")
     try:

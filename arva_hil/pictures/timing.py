@@ -16,13 +16,14 @@ if TYPE_CHECKING:
 
 _MOST_STREAMS: Final = 6
 _BINS: Final = 60
+_ON_TIME_MS: Final = 1e-3
 
 
 def draw_lateness(axes: Axes, receiver: RecordedReceiver | None) -> None:
     """A histogram of how long after its instant each frame was made, with the median and the 99th percentile."""
     axes.set(xlabel="lateness of a frame, ms", ylabel="frames", title="How punctual the frames were")
     late = np.array([]) if receiver is None else receiver.late_ms[np.isfinite(receiver.late_ms)]
-    if not len(late) or late.max() <= 0:
+    if not len(late) or late.max() < _ON_TIME_MS:
         _say(axes, "every frame was made at its instant" if len(late) else "no lateness is recorded")
         return
     edges = np.linspace(0.0, float(late.max()) * 1.001, _BINS + 1)

@@ -1,6 +1,6 @@
 """Reads what `--record DIR` has written: readings, events, the search and how the run ended, as frozen values."""
 
-from .folder import load
+from .folder import is_record, load
 from .lines import RecordingError
 from .receivers import RecordedReceiver
 from .recording import Datum, Recording, Run
@@ -14,5 +14,6 @@ __all__ = [
     "Recording",
     "RecordingError",
     "Run",
+    "is_record",
     "load",
 ]

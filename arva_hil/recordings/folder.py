@@ -21,6 +21,11 @@ _MOST_EVENTS: Final = 200_000
 _YEAR_2001_S: Final = 978_307_200.0  # before it, a clock was stepped and not read
 
 
+def is_record(folder: Path) -> bool:
+    """Whether there is a record of a run or a search in the folder. It may be broken."""
+    return (folder / RUN).exists() or (folder / TRACK).exists()
+
+
 def load(folder: Path) -> Recording:
     """Read a record. Raises RecordingError: it is none, it is one of a newer version, or a line is wrong.
 

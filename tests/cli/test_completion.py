@@ -15,7 +15,7 @@ from arva_hil.cli.main import COMMANDS
 
 Arva = Callable[..., Any]
 LINES = [
-    (["arva-hil", "re"], ["replay"]),
+    (["arva-hil", "re"], ["replay", "report"]),
     (["arva-hil", "replay", "--sp"], ["--speed"]),
     (["arva-hil", "--autop"], ["--autopilot"]),  # run is the default command
     (["arva-hil", "listen", "--format", "t"], ["text", "tunnel"]),

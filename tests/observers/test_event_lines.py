@@ -24,7 +24,11 @@ def test_events_are_as_json_gives_them_and_frames_and_packets_are_none(tmp_path:
     recorder.observe(PacketsReceived(1.5, "autopilot", []))
     recorder.close({})
     assert lines(tmp_path) == [
-        {"event": "datum_set", "time_s": 1.5, "vehicle": "alpha", "lat": 46.0, "lon": 7.0, "alt": 1650.0, "reason": ""}
+        {
+            **{"event": "datum_set", "time_s": 1.5, "vehicle": "alpha", "lat": 46.0, "lon": 7.0, "alt": 1650.0},
+            "reason": "",
+            "notice": {"level": "info", "text": "datum: 46.0000000, 7.0000000, 1650.00 m AMSL"},
+        }
     ]
 
 

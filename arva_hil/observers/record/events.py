@@ -9,6 +9,7 @@ from typing import Any, Final
 from arva_hil.events import Event, FrameMade, StatusReport
 from arva_hil.events.searches import BeliefChanged, FromSearch, PlaceFound, TakeOffPoint
 from arva_hil.observers.console.event_json import event_json, event_object
+from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.record.tables import moment
 
 _MOST_BYTES: Final = 1 << 25  # so that a vehicle that sends text for days does not fill the disk
@@ -16,6 +17,8 @@ _MOST_BYTES: Final = 1 << 25  # so that a vehicle that sends text for days does 
 
 class EventLines:
     """Makes the lines of events.jsonl: events as `--json` gives them, and two objects of its own.
+
+    An event that a person is told has a `notice` besides: its `level` (info, warning, error) and its `text`.
 
     `first_frame`: its `time_s` is the time 0 of the frames on the clock of the events, and `utc` the same instant.
     `status`: a StatusReport, once a second. What a search believes is also there once a second. Counts its bytes; after
@@ -57,7 +60,10 @@ class EventLines:
             self._next_belief = math.floor(event.time_s) + 1.0
         if isinstance(told, BeliefChanged | PlaceFound | TakeOffPoint):
             return json.dumps(event_object(event))
-        return event_json(event)
+        line, notice = event_json(event), sentence(event)
+        if line is None or notice is None:
+            return line
+        return f"{line[:-1]}, {json.dumps({'notice': notice._asdict()})[1:]}"
 
 
 def _status(report: StatusReport) -> dict[str, Any]:

@@ -1,0 +1,45 @@
+"""`arva-hil report`: a page about one record, or several beside each other."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Final
+
+from arva_hil.cli.outcome import OK, UsageError
+from arva_hil.cli.recorded import is_record, loaded, output
+from arva_hil.cli.terminal import binary_stdout, tell
+from arva_hil.recordings import RecordingError
+from arva_hil.report.page import page
+
+_MOST: Final = 12  # runs on a page
+
+
+def main(options: argparse.Namespace) -> int:
+    recordings = [loaded(name) for name in _folders(options.run, options.other)]
+    try:
+        text = page(recordings).encode()
+    except RecordingError as error:
+        raise UsageError(error) from None
+    if options.out == "-":
+        with binary_stdout() as out:
+            out.write(text)
+        return OK
+    path = Path(options.out or Path(options.run) / "report.html")
+    with output(path, *recordings) as file:
+        file.write(text)
+    tell(f"written: {path}")
+    return OK
+
+
+def _folders(run: str, other: str | None) -> list[str]:
+    """The records to show: those named, or those in a folder that is none itself."""
+    if other is not None:
+        return [run, other]
+    folder = Path(run)
+    if not run or is_record(folder) or not folder.is_dir():
+        return [run]
+    inside = sorted(path for path in folder.iterdir() if path.is_dir() and is_record(path))
+    if len(inside) > _MOST:
+        tell(f"note: {folder} holds {len(inside)} records: the first {_MOST} are shown")
+    return [str(path) for path in inside[:_MOST]] or [run]
