@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from arva_hil.field.arrays import Array, floats, vector
+from arva_hil.field.blocks import fill_field
 from arva_hil.field.keying import Keying
 from arva_hil.field.medium import AIR, Medium
 
 __all__ = ["Transmitters", "dipole_field", "field_of"]
 
+_MANY = 300  # numbers: from so many on, blocks are quicker
 _NEAREST_M = 0.01  # a receiver closer than this reads as if it were this far: the field stays finite
 
 
@@ -75,7 +77,16 @@ def dipole_field(points: ArrayLike, positions: ArrayLike, rotations: ArrayLike, 
     points, positions = floats("points", points, 3), floats("positions", positions, None, 3)
     m = len(positions)
     positions = vector("positions", positions, m, 3)
-    return field_of(points, positions, vector("rotations", rotations, m, 3, 3), vector("strengths", strengths, m))
+    rotations, strengths = vector("rotations", rotations, m, 3, 3), vector("strengths", strengths, m)
+    if points.size < _MANY:
+        return field_of(points, positions, rotations, strengths)
+    h = np.empty((*points.shape[:-1], m, 3))
+    every, all_h = points.reshape(-1, 3), h.reshape(-1, m, 3)
+    odd = fill_field(all_h, every, positions, np.ascontiguousarray(rotations[..., 0]), strengths)
+    for point, dipole in odd.T:
+        of = slice(dipole, dipole + 1)
+        all_h[point, of] = field_of(every[point], positions[of], rotations[of], strengths[of])
+    return h
 
 
 def field_of(points: Array, positions: Array, rotations: Array, strengths: Array) -> Array:

@@ -15,6 +15,8 @@ from arva_hil.receiver.reading import ChannelReading, Reading, Zone, with_true_r
 from arva_hil.receiver.receiver_model import Answer, Impairment, Look, ReceiverSettings
 
 __all__ = [
+    "INNER_M",
+    "MID_M",
     "Antennas",
     "NoiseKind",
     "NoiseSource",
@@ -24,14 +26,15 @@ __all__ = [
     "noise_bound",
     "outputs",
     "receive",
+    "rounded",
 ]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 NoiseKind = Literal["uniform", "gaussian", "off"]
 
-_INNER_M: Final = 3.0
-_MID_M: Final = 50.0
+INNER_M: Final = 3.0
+MID_M: Final = 50.0
 _FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
 _REFERENCE_NA_M: Final = (
     2e6 * math.pi
@@ -95,9 +98,7 @@ def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
     return h @ R_r + Q * (w @ R_r)
 
 
-def outputs(
-    h_r: ArrayLike, kappa_eq: float, inner_m: float = _INNER_M, mid_m: float = _MID_M
-) -> tuple[Ints, Ints, Ints]:
+def outputs(h_r: ArrayLike, kappa_eq: float, inner_m: float = INNER_M, mid_m: float = MID_M) -> tuple[Ints, Ints, Ints]:
     """(d in cm, δ in degrees, `Zone`), each (...), from the signal at the antennas (..., 3) (eq. 6, 7, 8).
 
     OUTER gives (−1, −1). h_x = 0 gives δ = ±89 with the sign of h_y. In the inner zone L_xy h_r may be 0.
@@ -110,8 +111,8 @@ def outputs(
     inner = d_full <= inner_m
     d = np.where(inner, d_full, d_xy)
     heard = d <= mid_m
-    d_cm = np.where(heard, _rounded(100 * d), -1)
-    delta = _rounded(np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x))))
+    d_cm = np.where(heard, rounded(100 * d), -1)
+    delta = rounded(np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x))))
     delta_deg = np.where(heard & ~inner, np.minimum(np.maximum(delta, -89), 89), inner - 1)
     return d_cm.astype(np.int64), delta_deg.astype(np.int64), inner.astype(np.int64) + heard
 
@@ -121,7 +122,7 @@ def distance(h: Array, kappa_eq: float) -> Array:
     return math.cbrt(kappa_eq / (4 * math.pi)) / np.cbrt(np.maximum(h, 1e-200))
 
 
-def _rounded(x: Array) -> Array:
+def rounded(x: Array) -> Array:
     """Rounds to whole numbers, half away from zero, exactly."""
     whole = np.trunc(x)
     return whole + np.trunc(2 * (x - whole))

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.field import dipole_field
 from arva_hil.receiver import Antennas, Zone, outputs
-from arva_hil.receiver.paper import NoiseKind, _rounded, draw_noise, noise_bound, receive
+from arva_hil.receiver.paper import NoiseKind, draw_noise, noise_bound, receive, rounded
 
 K = 1.542
 ONE = (np.zeros((1, 3)), np.eye(3)[None], np.ones(1))  # a reference transmitter at the origin, facing north
@@ -105,7 +105,7 @@ def test_what_lies_on_the_border_of_two_zones_belongs_to_the_nearer_one(
 
 def test_rounding_half_away_from_zero_is_exact() -> None:
     x = np.array([0.5, -0.5, 1.5, 2.5, -2.5, np.nextafter(0.5, 0), np.nextafter(2.5, 0), -0.2, 4999.5])
-    assert _rounded(x).tolist() == [1, -1, 2, 3, -3, 0, 2, 0, 5000]
+    assert rounded(x).tolist() == [1, -1, 2, 3, -3, 0, 2, 0, 5000]
 
 
 @given(ANY, ANY, ANY)

@@ -1,0 +1,91 @@
+"""Readings at many poses at once are those of a receiver that looks at one after another."""
+
+from __future__ import annotations
+
+import dataclasses
+import tracemalloc
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from arva_hil.field import Transmitters, dipole_field
+from arva_hil.field.dipole import field_of
+from arva_hil.field.medium import Medium
+from arva_hil.receiver import Antennas, Look, NoiseKind, PaperReceiver, Pose, Zone
+from arva_hil.receiver.maps import readings
+
+N = 5000
+
+
+def transmitters(m: int) -> Transmitters:
+    rng = np.random.default_rng(m)
+    places = rng.uniform((-40, -40, 0), (40, 40, 2), (m, 3))
+    return Transmitters(tuple(range(m)), places, Rotation.random(m, random_state=m).as_matrix(), rng.uniform(0.5, 2, m))
+
+
+def poses(n: int, there: Transmitters) -> tuple[np.ndarray, np.ndarray]:
+    """Anywhere, near some transmitter, and right at it."""
+    rng = np.random.default_rng(7)
+    places = rng.uniform((-60, -60, -5), (60, 60, 0), (n, 3))
+    places[:100] = there.positions[0] + rng.normal(0, 2, (100, 3))
+    places[100] = there.positions[0]
+    places[101] = there.positions[0] + 1e-150
+    places[102] = 1e150
+    return places, Rotation.random(n, random_state=8).as_matrix()
+
+
+@pytest.mark.parametrize("noise", ["uniform", "off", "gaussian"])
+@pytest.mark.parametrize("m", [1, 4])
+def test_the_integers_are_those_of_one_look_after_another(noise: NoiseKind, m: int) -> None:
+    there, antennas, n = transmitters(m), Antennas(noise=noise), 2000
+    places, turns = poses(n, there)
+    one = PaperReceiver(antennas, channels=m, seed=3)
+    every = readings(places, turns, there, antennas, seed=3)
+    assert set(every.zone.ravel().tolist()) == set(Zone)
+    for i in range(n):
+        one.look(Look(float(i), Pose(places[i], turns[i]), there))
+        shown = {(c.id, c.zone, c.d_cm, c.delta_deg) for c in one.show(i).channels if c.id is not None}
+        columns = (column[i].tolist() for column in (every.zone, every.d_cm, every.delta_deg))
+        assert {row for row in zip(there.ids, *columns, strict=True) if row[1]} == shown
+    silent = every.zone == Zone.OUTER
+    assert (every.d_cm[silent] == -1).all()
+    assert (every.delta_deg[silent] == -1).all()
+    assert not every.delta_deg[every.zone == Zone.INNER].any()
+
+
+@pytest.mark.parametrize(("n", "m"), [(0, 4), (1, 1), (3, 0), (N, 3)])
+def test_any_number_of_poses_and_transmitters(n: int, m: int) -> None:
+    there = transmitters(m)
+    every = readings(np.zeros((n, 3)), np.tile(np.eye(3), (n, 1, 1)), there)
+    assert [column.shape for column in every] == [(n, m)] * 3
+
+
+def test_wrong_shapes_and_another_medium_are_refused() -> None:
+    there = transmitters(2)
+    with pytest.raises(ValueError, match=r"rotations: the shape \(3, 3\)"):
+        readings([[0, 0, 0]], np.eye(3), there)
+    with pytest.raises(ValueError, match="positions"):
+        readings([0, 0], [np.eye(3)], there)
+    with pytest.raises(ValueError, match="another medium"):
+        readings([[0, 0, 0]], [np.eye(3)], dataclasses.replace(there, medium=Medium("full")))
+
+
+def test_the_field_at_many_points_is_that_at_each_of_them() -> None:
+    there = transmitters(3)
+    points, _ = poses(N, there)
+    many = dipole_field(points, there.positions, there.rotations, there.strengths)
+    each = field_of(points, there.positions, there.rotations, there.strengths)
+    size = np.linalg.norm(each, axis=-1, keepdims=True)
+    assert (np.abs(many - each) <= 1e-14 * size).all()
+    shaped = dipole_field(points.reshape(50, -1, 3), there.positions, there.rotations, there.strengths)
+    assert (shaped == many.reshape(50, -1, 3, 3)).all()
+
+
+def test_a_large_map_needs_little_more_memory_than_its_result() -> None:
+    there, points = transmitters(4), np.random.default_rng(1).uniform(-50, 50, (100_000, 3))
+    tracemalloc.start()
+    field = dipole_field(points, there.positions, there.rotations, there.strengths)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 1.5 * field.nbytes
