@@ -1,4 +1,4 @@
-"""Searches for the transmitter: what an onboard computer flies by. `STRATEGIES` by the name a person gives them."""
+"""Searches for the transmitter, as a program on an onboard computer. `registry.STRATEGIES` has the strategies."""
 
 from arva_hil.registry import STRATEGIES
 

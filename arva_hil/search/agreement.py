@@ -1,8 +1,8 @@
-"""Does a place agree with what was heard? The last judgement of a search, whatever strategy has found the place.
+"""Checks that the readings agree with the place found: the last check of a search with any strategy.
 
-A dipole is put at that place, as deep and turned as suits the readings best. What is left unexplained is told as an
-error of the receiver's own place: small when the transmitter is there, large when the readings came late, stood
-still, or were of something else. Then the dipole may go wherever the readings want it.
+A dipole at that place is fitted to the readings in depth and direction. The remaining error is expressed as an error of
+the receiver's own place: small if the transmitter is there, large if the readings were late, did not change, or were of
+something else. Then the dipole is fitted without a fixed place, for comparison.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 class Judgement(NamedTuple):
-    """What has to be true for a transmitter at a place."""
+    """How well a transmitter at a place explains the readings."""
 
     unexplained_m: float  # how far off the receiver's own places are
     below_m: float  # how far it lies below the lowest of them
@@ -46,7 +46,7 @@ class Judgement(NamedTuple):
 
 
 class Evidence:
-    """Remembers the nearest of what was heard of one transmitter, and where."""
+    """Remembers the nearest readings of one transmitter, and their places."""
 
     def __init__(self) -> None:
         self._readings = dipole.Readings()
@@ -55,7 +55,7 @@ class Evidence:
         self._strongest: Observation | None = None
 
     def add(self, o: Observation) -> None:
-        """Take a reading, unless it is of the same place as the last one."""
+        """Add a reading, unless it is from the same place as the last one."""
         usable = o.heard and np.isfinite(o.position).all() and np.isfinite(o.rotation).all()
         if usable and not math.dist(self._at, o.position[:2]) < _STEP_M:
             self._at = o.position[:2]
@@ -65,7 +65,7 @@ class Evidence:
             self._readings.add(o.position, o.rotation, o.d_m, math.radians(o.delta_deg), o.inner)
 
     def judge(self, place: tuple[float, float]) -> Judgement | None:
-        """A transmitter at `place` (north, east); None when nothing was heard."""
+        """Judge a transmitter at `place` (north, east); None if nothing was heard."""
         o = self._strongest
         if o is None:
             return None
@@ -86,14 +86,14 @@ class Evidence:
 
 
 def _hypotheses(place: tuple[float, float]) -> Array:
-    """Dipoles (K, 6) there, of the reference strength."""
+    """Dipoles (K, 6) at a place, of the reference strength."""
     level = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(_TURNS) * math.pi / _TURNS]
     moments = dipole.MOMENT * np.array([*level, (0, 0, 1)])
     return np.array([[*place, down, *moment] for down in _DOWNS for moment in moments])
 
 
 def _turned(x: Array, damping: Array, o: dipole.Readings, error: float) -> tuple[dipole.Fit, Array]:
-    """Steps of Levenberg and Marquardt that change depth and moment only, until that has settled."""
+    """Fit depth and moment only, with steps of Levenberg and Marquardt, until the fit converges."""
     now, settled = dipole.evaluate(x, o, error), 0
     for _ in range(_ROUNDS):
         damped = now.information[:, 2:, 2:] * (1 + damping[:, None, None] * np.eye(4))

@@ -1,4 +1,4 @@
-"""A search in the air: frames and poses to the mission, its velocities to the commander, a row for each step."""
+"""A search in the air: passes frames and poses to the mission, and its velocities to the commander."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
 from firmware_proto import Frame
 
-OLD_S: Final = 1.0  # a pose older than this is none to fly by
+OLD_S: Final = 1.0  # an older pose is not used for the flight
 STAY: Final = (0.0, 0.0, 0.0)
 
 
 class Flight:
-    """Remembers one flight from its take-off point on; `mission` begins where the take-off ends.
+    """One flight from its take-off point on. `mission` begins at the end of the take-off.
 
-    `land`: at the end it lands, else it hovers. `log` gets a row for each step.
+    `land`: whether it lands at the end, else it hovers. `log` gets a row for each step.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Flight:
         self._log = log
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
-        self._skipped_s = 0.0  # in gaps, which are no part of the mission
+        self._skipped_s = 0.0  # in gaps, which do not count for the mission
         self._frames = FramesTold(plan.mount, session.news.emit)
 
     def hear(self, frame: Frame, now: float) -> None:
@@ -66,18 +66,18 @@ class Flight:
         self._frames.tell(frame, now, state)
 
     def took(self, seconds: float, now: float) -> None:
-        """So long the mission was busy, with what was heard and where to fly."""
+        """The mission took this long for a frame and a velocity."""
         if self.mission is not None:
             self.mission.took(seconds, now - self._skipped_s)
 
     def skip(self, seconds: float) -> None:
-        """There was a gap: the mission's clock stood still."""
+        """There was a gap, in which the mission's clock did not run."""
         self._skipped_s += seconds
         self._last_pose_s += seconds
         self._commander.steer(STAY)
 
     def wait(self, now: float) -> None:
-        """It still stands."""
+        """The vehicle is still on the ground."""
         self._last_pose_s = now
 
     def fly(self, now: float) -> None:
@@ -108,14 +108,14 @@ class Flight:
         self._note(now, phase, state, velocity)
 
     def _fly_blind(self, now: float) -> None:
-        """Without a pose that is new it hovers, then lands."""
+        """Without a new pose the vehicle hovers, then lands."""
         self._commander.steer(STAY)
         if now - self._last_pose_s > self._plan.patience_s:
             why = no_pose(self._session.why_no_pose())
             self._commander.land(now, f"no pose for {self._plan.patience_s:g} s: {why}")
 
     def _over(self, mission: Mission, now: float) -> None:
-        """The search has ended; the flight has not."""
+        """The search has ended, the flight has not."""
         self._session.news.emit(SearchEnded(now, mission.ended, self._land))
         if self._land:
             self._commander.land(now)
@@ -123,7 +123,7 @@ class Flight:
             self._commander.hold(now)
 
     def _state(self, now: float) -> VehicleState | None:
-        """The pose to fly by, None when there is none that is new enough."""
+        """The pose for the flight, None if there is none that is new enough."""
         state = self._session.state_at(now, self.origin) if self.origin else None
         return state if state is not None and state.age_s < OLD_S else None
 
@@ -137,11 +137,11 @@ class Flight:
         self._log(SearchStep(now - self._start, phase.name.lower(), *place, north_deg, *velocity, *reading))
 
     def _tell_in_time(self, event: Event) -> None:
-        """What the mission tells, whose clock stands still in gaps."""
+        """Emit an event of the mission, whose clock does not run in gaps."""
         self._session.news.emit(replace(event, time_s=event.time_s + self._skipped_s))
 
 
 def reading_of(frame: Frame, target: int | None) -> tuple[int | None, int, int, int]:
-    """Id, d, δ and zone of the transmitter searched for, else of the first channel."""
+    """Id, d, δ and zone of the transmitter searched for, otherwise of the first channel."""
     channel = next((c for c in frame.channels if c.valid and c.id == target), frame.channels[0])
     return channel.id, channel.d, channel.delta, channel.zone

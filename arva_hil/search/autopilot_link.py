@@ -1,4 +1,4 @@
-"""The autopilot's link as a search has it: read until it is empty, and no order on what may be old."""
+"""The autopilot's link of a search: it is read until it is empty, so that no order follows from old messages."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Final
 from arva_hil.links import Link, LinkError, Sender
 from arva_hil.runtime.clock import Clock
 
-_GAP_S: Final = 1.0  # in which nothing was read: who knows who had the vehicle
-_AT_ONCE: Final = 1 << 18  # bytes read before other things are done, and
+_GAP_S: Final = 1.0  # without reading: another person may have controlled the vehicle meanwhile
+_AT_ONCE: Final = 1 << 18  # the most bytes to read at a time, and
 _AT_ONCE_S: Final = 0.2
-_HELD_UP_S: Final = 0.04  # after the link was found empty: it has to be looked at again before an order
+_HELD_UP_S: Final = 0.04  # an order is sent within this time after the link was empty
 _LOOKS: Final = 3
 _AGAIN_S: Final = 0.02
 
 
 class AutopilotLink:
-    """Remembers when the link was last found empty. Times are seconds on the clock that is handed in.
+    """Remembers when the link was last empty. Times are seconds on the caller's clock.
 
-    `hear(sender, chunk, now, since)` gets what came; `since`: when the link was found empty before. `anew(now, gap_s)`
-    is told of a gap before anything is read behind it.
+    `hear(sender, chunk, now, since)` gets the bytes; `since`: when the link was empty before. `anew(now, gap_s)` is
+    called after a gap, before anything is read.
     """
 
     def __init__(
@@ -36,16 +36,16 @@ class AutopilotLink:
         self._hear = hear
         self._anew = anew
         self._empty_s = start
-        self._gap = False  # since it is not
-        self._losses: int | None = None  # that there were when it was pinned
+        self._gap = False  # whether there was a gap
+        self._losses: int | None = None  # of the link, when it was pinned
 
     def pin(self) -> None:
-        """From now on another far end is another vehicle's: `take_in` raises LinkError."""
+        """From now on a new far end is another vehicle: `take_in` raises LinkError."""
         self.link.pin()
         self._losses = self.link.losses
 
     def take_in(self, clock: Clock) -> bool:
-        """Read until the link is empty, and say whether it is; a flood is left for the next time."""
+        """Read until the link is empty. Returns whether it is; the rest of a flood is read the next time."""
         begun = now = clock.now()
         since, read = self._empty_s, 0
         if now - since > _GAP_S and not self._gap:
@@ -66,11 +66,11 @@ class AutopilotLink:
                 return False
 
     def speak(self, clock: Clock, due: Callable[[float], tuple[bytes, bytes]], sent: Callable[[float], None]) -> float:
-        """Send what is due: any bytes, and orders, these only when the link was empty a moment ago; then say `sent`.
+        """Send bytes, and orders only if the link was empty a moment ago; then call `sent`.
 
-        When to be called again, because orders have not left; infinite when there are none.
+        Returns when to call it again because orders were not sent; infinite if there are none.
         """
-        for _ in range(_LOOKS):  # where time stands still, it is as empty as a moment ago
+        for _ in range(_LOOKS):  # with a stepped clock it is as empty as a moment ago
             empty = (self._empty_s == clock.now() and not self.link.ready()) or self.take_in(clock)
             out, orders = due(clock.now())
             in_time = empty and clock.now() - self._empty_s <= _HELD_UP_S

@@ -1,4 +1,4 @@
-"""Tells now and then what a strategy believes, for whoever watches a search."""
+"""Reports the estimate of a strategy to observers of a search."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The search as a program on an onboard computer: frames from one link, an autopilot on the other, one flight.
 
-It never sees a scenario: what it knows is what was read from its two links.
+It never sees a scenario. It knows only what it reads from its two links.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from arva_hil.search.receiver_link import ReceiverLink
 from arva_hil.vehicle.session import Session
 from firmware_proto import FrameDecoder
 
-COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is the first, a listener the second
+COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is computer 1, a listener computer 2
 
 _STEP_S: Final = 0.2
 _STILL_ARMED: Final = (
@@ -39,15 +39,15 @@ _STILL_ARMED: Final = (
 
 
 class SearchClient:
-    """Remembers how far one search is: waiting for vehicle and frames, flying, over. A task for the loop.
+    """One search: it waits for a vehicle and frames, flies, and ends. A task for the loop.
 
-    The receiver's link may be lost and come back at any time, the autopilot's until it is `launched`. From then on it
-    should raise when it is lost: who knows who had the vehicle meanwhile.
-    `land`: at the end it lands, else it hovers. `timeout_s`: from `start` until there is all that a flight needs.
-    `permission`: to arm this vehicle; None where any may be armed, because all there can be are simulated.
-    `countdown_s`: said before it is armed. `dry_run`: it is never armed; what would be ordered is told.
-    `emit` is told what happens, `log` gets five rows a second. `outcome` is None until all is over, the vehicle landed
-    or left hovering.
+    The receiver's link may be lost and come back at any time, the autopilot's only until it is `launched`. Later it
+    should raise an error when it is lost, because another person may control the vehicle meanwhile.
+
+    `land`: whether it lands at the end, else it hovers. `timeout_s`: from `start` until everything is ready for the
+    flight. `permission`: to arm this vehicle; None if all vehicles are simulated. `countdown_s`: before it is armed.
+    `dry_run`: nothing is armed, and the orders are only reported. `emit` gets the events, `log` five rows a second.
+    `outcome`: None until the end, when the vehicle has landed or is left hovering.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class SearchClient:
 
     @property
     def mission(self) -> Mission | None:
-        """What is flown, from the end of the take-off on."""
+        """The mission, from the end of the take-off on."""
         return self._flight.mission
 
     @property
@@ -122,18 +122,18 @@ class SearchClient:
 
     @property
     def launched(self) -> bool:
-        """The vehicle was told to arm, or never will be."""
+        """Whether the vehicle was ordered to arm, or never will be."""
         return self._commander.phase is not Phase.IDLE
 
     def stop(self) -> None:
-        """Break it off: what flies is left hovering, what lands goes on landing, what stands is disarmed."""
+        """Stop: a flying vehicle is left hovering, a landing one goes on landing, one on the ground is disarmed."""
         if not self._stopping and self.launched:
             self._session.news.emit(SearchInterrupted(self._now_s, self._commander.phase.name.lower()))
             self._pass_on()
         self._stopping = True
 
     def service(self, clock: Clock) -> float:
-        """Take what came, fly on; the next time to call."""
+        """Read both links and fly. Returns the next time to call."""
         try:
             self._line.take_in(clock)
             now = self._now_s = clock.now()
@@ -148,7 +148,7 @@ class SearchClient:
                 self._step(now)
             (self._dry_run or self._flight).took(clock.now() - asked, now)
             return min(self._next_step, self._line.speak(clock, self._due, self._commander.sent))
-        except LinkError as error:  # the autopilot's
+        except LinkError as error:  # of the autopilot's link
             self._cut_off(str(error))
             return math.inf
         finally:
@@ -165,7 +165,7 @@ class SearchClient:
         self._line.link.follow(senders.vehicle, senders.candidates)
 
     def _begin_anew(self, now: float, gap_s: float) -> None:
-        """Nothing was read for so long: what is known is old."""
+        """After a gap without reading, all that is known is old."""
         self._session.skip(now)
         self._commander.doubt(now)
         self._preflight.restart()
@@ -175,7 +175,7 @@ class SearchClient:
             self._session.news.emit(SearchHeldUp(now, gap_s))
 
     def _due(self, now: float) -> tuple[bytes, bytes]:
-        """What is to be sent: whatever, and orders."""
+        """The bytes to send: those without and those with orders."""
         return self._session.poll(now) + self._preflight.poll(now), self._commander.poll(now)
 
     def _pass_on(self) -> None:
@@ -244,7 +244,7 @@ class SearchClient:
             self._finish("failed" if mission.broken else "not found", mission.ended)
 
     def _conclude_lost(self) -> None:
-        """The pilot has it, who may have what was found; or nobody has it, and that is no good end."""
+        """End after a loss of control: the pilot has the vehicle, or nobody has it, which is a failure."""
         commander = self._commander
         assert self._session.vehicle is not None
         if commander.handed_over:
@@ -288,7 +288,7 @@ class SearchClient:
 
 
 def _kind(mission: Mission | None) -> Kind:
-    """What a place reported is worth."""
+    """The kind of outcome for a place that is reported."""
     if mission is None or mission.found is None:
         return "failed"
     return "found" if mission.sure else "not sure"

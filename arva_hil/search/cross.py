@@ -1,4 +1,4 @@
-"""The rescuers' cross, the last metres of a search: along one axis to the middle of where d is low, then across."""
+"""The rescuers' cross for the last metres: along one axis to the middle of the low values of d, then across."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ Reading = tuple[float, float]  # along the arm, m; power of the field, d⁻⁶: 
 
 
 class Cross:
-    """Remembers the arm that is flown: an axis through the middle of the last one, and what is heard along it.
+    """Remembers the present arm, an axis through the middle of the last one, and the readings along it.
 
-    An arm begins at `centre` and goes both ways until d is low no more, and a reach beyond. Its middle is the next
-    centre; `settled`: that is where it was. `course`: of the first arm, from north, radians.
+    An arm begins at `centre` and goes both ways until d is not low any more, plus a reach. Its middle is the next
+    centre. `settled`: the centre has stayed. `course`: of the first arm [rad from north].
     """
 
     def __init__(self, centre: Place, course: float) -> None:
@@ -43,7 +43,7 @@ class Cross:
         self._time_s = -math.inf  # of the last that are one
 
     def hear(self, time_s: float, position: Position, d: float) -> None:
-        """Take a reading, d in metres, inf where nothing is heard."""
+        """Use a reading: d in metres, inf without a signal."""
         north, east = position[0] - self.centre[0], position[1] - self.centre[1]
         if not self._on_arm and math.hypot(north, east) > _AT_M:
             return
@@ -56,7 +56,7 @@ class Cross:
             self._judge()
 
     def target(self, position: Position) -> Place:
-        """Where to fly from there: to the centre, and then ahead on the arm."""
+        """The next goal: the centre, then the end of the arm."""
         if not self._on_arm:
             return self.centre
         c, s = math.cos(self._course), math.sin(self._course)
@@ -64,7 +64,7 @@ class Cross:
         return self.centre[0] + along * c, self.centre[1] + along * s
 
     def _judge(self) -> None:
-        """Which way the arm goes on, or that it is done."""
+        """Decide how the arm goes on, or that it is complete."""
         most = max(power for _, power in self._heard)
         low = [along for along, power in self._heard if power >= most * _LOW**-6] if most else [0.0]
         reach = max(_SHORTEST_M, _REACH * most ** (-1 / 6)) if most else _SHORTEST_M
@@ -86,7 +86,7 @@ class Cross:
 
 
 def middle(heard: list[Reading]) -> float:
-    """Of an arm, along it, m: the centroid of the field's power. Not all readings are at one place."""
+    """The middle of an arm [m along it]: the centroid of the field's power. The readings are at several places."""
     total = moment = 0.0
     for (a, power_a), (b, power_b) in pairwise(sorted(heard)):
         share = (b - a) * (power_a + power_b)

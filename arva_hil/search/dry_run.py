@@ -1,6 +1,6 @@
-"""A search that only says what it would order: from the vehicle on the ground as it is, and the frames that come now.
+"""A search that only reports its orders: from the vehicle on the ground and the frames that come now.
 
-Nothing in here makes a message. The commander is never told to launch, and so has nothing to send.
+No message is made here. The commander never gets the order to launch, so it has nothing to send.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from firmware_proto import Frame
 WOULD_FLY: Final = "dry run: nothing was ordered; it would have flown"
 
 _LAST_S: Final = 5.0  # of set-points
-_SAY_S: Final = 1.0  # from one that is said to the next
+_SAY_S: Final = 1.0  # between set-points that are reported
 _PHASE: Final = "dry run"  # in the log
 
 
 class DryRun:
-    """Remembers the mission that it would fly. The vehicle stands, or with `take_over` hovers.
+    """Remembers the mission that would be flown. The vehicle is on the ground, or hovers with `take_over`.
 
-    Readings are taken where the receiver is; set-points are those of a vehicle at the height of the take-off above it.
-    `land`: at the end it would land, else hover. `countdown_s`: it would be counted down. `log` gets a row for each
-    step.
+    Readings are used at the receiver's present place; set-points are for a vehicle at the height of the take-off above
+    it. `land`: whether it would land at the end, else hover. `countdown_s`: of the count-down. `log` gets a row for
+    each step.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class DryRun:
         self._frames = FramesTold(plan.mount, session.news.emit)
 
     def hear(self, frame: Frame, now: float) -> None:
-        """Take a new frame."""
+        """Use a new frame."""
         self._last = frame
         state = self._session.state_at(now, self._origin) if self._origin else None
         if self._mission is not None and state is not None:
@@ -77,12 +77,12 @@ class DryRun:
         self._frames.tell(frame, now, state)
 
     def took(self, seconds: float, now: float) -> None:
-        """So long the mission was busy."""
+        """The mission took this long."""
         if self._mission is not None:
             self._mission.took(seconds, now)
 
     def step(self, now: float, mode: int) -> Refusal | None:
-        """Say what would be ordered now, all being ready; how it ends, None as long as it goes on. `mode`: it is in."""
+        """Report the orders that would be sent now. Returns the outcome, None before the end. `mode`: at present."""
         place = self._session.track.last_position
         if self._mission is None:
             assert self._session.vehicle is not None
@@ -126,7 +126,7 @@ class DryRun:
         return -float(state.position[2]) if state is not None else 0.0
 
     def _lifted(self, place: Position) -> Position:
-        """Where the vehicle would be after its take-off."""
+        """The vehicle's place after its take-off."""
         return place if self._take_over else (place[0], place[1], min(place[2], -self._plan.take_off))
 
     def _fly(self, now: float, mission: Mission) -> None:

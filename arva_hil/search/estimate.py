@@ -1,7 +1,7 @@
-"""A search that knows what a dipole is: it estimates where the transmitter lies, and flies there.
+"""A search that estimates the place of the transmitter from the field of a dipole, and flies there.
 
-Several hypotheses are kept, weighed by how likely they make all readings, and dropped when they make them unlikely.
-The vehicle flies to where they point on average; that tells them apart. Before it stops it looks for others anew.
+Several hypotheses are kept, with weights from the likelihood of all readings; unlikely ones are dropped. The vehicle
+flies to their average, which separates them. Before it stops, it looks for other hypotheses again.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _GAIN: Final = 1.5  # 1/s
 
 
 class Estimate:
-    """Remembers what was heard, the hypotheses that are left of it, and the place it flies to."""
+    """Remembers the readings, the hypotheses that are left, and the place that it flies to."""
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
@@ -98,7 +98,7 @@ class Estimate:
         self._age = 0
 
     def _weigh(self, o: Observation, rounds: int) -> None:
-        """Fit the hypotheses, leave out the unlikely and all but one of the same."""
+        """Fit the hypotheses, and drop unlikely and equal ones."""
         fit, damping = dipole.refine(self._x, self._damping, self._readings, self._pose_error, rounds)
         order = np.argsort(fit.cost, kind="stable")
         x, cost = fit.x[order], fit.cost[order] - fit.cost[order[0]]
@@ -119,7 +119,7 @@ class Estimate:
         return self._sure and math.dist(o.position[:2], self._share @ self._x[:, :2]) < _HERE_M
 
     def _steer(self, o: Observation, strongest: Observation) -> None:
-        """To where the hypotheses are, or when nothing is heard any more where it was best; there, in a spiral."""
+        """Fly to the hypotheses, or after the signal is lost to the best place; there, in a spiral."""
         here = np.array(o.position[:2])
         if self._sure:
             self._turns = 0

@@ -1,4 +1,4 @@
-"""Extremum seeking, which needs to know nothing of the field: circle, and drift to where the last circle heard more.
+"""Extremum seeking, without a model of the field: it circles, and drifts to where the signal was stronger.
 
 After M. Krstić, and Azzollini, Mimmo, Marconi: An extremum seeking approach to search and rescue operations in
 avalanches using ARVA (2020).
@@ -30,9 +30,9 @@ _PATIENCE: Final = 3 * _ORBIT  # a centre that swings about one place for so lon
 
 
 class Extremum:
-    """Remembers the circle, its drift, and what was heard on the last round: (phase, north, east, 1/d).
+    """Remembers the circle, its drift, and the readings of the last round: (phase, north, east, 1/d).
 
-    1/d, not d: it is bounded, and where nothing is heard it is 0.
+    It uses 1/d because it is bounded, and 0 without a signal.
     """
 
     def __init__(self, speed: float) -> None:
@@ -50,7 +50,7 @@ class Extremum:
         self._best = (math.inf, (0.0, 0.0))  # d, m, and where
 
     def hear(self, observation: Observation) -> None:
-        """Take what one more frame says."""
+        """Use the reading of one more frame."""
         o = observation
         north, east, _ = o.position
         if self._centre is None:
@@ -81,7 +81,7 @@ class Extremum:
         return Belief(goal=self._centre)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """Round the drifting centre; to what was found."""
+        """The velocity around the drifting centre, or to the place found."""
         if self._centre is None:
             return STILL
         if self.found:
@@ -96,18 +96,18 @@ class Extremum:
 
     @property
     def _turn_rate(self) -> float:
-        """On the circle, rad/s: no faster than readings and vehicle can follow, however fast it may fly."""
+        """The turn rate on the circle [rad/s], limited so that readings and vehicle can follow."""
         return min(_DITHER * self._speed / self._radius, _TURN)
 
     def _circle(self, time_s: float) -> tuple[float, float, float]:
-        """Its centre at that time, m north and east, and the phase on it, radians."""
+        """The centre of the circle [m north, east] at a time, and the phase [rad]."""
         assert self._centre is not None
         dt = min(time_s - self._time_s, _SILENCE_S)
         north, east = self._centre
         return north + self._drift[0] * dt, east + self._drift[1] * dt, self._phase + self._turn_rate * dt
 
     def _steer(self, turned: float) -> None:
-        """Set radius and drift by the last round; it is found when the centre has been there for another round."""
+        """Set radius and drift from the last round. The place is found if the centre stays for another round."""
         assert self._centre is not None
         north, east, d = minimum(self._round)
         wanted = min(max(_RADIUS * d, _RADII_M[0]), _RADII_M[1])
@@ -123,7 +123,7 @@ class Extremum:
             self.found = Found(*middle)
 
     def _swings(self) -> tuple[float, float] | None:
-        """The place about which the centre has swung for several rounds; None when it goes somewhere."""
+        """The place around which the centre has swung for several rounds; None if it moves away."""
         assert self._centre is not None
         self._centres.append((self._phase, *self._centre))
         while self._centres[0][0] < self._phase - _PATIENCE:

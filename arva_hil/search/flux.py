@@ -1,4 +1,4 @@
-"""Along the flux line, as the paper flies (eq. 10), from the receiver's integers alone; then the rescuers' cross."""
+"""Follows the flux line as in the paper (eq. 10), from the receiver's integers only; then the rescuers' cross."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _SILENCE_S: Final = 3.0  # without a signal: turn back; in vain: turn again afte
 
 
 class Flux:
-    """Remembers the course, how d went since it was taken, and where d was least since.
+    """Remembers the course, and the changes and the minimum of d since it was chosen.
 
-    A flux line has two ways, and d tells them apart: it falls along the right one as soon as it is not at the dipole's
-    equator, and where it rises the other one is right. When it rises after it has fallen, or cannot be told, the line
-    has led as far as it leads: to the transmitter, or to a point beside it over which the field is vertical.
+    A flux line has two directions. In the right one d falls, except at the dipole's equator; if d rises, the other one
+    is right. If d rises after it has fallen, or does not change, the line has ended: at the transmitter, or at a point
+    beside it where the field is vertical.
     """
 
     def __init__(self, speed: float) -> None:
@@ -38,11 +38,11 @@ class Flux:
 
     @property
     def found(self) -> Found | None:
-        """The cross's centre, when it stays."""
+        """The centre of the cross, once it stays."""
         return Found(*self._cross.centre) if self._cross and self._cross.settled else None
 
     def hear(self, observation: Observation) -> None:
-        """Take what one more frame says."""
+        """Use the reading of one more frame."""
         o = observation
         if self._cross:
             self._d = o.d_m if o.heard else self._d
@@ -55,7 +55,7 @@ class Flux:
             self._turn_back(o)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """Ahead on the course, or what the cross wants; the slower the nearer."""
+        """The velocity along the course or the cross; slower near the transmitter."""
         if self._course is None:
             return STILL
         s = _K * self._d
@@ -65,7 +65,7 @@ class Flux:
         return speed * math.cos(self._course), speed * math.sin(self._course)
 
     def _along(self, o: Observation) -> float:
-        """The flux line's course, of its two the one that goes on as before."""
+        """The course along the flux line, in the direction nearer to the present course."""
         if self._course is None:
             return o.bearing
         if o.inner:
@@ -81,7 +81,7 @@ class Flux:
             self._least, self._place = self._d, o.position[:2]
 
     def _decide(self, o: Observation) -> None:
-        """Whether to go on, to turn round or to begin the cross."""
+        """Decide whether to go on, to turn round or to begin the cross."""
         assert self._course is not None
         if o.inner:
             self._cross = Cross(o.position[:2], self._course)
@@ -94,7 +94,7 @@ class Flux:
                 self._take(self._d, o)
 
     def _turn_back(self, o: Observation) -> None:
-        """To where d was least, and beyond: there the course is taken anew."""
+        """Turn back to the minimum of d and beyond it, and choose the course again there."""
         self._turns += self._least < math.inf
         self._least = math.inf
         self._course = math.atan2(self._place[1] - o.position[1], self._place[0] - o.position[0])
@@ -102,6 +102,6 @@ class Flux:
         self._patience_s *= 2
 
     def _take(self, d: float, o: Observation) -> None:
-        """The course is taken anew, at this d [m]."""
+        """Choose the course again, at this d [m]."""
         self._d = self._first = self._least = d
         self._place = o.position[:2]

@@ -1,4 +1,4 @@
-"""Tells which frames a search hears and where, for whoever watches it."""
+"""Reports the frames that a search receives and their places to its observers."""
 
 from __future__ import annotations
 

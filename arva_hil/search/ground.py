@@ -1,9 +1,9 @@
-"""How high the vehicle is above the ground: its rangefinder says it; without one, what is safe to believe.
+"""The height of the vehicle above the ground: from its rangefinder, otherwise a safe estimate.
 
 Messages, https://mavlink.io/en/messages/common.html: DISTANCE_SENSOR or ArduPilot's RANGEFINDER measure the height.
-ALTITUDE.bottom_clearance, TERRAIN_REPORT and SCALED_PRESSURE do not, but may say that it is less than the estimate of
-the position says. A vehicle that has neither a rangefinder nor a barometer (SYS_STATUS, and no SCALED_PRESSURE) knows
-its height from GPS alone: GPS_RAW_INT.v_acc says how well.
+ALTITUDE.bottom_clearance, TERRAIN_REPORT and SCALED_PRESSURE do not, but may show that it is less than the estimated
+position says. A vehicle with neither a rangefinder nor a barometer (SYS_STATUS, and no SCALED_PRESSURE) knows its
+height from GPS alone, with the uncertainty GPS_RAW_INT.v_acc.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
 
-EXTRAS: Final[Mapping[int, float]] = {  # Hz, to be asked for
+EXTRAS: Final[Mapping[int, float]] = {  # messages to request, Hz
     dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,
     dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: 5.0,
     dialect.MAVLINK_MSG_ID_RANGEFINDER: 10.0,
@@ -31,28 +31,28 @@ EXTRAS: Final[Mapping[int, float]] = {  # Hz, to be asked for
 }
 _FRESH_S: Final = 1.0
 _SURVEY_FRESH_S: Final = 3.0  # of the terrain database
-_SAMPLES: Final = 3  # the median of so many: one echo of a bird is none of the ground
+_SAMPLES: Final = 3  # of the median, so that a single echo of a bird does not count
 _NOT_INVALID: Final = 1  # DISTANCE_SENSOR.signal_quality: 1 is invalid, 0 is unknown
-_LEVEL: Final = math.cos(math.radians(30))  # leaning more, the beam meets the ground elsewhere
-_STUCK_M: Final = 0.5  # climbed or sunk while the rangefinder says the same
-_SMOOTH_S: Final = 5.0  # of what the barometer says more or less than the estimate
-_MOST_M: Final = 5.0  # of it: weather is no height
-_STEADY: Final = 0.1  # the weight of one pressure more on the ground
+_LEVEL: Final = math.cos(math.radians(30))  # with a larger tilt the beam meets the ground elsewhere
+_STUCK_M: Final = 0.5  # of climb or descent while the rangefinder shows the same value
+_SMOOTH_S: Final = 5.0  # time constant of the difference between barometer and estimate
+_MOST_M: Final = 5.0  # of that difference, because it may be weather
+_STEADY: Final = 0.1  # the weight of each further pressure on the ground
 _SCALE_M: Final = 29.27 * 273.0  # of the air: height by the logarithm of pressure
 
 _BAROMETER: Final = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
-_HAS_ONE_S: Final = 10.0  # who has told a pressure has a barometer
-_SIGMAS: Final = 3.0  # of GPS's height, which is added to the height that is held
-_GPS_SIGMA_M: Final = 2.0  # where it does not say so
+_HAS_ONE_S: Final = 10.0  # after a pressure, the vehicle has a barometer for this long
+_SIGMAS: Final = 3.0  # of the GPS height, added to the height that is held
+_GPS_SIGMA_M: Final = 2.0  # without v_acc
 _MARGIN_M: Final = (1.5, 15.0)  # at least, at most
 
 _Source = Literal["rangefinder", "estimate", "highest ground", "GPS"]
 
 
 class Height(NamedTuple):
-    """Above the ground, m. `measured`: by a rangefinder; else the least that is to be feared.
+    """A height above the ground [m]. `measured`: by a rangefinder; otherwise the lowest that may be true.
 
-    `margin`: m by which it may be less all the same, where nothing but GPS tells it.
+    `margin`: how much less [m] it may still be, if only GPS measures it.
     """
 
     metres: float
@@ -61,38 +61,38 @@ class Height(NamedTuple):
 
 
 class Ground:
-    """Remembers what the autopilot's sensors said of the height last, m, and the highest ground they have seen.
+    """Remembers the last heights [m] of the autopilot's sensors, and the highest ground that they measured.
 
-    `trust_gps`: a height of GPS alone needs no margin.
+    `trust_gps`: no margin for a height from GPS alone.
     """
 
     def __init__(self, session: Session, *, trust_gps: bool = False) -> None:
         self._session = session
         self._range: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)  # when, m
-        self._own_kind = False  # DISTANCE_SENSOR is heard, which knows its limits
-        self._same = (math.nan, 0.0)  # what the rangefinder says, and m sunk since it says so
+        self._own_kind = False  # whether DISTANCE_SENSOR is received, which has limits
+        self._same = (math.nan, 0.0)  # the rangefinder's value, and the descent [m] since it has it
         self._time_s = math.inf  # of the last height
         self._clearance = (-math.inf, 0.0)
         self._survey = (-math.inf, 0.0)
         self._pressure = (-math.inf, 0.0)
-        self._barometer: bool | None = None  # it says that it has one, and that it works; None: it says nothing
+        self._barometer: bool | None = None  # whether there is a barometer that works; None: not reported
         self._gps_sigma = _GPS_SIGMA_M
         self._trust_gps = trust_gps
         self._standing: tuple[float, float] | None = None  # pressure and height in the survey, on the ground
         self._offset = 0.0  # of the barometer from the estimate
         self._offset_s = -math.inf
         self._highest = 0.0  # of the ground, above the take-off point
-        self._source: _Source | None = None  # told last
+        self._source: _Source | None = None  # reported last
         session.want(EXTRAS)
 
     def hear(self, now: float) -> None:
-        """Take what the session was fed last."""
+        """Use the packets that the session was fed last."""
         for packet in self._session.own:
             if packet.msgid in _HEARD and (message := self._session.parser.decode(packet)) is not None:
                 _HEARD[packet.msgid](self, message, now)
 
     def height(self, now: float, state: VehicleState) -> Height:
-        """The height to fly by; `state` in NED from the take-off point."""
+        """The height for the flight. `state`: NED from the take-off point."""
         above, sinks = -float(state.position[2]), float(state.velocity[2])
         level = matrix(*state.attitude.tolist())[2][2]
         dt, self._time_s = max(0.0, min(now - self._time_s, _FRESH_S)), now
@@ -111,7 +111,7 @@ class Ground:
         return Height(min([above - self._highest, *self._fears(now, above)]), False, margin)
 
     def _measured(self, now: float, level: float, sunk: float) -> float | None:
-        """What the rangefinder says, None when that is nothing, or the same however the vehicle climbs or sinks."""
+        """The rangefinder's height; None without a value, or if it does not change in a climb or descent."""
         fresh = [metres for at, metres in self._range if now - at < _FRESH_S]
         if not fresh or level < _LEVEL:
             return None
@@ -119,7 +119,7 @@ class Ground:
         return median(fresh) * level if abs(self._same[1]) < _STUCK_M else None
 
     def _fears(self, now: float, above: float) -> list[float]:
-        """Other heights, any of which may be true."""
+        """Heights by other sensors, each of which may be true."""
         fears = []
         if now - self._clearance[0] < _FRESH_S:
             fears.append(self._clearance[1])
@@ -172,7 +172,7 @@ class Ground:
             self._gps_sigma = message.v_acc / 1e3
 
     def _stand(self, now: float) -> None:
-        """What the sensors say on the ground, disarmed, stands for height 0."""
+        """Use the values of the sensors on the ground, disarmed, as height 0."""
         vehicle = self._session.vehicle
         if vehicle is None or vehicle.armed:
             return

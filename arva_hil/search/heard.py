@@ -1,4 +1,4 @@
-"""What a search knows of each transmitter it has heard."""
+"""The transmitters that a search has heard."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from arva_hil.search.agreement import Evidence
 from arva_hil.search.strategy import Observation
 from firmware_proto import Channel, Frame
 
-NO_ID: Final = -1  # stands for the id where frames carry none
+NO_ID: Final = -1  # in place of an id, if the frames have none
 _REMEMBERED: Final = 256  # observations of each transmitter
 
 
 @dataclass
 class HeardTransmitter:
-    """One transmitter as far as it is known."""
+    """What is known of one transmitter."""
 
     nearest_m: float = math.inf
-    nearest_at: tuple[float, float] = (0.0, 0.0)  # north, east: where the receiver was
+    nearest_at: tuple[float, float] = (0.0, 0.0)  # north, east of the receiver
     last_m: float = math.inf
     last_s: float = -math.inf
     past: deque[Observation] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
@@ -33,7 +33,7 @@ def id_of(id_: int | None) -> int | None:
 
 
 def nearest(frame: Frame) -> dict[int, Channel]:
-    """The channels that hear, one a transmitter: the nearest where an id, or none, comes more than once."""
+    """The channels with a signal, one for each id (or none): the nearest if there are several."""
     best: dict[int, Channel] = {}
     for channel in sorted(frame.channels, key=lambda channel: channel.d):
         if channel.valid:

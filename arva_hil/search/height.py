@@ -1,4 +1,4 @@
-"""The height that is held in a search, the least one, and the way down onto the place found."""
+"""The height that is held in a search, the minimum height, and the descent onto the place found."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from arva_hil.search.strategy import STILL, Position, towards
 _GAIN: Final = 1.0  # 1/s; k_z of the paper
 _CLIMB: Final = 1.0  # m/s
 _SINK: Final = 0.5
-_LEAST: Final = 0.5  # of the height wanted: below, nothing matters but to climb,
-_CLEAR: Final = 0.75  # until this
-_RECOVERY_S: Final = 10.0  # for that, and for a margin more
+_LEAST: Final = 0.5  # of the height wanted: below it the vehicle only climbs,
+_CLEAR: Final = 0.75  # up to this share
+_RECOVERY_S: Final = 10.0  # for that climb, and for a new margin
 
-_LAND_M: Final = (0.5, 1.5)  # where landing is left to the autopilot, with a rangefinder and without
-_ABOVE_M: Final = 0.4  # from the place: so near is above it; farther off it does not sink
+_LAND_M: Final = (0.5, 1.5)  # the height at which the autopilot lands, with and without a rangefinder
+_ABOVE_M: Final = 0.4  # from the place: nearer is above it; farther away it does not descend
 _SETTLED_M: Final = 0.15
-_LAST_SPEED: Final = 0.3  # m/s, down, in the last metres
+_LAST_SPEED: Final = 0.3  # m/s, down, for the last metres
 _LAST_M: Final = 2.0
-_WAIT_S: Final = 5.0  # for it to settle, low
-_LIMIT_S: Final = 30.0  # and 5 s more a metre, then it lands wherever it is
+_WAIT_S: Final = 5.0  # for it to come to rest, low
+_LIMIT_S: Final = 30.0  # plus 5 s per metre; then it lands where it is
 
 
 class HeightKeeper:
-    """Remembers whether the vehicle is too low. `too_low`: nothing is flown but up. `failed`: it does not get up.
+    """Remembers whether the vehicle is too low. `too_low`: it only climbs. `failed`: it does not get higher.
 
-    `wanted`: m above the ground, with the margin of a height that is not sure.
+    `wanted`: the height above the ground [m], with the margin of an uncertain height.
     """
 
     def __init__(self, wanted: float, emit: Callable[[Event], None]) -> None:
         self.too_low = False
         self.failed = False
         self.wanted = self._asked = wanted
-        self._reached = False  # the height was reached once; before, it climbs from the take-off
+        self._reached = False  # whether the height was reached once, after the climb from the take-off
         self._late_s = math.inf
         self._emit = emit
 
     def velocity(self, time_s: float, height: Height) -> float:
-        """The vertical velocity, down, m/s; at a height that is no number it climbs."""
+        """The vertical velocity [m/s], down. It climbs if the height is not a number."""
         metres, self.wanted = height.metres, self._asked + height.margin
         enough = (_CLEAR if self.too_low else _LEAST) * self.wanted
         self._reached = self._reached or metres >= _CLEAR * self.wanted
@@ -58,10 +58,9 @@ class HeightKeeper:
 
 
 class Descent:
-    """Remembers how far the way down is, onto a place (north, east): `done` where landing is left to the autopilot.
+    """The descent onto a place (north, east). `done`: low enough to leave the landing to the autopilot.
 
-    Above the place it sinks, beside it it only goes there, so that it comes down where it is wanted. `speed`:
-    horizontal, m/s, not exceeded.
+    It descends only above the place; elsewhere it first flies there. `speed`: the highest horizontal speed [m/s].
     """
 
     def __init__(self, place: tuple[float, float], speed: float, start_s: float, height: float) -> None:

@@ -1,4 +1,4 @@
-"""A vehicle in the air that a search may take over: it hovers, and is in a mode that is nobody's hands."""
+"""Whether a search may take over a vehicle in the air: it hovers, in a mode that no pilot steers."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PX4: Final = frozenset((4 << 16 | 3 << 24, 4 << 16 | 4 << 24))  # hold, mission
 
 
 class Hover:
-    """Remembers the mode of the session's vehicle, and since when it has hovered."""
+    """Remembers the mode of the session's vehicle, and since when it hovers."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -28,14 +28,14 @@ class Hover:
         self._since = math.inf
 
     def hear(self, packets: Sequence[Packet]) -> None:
-        """The vehicle's own packets."""
+        """Use packets of the vehicle."""
         for packet in packets:
             if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 message = self._session.parser.decode(packet)
                 self._mode = -1 if message is None else message.custom_mode
 
     def why_not(self, now: float) -> str:
-        """Why it cannot be taken over now, "" when it can. To be asked a few times a second."""
+        """Why it cannot be taken over now, "" if it can. Call it a few times a second."""
         why = self._why_not()
         self._since = math.inf if why else min(self._since, now)
         if not why and now - self._since < _STILL_S:

@@ -1,6 +1,6 @@
-"""A search from the end of the take-off on: what to fly now, from frames and poses. No bytes, no links in here.
+"""A search from the end of the take-off on: velocities from frames and poses, without bytes or links.
 
-Before the first signal it flies strips; then it hands one transmitter, the nearest heard, to a strategy.
+Before the first signal it flies strips. Then a strategy flies to one transmitter, the nearest that is heard.
 """
 
 from __future__ import annotations
@@ -35,24 +35,24 @@ from arva_hil.search.strategy_checks import OFTEN, SLOW_S, checked_found, checke
 from arva_hil.search.strips import Strips
 from firmware_proto import INNER, Frame
 
-FOUND: Final = "found"  # how a search ends well
+FOUND: Final = "found"  # the outcome of a successful search
 NOT_SURE: Final = "not sure: the readings do not agree with the place reported"
 
-_SILENT_S: Final = 2.0  # without a frame: the receiver is not working, hover
-_NEARER: Final = 0.7  # another transmitter has to be that much nearer to be gone for instead
-_DEAF_S: Final = 60.0  # the transmitter was not heard for so long: it is looked for in strips again
+_SILENT_S: Final = 2.0  # without a frame: the receiver does not work, hover
+_NEARER: Final = 0.7  # another transmitter is chosen only if it is nearer by this factor
+_DEAF_S: Final = 60.0  # without a signal of the transmitter, before strips are flown again
 _MOST_HEARD: Final = 16  # transmitters
 _THERE_M: Final = 0.5  # from the place found
-_APPROACH_M_S: Final = 1.0  # at most, on the way down onto it
-_AWAY_M: Final = 100.0  # from area and take-off point: no place for a search
+_APPROACH_M_S: Final = 1.0  # the highest speed in the descent
+_AWAY_M: Final = 100.0  # from area and take-off point: a farther place ends the search
 
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """What is wanted of a search. `area`: south, west, north, east of the take-off point, m.
+    """The settings of a search. `area`: south, west, north, east of the take-off point [m].
 
-    `height`: above the ground, m, as far as that is known (`ground.py`); of `take_off`, above the take-off point.
-    `mount`: where the receiver sits on the vehicle.
+    `height`: above the ground [m], as far as it is known (`ground.py`); `take_off`: above the take-off point [m].
+    `mount`: the place of the receiver on the vehicle.
     """
 
     strategy: Callable[[float], Strategy]
@@ -64,16 +64,15 @@ class SearchPlan:
     patience_s: float = 10.0  # without frames, hovering, before it ends
     limit_s: float = 900.0  # from the end of the take-off
     mount: Mount = field(default_factory=Mount)
-    trust_gps: bool = False  # `height` is held even where nothing but GPS tells it
+    trust_gps: bool = False  # hold `height` also if only GPS measures it
 
 
 class Mission:
-    """Remembers what was heard and how the search stands. `ended` is "" until it is over, then says how; `broken`:
-    not because all was done; `sure`: the readings agree with what is found.
+    """Remembers the transmitters heard and the state of the search. `ended`: how it has ended, "" before; `broken`: it
+    has ended early; `sure`: the readings agree with the place found.
 
-    Places are NED metres from the take-off point. `start_s`: the end of the take-off. `land`: when it has ended above
-    the place found it comes down there; `over` is when nothing is left but to land, or to hover. `emit` is told what
-    happens.
+    Places are NED metres from the take-off point. `start_s`: the end of the take-off. `land`: after the search it
+    descends onto the place found, until `over`, when only the landing or hovering is left. `emit` gets the events.
     """
 
     def __init__(
@@ -90,17 +89,17 @@ class Mission:
         self.ended = ""
         self.broken = False
         self.target: int | None = None  # the id or NO_ID; None before the first signal
-        self.found: Found | None = None  # it ends above that place
+        self.found: Found | None = None  # the search ends above this place
         self.sure = True
         self.heard: dict[int, HeardTransmitter] = {}
-        self.position = position  # the last one flown by
+        self.position = position  # the last one used
         self.searched_s = 0.0
         self.path_m = 0.0
         self.frames = 0
         self._strips = Strips(plan.area, plan.speed, position, width=plan.strip_width)
         self._strategy: Strategy | None = None
-        self._slow = 0  # times that the strategy took too long,
-        self.slow_s = 0.0  # the last time so long
+        self._slow = 0  # how often the strategy took too long,
+        self.slow_s = 0.0  # and how long the last time
         self._last_frame_s = start_s
         self._hovering: Literal["no frame", "same readings"] | None = None  # why
         self._hovering_since = start_s
@@ -112,12 +111,12 @@ class Mission:
         self._beliefs = Beliefs(emit)
 
     def hear(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
-        """Take a new frame, and the receiver's pose when it came: NED and the matrix receiver FRD → NED."""
+        """Use a new frame and the receiver's pose at its arrival: position NED, and the matrix receiver FRD → NED."""
         self.frames += 1
         self._last_frame_s = time_s
         self._standstill.hear(frame, position, time_s)
         if self._standstill.old:
-            return  # it says what it said elsewhere
+            return  # it repeats a reading from another place
         channels = nearest(frame)
         for id_, channel in channels.items():
             self._note(id_, Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER))
@@ -130,10 +129,10 @@ class Mission:
     def fly(
         self, time_s: float, position: Position, *, receiver: Position | None = None, height: Height | None = None
     ) -> tuple[float, float, float]:
-        """The velocity to fly now, NED, m/s.
+        """The velocity to fly now [m/s, NED].
 
-        `position`: the vehicle's. `receiver`: its receiver's, when that is another one. `height`: above the ground,
-        when more is known of it than the position.
+        `position`: of the vehicle; `receiver`: of its receiver, if different; `height`: above the ground, if more is
+        known than the position.
         """
         if not self.ended:
             self.searched_s = time_s - self.start_s
@@ -149,7 +148,7 @@ class Mission:
         return (0.0, 0.0, down) if self._keeper.too_low else (north, east, down)
 
     def took(self, seconds: float, time_s: float) -> None:
-        """So long it took until the strategy had answered, until `time_s`. A pause of the computer looks the same."""
+        """The strategy took this long to answer, until `time_s`. A pause of the computer looks the same."""
         if seconds <= SLOW_S or self._strategy is None or self.ended or self.found is not None:
             return
         self._slow += 1
@@ -160,18 +159,18 @@ class Mission:
 
     @property
     def over(self) -> bool:
-        """It has ended, and is down above the place found as far as that goes."""
+        """Whether the search has ended, and the descent too."""
         down = self._descent is not None and self._descent.done
         return bool(self.ended) and (self.found is None or not self._land or down)
 
     @property
     def hunting(self) -> bool:
-        """A transmitter is being followed; before and between, strips are flown."""
+        """Whether it flies to a transmitter; otherwise it flies strips."""
         return self._strategy is not None
 
     @property
     def others(self) -> dict[int, HeardTransmitter]:
-        """The transmitters heard and not found."""
+        """The transmitters that were heard and not found."""
         return {id_: heard for id_, heard in self.heard.items() if self.found is None or id_ != self.target}
 
     def _come_down(self, found: Found, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
@@ -205,7 +204,7 @@ class Mission:
         return velocity
 
     def _waits(self, time_s: float, silent: float) -> bool:
-        """It hovers while the receiver does not work."""
+        """Whether it hovers because the receiver does not work."""
         before, stuck = self._hovering, self._standstill.stuck
         why: Literal["no frame", "same readings"] | None
         self._hovering = why = "no frame" if silent > _SILENT_S else "same readings" if stuck else None
@@ -219,14 +218,14 @@ class Mission:
         return why is not None
 
     def _go_there(self, found: Found, position: Position) -> Velocity:
-        """What lands, lands where the victim is."""
+        """If it lands, it lands at the place found."""
         place = (found.north, found.east)
         if math.dist(position[:2], place) < _THERE_M or self.searched_s > self.plan.limit_s:
             return self._end(FOUND if self.sure else NOT_SURE)
         return towards(position, place, self.plan.speed)
 
     def _bounded(self, velocity: Velocity) -> Velocity:
-        """Not faster than planned."""
+        """The velocity, limited to the planned speed."""
         speed = math.hypot(*velocity)
         share = min(1.0, self.plan.speed / speed) if speed > 0 else 0.0
         return velocity[0] * share, velocity[1] * share
@@ -251,7 +250,7 @@ class Mission:
         heard.evidence.add(observation)
 
     def _choose(self, ids: Iterable[int], time_s: float) -> None:
-        """Which transmitter to go for: the nearest, but not another one at each whim of the noise."""
+        """Choose the nearest transmitter, with a margin so that noise does not change the choice."""
         current = self.heard.get(self.target) if self.target is not None else None
         if current is not None and self._strategy is not None and time_s - current.last_s > _DEAF_S:
             self._strategy = None
@@ -270,7 +269,7 @@ class Mission:
                     self._strategy.hear(observation)
 
     def _observe(self, ids: Collection[int], nothing: Observation) -> None:
-        """Tell the strategy what the frame says of its transmitter; `nothing`: what is said by one without it."""
+        """Give the strategy the reading of its transmitter in a frame; `nothing`: for a frame without it."""
         if self._strategy is None or self.target is None:
             return
         self._strategy.hear(self.heard[self.target].past[-1] if self.target in ids else nothing)
@@ -280,13 +279,13 @@ class Mission:
             self._beliefs.found(nothing.time_s, id_of(self.target), found, self.sure)
 
     def _agrees(self, heard: HeardTransmitter, found: Found) -> bool:
-        """Whatever strategy has found it: what was heard is what is heard of a transmitter there."""
+        """Whether the readings agree with a transmitter at the place found, with any strategy."""
         judgement = heard.evidence.judge((found.north, found.east))
         return judgement is not None and judgement.agrees(self._keeper.wanted)
 
     @contextmanager
     def _failing(self) -> Iterator[None]:
-        """Whatever a strategy does wrong, the vehicle has to come down."""
+        """End the search if a strategy fails, so that the vehicle lands."""
         try:
             yield
         except (Exception, SystemExit) as error:

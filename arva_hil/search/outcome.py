@@ -1,4 +1,4 @@
-"""What a search leaves behind: how it ended, and the steps of its flight."""
+"""The outcome of a search, and the steps of its flight."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Refusal(NamedTuple):
 class Outcome:
     """How a search ended. Places are NED metres from the take-off point; `time_s` from the end of the take-off.
 
-    `kind`: found. Not sure: a place is reported, and the readings do not agree with it. Not found: all was flown in
-    vain. No link: one of the two was not there. Refused: it may not be armed. Would fly: a dry run has come to its end.
-    Failed: anything else.
+    `kind`: found. Not sure: a place is reported, but the readings do not agree with it. Not found: the whole area was
+    searched. No link: one of the two was missing. Refused: the vehicle may not be armed. Would fly: a dry run has
+    ended. Failed: anything else.
     """
 
     kind: Kind
@@ -41,7 +41,7 @@ class Outcome:
 
 
 class SearchStep(NamedTuple):
-    """One step of the flight, for a log. The last four are those of the frame that came in it, else None."""
+    """One step of the flight, for a log. The last four values are of a frame that came in this step, else None."""
 
     time_s: float
     phase: str
@@ -59,6 +59,6 @@ class SearchStep(NamedTuple):
 
 
 def lla(origin: LocalFrame, north: float, east: float, down: float) -> tuple[float, float, float]:
-    """A place, metres from the take-off point, in degrees, degrees, metres AMSL."""
+    """A place [m from the take-off point] in degrees, degrees, metres AMSL."""
     lat, lon, alt = map(float, origin.lla([north, east, down]))
     return lat, lon, alt

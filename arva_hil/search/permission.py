@@ -1,4 +1,4 @@
-"""Who may arm what: a simulator is armed at once, any other vehicle only when a person has said yes."""
+"""Permission to arm: a simulator is armed at once, any other vehicle only after a person has said yes."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from arva_hil.mavlink.codec import Packet
 from arva_hil.search.outcome import Refusal
 from arva_hil.vehicle.session import Session
 
-_ANSWER_S: Final = 3.0  # for a simulator to say that it is one, once all else is ready
-_THINK_S: Final = 60.0  # for a person
+_ANSWER_S: Final = 3.0  # for the answer of a simulator, once everything else is ready
+_THINK_S: Final = 60.0  # for the answer of a person
 
 
 class Question(Protocol):
-    """Somebody who can be asked while the loop goes on."""
+    """A question to a person while the loop goes on."""
 
     def ask(self, text: str) -> None:
-        """Show the question; what was typed before is no answer."""
+        """Show the question. Earlier input is no answer."""
 
     def answer(self) -> str | None:
-        """What was typed since, a line; None as long as there is none. Never waits."""
+        """The line that was typed since then, None while there is none. Never waits."""
 
 
 class Permission:
-    """Remembers what the vehicle has said, and what was said about it.
+    """Remembers whether the vehicle is a simulator, and the person's answer.
 
-    `yes`: a person has said so beforehand. `question`: None where nobody can be asked. `dry_run`: nothing is armed, so
-    nobody is asked; what would be asked is told.
+    `yes`: a person has allowed it beforehand. `question`: None if nobody can be asked. `dry_run`: nothing is armed, so
+    nobody is asked; the question is only reported.
     """
 
     def __init__(
@@ -42,32 +42,32 @@ class Permission:
         self._question = question
         self._dry_run = dry_run
         self._vehicle: tuple[int, ...] = ()
-        self._looked: float | None = None  # first, at this vehicle
+        self._looked: float | None = None  # when this vehicle was first checked
         self._asked: float | None = None
-        self._said = False  # yes, and of this vehicle
+        self._said = False  # whether a person said yes to this vehicle
 
     @property
     def asking(self) -> bool:
-        """Whether a person is thinking."""
+        """Whether a person is being asked."""
         return self._asked is not None and not self._said
 
     def hear(self, packets: Sequence[Packet]) -> None:
-        """The vehicle's own packets."""
+        """Use packets of the vehicle."""
         self._compare()
         self._check.hear(packets)
 
     def poll(self, now: float) -> bytes:
-        """What is to be sent to the vehicle."""
+        """The messages to send to the vehicle."""
         return b"" if self._said else self._check.poll(now)
 
     def forget(self) -> None:
-        """It may be another vehicle now: whatever was said does not hold for it."""
+        """Forget everything: it may be another vehicle now."""
         self._check.forget()
         self._looked = self._asked = None
         self._said = False
 
     def look(self, now: float) -> Refusal | bool:
-        """Whether the vehicle may be flown; False: not known yet. To be called when all else is ready."""
+        """Whether the vehicle may be flown; False if it is not known yet. Call it when everything else is ready."""
         if self._looked is None:
             self._looked = now
         if self._said:

@@ -1,4 +1,4 @@
-"""A search on the ground: nothing is armed before there are a vehicle with a pose and a receiver that sends."""
+"""A search on the ground: nothing is armed before there is a vehicle with a pose and a receiver that sends."""
 
 from __future__ import annotations
 
@@ -27,11 +27,10 @@ _Lacking = Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
 
 
 class Preflight:
-    """Remembers what a search waits for, and since when. `timeout_s`: from `start`, for all of it.
+    """Remembers what a search waits for, and since when. `timeout_s`: from `start`, for everything.
 
-    `battery`: what the vehicle says of it. `permission`: to fly this vehicle; None where any may be flown.
-    `take_over`: it is in the air.
-    `countdown_s`: waited for when all is there. `failsafes`: what the vehicle does when it is left alone.
+    `battery`: of the vehicle. `permission`: to fly this vehicle; None if every vehicle may be flown. `take_over`: it is
+    in the air. `countdown_s`: waited for when everything is ready. `failsafes`: of the vehicle.
     """
 
     def __init__(
@@ -62,12 +61,12 @@ class Preflight:
         self._next_said = 0
         self._looked = start
         self._failsafes_told = False
-        self._alone = False  # with the receiver, when it was looked at first
+        self._alone = False  # whether nobody else read the receiver at the first check
         self._waits_for: _Lacking | None = None
-        self._greeted = False  # a heartbeat came since the autopilot's link was opened
+        self._greeted = False  # whether a heartbeat came since the autopilot's link was opened
 
     def hear(self, packets: Sequence[Packet]) -> None:
-        """The vehicle's own packets."""
+        """Use packets of the vehicle."""
         for packet in packets:
             if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 self._greeted = True
@@ -78,7 +77,7 @@ class Preflight:
                 listener.hear(packets)
 
     def poll(self, now: float) -> bytes:
-        """What is due to be sent: questions."""
+        """The requests to send now."""
         session = self._session
         out = self._permission.poll(now) if self._permission else b""
         if session.vehicle and self._greeted and not session.lost:
@@ -86,14 +85,14 @@ class Preflight:
         return out
 
     def restart(self) -> None:
-        """There was a gap: a heartbeat has to come, and it is counted down again."""
+        """After a gap, wait for a heartbeat and begin the count-down again."""
         self._greeted = False
         self._arm_at = math.inf
-        if self._permission:  # who knows for how long, and what has changed
+        if self._permission:  # the vehicle may be another one
             self._permission.forget()
 
     def watch_link(self, now: float) -> None:
-        """A link that comes back is a new one, to a vehicle that may have rebooted."""
+        """After a loss the link is new, and the vehicle may have rebooted."""
         if self._monitor.lost_again:
             self._session.interrupt(self._autopilot.why)
             self._greeted = False
@@ -105,7 +104,7 @@ class Preflight:
             self._session.news.emit(event)
 
     def look(self, now: float) -> Refusal | bool:
-        """Whether all is there that a flight needs, or why there will be none."""
+        """Whether everything is ready for the flight, or why there will be none."""
         if self._permission and self._permission.asking:
             self._since += now - self._looked
         self._looked = now
@@ -134,7 +133,9 @@ class Preflight:
             return False
         permitted = self._permitted(now)
         ready = self._count_down(now) if permitted is True else permitted
-        if ready is True or not self._alone:  # a person is asked only when all is well, which may change meanwhile
+        if (
+            ready is True or not self._alone
+        ):  # a person is asked only if everything is ready, which may change meanwhile
             self._alone = True
             if others := other_readers(self._receiver.name):
                 what = f"{self._receiver.name} is read by {', '.join(others)} too, and each gets a part of the frames"
@@ -142,7 +143,7 @@ class Preflight:
         return ready
 
     def _permitted(self, now: float) -> Refusal | bool:
-        """Whether the vehicle may be armed. As long as a person thinks about it, no time passes."""
+        """Whether the vehicle may be armed. The time in which a person is asked does not count."""
         if not self._failsafes_told:
             self._failsafes_told = True
             parameters = tuple(self.failsafes.values.items())

@@ -1,4 +1,4 @@
-"""Is the receiver alive? Frames that come again are none, and readings that never change are of no use."""
+"""Checks that the receiver works: frames must be new, and readings must change."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Final
 from arva_hil.search.strategy import Position
 from firmware_proto import Channel, Frame
 
-_LATE: Final = 8  # frames behind the last: one that was overtaken; farther back the receiver has started anew
+_LATE: Final = 8  # frames before the last one: it was overtaken; a larger step back is a restart of the receiver
 _SAME_FRAMES: Final = 3  # at least
-_OLD_M: Final = 0.5  # a slow receiver may say the same for so long
+_OLD_M: Final = 0.5  # a slow receiver may repeat a reading for this distance
 _STUCK_M: Final = 3.0
-_STUCK_S: Final = 5.0  # it flies to a place where it believes the transmitter, and hovers there
+_STUCK_S: Final = 5.0  # because a search hovers where it expects the transmitter
 
 
 class NewFrames:
     """Remembers the sequence number of the last frame.
 
-    A number that comes again is the same frame, and one a little lower is late: neither says anything of now. Formats
-    without a sequence number count for themselves, so that each of their frames is new.
+    A repeated number is the same frame, and a slightly lower one is late: neither is used. The decoders of formats
+    without a sequence number count, so that each of their frames is new.
     """
 
     def __init__(self) -> None:
@@ -36,9 +36,10 @@ class NewFrames:
 
 
 class StuckReadings:
-    """Remembers since where and when the receiver says the same, and how far from there it has been since.
+    """Remembers where and when the present reading began, and the largest distance from there since then.
 
-    `old`: so far that what it says is none of here. `stuck`: too far to be true, or off that place for too long.
+    `old`: so far away that the reading is not of this place. `stuck`: too far for an equal reading, or away for too
+    long.
     """
 
     def __init__(self) -> None:
@@ -50,7 +51,7 @@ class StuckReadings:
         self._frames = 0
 
     def hear(self, frame: Frame, position: Position, time_s: float) -> None:
-        """A new frame, and where the receiver was."""
+        """Use a new frame and the receiver's place."""
         if frame.channels != self._channels:
             self._channels, self._at, self._frames = frame.channels, position, 0
             self.old, self.stuck, self.moved_m, self._old_since = False, False, 0.0, math.inf

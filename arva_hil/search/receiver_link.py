@@ -1,4 +1,4 @@
-"""The receiver as a search has it: frames from a link, and what there is to say when none come."""
+"""The receiver of a search: frames from a link, and the reason if none come."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.search.reading_checks import NewFrames
 from firmware_proto import Frame, FrameDecoder
 
-_SILENT_S: Final = 2.0  # without a frame: it does not work
+_SILENT_S: Final = 2.0  # without a frame: the receiver does not work
 _MOST_READS: Final = 64
-_SHOWN: Final = 16  # bytes of what is no frame
+_SHOWN: Final = 16  # bytes shown, if there is no frame in them
 
 
 class ReceiverLink:
-    """Remembers what came from the receiver's link and when. One that is unplugged is silent, and raises nothing.
+    """Remembers what came from the receiver's link and when. After it is unplugged it is silent, without an error.
 
-    `emit` is told when a link that comes back is lost and is back; any other is gone for good.
+    `emit` gets the events of a link that is lost and comes back. Other kinds of links do not come back.
     """
 
     def __init__(self, link: Link, decoder: FrameDecoder, emit: Callable[[Event], None]) -> None:
-        self.links: Sequence[Link] = [link]  # to wait for; none when it is gone
+        self.links: Sequence[Link] = [link]  # to wait for; empty if the link is gone
         self.last: Frame | None = None
         self._link = link
         self._emit = emit
@@ -40,7 +40,7 @@ class ReceiverLink:
         return self._link.name
 
     def read(self, now: float) -> list[Frame]:
-        """The new frames that have come by `now`, s; one that comes again is none."""
+        """The new frames until `now` [s]. A repeated frame is not new."""
         chunk = self._read(now) if self.links else b""
         self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
         frames = [frame for frame in self._decoder.feed(chunk, now) if self._fresh.new(frame)]
@@ -49,7 +49,7 @@ class ReceiverLink:
         return frames
 
     def skip(self, now: float) -> None:
-        """Forget what waits: it came in a gap, and nobody knows where the vehicle was."""
+        """Discard waiting bytes: they came in a gap, in which the vehicle's place is unknown."""
         for _ in range(_MOST_READS):
             if not self.links or not self._link.ready():
                 break
@@ -59,7 +59,7 @@ class ReceiverLink:
         return now - self._last_s > limit_s
 
     def why_silent(self, now: float) -> str:
-        """What came instead of frames, for a person."""
+        """What was received instead of frames, for a person."""
         if self._link.away:
             return f"no frame from the receiver: {self._link.why}"
         if self.last is not None:

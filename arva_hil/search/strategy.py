@@ -1,4 +1,4 @@
-"""What a search strategy is: observations (a reading and the pose it was heard at) in, velocity out.
+"""The protocol of a search strategy: observations (a reading and its pose) in, velocities out.
 
 Places are NED metres from the take-off point; times are seconds on one clock; velocities are NED, m/s.
 """
@@ -18,10 +18,10 @@ STILL: Velocity = (0.0, 0.0)
 
 
 class Observation(NamedTuple):
-    """What one frame says of the transmitter that is searched for, and where that was heard.
+    """The reading of the transmitter that is searched for in one frame, and the receiver's pose.
 
-    `rotation`: matrix receiver FRD → NED, shape (3, 3). `d_cm`, `delta_deg`: the receiver's integers; d_cm ≤ 0 says
-    that nothing was heard. `inner`: d_cm rests on all three antennas, and delta_deg is nothing.
+    `rotation`: matrix receiver FRD → NED, shape (3, 3). `d_cm`, `delta_deg`: the receiver's integers; d_cm ≤ 0 means
+    no signal. `inner`: the inner zone, where d_cm is from all three antennas and delta_deg has no meaning.
     """
 
     time_s: float
@@ -38,18 +38,18 @@ class Observation(NamedTuple):
 
     @property
     def d_m(self) -> float:
-        """d in metres; 0 or less where it was not heard."""
+        """d in metres; 0 or less without a signal."""
         return self.d_cm / 100
 
     @property
     def bearing(self) -> float:
-        """Of the flux line at the receiver, from north, radians; it or its opposite leads to the transmitter."""
+        """The bearing of the flux line [rad from north]. It or its opposite leads to the transmitter."""
         heading = math.atan2(self.rotation[1, 0], self.rotation[0, 0])
         return heading + math.radians(self.delta_deg)
 
 
 class Found(NamedTuple):
-    """Where the transmitter is; None: not known. `covariance`: of north and east, m², (nn, ne, ee)."""
+    """Where the transmitter is. `covariance`: of north and east [m²], (nn, ne, ee), or None."""
 
     north: float
     east: float
@@ -58,7 +58,7 @@ class Found(NamedTuple):
 
     @property
     def sigma(self) -> float | None:
-        """The largest standard deviation in any horizontal direction, m."""
+        """The largest standard deviation of all horizontal directions [m]."""
         if self.covariance is None:
             return None
         nn, ne, ee = self.covariance
@@ -66,10 +66,10 @@ class Found(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """What a strategy believes, for whoever watches. A strategy that tells it has a property `belief`.
+    """The present estimate of a strategy, for observers. A strategy may have a property `belief`.
 
-    `hypotheses`: (north, east, share), the shares add up to 1. `covariance`: as in `Found`. `goal`: (north, east) of
-    where it flies to.
+    `hypotheses`: (north, east, share), with shares that add up to 1. `covariance`: as in `Found`. `goal`: (north, east)
+    of the place that it flies to.
     """
 
     hypotheses: tuple[tuple[float, float, float], ...] = ()
@@ -78,26 +78,26 @@ class Belief(NamedTuple):
 
 
 class Strategy(Protocol):
-    """Remembers what was heard of one transmitter. Made with the speed not to be exceeded [m/s]."""
+    """Searches for one transmitter. It is created with the highest speed [m/s]."""
 
     def __init__(self, speed: float) -> None: ...
 
     @property
     def found(self) -> Found | None:
-        """Where the transmitter is; None while that is not known well enough to stop."""
+        """Where the transmitter is; None while it is not known well enough to stop."""
 
     def hear(self, observation: Observation) -> None:
-        """Take what one more frame says; in it the transmitter may not be heard."""
+        """Use the reading of one more frame, which may be without a signal."""
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """Where to fly now: two finite numbers, STILL to stay. Asked for several times between frames.
+        """The velocity to fly now: two finite numbers, STILL to hover. It is called several times between frames.
 
-        As everything that a strategy does, it has to take less than a second: nothing else is done meanwhile.
+        Each call to a strategy has to take less than a second, because nothing else runs meanwhile.
         """
 
 
 def towards(position: Position, place: tuple[float, float], speed: float, *, gain: float = 1.0) -> Velocity:
-    """The velocity to a place: `speed` far from it, `gain` [1/s] times what is left near it."""
+    """The velocity to a place: `speed` far from it, `gain` [1/s] times the distance near it."""
     north, east = place[0] - position[0], place[1] - position[1]
     distance = math.hypot(north, east)
     share = min(gain, speed / distance) if distance > 0 else 0.0

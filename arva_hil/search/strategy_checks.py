@@ -1,4 +1,4 @@
-"""What a strategy says is judged before it is flown, and what it does wrong is told with the cure."""
+"""Checks the answers of a strategy before they are flown, and reports its errors with the cure."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from typing import Any, Final
 from arva_hil.errors import ArvaError
 from arva_hil.search.strategy import Found, Velocity
 
-SLOW_S: Final = 1.0  # for one answer: no set-point leaves meanwhile, and PX4 waits no longer (COM_OF_LOSS_T)
-OFTEN: Final = 2  # as slow as that: it is the strategy, and no pause of the computer
+SLOW_S: Final = 1.0  # for one answer: no set-point is sent meanwhile, and PX4 waits no longer (COM_OF_LOSS_T)
+OFTEN: Final = 2  # times as slow: then it is the strategy, not a pause of the computer
 
 _CURE: Final = "mend it, and fly it in arva-hil demo first"
 _CALLER: Final = Path(__file__).with_name("mission.py")
-_MOST: Final = 200  # characters of an error that is not ours
+_MOST: Final = 200  # characters of the strategy's error
 
 
 class StrategyError(ArvaError):
-    """A strategy has said what it must not say."""
+    """A strategy has returned an invalid value."""
 
 
 def checked_velocity(said: Any) -> Velocity:
-    """What `velocity` returned, m/s north and east. Raises StrategyError for anything but two finite numbers."""
+    """The result of `velocity` [m/s north and east]. Raises StrategyError unless it is two finite numbers."""
     try:
         north, east = said
         if math.isfinite(math.hypot(north, east)):
             return float(north), float(east)
-    except Exception:  # whatever that is, it is no velocity
+    except Exception:  # not a velocity
         pass
     raise StrategyError(f"velocity returned {_shown(said)}, expected two finite numbers, m/s north and east")
 
 
 def checked_found(said: Any) -> Found | None:
-    """What is at `found`; None where a coordinate is no number. Raises StrategyError for anything but a Found."""
+    """The value of `found`, None if a coordinate is not finite. Raises StrategyError unless it is a Found."""
     if said is None:
         return None
     if not isinstance(said, Found):
@@ -47,19 +47,19 @@ def checked_found(said: Any) -> Found | None:
 
 
 def failed(error: BaseException) -> str:
-    """How a search ends whose strategy has raised this."""
+    """The outcome of a search whose strategy has raised this error."""
     said = str(error) if isinstance(error, StrategyError) else f"{_shown(error)}{_where(error)}"
     return f"the strategy has failed: {said}; {_CURE}"
 
 
 def too_slow(took_s: float) -> str:
-    """How a search ends whose strategy needs so long."""
+    """The outcome of a search whose strategy is too slow."""
     said = f"it took {took_s:.1f} s to answer, more than {SLOW_S:g} s, and the vehicle was not steered meanwhile"
     return f"the strategy has failed: {said}; {_CURE}"
 
 
 def _sound(found: Found) -> Found | None:
-    """Without what is no number or no variance."""
+    """The place without an invalid covariance."""
     north, east, down, covariance = found
     if not math.isfinite(north + east):
         return None
@@ -71,9 +71,9 @@ def _sound(found: Found) -> Found | None:
 
 
 def _shown(thing: Any) -> str:
-    """As Python shows it, and not longer than a person reads."""
+    """The repr of a value, shortened."""
     if inspect.iscoroutine(thing):
-        thing.close()  # or Python says later that nobody waited for it
+        thing.close()  # otherwise Python warns later that it was never awaited
         return "a coroutine (write def, not async def)"
     try:
         text = repr(thing)
@@ -83,7 +83,7 @@ def _shown(thing: Any) -> str:
 
 
 def _where(error: BaseException) -> str:
-    """The last line that was run of the file that the strategy is in."""
+    """The last line that was run in the file of the strategy."""
     frames = traceback.extract_tb(error.__traceback__)
     file = next((frame.filename for frame in frames if Path(frame.filename) != _CALLER), "")
     lines = [frame.lineno for frame in frames if frame.filename == file]

@@ -1,4 +1,4 @@
-"""Before the first signal: parallel strips over an area, as rescuers search."""
+"""The way before the first signal: parallel strips over an area, as rescuers search."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ Area = tuple[float, float, float, float]  # south, west, north, east of the take
 
 
 class Strips:
-    """Remembers which lanes are flown. They run along the longer side of `area`, not more than `width` apart and
-    half of that from the edges, from the corner nearest to `position`. `lanes` are their ends, in order.
+    """Remembers which lanes were flown. They are parallel to the longer side of `area`, at most `width` apart and half
+    of that from the edges, and begin at the corner nearest to `position`. `lanes`: their ends, in order.
 
     Raises ValueError for an empty area or a width or speed that is not positive.
     """
@@ -29,11 +29,11 @@ class Strips:
 
     @property
     def exhausted(self) -> bool:
-        """The last lane has been flown."""
+        """Whether the last lane was flown."""
         return self._next == len(self.lanes)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """Towards the next end of a lane; STILL when there is none left."""
+        """The velocity to the next end of a lane; STILL after the last one."""
         while not self.exhausted and math.dist(position[:2], self.lanes[self._next]) < _REACHED_M:
             self._next += 1
         return STILL if self.exhausted else towards(position, self.lanes[self._next], self._speed)
