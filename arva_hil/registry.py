@@ -211,6 +211,8 @@ FORMATS: Final = Registry(
         "binary": "firmware_proto.binary:BINARY",
         "nmea": "firmware_proto.nmea:NMEA",
         "text": "firmware_proto.text:TEXT",
+        "vector": "firmware_proto.measured:VECTOR",
+        "rssi": "firmware_proto.measured:RSSI",
         "tunnel": "arva_hil.emulator.formats:TUNNEL",
         "named": "arva_hil.emulator.formats:NAMED",
         "named_float": "arva_hil.emulator.formats:NAMED_FLOAT",
@@ -220,6 +222,8 @@ FORMATS: Final = Registry(
 )
 MAVLINK_FORMATS: Final = ("tunnel", "named", "named_float", "debug_vect")
 """Formats sent over the autopilot's link; all others are sent to a port."""
+MEASURED_FORMATS: Final = ("vector", "rssi")
+"""Formats that carry what the antennas measured, beside the integers."""
 
 FAULTS: Final = Registry(
     "fault",

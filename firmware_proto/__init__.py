@@ -12,7 +12,9 @@ from firmware_proto.frame import (
     MID,
     MORE_TRANSMITTERS,
     NO_SIGNAL,
+    NOT_SEARCHING,
     OUTER,
+    OVERLAP,
     SELF_TEST_FAULT,
     SYNTHETIC,
     Channel,
@@ -20,6 +22,7 @@ from firmware_proto.frame import (
     Frame,
     FrameDecoder,
 )
+from firmware_proto.measured import LevelChannel, Measured, VectorChannel
 from firmware_proto.nmea import NmeaDecoder, encode_nmea
 from firmware_proto.text import TextDecoder, encode_text
 
@@ -30,8 +33,10 @@ __all__ = [
     "MAX_FRAME_BYTES",
     "MID",
     "MORE_TRANSMITTERS",
+    "NOT_SEARCHING",
     "NO_SIGNAL",
     "OUTER",
+    "OVERLAP",
     "SELF_TEST_FAULT",
     "SYNTHETIC",
     "Answer",
@@ -42,8 +47,11 @@ __all__ = [
     "Frame",
     "FrameDecoder",
     "HostForm",
+    "LevelChannel",
+    "Measured",
     "NmeaDecoder",
     "TextDecoder",
+    "VectorChannel",
     "encode",
     "encode_nmea",
     "encode_text",

@@ -88,14 +88,29 @@ class Decoder(FrameDecoder):
         return end
 
     def _frame(self, data: bytes, at: int, stop: int) -> Frame:
-        channels = tuple(
-            [
-                Channel(None if id == _NO_ID else id, zone & ~MARKED, d, delta, zone >= MARKED)
-                for id, zone, d, delta in _CHANNEL.iter_unpack(data[at + _HEAD.size : stop])
-            ]
-        )
         self._count(data[at + 4])
-        return Frame(data[at + 4], data[at + 5], channels)
+        return frame_at(data, at, stop)
+
+
+def frame_at(data: bytes, at: int, stop: int) -> Frame:
+    """The good frame at `at`, whose CRC is at `stop`."""
+    channels = tuple(
+        [
+            Channel(None if id == _NO_ID else id, zone & ~MARKED, d, delta, zone >= MARKED)
+            for id, zone, d, delta in _CHANNEL.iter_unpack(data[at + _HEAD.size : stop])
+        ]
+    )
+    return Frame(data[at + 4], data[at + 5], channels)
+
+
+def size_at(data: bytes, at: int) -> int:
+    """The bytes of the candidate at `at`, as far as it tells: more than are there, or 0 for a false one."""
+    there = len(data) - at
+    if not _CANDIDATE.match(data[at : at + 4]):
+        return 0
+    if there < _HEAD.size:
+        return _HEAD.size
+    return data[at + 3] + 6 if data[at + 6] * 6 + 3 == data[at + 3] else 0
 
 
 BINARY: Final = Format(encode, Decoder, numbered=True, host=BINARY_HOST)

@@ -17,7 +17,8 @@ SELECT: Final = "select"
 RESTART: Final = "restart"
 CHANNELS: Final = "channels"
 SCAN: Final = "scan"
-NAMES: Final = (IDENTIFY, MARK, UNMARK, SELECT, RESTART, CHANNELS, SCAN)  # codes 1…7
+SEARCH: Final = "search"
+NAMES: Final = (IDENTIFY, MARK, UNMARK, SELECT, RESTART, CHANNELS, SCAN, SEARCH)  # codes 1…8
 
 DONE: Final = "done"
 REFUSED: Final = "refused"

@@ -11,11 +11,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 if TYPE_CHECKING:
     from firmware_proto.commands import HostForm
+    from firmware_proto.measured import Measured
 
 SYNTHETIC: Final = 1  # status bits; always set by an emulator
 INTERFERENCE: Final = 2  # above the receiver's limit
 MORE_TRANSMITTERS: Final = 4  # more transmitters are heard than there are channels
 SELF_TEST_FAULT: Final = 8
+OVERLAP: Final = 16  # pulses of several transmitters disturb each other
+NOT_SEARCHING: Final = 32  # it has gone back to sending by itself, and hears nothing
 
 OUTER: Final = 0  # zones
 MID: Final = 1
@@ -48,11 +51,15 @@ class Channel(NamedTuple):
 
 
 class Frame(NamedTuple):
-    """One reading of the receiver, 1…16 channels. `status` is the byte as it came, unknown bits included."""
+    """One reading of the receiver, 1…16 channels. `status` is the byte as it came, unknown bits included.
+
+    `measured`: what the antennas measured, in the formats that carry it.
+    """
 
     sequence: int
     status: int
     channels: tuple[Channel, ...]
+    measured: Measured | None = None
 
 
 class FrameDecoder(ABC):

@@ -19,7 +19,7 @@ MAX_MESSAGE_BYTES: Final = 255
 _SYNC: Final = b"\xa4\x57"
 _BEGIN: Final = _SYNC[0]  # it occurs only as the first byte of a message and in its CRC
 _HEAD_BYTES: Final = 6  # including the kind
-_CANDIDATE: Final = re.compile(rb"\xa4(?:\Z|\x57(?:\Z|\x02))")  # up to the version
+_CANDIDATE: Final = re.compile(rb"\xa4(?:\Z|\x57)")
 
 
 class Kind(NamedTuple, Generic[T]):
@@ -99,20 +99,16 @@ class MessageDecoder(StreamDecoder[T]):
         while candidate := _CANDIDATE.search(data, at):
             self.dropped += candidate.start() - at
             at = candidate.start()
-            if end - at < _HEAD_BYTES:
+            size = self._size(data, at)
+            if size > end - at:
                 return at
-            stop = at + 4 + data[at + 3]
-            mask = data[at + 4]
-            kind = self._kinds.get(data[at + 5] ^ mask)
-            if kind and data[at + 3] - 2 in kind.lengths:
-                if end < stop + 2:
-                    return at
+            if size:
+                stop = at + size - 2
                 if crc16.mcrf4xx(data[at + 2 : stop]) == data[stop] | data[stop + 1] << 8:
-                    body = bytes([byte ^ mask for byte in data[at + _HEAD_BYTES : stop]])
-                    if (message := kind.parse(body)) is not None:
+                    if (message := self._content(data, at, stop)) is not None:
                         found.append(message)
                         self.good += 1
-                        at = stop + 2
+                        at += size
                         continue
                 else:
                     self.bad_crc += 1
@@ -120,3 +116,19 @@ class MessageDecoder(StreamDecoder[T]):
             at += 1
         self.dropped += end - at
         return end
+
+    def _size(self, data: bytes, at: int) -> int:
+        """The bytes of the candidate at `at`, as far as it tells: more than are there, or 0 for a false one."""
+        there = len(data) - at
+        if there > 2 and data[at + 2] != VERSION:
+            return 0
+        if there < _HEAD_BYTES:
+            return _HEAD_BYTES
+        kind = self._kinds.get(data[at + 5] ^ data[at + 4])
+        return data[at + 3] + 6 if kind and data[at + 3] - 2 in kind.lengths else 0
+
+    def _content(self, data: bytes, at: int, stop: int) -> T | None:
+        """What is in the whole candidate at `at`, whose CRC is at `stop`; None if it makes no sense."""
+        mask = data[at + 4]
+        body = bytes([byte ^ mask for byte in data[at + _HEAD_BYTES : stop]])
+        return self._kinds[data[at + 5] ^ mask].parse(body)

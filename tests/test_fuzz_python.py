@@ -46,7 +46,9 @@ def damaged(seeds: list[bytes], count: int) -> list[bytes]:
     return out
 
 
-@pytest.mark.parametrize(("target", "count"), [("loader", 250), ("session", 250), ("decoder", 2000), ("log", 300)])
+@pytest.mark.parametrize(
+    ("target", "count"), [("loader", 250), ("session", 250), ("decoder", 2000), ("commands", 1000), ("log", 300)]
+)
 def test_what_has_to_hold_holds_on_the_seeds_and_on_damaged_ones(target: str, count: int) -> None:
     body, seeds = targets.TARGETS[target]
     every = list(seeds())
@@ -60,9 +62,9 @@ def test_what_has_to_hold_holds_on_the_seeds_and_on_damaged_ones(target: str, co
 
 FOUND = [  # inputs that once failed
     ("loader", b"transmitters: []\rseed: 1 # caf\xe9\r"),
-    ("decoder", bytes.fromhex("05 00 1f 02 d204000000000000 0000c07f 00000000 00000000 61 000000000000000000 00")),
-    ("decoder", bytes.fromhex("05 00 1f 02 d204000000000000 0000807f 00000000 00000000 61 000000000000000000 00")),
-    ("decoder", bytes.fromhex("04 00 13 01 01000000 01000000 41525641315f58000000 00 13 01 01000000 01000000")
+    ("decoder", bytes.fromhex("08 00 1f 02 d204000000000000 0000c07f 00000000 00000000 61 000000000000000000 00")),
+    ("decoder", bytes.fromhex("08 00 1f 02 d204000000000000 0000807f 00000000 00000000 61 000000000000000000 00")),
+    ("decoder", bytes.fromhex("06 00 13 01 01000000 01000000 41525641315f58000000 00 13 01 01000000 01000000")
      + b"ARVA1_D\0\0\0"),
 ]  # fmt: skip
 

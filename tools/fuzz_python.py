@@ -1,6 +1,6 @@
-"""Coverage-guided fuzzing of what reads from outside: scenario files, the autopilot's MAVLink, frames, logs.
+"""Coverage-guided fuzzing of what reads from outside: scenario files, the autopilot's MAVLink, frames, commands, logs.
 
-    python tools/fuzz_python.py loader|session|decoder|log [--seconds 600] [--seed N] [--corpus DIR]
+    python tools/fuzz_python.py loader|session|decoder|commands|log [--seconds 600] [--seed N] [--corpus DIR]
     python tools/fuzz_python.py TARGET --reproduce FILE        one input, without atheris
 
 Needs atheris: pip install 'arva-hil[fuzz]'. What is tried and what has to hold: fuzz_targets.py. It begins with
@@ -22,12 +22,13 @@ import time
 import traceback
 from pathlib import Path
 
-NAMES = ("loader", "session", "decoder", "log")
-LONGEST = {"loader": 4096, "session": 1024, "decoder": 2048, "log": 4096}
+NAMES = ("loader", "session", "decoder", "commands", "log")
+LONGEST = {"loader": 4096, "session": 1024, "decoder": 2048, "commands": 1024, "log": 4096}
 INSTRUMENTED = {
     "loader": ["arva_hil", "yaml"],
     "session": ["arva_hil"],
     "decoder": ["arva_hil", "firmware_proto"],
+    "commands": ["firmware_proto"],
     "log": ["arva_hil.links"],
 }
 SLOWEST_S = 20  # of one input

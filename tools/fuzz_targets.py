@@ -29,7 +29,9 @@ from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.observers.console.reasons import no_pose, no_vehicle
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.vehicle.session import Session
-from firmware_proto import MAX_CHANNELS, MAX_FRAME_BYTES, Channel, Frame, FrameDecoder, encode
+from firmware_proto import MAX_CHANNELS, MAX_FRAME_BYTES, Answer, Channel, Command, Frame, FrameDecoder, encode
+from firmware_proto.commands import NAMES, RESULTS
+from firmware_proto.messages import MAX_MESSAGE_BYTES, StreamDecoder
 
 ROOT: Final = Path(__file__).parent.parent
 FRAME: Final = LocalFrame(46.5, 11.35, 1800.0)
@@ -344,7 +346,9 @@ DECODERS: Final = {
 ENCODERS: Final = {name: registry.FORMATS[name].encode for name in DECODERS}
 FORMATS: Final = tuple(registry.FORMATS)
 _HELD: Final = {"binary": MAX_FRAME_BYTES, "nmea": 82 * (MAX_CHANNELS + 1), "text": 16}  # bytes, at most
+_HELD |= dict.fromkeys(registry.MEASURED_FORMATS, 2 * MAX_MESSAGE_BYTES)  # a message waits for its frame
 _HELD_IN_SILENCE: Final = {"binary": 0, "nmea": 82, "text": 16}
+_HELD_IN_SILENCE |= dict.fromkeys(registry.MEASURED_FORMATS, MAX_MESSAGE_BYTES)
 _COUNTERS: Final = ("good", "bad_crc", "dropped", "lost")
 
 
@@ -381,15 +385,16 @@ def decoder(data: bytes) -> None:
     assert whole.lost == _lost(frames)
     for frame in frames:
         _plausible(frame, zones=128)
-    if format == "binary":
+    if format == "binary" or format in registry.MEASURED_FORMATS:
         _in_order(b"".join(chunk for _, chunk in chunks), frames)
 
 
 def _sizes(format: str, frame: Frame) -> tuple[int, int]:
     """The fewest and the most bytes that can have brought a frame."""
     count = len(frame.channels)
-    if format == "binary":
-        return 9 + 6 * count, 9 + 6 * count
+    if format == "binary" or format in registry.MEASURED_FORMATS:
+        measured = 0 if frame.measured is None else 15 + (15 if format == "vector" else 6) * count
+        return 9 + 6 * count + measured, 9 + 6 * count + measured
     return (25 * count, 82 * count) if format == "nmea" else (4, 16)
 
 
@@ -397,7 +402,7 @@ def _in_order(data: bytes, frames: list[Frame]) -> None:
     at = 0
     for frame in frames:
         known = tuple(c._replace(zone=min(c.zone, 2)) for c in frame.channels)
-        raw = bytearray(encode(frame._replace(channels=known)))
+        raw = bytearray(encode(frame._replace(channels=known)))  # without what was measured
         for k, c in enumerate(frame.channels):
             raw[8 + 6 * k] = c.zone | (0x80 if c.marked else 0)
         raw[-2:] = crc16.mcrf4xx(bytes(raw[2:-2])).to_bytes(2, "little")
@@ -437,6 +442,41 @@ def _lost(frames: list[Frame]) -> int:
     numbers = [frame.sequence for frame in frames]
     gaps = [(b, max((b - a) % 256 - 1, 0)) for a, b in itertools.pairwise(numbers)]
     return sum(gap for number, gap in gaps if number > 15 or gap < 17)
+
+
+# -- commands and answers ----------------------------------------------------------------------------------
+
+_HOSTS: Final = (registry.FORMATS["binary"].host, registry.FORMATS["nmea"].host)
+
+
+def commands(data: bytes) -> None:
+    """Which form and way, then chunks as above. What comes out was sent, and what is sent back comes out again."""
+    s = Script(data)
+    kind = s.number() % 4
+    host = _HOSTS[kind // 2]
+    make, write = (host.commands, host.command) if kind % 2 == 0 else (host.answers, host.answer)
+    whole: StreamDecoder[Any] = make()
+    piecemeal: StreamDecoder[Any] = make()
+    got: list[Any] = []
+    fed, now = bytearray(), 0.0
+    while s:
+        now += PAUSES_S[s.number() % len(PAUSES_S)]
+        chunk = s.bytes(s.number())
+        fed += chunk
+        came = whole.feed(chunk, now)
+        parts = [chunk[k : k + 1] for k in range(len(chunk))] or [chunk]
+        assert came == [one for part in parts for one in piecemeal.feed(part, now)], "chunking matters"
+        got += came
+        assert whole.dropped <= len(fed), "bytes counted twice"
+    assert whole.feed(b"", now + 1000) == piecemeal.feed(b"", now + 1000)
+    counts = [(one.good, one.bad_crc, one.dropped) for one in (whole, piecemeal)]
+    assert counts[0] == counts[1], "chunking matters to the counters"
+    for one in got:
+        raw = write(one)
+        assert make().feed(raw, 0.0) == [one], f"{one} does not come back"
+        if kind < 2:
+            assert raw[5] ^ raw[4] in (16, 17)
+            assert 0xA4 not in raw[1:-2]
 
 
 # -- what to begin with ------------------------------------------------------------------------------------
@@ -502,9 +542,23 @@ def _decoder_seeds() -> Iterator[bytes]:
     yield bytes([FORMATS.index("debug_vect")]) + b"".join(b"\0" + bytes([len(part)]) + part for part in parts)
 
 
+def _command_seeds() -> Iterator[bytes]:
+    asked = [Command(k, name, values) for k, name in enumerate(NAMES) for values in ((), (k,), (-(2**31), 0xA4, 1, 2))]
+    answers = [Answer(k, name, RESULTS[k % 4], (k,), "a text" * (k % 3)) for k, name in enumerate(NAMES)]
+    for kind in range(4):
+        write: Callable[[Any], bytes] = _HOSTS[kind // 2].command if kind % 2 == 0 else _HOSTS[kind // 2].answer
+        every: list[Any] = list(asked if kind % 2 == 0 else answers)
+        for first, second in itertools.pairwise(every):
+            data = write(first) + write(second)
+            parts = [data[:5], data[5:20], data[20:]]
+            yield bytes([kind]) + b"".join(b"\3" + bytes([len(part)]) + part for part in parts)
+            yield bytes([kind, 0, 5]) + b"\xa4\x57\x02\x08\x00" + bytes([1, len(data)]) + data
+
+
 TARGETS: Final[dict[str, tuple[Callable[[bytes], None], Callable[[], Iterator[bytes]]]]] = {
     "loader": (loader, _loader_seeds),
     "session": (session, _session_seeds),
     "decoder": (decoder, _decoder_seeds),
+    "commands": (commands, _command_seeds),
     "log": (fuzz_logs.log, fuzz_logs.seeds),
 }

@@ -6,7 +6,7 @@ import math
 from typing import Final
 
 from arva_hil.mavlink.codec import Parser
-from arva_hil.registry import FORMATS
+from arva_hil.registry import FORMATS, MEASURED_FORMATS
 
 SAMPLE_BYTES: Final = 1 << 14  # enough of any format for several frames
 
@@ -24,4 +24,5 @@ def guess_format(sample: bytes, expected: str) -> str:
 
 def _frames(sample: bytes, name: str) -> int:
     decoder = FORMATS[name].decoder()
-    return len(decoder.feed(sample, 0.0)) + len(decoder.feed(b"", math.inf))
+    frames = decoder.feed(sample, 0.0) + decoder.feed(b"", math.inf)
+    return sum(name not in MEASURED_FORMATS or frame.measured is not None for frame in frames)

@@ -9,12 +9,13 @@ from typing import Any, Final, NamedTuple
 
 import firmware_proto
 from arva_hil.mavlink.codec import Parser, dialect
-from arva_hil.receiver import Reading
-from arva_hil.registry import FORMATS, MAVLINK_FORMATS
+from arva_hil.receiver import ChannelReading, Reading
+from arva_hil.registry import FORMATS, MAVLINK_FORMATS, MEASURED_FORMATS
 from arva_hil.vehicle.discovery import Vehicle
 from arva_hil.vehicle.session import Session
 from firmware_proto import Channel, Frame, FrameDecoder, HostForm
 from firmware_proto.frame import check
+from firmware_proto.measured import LevelChannel, Measured, VectorChannel, level_channel, vector_channel
 
 TUNNEL_TYPE: Final = 42071  # 0xA457, in MAVLink's private range
 _SILENCE_S: Final = 1.0  # longer than any link takes from one value of a frame to the next
@@ -29,14 +30,39 @@ class MavlinkFormat(NamedTuple):
     numbered: bool = False
 
 
-def frame_of(reading: Reading, sequence: int) -> Frame:
-    """A reading as the frame that carries it; always marked as synthetic."""
+def frame_of(reading: Reading, sequence: int, time_s: float = 0.0, measured: str = "") -> Frame:
+    """A reading as the frame that carries it; always marked as synthetic.
+
+    `measured`: the format, if it carries what the antennas measured; `time_s`: of the frame, from the start of the run.
+    """
     status = firmware_proto.SYNTHETIC
     status |= firmware_proto.INTERFERENCE if reading.interference else 0
     status |= firmware_proto.MORE_TRANSMITTERS if reading.more_heard else 0
     status |= firmware_proto.SELF_TEST_FAULT if reading.failed else 0
+    status |= firmware_proto.OVERLAP if reading.overlapping else 0
+    status |= 0 if reading.searching else firmware_proto.NOT_SEARCHING
     channels = (Channel(c.id, c.zone, c.d_cm, c.delta_deg, c.marked) for c in reading.channels)
-    return Frame(sequence, status, tuple(channels))
+    frame = Frame(sequence, status, tuple(channels))
+    return frame._replace(measured=_measured(reading, time_s, measured)) if measured in MEASURED_FORMATS else frame
+
+
+def _measured(reading: Reading, time_s: float, format: str) -> Measured:
+    time_ms = round(1e3 * time_s) % 2**32
+    if format == "vector":
+        return Measured(time_ms, tuple(_vector(c, time_s) for c in reading.channels))
+    return Measured(time_ms, tuple(_level(c, time_s) for c in reading.channels))
+
+
+def _vector(c: ChannelReading, time_s: float) -> VectorChannel:
+    who = c.id, int(c.zone), c.marked
+    if (pulse := c.pulse) is None:
+        return VectorChannel(*who)
+    return vector_channel(*who, pulse.signal_na_m, pulse.period_s, pulse.carrier_hz, time_s - pulse.time_s)
+
+
+def _level(c: ChannelReading, time_s: float) -> LevelChannel:
+    who = c.id, int(c.zone), c.marked
+    return level_channel(*who, c.pulse.signal_na_m, time_s - c.pulse.time_s) if c.pulse else LevelChannel(*who)
 
 
 def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:

@@ -120,6 +120,7 @@ class FrameSource:
         self._first = 0  # the number of the first frame since the receiver was started
         self._vehicle = vehicle
         self._encode = encode
+        self._format = scenario.output_format
         self._start = start
         self._refused = False
 
@@ -211,7 +212,7 @@ class FrameSource:
         self.events += told
         _, pose, reported_pose, _, _ = self.receiver.seen
         age = self.receiver.age_s(t)
-        frame = frame_of(reading, (number - self._first) % 256)
+        frame = frame_of(reading, (number - self._first) % 256, instant_s, self._format)
         boot_ms = 0 if boot is None else max(0, round(boot * 1e3)) % 2**32
         counters = self.counters
         counters.frames += 1

@@ -12,7 +12,7 @@ from firmware_proto.messages import seal
 
 INT32 = st.integers(-(2**31), 2**31 - 1)
 BYTE = st.integers(0, 255)
-NAME = st.sampled_from(NAMES) | st.integers(8, 255).map(lambda code: f"command-{code}")
+NAME = st.sampled_from(NAMES) | st.integers(len(NAMES) + 1, 255).map(lambda code: f"command-{code}")
 TEXT = st.text([chr(c) for c in range(32, 127) if chr(c) not in "$*,"], max_size=32)
 COMMANDS = st.builds(Command, BYTE, NAME, st.lists(INT32, max_size=4).map(tuple))
 ANSWERS = st.builds(Answer, BYTE, NAME, st.sampled_from(RESULTS), st.lists(INT32, max_size=4).map(tuple), TEXT)

@@ -48,6 +48,7 @@ def coloured(line: str, colour: int) -> str:
 
 def frame_json(frame: Frame) -> dict[str, Any]:
     """A frame as one JSON object."""
+    measured = frame.measured
     return {
         "seq": frame.sequence,
         "status": frame.status,
@@ -55,6 +56,7 @@ def frame_json(frame: Frame) -> dict[str, Any]:
             {"id": c.id, "zone": _zone(c.zone), "d_cm": c.d, "delta_deg": c.delta, "marked": c.marked}
             for c in frame.channels
         ],
+        **({"time_ms": measured.time_ms, "measured": [c._asdict() for c in measured.channels]} if measured else {}),
     }
 
 
