@@ -53,7 +53,7 @@ class VectorChannel(NamedTuple):
 class LevelChannel(NamedTuple):
     """The strength of the newest pulse of one transmitter at one antenna.
 
-    `level`: in 0.01 dB above 1 nA/m, None if nothing is heard. The others as in `VectorChannel`.
+    `level`: in 0.01 dB of the receiver's full scale (dBFS), None if nothing is heard. The others as in `VectorChannel`.
     """
 
     id: int | None = None
@@ -94,11 +94,9 @@ def vector_channel(
     return VectorChannel(id, zone, marked, x, y, z, period, carrier, _age(age_s))
 
 
-def level_channel(id: int | None, zone: int, marked: bool, signal_na_m: Iterable[float], age_s: float) -> LevelChannel:
+def level_channel(id: int | None, zone: int, marked: bool, level_db: float, age_s: float) -> LevelChannel:
     """The strength of a pulse as it can travel."""
-    strength = math.hypot(*signal_na_m)
-    level = _limited(2000 * math.log10(max(strength, 1e-12)), 0x7FFF)
-    return LevelChannel(id, zone, marked, level, _age(age_s))
+    return LevelChannel(id, zone, marked, _limited(100 * level_db, 0x7FFF), _age(age_s))
 
 
 def exponent_of(*amplitudes: int) -> tuple[int, list[int]]:

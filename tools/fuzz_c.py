@@ -1,7 +1,9 @@
-"""Fuzz the C codec under AddressSanitizer and UndefinedBehaviorSanitizer: fuzz_c.c, from the streams of vectors.json.
+"""Fuzz the C code under AddressSanitizer and UndefinedBehaviorSanitizer, from the streams of vectors.json.
 
-    python tools/fuzz_c.py [--seconds 600]        clang's libFuzzer, guided by coverage
-    python tools/fuzz_c.py --runs 20000           a number of runs, the same each time; by gcc without clang
+    python tools/fuzz_c.py [frames|messages] [--seconds 600]    clang's libFuzzer, guided by coverage
+    python tools/fuzz_c.py [frames|messages] --runs 20000       so many runs, the same each time; by gcc without clang
+
+`frames` is fuzz_c.c, `messages` fuzz_messages.c: commands, answers and what antennas measured.
 
 Exit 0 when nothing was found.
 """
@@ -20,15 +22,20 @@ from c_codec import FOLDER, SOURCE, compile_c, compiler
 
 SANITIZE = ("-std=c99", "-g", "-O1", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
 VECTORS = FOLDER.parent / "vectors.json"
-HARNESS = Path(__file__).with_suffix(".c")
+TOOLS = Path(__file__).parent
+SOURCES = {
+    "frames": (TOOLS / "fuzz_c.c", SOURCE),
+    "messages": (TOOLS / "fuzz_messages.c", FOLDER / "arva_message.c", SOURCE),
+}
 LONGEST = 1024
 LONGEST_CHUNK = 239
 
 
-def write_corpus(folder: Path) -> list[Path]:
-    """The streams as fuzz_c.c reads them: four bytes of time, then size, pause and bytes of each chunk."""
+def write_corpus(folder: Path, target: str) -> list[Path]:
+    """The streams as the harness reads them: four bytes of time, then size, pause and bytes of each chunk."""
     files = []
-    for stream in json.loads(VECTORS.read_text(encoding="utf-8"))["streams"]:
+    kind = "streams" if target == "frames" else "message_streams"
+    for stream in json.loads(VECTORS.read_text(encoding="utf-8"))[kind]:
         script, now_ms = bytearray(4), 0
         for step in stream["steps"]:
             data = bytes.fromhex(step["hex"])
@@ -51,6 +58,7 @@ def has_libfuzzer(folder: Path) -> bool:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("target", nargs="?", choices=SOURCES, default="frames")
     until = parser.add_mutually_exclusive_group()
     until.add_argument("--seconds", type=int, default=600, help="default 600")
     until.add_argument("--runs", type=int)
@@ -63,16 +71,16 @@ def main() -> int:
         if not guided and not options.runs:
             parser.error("no clang with libFuzzer (on Debian: apt-get install clang); without it, give --runs")
         (folder / "corpus").mkdir()
-        corpus = write_corpus(folder / "corpus")
+        corpus = write_corpus(folder / "corpus", options.target)
         binary = folder / "fuzz_c"
         if guided:
-            compile_c("clang", binary, *SANITIZE, "-fsanitize=fuzzer,address,undefined", HARNESS, SOURCE)
+            compile_c("clang", binary, *SANITIZE, "-fsanitize=fuzzer,address,undefined", *SOURCES[options.target])
             length = f"-runs={options.runs}" if options.runs else f"-max_total_time={options.seconds}"
             command: list[str | Path] = [binary, length, f"-seed={options.seed}", f"-max_len={LONGEST}"]
             command += ["-print_final_stats=1", f"-artifact_prefix={Path.cwd()}/", folder / "corpus"]
         else:
             flags = (*SANITIZE, "-fsanitize=address,undefined", "-DFUZZ_BY_ITSELF")
-            compile_c(compiler(), binary, *flags, HARNESS, SOURCE)
+            compile_c(compiler(), binary, *flags, *SOURCES[options.target])
             command = [binary, str(options.runs), str(options.seed), *corpus]
         return subprocess.run(command).returncode
 

@@ -15,6 +15,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import message_vectors
+
 FILE = Path(__file__).parent.parent / "firmware_proto" / "vectors.json"
 ABOUT = [
     "Made by tools/make_vectors.py; do not edit. The protocol is PROTOCOL.md.",
@@ -456,7 +458,8 @@ def vectors() -> str:
         for name, f in FRAMES.items()
     ]
     checks = [{"hex": data.hex(), "crc": crc(data)} for data in (b"123456789", b"", b"\x00", b"\xff", bytes(103))]
-    parts = {"about": ABOUT, "crc": checks, "frames": frames, "streams": streams()}
+    parts = {"about": ABOUT + message_vectors.ABOUT, "crc": checks, "frames": frames, "streams": streams()}
+    parts |= message_vectors.parts(BYTES["one"])
     lists = (
         f'"{key}": [\n' + ",\n".join(json.dumps(value, ensure_ascii=False) for value in values) + "\n]"
         for key, values in parts.items()

@@ -1,15 +1,21 @@
-"""Random and damaged streams of binary frames, cut anywhere: what two decoders are compared on."""
+"""Random and damaged streams of binary frames or messages, cut anywhere: what decoders are compared on."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from random import Random
 
-from firmware_proto import INNER, MAX_CHANNELS, Channel, Frame, encode
+from firmware_proto import INNER, MAX_CHANNELS, Answer, Channel, Command, Frame, encode
+from firmware_proto.commands import MAX_TEXT, MAX_VALUES, NAMES, RESULTS, encode_answer, encode_command
+from firmware_proto.messages import seal
 
 SECONDS = 1e-3 * (1 + 1e-9)  # a millisecond, so that 100 of them are not less than PAUSE_S by rounding
 PAUSES_MS = (0, 0, 0, 1, 1, 3, 20, 40, 60, 99, 100, 101, 200, 256, 1000, 70_000)
 HEADS = [bytes.fromhex(text) for text in ("A4", "A457", "A45701", "A4570163", "A4570163000010", "A4570109", "A457010F")]
+MESSAGE_HEADS = [
+    bytes.fromhex(text)
+    for text in ("A4", "A457", "A45702", "A45702080010", "A45702350011", "A457020F0002", "A45702F90001")
+]
 
 Call = tuple[int, bytes]  # milliseconds, chunk
 
@@ -29,7 +35,30 @@ def frame(random: Random) -> bytes:
     return encode(Frame(random.getrandbits(8), random.getrandbits(8), tuple(slots)))
 
 
-def piece(random: Random, frames: list[bytes]) -> bytes:
+def message(random: Random) -> bytes:
+    """Of any kind; one in ten makes no sense, though its CRC is right."""
+    kind = random.choice((1, 2, 16, 16, 17, 17))
+    number, name = random.getrandbits(8), random.choice((*NAMES, "command-0", "command-164", "command-255"))
+    count = random.randint(0, MAX_VALUES)
+    values = tuple(random.choice((0, -1, 0xA4, -0x5C, random.randint(-(2**31), 2**31 - 1))) for _ in range(count))
+    if random.random() < 0.1:
+        return seal(kind, random.randbytes(random.choice((2, 4, 6, 13, 22, random.randrange(248)))))
+    if kind == 16:
+        return encode_command(Command(number, name, values))
+    if kind == 17:
+        text = "".join(random.choice("aZ 0~._-") for _ in range(random.randint(0, MAX_TEXT)))
+        return encode_answer(Answer(number, name, random.choice(RESULTS), values, text))
+    n = random.choice((1, 1, 2, 4, random.randint(1, MAX_CHANNELS)))
+    body = bytearray(random.randbytes(2) + bytes([n]) + random.randbytes(4))
+    for _ in range(n):
+        channel = bytearray(random.randbytes(15 if kind == 1 else 6))
+        if kind == 1:
+            channel[2] = random.randint(0, 16)
+        body += channel
+    return seal(kind, bytes(body))
+
+
+def piece(random: Random, frames: list[bytes], heads: list[bytes] = HEADS) -> bytes:
     """A frame, a part of one, the head of a false one, or noise."""
     kind = random.random()
     if kind < 0.55:
@@ -39,7 +68,7 @@ def piece(random: Random, frames: list[bytes]) -> bytes:
         at = random.randrange(len(raw))
         return raw[:at] if kind < 0.63 else raw[at:]
     if kind < 0.85:
-        return random.choice(HEADS)
+        return random.choice(heads)
     return random.randbytes(random.randrange(20))
 
 
@@ -74,5 +103,17 @@ def streams(seed: int, count: int) -> Iterator[list[Call]]:
         if k % 50 == 0:
             frames = [frame(random) for _ in range(20)]
         data = bytearray(b"".join(piece(random, frames) for _ in range(random.randint(1, 6))))
+        damage(random, data)
+        yield cut(random, bytes(data))
+
+
+def message_streams(seed: int, count: int) -> Iterator[list[Call]]:
+    """The same of messages of all kinds, with frames of version 1 among them."""
+    random = Random(seed)
+    some: list[bytes] = []
+    for k in range(count):
+        if k % 50 == 0:
+            some = [message(random) for _ in range(30)] + [frame(random) for _ in range(4)]
+        data = bytearray(b"".join(piece(random, some, MESSAGE_HEADS) for _ in range(random.randint(1, 6))))
         damage(random, data)
         yield cut(random, bytes(data))

@@ -61,8 +61,14 @@ def _vector(c: ChannelReading, time_s: float) -> VectorChannel:
 
 
 def _level(c: ChannelReading, time_s: float) -> LevelChannel:
+    """A receiver that has no full scale of its own says decibels of 1 nA/m."""
     who = c.id, int(c.zone), c.marked
-    return level_channel(*who, c.pulse.signal_na_m, time_s - c.pulse.time_s) if c.pulse else LevelChannel(*who)
+    if (pulse := c.pulse) is None:
+        return LevelChannel(*who)
+    level_db = pulse.level_dbfs
+    if level_db is None:
+        level_db = 20 * math.log10(max(math.hypot(*pulse.signal_na_m), 1e-12))
+    return level_channel(*who, level_db, time_s - pulse.time_s)
 
 
 def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:

@@ -72,7 +72,7 @@ typedef struct {
     int32_t x, y, z;      /* signed amplitudes, 0.01 nA/m; their signs are relative to each other. ARVA_VECTORS only */
     uint16_t period;      /* 0.1 ms, 0 if unknown. ARVA_VECTORS only */
     int16_t carrier;      /* offset from 457 kHz, 0.1 Hz, or ARVA_NO_CARRIER. ARVA_VECTORS only */
-    int16_t level;        /* 0.01 dB above 1 nA/m, or ARVA_NO_LEVEL. ARVA_LEVELS only */
+    int16_t level;        /* 0.01 dB of the receiver's full scale, or ARVA_NO_LEVEL. ARVA_LEVELS only */
     uint16_t age_ms;      /* from the end of the pulse to time_ms, or ARVA_NO_AGE if there was none */
 } arva_pulse;
 

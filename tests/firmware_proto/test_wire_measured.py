@@ -101,8 +101,8 @@ def test_a_pulse_in_units_of_physics():
     far = vector_channel(1, 1, False, (1e9, 0.0, -1e9), 9.0, 1e6, 1e6)
     assert (far.x, far.z, far.period, far.carrier, far.age_ms) == (0x7FFF << 16, -0x7FFF << 16, 65535, 0x7FFF, 65534)
     assert vector_channel(1, 1, False, (0.0, 0.0, 0.0), None, None, -0.1)[3:] == (0, 0, 0, 0, None, 0)
-    assert level_channel(1, 1, False, (100.0, 0.0, 0.0), 0.1) == LevelChannel(1, 1, False, 4000, 100)
-    assert level_channel(1, 1, False, (0.0, 0.0, 0.0), 0.1).level == -24000
+    assert level_channel(1, 1, False, -40.004, 0.1) == LevelChannel(1, 1, False, -4000, 100)
+    assert level_channel(1, 1, False, -1e9, 0.1).level == -0x7FFF
 
 
 @pytest.mark.parametrize(

@@ -20,16 +20,21 @@ from firmware_proto import (
     Command,
     Decoder,
     Frame,
+    Measured,
+    VectorChannel,
     encode,
     encode_nmea,
     encode_text,
 )
 from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.commands import NAMES, RESULTS, encode_answer, encode_command
+from firmware_proto.measured import encode_rssi, encode_vector
 
 PAGE = (Path(firmware_proto.__file__).parent / "PROTOCOL.md").read_text(encoding="utf-8")
 ONE = Frame(1, 1, (Channel(1, MID, 1234, 17),))
 FOUR = Frame(7, 1, (Channel(3, INNER, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17), Channel()))
+PULSE = VectorChannel(1, MID, False, 77100, -12300, 400, 10130, -125, 240)
+MEASURED = ONE._replace(measured=Measured(12345, (PULSE,)))
 
 
 def section(title):
@@ -62,6 +67,7 @@ def test_worked_bytes(title, frame):
         ("A command, byte by byte", encode_command(Command(7, "mark", (3,)))),
         ("An answer, byte by byte", encode_answer(Answer(7, "mark", "done"))),
         ("A command with a mask, byte by byte", encode_command(Command(0xA4, "scan"))),
+        ("A vector, byte by byte", encode_vector(MEASURED)[: -len(encode(MEASURED))]),
     ],
 )
 def test_worked_bytes_of_messages(title, data):
@@ -133,15 +139,24 @@ def test_nmea_and_text():
 
 
 def test_status_bits():
-    rows = re.findall(r"\| (\d) \| (\d) \| ([^|]+)", section("Status"))
-    names = ("SYNTHETIC", "INTERFERENCE", "MORE_TRANSMITTERS", "SELF_TEST_FAULT")
+    rows = re.findall(r"\| (\d) \| (\d+) \| ([^|]+)", section("Status"))
+    names = ("SYNTHETIC", "INTERFERENCE", "MORE_TRANSMITTERS", "SELF_TEST_FAULT", "OVERLAP", "NOT_SEARCHING")
     assert [int(value) for _, value, _ in rows] == [getattr(firmware_proto, name) for name in names]
     assert [1 << int(bit) for bit, _, _ in rows] == [int(value) for _, value, _ in rows]
     for name, (_, _, meaning) in zip(names, rows, strict=True):
         assert meaning.replace("-", " ").startswith(name.lower().replace("_", " "))
 
 
-@pytest.mark.parametrize(("form", "encode"), [("binary", encode), ("nmea", encode_nmea), ("text", encode_text)])
+@pytest.mark.parametrize(
+    ("form", "encode"),
+    [
+        ("binary", encode),
+        ("nmea", encode_nmea),
+        ("text", encode_text),
+        ("vector", encode_vector),
+        ("rssi", encode_rssi),
+    ],
+)
 def test_sizes_and_times(form, encode):
     longest = Channel(254, INNER, -0x8000, -0x8000, True)
     sizes = [len(encode(Frame(255, 255, (longest,) * n))) for n in (1, 4, 16)]

@@ -6,9 +6,22 @@ from pathlib import Path
 
 import pytest
 from fastcrc import crc16
-from wire_vectors import FRAMES, VECTORS, as_frame, by_name, follow
+from wire_vectors import FRAMES, MESSAGES, VECTORS, as_frame, by_name, follow, follow_messages
 
-from firmware_proto import Decoder, NmeaDecoder, TextDecoder, encode, encode_nmea, encode_text
+from firmware_proto import (
+    Channel,
+    Decoder,
+    Frame,
+    NmeaDecoder,
+    TextDecoder,
+    encode,
+    encode_nmea,
+    encode_text,
+)
+from firmware_proto.command_lines import LINE_HOST
+from firmware_proto.commands import encode_answer, encode_command
+from firmware_proto.measured import encode_rssi, encode_vector
+from tools.c_messages import python_decoder
 
 MAKE = Path(__file__).parents[2] / "tools" / "make_vectors.py"
 
@@ -49,4 +62,34 @@ def test_frame(value):
 def test_stream(value, one_byte_a_call):
     decoder = Decoder()
     follow(decoder.feed, value, one_byte_a_call)
+    assert {name: getattr(decoder, name) for name in value["counters"]} == value["counters"]
+
+
+@pytest.mark.parametrize("value", by_name(VECTORS["messages"]))
+def test_message(value):
+    message, raw = MESSAGES[value["name"]], bytes.fromhex(value["hex"])
+    assert python_decoder().feed(raw, 0.0) == [message]
+    if value["type"] == "command":
+        assert encode_command(message) == raw
+        assert LINE_HOST.commands().feed(value["line"].encode(), 0.0) == [message]
+        assert LINE_HOST.command(message).decode() == value["line"]
+    elif value["type"] == "answer":
+        assert encode_answer(message) == raw
+        assert "line" not in value or LINE_HOST.answer(message).decode() == value["line"]
+    else:
+        n = len(message.measured.channels)
+        frame = Frame(message.sequence, message.status, (Channel(),) * n, message.measured)
+        write = encode_vector if value["type"] == "vector" else encode_rssi
+        if value["name"] == "vector_low":  # −32768 · 2^16 is beyond what an encoder takes
+            return
+        assert python_decoder().feed(write(frame), 0.0) == [message]
+        if value["name"] not in ("vector_1", "vector_zone_127") and not value["name"].endswith("_channels"):
+            assert write(frame) == raw + encode(frame)  # the others have not the lowest exponent
+
+
+@pytest.mark.parametrize("one_byte_a_call", [False, True])
+@pytest.mark.parametrize("value", by_name(VECTORS["message_streams"]))
+def test_message_stream(value, one_byte_a_call):
+    decoder = python_decoder()
+    follow_messages(decoder.feed, value, one_byte_a_call)
     assert {name: getattr(decoder, name) for name in value["counters"]} == value["counters"]

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 import firmware_proto
-from firmware_proto import Channel, Frame
+from firmware_proto import Answer, Channel, Command, Frame, LevelChannel, Measured, VectorChannel
+from firmware_proto.measured import MeasuredMessage
 
 VECTORS = json.loads((Path(firmware_proto.__file__).parent / "vectors.json").read_text(encoding="utf-8"))
 
@@ -20,6 +21,28 @@ def as_frame(value):
 
 
 FRAMES = {value["name"]: as_frame(value) for value in VECTORS["frames"]}
+
+
+def as_message(value):
+    if value["type"] == "command":
+        return Command(value["number"], value["command"], tuple(value["values"]))
+    if value["type"] == "answer":
+        return Answer(value["number"], value["command"], value["result"], tuple(value["values"]), value["text"])
+    kind = VectorChannel if value["type"] == "vector" else LevelChannel
+    channels = tuple(kind(**c) for c in value["channels"])
+    return MeasuredMessage(value["sequence"], value["status"], Measured(value["time_ms"], channels))
+
+
+MESSAGES = {value["name"]: as_message(value) for value in VECTORS["messages"]}
+
+
+def follow_messages(feed, stream, one_byte_a_call):
+    """As `follow`, of message_streams."""
+    for step in stream["steps"]:
+        data = bytes.fromhex(step["hex"])
+        chunks = [data[k : k + 1] for k in range(len(data))] if one_byte_a_call and data else [data]
+        messages = [message for chunk in chunks for message in feed(chunk, step["t"])]
+        assert messages == [MESSAGES[name] for name in step["messages"]]
 
 
 def follow(feed, stream, one_byte_a_call):

@@ -1,0 +1,151 @@
+"""The C code of messages: what it is made of, vectors.json, its requests, and that sanitizers find nothing."""
+
+import ctypes
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from wire_vectors import MESSAGES, VECTORS, by_name, follow_messages
+
+from firmware_proto import Answer, Channel, Command, Frame, encode
+from firmware_proto.commands import encode_answer, encode_command
+from tools.c_codec import FOLDER, compile_c, compiler
+from tools.c_messages import MESSAGES as SOURCE
+from tools.c_messages import CMessageDecoder, CMessages, Request, State, _Answer
+
+TOOLS = Path(__file__).parents[2] / "tools"
+COMPILERS = ["cc", *(c for c in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(c))]  # those beyond cc: if there
+MARK = Command(7, "mark", (3,))
+DONE = Answer(7, "mark", "done")
+
+
+@pytest.fixture(scope="session")
+def code(tmp_path_factory):
+    return CMessages(tmp_path_factory.mktemp("c"))
+
+
+@pytest.mark.parametrize("language", [("-std=c99",), ("-x", "c++", "-std=c++11")], ids=["C99", "C++"])
+@pytest.mark.parametrize("name", COMPILERS)
+def test_it_compiles_without_a_warning(tmp_path, name, language):
+    name = compiler() if name == "cc" else name
+    for extra in ("-O0", "-Os"):
+        compile_c(name, tmp_path / "out.o", extra, "-Wshadow", "-c", *language, SOURCE)
+
+
+def test_it_leans_on_the_crc_and_three_functions_of_the_library_and_on_no_float(tmp_path):
+    target = compile_c(compiler(), tmp_path / "out.o", "-std=c99", "-O2", "-fno-stack-protector", "-c", SOURCE)
+    undefined = subprocess.run(["nm", "-u", target], check=True, capture_output=True, text=True).stdout.split()
+    assert set(undefined) - {"U", "_GLOBAL_OFFSET_TABLE_"} <= {"memcpy", "memmove", "memset", "arva_crc"}
+    text = (FOLDER / "arva_message.h").read_text() + SOURCE.read_text()
+    assert not re.findall(r"float|double|\d\.\d", re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL))
+    assert ctypes.sizeof(State) <= 560
+
+
+@pytest.mark.parametrize("value", by_name(VECTORS["messages"]))
+def test_message(code, value):
+    raw, message = bytes.fromhex(value["hex"]), MESSAGES[value["name"]]
+    assert CMessageDecoder(code).feed(raw, 0.0) == [message]
+    if isinstance(message, Command | Answer):
+        assert code.encode(message) == raw
+        assert [code.encode(message, capacity) for capacity in range(len(raw))] == [b""] * len(raw)
+
+
+@pytest.mark.parametrize("one_byte_a_call", [False, True])
+@pytest.mark.parametrize("epoch_ms", [0, 2**32 - 100])
+@pytest.mark.parametrize("value", by_name(VECTORS["message_streams"]))
+def test_stream(code, value, epoch_ms, one_byte_a_call):
+    decoder = CMessageDecoder(code, epoch_ms)
+    follow_messages(decoder.feed, value, one_byte_a_call)
+    assert {name: getattr(decoder, name) for name in value["counters"]} == value["counters"]
+
+
+def test_only_what_is_wanted_comes(code):
+    raw = encode_command(MARK) + encode_answer(DONE) + encode(Frame(1, 1, (Channel(1, 1, 300, 5),)))
+    answers = CMessageDecoder(code, want=8)
+    assert answers.feed(raw, 0.0) == [DONE]
+    assert answers.dropped == len(raw) - len(encode_answer(DONE))
+    assert CMessageDecoder(code, want=4).feed(raw, 0.0) == [MARK]
+    assert CMessageDecoder(code, want=3).feed(raw, 0.0) == []
+
+
+WRONG = [
+    Answer(1, "mark", "done", (), "a\x01"),
+    Answer(1, "mark", "done", (), "a,b"),
+    Answer(1, "mark", "done", (1, 2, 3, 4, 5)),
+    Command(1, "mark", (1, 2, 3, 4, 5)),
+]
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_does_not_fit_is_not_written(code, wrong):
+    assert code.encode(wrong) == b""
+
+
+class Host:
+    """A host with one request."""
+
+    def __init__(self, code):
+        self.library, self.request, self.out = code.library, Request(), ctypes.create_string_buffer(64)
+
+    def send(self, now_ms, name_code, *values):
+        array = (ctypes.c_int32 * 8)(*values)
+        size = self.library.arva_command_send(ctypes.byref(self.request), name_code, array, len(values),
+                                              ctypes.c_uint32(now_ms), self.out, ctypes.c_size_t(64))  # fmt: skip
+        return self.out.raw[:size]
+
+    def again(self, now_ms):
+        size = self.library.arva_command_again(
+            ctypes.byref(self.request), ctypes.c_uint32(now_ms), self.out, ctypes.c_size_t(64)
+        )
+        return self.out.raw[:size]
+
+    def answered(self, number, code):
+        answer = _Answer(number, code)
+        return bool(self.library.arva_command_answered(ctypes.byref(self.request), ctypes.byref(answer)))
+
+
+def test_a_request_is_sent_again_until_its_own_answer_comes(code):
+    host, start = Host(code), 2**32 - 500
+    raw = encode_command(Command(1, "mark", (3,)))
+    assert host.again(start) == b""
+    assert host.send(start, 2, 3) == raw
+    assert host.again(start + 999) == b""
+    assert host.again(start + 1000 & 0xFFFFFFFF) == raw
+    assert host.again(start + 1999 & 0xFFFFFFFF) == b""
+    assert not host.answered(2, 2)
+    assert not host.answered(1, 3)
+    assert host.answered(1, 2)
+    assert not host.answered(1, 2)
+    assert host.again(start + 5000 & 0xFFFFFFFF) == b""
+    assert host.send(start, 7) == encode_command(Command(2, "scan"))
+
+
+def test_a_restart_is_not_sent_again(code):
+    host = Host(code)
+    assert host.send(0, 5) == encode_command(Command(1, "restart"))
+    assert host.again(5000) == b""
+    assert host.answered(1, 5)
+
+
+def test_too_many_values_change_nothing(code):
+    host = Host(code)
+    assert host.send(0, 2, 1, 2, 3, 4, 5) == b""
+    assert host.send(0, 2, 3) == encode_command(Command(1, "mark", (3,)))
+
+
+def run_tool(name, *arguments):
+    done = subprocess.run([sys.executable, TOOLS / name, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_python_and_c_make_the_same_of_the_same_bytes():
+    assert "2000 streams, no difference" in run_tool("compare_messages.py", "2000", "--no-lua")
+
+
+def test_sanitizers_find_nothing():
+    output = run_tool("fuzz_c.py", "messages", "--runs", "5000", "--without-clang")
+    assert int(re.fullmatch(r"(\d+) delivered, nothing found\n", output)[1]) > 5000
