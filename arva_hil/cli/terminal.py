@@ -13,6 +13,7 @@ from typing import Any, BinaryIO
 
 from arva_hil.cli.standard_streams import abandon
 from arva_hil.errors import ArvaError
+from arva_hil.line_wrapping import columns_of, wrapped
 from arva_hil.safe_text import one_line
 
 
@@ -25,9 +26,9 @@ class ReaderGone(StdoutError):
 
 
 def tell(line: object) -> None:
-    """Print a line for a person on stderr."""
+    """Print a line for a person on stderr; a terminal that is too narrow gets it in rows."""
     try:
-        print(one_line(line), file=sys.stderr)
+        print(wrapped(one_line(line), columns_of(sys.stderr)), file=sys.stderr)
     except OSError:  # the reader is gone, or the disk is full
         abandon(sys.stderr)
 

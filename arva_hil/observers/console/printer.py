@@ -14,6 +14,7 @@ from arva_hil.observers.console.event_json import event_json
 from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.status import BETWEEN, fit, status_line, status_table
+from arva_hil.line_wrapping import columns_of, is_screen, wrapped
 from arva_hil.runtime.worker_thread import WorkerThread
 from arva_hil.safe_text import one_line
 
@@ -33,7 +34,7 @@ class Printer:
         self, stream: TextIO, *, frames: bool = False, status: bool = True, live: bool = True, named: bool = False
     ) -> None:
         self._stream = stream
-        self._live = live and text.is_screen(stream)
+        self._live = live and is_screen(stream)
         self._colour = text.wants_colour(stream)
         self._frames = frames
         self._status = status
@@ -53,11 +54,11 @@ class Printer:
             self.notice(notice)
 
     def notice(self, notice: Notice) -> None:
-        self._put(text.notice(notice, self._colour))
+        self._put(text.notice(notice, self._colour, columns_of(self._stream)))
 
     def say(self, line: str) -> None:
-        """Print one line that stays."""
-        self._put(one_line(line))
+        """Print one line that stays; a terminal that is too narrow gets it in rows."""
+        self._put(wrapped(one_line(line), columns_of(self._stream)))
 
     def settle(self, report: StatusReport | None = None) -> None:
         """Show the status for the last time, as it is or as in `report`. Later lines come below it."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any, Final, TextIO
 
 from arva_hil.observers.console.notice import Notice
+from arva_hil.line_wrapping import is_screen, wrapped
 from arva_hil.safe_text import one_line
 from firmware_proto import INNER, OUTER, Channel, Frame
 
@@ -60,22 +61,16 @@ def frame_json(frame: Frame) -> dict[str, Any]:
     }
 
 
-def notice(said: Notice, colour: bool) -> str:
-    """One line. It begins with the level if that is a warning or an error."""
-    if said.level == "info":
-        return one_line(said.text)
-    line = one_line(f"{said.level}: {said.text}")
-    return coloured(line, _COLOURS[said.level]) if colour else line
+def notice(said: Notice, colour: bool, columns: int | None = None) -> str:
+    """One line, `wrapped` at `columns`. It begins with the level if that is a warning or an error."""
+    level = "" if said.level == "info" else f"{said.level}: "
+    line = wrapped(one_line(level + said.text), columns)
+    return coloured(line, _COLOURS[said.level]) if colour and level else line
 
 
 def wants_colour(stream: TextIO) -> bool:
     """Whether this is a terminal with colours, and NO_COLOR is not set (https://no-color.org)."""
     return is_screen(stream) and not os.environ.get("NO_COLOR")
-
-
-def is_screen(stream: TextIO) -> bool:
-    """Whether this is a terminal whose lines can be overwritten."""
-    return stream.isatty() and os.environ.get("TERM") != "dumb"
 
 
 def _zone(zone: int) -> str:

@@ -1,0 +1,36 @@
+"""Long lines on a terminal: they are broken between words, into rows."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from typing import Final, TextIO
+
+_FURTHER: Final = "  "  # before each row but the first
+
+
+def wrapped(line: str, columns: int | None) -> str:
+    """A line broken between words for a terminal; further rows are indented. None: no terminal, the line as it is.
+
+    A word that is longer than a row, such as a path, stays whole, so that it can be copied.
+    """
+    if columns is None or len(line) <= columns:
+        return line
+    indent = line[: len(line) - len(line.lstrip())] + _FURTHER
+    rows = textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(rows)
+
+
+def columns_of(stream: TextIO | None) -> int | None:
+    """Columns of the terminal that this is; None if it is none, is closed or does not tell."""
+    if stream is None:
+        return None
+    try:
+        return os.get_terminal_size(stream.fileno()).columns or None if is_screen(stream) else None
+    except (OSError, ValueError):
+        return None
+
+
+def is_screen(stream: TextIO) -> bool:
+    """Whether this is a terminal whose lines can be overwritten."""
+    return stream.isatty() and os.environ.get("TERM") != "dumb"
