@@ -6,17 +6,20 @@ import os
 import textwrap
 from typing import Final, TextIO
 
-_FURTHER: Final = "  "  # before each row but the first
+_FURTHER: Final = 2
+_MOST: Final = 3  # an indent takes at most a third of the columns
 
 
-def wrapped(line: str, columns: int | None) -> str:
-    """A line broken between words for a terminal; further rows are indented. None: no terminal, the line as it is.
+def wrapped(line: str, columns: int | None, further: int = _FURTHER) -> str:
+    """A line broken between words for a terminal; None: no terminal, the line as it is.
 
-    A word that is longer than a row, such as a path, stays whole, so that it can be copied.
+    Rows behind the first are indented by `further`, or by less on a narrow terminal. A word that is longer than a row,
+    such as a path, stays whole, so that it can be copied.
     """
     if columns is None or len(line) <= columns:
         return line
-    indent = line[: len(line) - len(line.lstrip())] + _FURTHER
+    begin = line[: len(line) - len(line.lstrip())] if further == _FURTHER else ""
+    indent = begin + " " * (further if further <= columns // _MOST else _FURTHER)
     rows = textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
     return "\n".join(rows)
 

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
+from functools import partial
 from typing import Final
 
 from arva_hil.cli.endings import SignalGuard
@@ -15,7 +16,7 @@ from arva_hil.cli.next_command import next_command
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import INTERRUPTED, UsageError
 from arva_hil.cli.run_links import check_sides, choose_autopilot
-from arva_hil.cli.terminal import show, show_json, tell
+from arva_hil.cli.terminal import show_json, show_marked, tell
 from arva_hil.doctor import diagnosis, port_diagnosis
 from arva_hil.doctor.examination import AutopilotProbe, PortProbe
 from arva_hil.doctor.held import held
@@ -35,6 +36,7 @@ BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
 _TRY_S: Final = 1.3  # for each baud rate; a heartbeat comes in this time
 _ANSWER_S: Final = 2.0  # for a vehicle to stream what it is asked for
 _STAYS: Final = ("permission denied", "busy", "refused")  # the option is right, and the cure is elsewhere
+_FOUND_AT: Final = 27  # the column in which what was found begins
 _COLOURS: Final = {"ok": GOOD, "note": DOUBTFUL, "fail": BAD}
 
 
@@ -65,10 +67,10 @@ class FindingsReport:
         if self._as_json:
             show_json(finding._asdict())
             return
-        state = f"{'FAIL' if finding.state == 'fail' else finding.state:<4}"
-        if self._colour:
-            state = coloured(state, _COLOURS[finding.state])
-        show(f"  {finding.check:<19}  {finding.found}" + (f" → {finding.cure}" if finding.cure else ""), mark=state)
+        mark = f"{'FAIL' if finding.state == 'fail' else finding.state:<4}"
+        line = f"  {finding.check:<19}  {finding.found}" + (f" → {finding.cure}" if finding.cure else "")
+        paint = partial(coloured, colour=_COLOURS[finding.state]) if self._colour else str
+        show_marked(mark, line, paint=paint, further=_FOUND_AT)
 
 
 class Doctor:

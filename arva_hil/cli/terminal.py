@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
 
 from arva_hil.cli.standard_streams import abandon
@@ -33,9 +33,17 @@ def tell(line: object) -> None:
         abandon(sys.stderr)
 
 
-def show(line: object, *, mark: str = "") -> None:
-    """Print a line of data on stdout, without buffering. `mark` is printed before it unchanged. Raises StdoutError."""
-    _print(mark + one_line(line))
+def show(line: object) -> None:
+    """Print a line of data on stdout, without buffering. Raises StdoutError."""
+    _print(one_line(line))
+
+
+def show_marked(mark: str, line: object, *, paint: Callable[[str], str], further: int) -> None:
+    """Print a line for a person on stdout, behind a mark that `paint` may colour; a terminal that is too narrow gets it
+    in rows, indented by `further`. Raises StdoutError.
+    """
+    rows = wrapped(mark + one_line(line), columns_of(sys.stdout), further)
+    _print(paint(mark) + rows[len(mark) :])
 
 
 def show_json(value: Any) -> None:

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arva_hil.cli.terminal import tell
+from arva_hil.cli.terminal import show_marked, tell
 from arva_hil.line_wrapping import columns_of, wrapped
 from arva_hil.observers.console import Printer
 from arva_hil.observers.console.notice import Notice
@@ -71,6 +71,19 @@ def test_an_error_before_anything_runs_is_broken_too(
     rows = shown(master)
     assert len(rows) > 1
     assert max(map(len, rows)) <= 40
+
+
+def test_a_finding_has_its_colour_on_its_mark_alone_and_its_rows_below_each_other(
+    terminal: tuple[TextIO, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream, master = terminal
+    monkeypatch.setattr("sys.stdout", stream)
+    show_marked("FAIL", f"  port  {LONG}", paint=lambda mark: f"\x1b[1m{mark}\x1b[0m", further=12)
+    raw = os.read(master, 65536).decode()
+    assert raw.startswith("\x1b[1mFAIL\x1b[0m  port  no rangefinder")
+    rows = raw.replace("\x1b[1m", "").replace("\x1b[0m", "").replace("\r", "").splitlines()
+    assert max(map(len, rows)) <= 40
+    assert all(row.startswith(" " * 12) for row in rows[1:])
 
 
 def test_what_is_no_terminal_gets_one_line() -> None:

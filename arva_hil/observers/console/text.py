@@ -6,8 +6,8 @@ import os
 from collections.abc import Iterable
 from typing import Any, Final, TextIO
 
-from arva_hil.observers.console.notice import Notice
 from arva_hil.line_wrapping import is_screen, wrapped
+from arva_hil.observers.console.notice import Notice
 from arva_hil.safe_text import one_line
 from firmware_proto import INNER, OUTER, Channel, Frame
 
