@@ -154,6 +154,10 @@ class ReceiverGone(SearchEvent):
     error: str
 
 
+class OwnMarkHeard(SearchEvent):
+    """The search's own ADSB_VEHICLE came in on the autopilot's link: somebody forwards it to the autopilot."""
+
+
 class TakeOffPoint(SearchEvent):
     """Where the vehicle has taken off, the origin of all positions of the search: degrees, degrees, metres AMSL."""
 

@@ -24,6 +24,7 @@ def diagnostics(report: StatusReport, header: Header) -> DiagnosticArray:
 def _of_vehicle(vehicle: VehicleStatus) -> DiagnosticStatus:
     level, message = (_OK, "heard") if vehicle.label else (_WARNING, "no autopilot is heard")
     values = [KeyValue(f"{one_line(stream)} [Hz]", f"{rate:.1f}") for stream, rate in vehicle.rates.items()]
+    values += [KeyValue(one_line(name), str(count)) for name, count in vehicle.counters]
     return DiagnosticStatus(level, f"{_PROGRAM}: {vehicle.name}", message, one_line(vehicle.label), values)
 
 

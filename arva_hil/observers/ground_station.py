@@ -11,7 +11,15 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from arva_hil.events import Event
-from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, SearchEvent, TakeOffPoint
+from arva_hil.events.searches import (
+    BeliefChanged,
+    FrameHeard,
+    FromSearch,
+    OwnMarkHeard,
+    PlaceFound,
+    SearchEvent,
+    TakeOffPoint,
+)
 from arva_hil.field import LocalFrame
 from arva_hil.links import Link
 from arva_hil.mavlink.codec import Encoder, Message, dialect
@@ -46,6 +54,7 @@ class GroundStation:
         self._due_s = -math.inf
         self._start_s: float | None = None
         self._origin: tuple[LocalFrame, float] | None = None  # and its altitude
+        self._reaches_autopilot = False  # so that nothing is put on the map any more
         self._place: _Place | None = None
         self._frame: Frame | None = None
 
@@ -67,6 +76,8 @@ class GroundStation:
     def _remember(self, event: SearchEvent) -> None:
         if isinstance(event, TakeOffPoint):
             self._origin = LocalFrame(event.lat, event.lon, event.alt), event.alt
+        elif isinstance(event, OwnMarkHeard):
+            self._reaches_autopilot = True
         elif isinstance(event, FrameHeard):
             self._frame = event.frame
         elif isinstance(event, BeliefChanged) and event.hypotheses and not (self._place and self._place.found):
@@ -83,7 +94,7 @@ class GroundStation:
             return
         self._encoder.system = system
         messages = [_HEARTBEAT, *self._values(round(time_s * 1e3) % 2**32)]
-        if self._place and self._origin:
+        if self._place and self._origin and not self._reaches_autopilot:
             messages.append(self._on_map(self._place, *self._origin))
         self._link.write(b"".join(map(self._encoder.pack, messages)))
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from arva_hil.events import Event
-from arva_hil.events.searches import Launched, SearchHeldUp, SearchInterrupted
+from arva_hil.events.searches import Launched, OwnMarkHeard, SearchHeldUp, SearchInterrupted
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.flight.commander import Commander, Phase
 from arva_hil.links import Link, LinkError, Sender
@@ -157,7 +157,10 @@ class SearchClient:
     def _hear(self, sender: Sender, chunk: bytes, now: float, since: float) -> None:
         if not self.launched:
             self._preflight.watch_link(now)
-        self._session.feed(chunk, now, sender)
+        for packet in self._session.feed(chunk, now, sender):
+            mark = packet.msgid == dialect.MAVLINK_MSG_ID_ADSB_VEHICLE and packet.component == COMPONENT
+            if mark and self._session.vehicle and packet.system == self._session.vehicle.system:
+                self._session.news.emit(OwnMarkHeard(now))
         self._preflight.hear(self._session.own)
         self._commander.hear(now, since)
         self._ground.hear(now)

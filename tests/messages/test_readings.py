@@ -154,13 +154,15 @@ def test_a_log_from_before_1970_or_after_2038_has_the_time_0() -> None:
 
 
 def test_the_status_is_told_once_a_second_with_what_is_wrong() -> None:
-    status = VehicleStatus("vehicle", "", {"ATTITUDE": 49.96}, [ReceiverStatus("receiver", made(None), 7, 2)])
+    status = VehicleStatus(
+        "vehicle", "", {"ATTITUDE": 49.96}, [ReceiverStatus("receiver", made(None), 7, 2)], (("bad_crc", 3),)
+    )
     made_of = messages()
     every = [p for n in range(9) for p in made_of.of_event(StatusReport(n / 4, [status]))]
     assert [p.topic for p in every] == ["/diagnostics"] * 3
     vehicle, receiver = read(encode(every[0].message), "diagnostic_msgs/msg/DiagnosticArray")["status"]
     assert (vehicle["level"], vehicle["message"]) == (1, "no autopilot is heard")
-    assert vehicle["values"] == [{"key": "ATTITUDE [Hz]", "value": "50.0"}]
+    assert vehicle["values"] == [{"key": "ATTITUDE [Hz]", "value": "50.0"}, {"key": "bad_crc", "value": "3"}]
     assert (receiver["level"], receiver["message"]) == (1, "no pose")
     assert {"key": "dropped", "value": "2"} in receiver["values"]
 

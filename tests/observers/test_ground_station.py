@@ -12,7 +12,7 @@ from arva_hil.events import Event, StatusReport
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
 from arva_hil.field import LocalFrame
 from arva_hil.links import Link, memory
-from arva_hil.mavlink.codec import dialect
+from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.observers.ground_station import GroundStation
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
@@ -127,6 +127,31 @@ def test_a_search_that_finds_shows_where_and_the_vehicle_hears_nothing_of_it() -
     ordered = dialect.MAVLink(None).parse_buffer(to_vehicle) or []
     assert ordered
     assert not {m.get_type() for m in ordered} & {"ADSB_VEHICLE", "NAMED_VALUE_FLOAT"}
+
+
+def test_a_mark_that_somebody_forwards_to_the_autopilot_is_not_shown_any_more() -> None:
+    ours, theirs = memory.pair()
+    clock, commands = StepClock(), memory.pair()
+    station = GroundStation(ours, lambda: 1, 193)
+    pairs = {"autopilot": memory.pair(), "commands": commands, "port": memory.pair()}
+    loop = ClosedLoop(DEFAULT, SearchPlan(Estimate), **pairs, start=0.0, observers=[station])
+    shown: list[Any] = []
+
+    def forwarded() -> bool:
+        shown.extend(on_map(decoded(theirs)))
+        return bool(shown)
+
+    run(loop.tasks, clock, until=60.0, stopped=forwarded)
+    assert len(shown) == 1
+    other = Encoder(2, 193).pack(shown[0])  # of a search that flies another vehicle
+    commands[1].write(other)
+    run(loop.tasks, clock, until=clock.now() + 3.0, stopped=lambda: False)
+    assert on_map(decoded(theirs)) != []
+    commands[1].write(Encoder(1, 193).pack(shown[0]))  # the autopilot passes on what it gets on its other links
+    run(loop.tasks, clock, until=clock.now() + 10.0, stopped=lambda: False)
+    messages = decoded(theirs)
+    assert on_map(messages) == []
+    assert values(messages)["arva_id"] == 1  # readings are still told
 
 
 def test_events_of_a_search_beside_an_emulator_count_too() -> None:

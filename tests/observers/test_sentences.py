@@ -245,6 +245,11 @@ SENTENCES: list[tuple[Event, str, str]] = [
     ),
     (searches.SearchResumed(1.0, "no frame"), "info", "frames are back: the search goes on"),
     (searches.SearchResumed(1.0, "same readings"), "info", "the readings change again: the search goes on"),
+    (
+        searches.OwnMarkHeard(1.0),
+        "error",
+        "what --gcs shows reaches the autopilot, which may evade it: not shown now",
+    ),
     (searches.ReceiverGone(1.0, "pty: lost"), "warning", "the receiver is gone: pty: lost"),
     (
         searches.TransmitterHeard(1.0, 2, 20.0, 3.0, -0.01),

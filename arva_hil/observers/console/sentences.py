@@ -278,6 +278,10 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
     searches.SearchPaused: _paused,
     searches.SearchResumed: _resumed,
     searches.ReceiverGone: lambda e: ("warning", f"the receiver is gone: {e.error}"),
+    searches.OwnMarkHeard: lambda e: (
+        "error",
+        "what --gcs shows reaches the autopilot, which may evade it: not shown now",
+    ),
     searches.TransmitterHeard: _heard,
     searches.TransmitterChosen: lambda e: (
         "info",
