@@ -7,7 +7,7 @@ import textwrap
 from typing import Final, TextIO
 
 _FURTHER: Final = 2
-_MOST: Final = 3  # an indent takes at most a third of the columns
+_MOST: Final = 2  # an indent takes at most half of the columns
 
 
 def wrapped(line: str, columns: int | None, further: int = _FURTHER) -> str:

@@ -67,7 +67,7 @@ class Counters:
 
 
 class Output(NamedTuple):
-    """Bytes to be written to the link `sink`, no earlier than `due`. The driver hands it back to `Emulator.written`.
+    """Bytes for the link `sink`, to be written at `due` [s] or later. The driver hands it back to `Emulator.written`.
 
     `source`: whose frame or answer it is, None for messages to an autopilot. `whole`: its frame is in it, undamaged.
     `made`: the frame that is sent once this is taken. `answer`: it is this answer to a command, and no frame.

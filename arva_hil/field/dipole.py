@@ -23,6 +23,8 @@ _NEAREST_M = 0.01  # a receiver closer than this reads as if it were this far: t
 class Transmitters:
     """M transmitters at one instant. Lists are accepted as arrays. Raises ValueError if the shapes do not agree.
 
+    `positions`: (M, 3) NED, metres. `rotations`: (M, 3, 3), transmitter to NED; the dipole lies along its x.
+    `strengths`: (M,), a ratio: 1 is the reference transmitter.
     `unplaced`: ids of transmitters whose position is not known. They are silent, and have no true range.
 
     >>> Transmitters((1,), [[20, 5, 0]], [[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], [1.0]).ranges([20, 0, 0])

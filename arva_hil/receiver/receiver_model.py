@@ -133,4 +133,4 @@ class ReceiverModel(Protocol):
         """The reading at an instant, not before the newest look. Before the first look every slot is empty."""
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
-        """Handle a command of the host."""
+        """Handle a command of the host at `time_s`. `values` have the units that PROTOCOL.md gives for the command."""

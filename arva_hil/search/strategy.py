@@ -49,7 +49,7 @@ class Observation(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Where the transmitter is. `covariance`: of north and east [m²], (nn, ne, ee), or None."""
+    """The place of a transmitter from the take-off point [m]. `covariance`: of north and east [m²], (nn, ne, ee)."""
 
     north: float
     east: float
