@@ -52,7 +52,7 @@ def readings(
     >>> east = Transmitters((1,), [[0, 20, 0]], [[[1, 0, 0], [0, 1, 0], [0, 0, 1]]], [1.0])
     >>> there = readings([[0, 0, 0], [0, 10, 0]], [np.eye(3)] * 2, east, Antennas(noise="off"))
     >>> there.d_cm.tolist(), there.delta_deg.tolist(), there.zone.tolist()
-    ([[2310], [1155]], [[0], [0]], [[1], [1]])
+    ([[2311], [1155]], [[0], [0]], [[1], [1]])
     """
     positions, rotations = floats("positions", positions, None, 3), floats("rotations", rotations, None, 3, 3)
     n, m = len(positions), len(transmitters.ids)

@@ -1,0 +1,97 @@
+"""Measures our speed beside what a user would take instead, and prints one table.
+
+    python -m tools.bench --flight px4.tlog [--json FILE] [--check BASELINE] [model streams live starts]
+
+`--check` names what got slower than in a file that `--json` wrote before, and then the exit code is 1. Each cost is
+the least of several, of processor time where nothing else is said, and ours is measured beside its peer's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from tools.bench.table import Row, read, show, slower, write
+
+
+def _model(_: argparse.Namespace) -> Iterator[Row]:
+    from tools.bench import model
+
+    return model.rows()
+
+
+def _streams(options: argparse.Namespace) -> Iterator[Row]:
+    from tools.bench import streams
+
+    return streams.rows(options.flight)
+
+
+def _live(options: argparse.Namespace) -> Iterator[Row]:
+    from tools.bench import latency, live
+
+    yield from live.rows(options.flight, options.seconds)
+    yield from latency.rows(options.flight, options.seconds)
+
+
+def _starts(options: argparse.Namespace) -> Iterator[Row]:
+    from tools.bench import starts
+
+    yield from starts.helps()
+    yield from starts.first_frame(options.flight)
+
+
+def _loops(_: argparse.Namespace) -> Iterator[Row]:
+    from tools.bench import starts
+
+    return starts.loops()
+
+
+_GROUPS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
+    "model": _model,
+    "streams": _streams,
+    "live": _live,
+    "loops": _loops,
+    "starts": _starts,
+}
+_NEED_FLIGHT = ("streams", "live", "starts")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m tools.bench", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"of {', '.join(_GROUPS)}; default: all")
+    parser.add_argument("--flight", type=Path, metavar="FLIGHT.tlog", help="a recorded flight at 50 Hz")
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each live flight; default 20")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows here")
+    parser.add_argument("--check", type=Path, metavar="BASELINE", help="name what got slower than there")
+    options = parser.parse_args()
+    groups = options.groups or list(_GROUPS)
+    if unknown := [name for name in groups if name not in _GROUPS]:
+        parser.error(f"{unknown[0]}: no such group; there are {', '.join(_GROUPS)}")
+    if options.flight is None and any(name in _NEED_FLIGHT for name in groups):
+        parser.error("--flight: which recorded flight?")
+    try:
+        before = read(options.check) if options.check else {}
+    except ValueError as error:
+        parser.error(str(error))
+    rows = [row for name in groups for row in _told(_GROUPS[name](options))]
+    show(rows)
+    if options.json:
+        write(rows, options.json)
+    for words in (worse := slower(rows, before)):
+        print(f"slower: {words}")
+    return int(bool(worse))
+
+
+def _told(rows: Iterator[Row]) -> Iterator[Row]:
+    """As they come, on the side: the whole takes minutes."""
+    for row in rows:
+        print(row.line(), file=sys.stderr, flush=True)
+        yield row
+
+
+if __name__ == "__main__":
+    sys.exit(main())

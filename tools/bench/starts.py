@@ -1,0 +1,50 @@
+"""Start-up beside `import numpy`, and closed loops beside real time."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from tools.bench.table import Row, ratio
+from tools.bench.timing import COMMAND, cpu_of_command
+from tools.measure import Motion, playing, wall
+from tools.measure_search import closed_loop
+
+_NUMPY = [sys.executable, "-c", "import numpy"]
+_COMMANDS = ("run", "replay", "search", "campaign")
+_REACH = {"flux": 500.0, "estimate": 300.0}
+
+
+def helps() -> Iterator[Row]:
+    numpy = cpu_of_command(_NUMPY)
+    for name in _COMMANDS:
+        yield ratio(
+            f"arva-hil {name} --help", "import numpy", cpu_of_command([*COMMAND, name, "--help"]), numpy, "s", 1.0
+        )
+
+
+def loops() -> Iterator[Row]:
+    for strategy, reach in _REACH.items():
+        speed = max(closed_loop(strategy, 8) for _ in range(3))
+        yield Row(
+            f"closed loop ({strategy}), one core", "real time", 1 / speed, 1.0, "s a second", 1 / speed, 1 / reach
+        )
+
+
+def first_frame(flight: Path) -> Iterator[Row]:
+    """Wall time, of the command with the stream already flowing."""
+    motion, taken = Motion(flight), []
+    for _ in range(5):
+        with playing(motion, 20.0) as (device, _):
+            start = time.perf_counter()
+            command = [*COMMAND, "run", "--autopilot", device, "--port", "-", "--rate", "50"]
+            with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, bufsize=0) as child:
+                assert child.stdout is not None
+                child.stdout.read(1)
+                taken.append(time.perf_counter() - start)
+                child.terminate()
+    numpy = min(wall(_NUMPY) for _ in range(5))
+    yield ratio("arva-hil run to its first frame", "import numpy", min(taken), numpy, "s", 3.0)

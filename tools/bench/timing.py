@@ -1,0 +1,40 @@
+"""CPU time of functions and of commands: the least of several, because others use the machine too."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+COMMAND = [sys.executable, "-m", "arva_hil"]
+
+
+def cpu_of(work: Callable[[], object], times: int = 3) -> float:
+    """Seconds of this process."""
+    return min(_once(work) for _ in range(times))
+
+
+def _once(work: Callable[[], object]) -> float:
+    start = time.process_time()
+    work()
+    return time.process_time() - start
+
+
+def cpu_of_command(command: Sequence[str], times: int = 5) -> float:
+    """Seconds of a process of its own, start-up included. Raises CalledProcessError when it fails."""
+    return min(_once_command(command) for _ in range(times))
+
+
+def _once_command(command: Sequence[str]) -> float:
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def figure_of(code: str, *arguments: str) -> float:
+    """The number that a program prints last."""
+    done = subprocess.run([sys.executable, "-c", code, *arguments], check=True, capture_output=True, text=True)
+    return float(done.stdout.split()[-1])
