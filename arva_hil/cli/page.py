@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 from arva_hil.cli.outcome import UsageError
@@ -30,7 +31,7 @@ def page_of_run(
     def state() -> State:
         return State(
             kind,
-            str(chosen.source),
+            Path(chosen.source).name,
             datum=(datum.lat, datum.lon, datum.alt) if datum else None,
             kappa_eq=chosen.receiver.kappa_eq,
             asked_hz=dict.fromkeys(_POSE, rate_hz) if rate_hz else None,

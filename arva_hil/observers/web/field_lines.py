@@ -85,8 +85,9 @@ def _outermost(values: Array, level: float) -> Array | None:
     last = values.shape[1] - 1 - np.argmax(inside[:, ::-1], axis=1)
     after = np.minimum(last + 1, values.shape[1] - 1)
     low, high = values[rows, last], values[rows, after]
-    share = np.where(high > low, (level - low) / np.where(high > low, high - low, 1.0), 0.0)
-    share = np.where(high >= _UNHEARD_M, 0.5, share)
+    before = values[rows, np.maximum(last - 1, 0)]
+    high = np.where(high >= _UNHEARD_M, low + np.maximum(low - before, 0.01), high)  # as if it were heard there
+    share = np.clip((level - low) / np.maximum(high - low, 1e-9), 0.0, 1.0)
     outer: Array = _RADII_M[last] + share * (_RADII_M[after] - _RADII_M[last])
     return outer
 

@@ -65,13 +65,14 @@ function draw() {
   if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
   ink.setTransform(ratio, 0, 0, ratio, 0, 0);
   const own = scene.vehicles.find((vehicle) => vehicle.key === scene.chosen), here = own && glides.get(own.key) && now(glides.get(own.key));
+  const field = scene.field.map((lines) => ({ ...lines, place: scene.transmitters.find(({ id }) => id === lines.id)?.place })).filter((lines) => lines.place);
   if (view.mode === "fit") view.frame(bounds());
   else if (view.mode === "follow" && here) { view.north = here[0]; view.east = here[1]; }
   ink.fillStyle = css("--ground");
   ink.fillRect(0, 0, view.width, view.height);
-  if (scene.truth) for (const one of scene.field) drawZones(one);
+  if (scene.truth) for (const one of field) drawZones(one);
   drawGrid();
-  if (scene.truth) for (const one of scene.field) drawField(one);
+  if (scene.truth) for (const one of field) drawField(one, field.length < 2);
   for (const vehicle of scene.vehicles) drawTrack(vehicle, vehicle === own);
   if (scene.search) drawSearch(scene.search);
   if (scene.truth) scene.transmitters.forEach(drawTransmitter);
@@ -117,21 +118,23 @@ function nice(metres) {
 const LABELS = [0.625, 0.375, 0.125, 0.875, 0.5, 0, 0.7, 0.3, 0.56, 0.44, 0.2, 0.8]; // where on a line, the best place first
 function visible(x, y) { return x > 30 && x < view.width - 50 && y > 60 && y < view.height - 50; }
 
-function drawField(one) {
-  ink.strokeStyle = css("--field");
+function drawField(one, alone) {
+  ink.strokeStyle = alone ? css("--field") : colourOf(one.id);
   ink.lineWidth = 0.9;
-  ink.globalAlpha = 0.6;
+  ink.globalAlpha = alone ? 0.6 : 0.35;
   for (const line of one.flux) { path(line); ink.stroke(); }
-  ink.globalAlpha = 1;
+  ink.globalAlpha = alone ? 1 : 0.6;
   ink.setLineDash([2, 4]);
   ink.lineWidth = 1.2;
   for (const [d, line] of one.equal_d) {
     path(line, true);
     ink.stroke();
-    const at = LABELS.map((share) => Math.floor((line.length / 2 - 1) * share) * 2).find((i) => visible(view.x(line[i + 1]), view.y(line[i])));
-    if (at !== undefined) label(`${d} m`, view.x(line[at + 1]), view.y(line[at]), css("--soft"), "500 11px system-ui, sans-serif", "center");
+    const at = LABELS.map((share) => Math.floor((line.length / 2 - 1) * share) * 2)
+      .find((i) => visible(view.x(line[i + 1]), view.y(line[i])) && Math.hypot(line[i] - one.place[0], line[i + 1] - one.place[1]) * view.scale > 50);
+    if (at !== undefined) label(`${d} m`, view.x(line[at + 1]), view.y(line[at]), alone ? css("--soft") : colourOf(one.id), "500 11px system-ui, sans-serif", "center");
   }
   ink.setLineDash([]);
+  ink.globalAlpha = 1;
 }
 
 function drawTrack(vehicle, own) {

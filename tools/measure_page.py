@@ -1,0 +1,151 @@
+"""Prints what the page costs: lateness of frames and processor time with 20 pages, the first picture, the size.
+
+    python tools/measure_page.py [--seconds 20] [--pages 20] [--first]
+
+`arva-hil vehicle` and `arva-hil run` at 50 Hz are processes of their own; lateness is that of the record. The runs
+with and without pages go on at the same time, so that whatever else the machine does delays them alike. A page asks for
+what is new five times a second, on a connection that stays open, as a browser does. The first picture is that of
+Chromium, if Playwright and Chromium are there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import http.client
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from arva_hil.observers.web.server import pages
+
+COMMAND = [sys.executable, "-m", "arva_hil"]
+RATE_HZ = 50
+ASKED_HZ = 5.0
+START_S = 3.0  # left out: the program starts
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=20.0, help="of each run; default 20")
+    parser.add_argument("--pages", type=int, default=20, help="that ask at the same time; default 20")
+    parser.add_argument("--first", action="store_true", help="run before all else on this machine, as root may")
+    options = parser.parse_args()
+    print(f"size of the page: {sum(len(page.body) for page in pages().values()) / 1e3:.0f} kB")
+    print("| pages | lateness p50 | p99 | worst | processor |")
+    print("|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        counts = (None, 0, options.pages)
+        runs = [Run(count, options, Path(folder) / str(count)) for count in counts]
+        for run in runs:
+            print(run.row(), flush=True)
+    first_picture()
+
+
+class Run:
+    """One run and its pages, from now on; `count` None: without --web."""
+
+    def __init__(self, count: int | None, options: argparse.Namespace, record: Path) -> None:
+        self._count = count
+        self._record = record
+        self._seconds = options.seconds + START_S
+        self._stop = threading.Event()
+        port = free_port()
+        vehicle = ["vehicle", "--link", f"udpout:127.0.0.1:{port}"]
+        self._vehicle = subprocess.Popen([*COMMAND, *vehicle], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+        arguments = ["run", "--autopilot", f"udpin:127.0.0.1:{port}", "--port", "pty", "--rate", str(RATE_HZ)]
+        arguments += ["--record", str(record), "--duration", str(self._seconds)]
+        arguments += [] if count is None else ["--web", "127.0.0.1:0"]
+        self._program = subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True)
+        if options.first:
+            for process in (self._vehicle, self._program):
+                os.sched_setscheduler(process.pid, os.SCHED_FIFO, os.sched_param(1))
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def row(self) -> str:
+        """What it cost, when it has ended."""
+        _, status, usage = os.wait4(self._program.pid, 0)
+        self._stop.set()
+        self._vehicle.send_signal(signal.SIGINT)
+        self._vehicle.wait()
+        assert status == 0, f"the program has ended with {status}"
+        with open(self._record / "readings.csv", newline="") as file:
+            rows = [row for row in csv.DictReader(file) if row["slot"] == "1" and float(row["time_s"]) > START_S]
+        late = np.array([float(row["late_ms"]) for row in rows])
+        share = (usage.ru_utime + usage.ru_stime) / self._seconds
+        name = "no --web" if self._count is None else str(self._count)
+        p50, p99 = np.percentile(late, [50, 99])
+        return f"| {name} | {p50:.2f} ms | {p99:.2f} ms | {late.max():.1f} ms | {100 * share:.1f} % of a core |"
+
+    def _read(self) -> None:
+        assert self._program.stderr is not None
+        for line in self._program.stderr:
+            if line.startswith("page: "):
+                address = urlsplit(line.split()[1]).netloc
+                for i in range(self._count or 0):
+                    threading.Thread(target=poll, args=(address, self._stop, i), daemon=True).start()
+
+
+def poll(address: str, stop: threading.Event, number: int) -> None:
+    """One page: what is new, five times a second."""
+    connection = http.client.HTTPConnection(address, timeout=10)
+    version, due = 0, time.monotonic() + 0.01 * number
+    while not stop.wait(max(0.0, due - time.monotonic())):
+        due += 1 / ASKED_HZ
+        try:
+            connection.request("GET", f"/state.json?since={version}")
+            version = json.loads(connection.getresponse().read())["version"]
+        except (OSError, http.client.HTTPException):
+            return
+
+
+def first_picture() -> None:
+    """From the request to the first picture, and until the run is shown."""
+    chromium = shutil.which("chromium")
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        chromium = None
+    if chromium is None:
+        print("first picture: not measured, there is no Chromium or no Playwright")
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = ["demo", "--headless", "--web", "127.0.0.1:0", "--record", str(Path(folder) / "record")]
+        program = subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True)
+        assert program.stderr is not None
+        url = program.stderr.readline().split()[1]
+        with sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"])
+            page = browser.new_page()
+            page.goto("about:blank")
+            before = time.monotonic()
+            page.goto(url)
+            page.wait_for_selector("html[data-ready=true]")
+            shown_s = time.monotonic() - before
+            paint = page.evaluate("performance.getEntriesByName('first-contentful-paint')[0].startTime")
+            browser.close()
+        program.send_signal(signal.SIGINT)
+        program.stderr.read()
+        program.wait()
+    print(f"first picture: {paint:.0f} ms; the run is shown after {1e3 * shown_s:.0f} ms")
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+if __name__ == "__main__":
+    main()
