@@ -115,6 +115,11 @@ class Bench:
         self.fly(*links)
         return result
 
+    def record(self, folder: str) -> None:
+        """A record of a flight, in this folder."""
+        if not (self.folder / folder).exists():
+            assert self.start("demo", "--speed", "max", "--headless", "--record", folder).ends() == 0
+
     def clear(self) -> None:
         """Nothing runs any more."""
         while self._open:
@@ -157,7 +162,12 @@ def run(typed: Typed, bench: Bench) -> None:
         "listen": listens,
         "doctor": examines,
         "vehicle": flies,
+        "view": views,
     }
+    if "--record" not in words:
+        for word in words:
+            if re.fullmatch(r"flights/\d+", word):
+                bench.record(word)
     try:
         ways.get(command, ends)(words[1:], bench, environment)
     except AssertionError as error:
@@ -205,6 +215,12 @@ def listens(words: list[str], bench: Bench, environment: dict[str, str]) -> None
     bench.emulate()
     program = bench.start(*words, **environment)
     program.writes(20)
+    program.stops()
+
+
+def views(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
+    program = bench.start(*words, **environment)
+    program.says("page: http://")
     program.stops()
 
 
