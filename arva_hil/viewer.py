@@ -15,8 +15,11 @@ from arva_hil.events import DatumSet, Event, ReceiverStatus, StatusReport, Vehic
 from arva_hil.events.searches import FromSearch, PlaceFound, TakeOffPoint
 from arva_hil.field import LocalFrame
 from arva_hil.observers.console.event_json import event_of
-from arva_hil.observers.console.sentences import sentence
+from arva_hil.observers.console.notice import Level, Notice
 from arva_hil.observers.web import jsons
+from arva_hil.observers.web.health import Health
+from arva_hil.observers.web.places import Places
+from arva_hil.observers.web.search_view import SearchView
 from arva_hil.observers.web.state import Key, State
 from arva_hil.recordings import RecordedReceiver, RecordedSearch, Recording
 from arva_hil.recordings.receivers import NO_ID
@@ -46,7 +49,8 @@ class RecordedState(State):
         self.span_s = recording.span_s
         self._recording = recording
         self._shown_s = -math.inf
-        self._news = sorted(_events(recording), key=lambda event: event.time_s)
+        self._notices: dict[int, Notice] = {}  # of events, by their identity
+        self._news = sorted(self._recorded_events(), key=lambda event: event.time_s)
         self._told = 0  # of those
         self._status = sorted(((number(s.get("time_s")) or 0.0, i) for i, s in enumerate(recording.status)))
         self._place(-math.inf)
@@ -77,6 +81,35 @@ class RecordedState(State):
             self.put(key, *column.until(time_s))
         self.head = {"span": list(self.span_s), "at": time_s}
         self.draw_field()
+
+    def notice_of(self, event: Event) -> Notice | None:
+        """See `State`: as it was told in the run."""
+        return self._notices.get(id(event))
+
+    def _recorded_events(self) -> Iterator[Event]:
+        """What happened, as events. Of those that cannot be made anew there is what a person was told of them."""
+        recording, kinds = self._recording, set()
+        for said in recording.events:
+            event = _event(said)
+            notice = mapping(said.get("notice"))
+            if event is None:
+                event = Event(number(said.get("time_s")) or 0.0)
+            if words := text(notice.get("text")):
+                level: Level = "error" if notice.get("level") == "error" else "info"
+                self._notices[id(event)] = Notice("warning" if notice.get("level") == "warning" else level, words)
+            kinds.add(type(event.event) if isinstance(event, FromSearch) else type(event))
+            yield event
+        search = recording.search
+        if search is None:
+            return
+        if TakeOffPoint not in kinds and search.origin is not None:
+            yield TakeOffPoint(-math.inf, *search.origin)
+        if PlaceFound not in kinds and (found := search.found) is not None:
+            flown = search.time_s[search.flying]
+            end_s = search.start_s + float(flown[-1]) if len(flown) else 0.0
+            sure = search.outcome.get("outcome") == "found"
+            target = None if search.target == NO_ID else search.target
+            yield PlaceFound(end_s, target, found.north, found.east, found.covariance, sure)
 
     def _place(self, time_s: float) -> None:
         """Put every vehicle's datum of that time on the map."""
@@ -196,25 +229,15 @@ def _objects(value: object) -> list[Mapping[str, Any]]:
     return [mapping(one) for one in value] if isinstance(value, list) else []
 
 
-def _events(recording: Recording) -> Iterator[Event]:
-    """What happened, as events; those that cannot be made anew are left out."""
-    kinds = set()
-    for said in recording.events:
+def _event(said: Mapping[str, Any]) -> Event | None:
+    """An event of a record, None for one that is not known or is none of these. Datums are in the record itself."""
+    with contextlib.suppress(Exception):  # a value in it may be of any type
         event = event_of(said)
-        if event is None or isinstance(event, DatumSet):
-            continue
-        with contextlib.suppress(Exception):  # a value in it may be of any type
-            sentence(event)
-            kinds.add(type(event.event) if isinstance(event, FromSearch) else type(event))
-            yield event
-    search = recording.search
-    if search is None:
-        return
-    if TakeOffPoint not in kinds and search.origin is not None:
-        yield TakeOffPoint(-math.inf, *search.origin)
-    if PlaceFound not in kinds and (found := search.found) is not None:
-        flown = search.time_s[search.flying]
-        end_s = search.start_s + float(flown[-1]) if len(flown) else 0.0
-        sure = search.outcome.get("outcome") == "found"
-        target = None if search.target == NO_ID else search.target
-        yield PlaceFound(end_s, target, found.north, found.east, found.covariance, sure)
+        if event is not None and not isinstance(event, DatumSet):
+            search, health = SearchView(Places()), Health({}, {})
+            told = event.event if isinstance(event, FromSearch) else event
+            search.observe(told)
+            health.observe(told)
+            jsons.dump([search.document(), health.vehicles(), health.links()])
+            return event
+    return None

@@ -49,7 +49,7 @@ def event_of(said: Mapping[str, Any]) -> Event | None:
 
     The types of its values are not checked.
     """
-    fields = {name: value for name, value in said.items() if name not in ("event", "by")}
+    fields = {name: value for name, value in said.items() if name not in ("event", "by", "notice")}
     kind = _kinds().get(str(said.get("event")))
     try:
         event = kind(**fields) if kind else None

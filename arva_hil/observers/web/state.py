@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
 from arva_hil.events.searches import FrameHeard, FromSearch
+from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.web import jsons
 from arva_hil.observers.web.health import Health
@@ -142,7 +143,7 @@ class State:
             self._truth.observe(told)
             return
         self._search.observe(told)
-        if (notice := sentence(event, named=self.is_named)) is not None:
+        if (notice := self.notice_of(event)) is not None:
             said = f"[{jsons.number(event.time_s - (self._start_s or 0.0), 2)},{jsons.text(notice.level)},"
             self._events.extend([said + jsons.text(notice.text) + "]"], self.version)
 
@@ -185,6 +186,10 @@ class State:
     def field(self) -> bytes:
         """`/field.json`."""
         return self._truth.lines
+
+    def notice_of(self, event: Event) -> Notice | None:
+        """An event for a person; None if a person is told nothing."""
+        return sentence(event, named=self.is_named)
 
     # -- out -----------------------------------------------------------------------------------------------
 
