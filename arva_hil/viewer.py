@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.events import DatumSet, Event, ReceiverStatus, StatusReport, VehicleStatus
-from arva_hil.events.searches import FromSearch, PlaceFound, TakeOffPoint
+from arva_hil.events.searches import FromSearch, PlaceFound, TakeOffPoint, WaitingFor
 from arva_hil.field import LocalFrame
 from arva_hil.observers.console.event_json import event_of
 from arva_hil.observers.console.notice import Level, Notice
@@ -236,8 +236,9 @@ def _event(said: Mapping[str, Any]) -> Event | None:
         if event is not None and not isinstance(event, DatumSet):
             search, health = SearchView(Places()), Health({}, {})
             told = event.event if isinstance(event, FromSearch) else event
-            search.observe(told)
-            health.observe(told)
+            for one in (WaitingFor(0.0, "pose"), told):
+                search.observe(one)
+                health.observe(one)
             jsons.dump([search.document(), health.vehicles(), health.links()])
             return event
     return None

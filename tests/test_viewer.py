@@ -121,7 +121,7 @@ def test_the_log_of_a_search_alone(record: Path) -> None:
         '{"event": "status", "time_s": 1.0, "vehicles": [{"name": 5, "rates": [1], "receivers": "x"}]}',
         '{"event": "unheard_of", "time_s": 1.0, "notice": {"level": "panic", "text": "<b>\\u202e"}}',
         '{"event": "place_found", "time_s": 1.0, "by": "search"}',
-        '{"event": "transmitter_heard", "time_s": 1.0, "transmitter": [], "distance_m": "", "north_m": {}, "east_m": 0}',
+        '{"event": "transmitter_heard", "time_s": 1.0, "transmitter": [], "distance_m": 1, "north_m": {}, "east_m": 0}',
         '{"event": "link_lost", "time_s": 1.0, "link": {}, "address": 5, "reason": [1]}',
     ],
 )
