@@ -150,6 +150,7 @@ class Run:
         self._layout = RecordLayout(tuple(names), tuple(record_links))
         self._known = _known(chosen) if options.record else {}
         self._traceback = options.verbose > 0
+        self._how = "interrupted"  # the run has ended
         self._recorder: Recorder | None = None
         self._record_failed = False
         self._now = 0.0  # when the newest event was
@@ -185,7 +186,7 @@ class Run:
     def __exit__(self, *_: object) -> None:
         self._guard.__exit__()
         if self.page:
-            self.page.close()
+            self.page.close(self._how)
 
     @functools.cached_property
     def audience(self) -> Audience:
@@ -241,7 +242,7 @@ class Run:
         if self._lines and (why := self._lines.close()) and not failure and not caught:
             failure = Failure(NO_READER if isinstance(self._lines.error, ReaderGone) else FAILED, why)
         code = failure.code if failure else INTERRUPTED if caught else OK
-        how = str(failure) if failure else caught.name if caught else "finished"
+        self._how = how = str(failure) if failure else caught.name if caught else "finished"
         said = [Notice("error", how)] if failure and code != NO_READER else []
         if self._recorder:
             if code == OK and self._recorder.error:

@@ -97,7 +97,7 @@ def main(options: argparse.Namespace) -> int:
             printer.say("dry run: nothing is armed, and nothing that moves the vehicle is ordered")
         page = open_page(options.web, lambda: State("search", options.strategy, known=False), printer.say)
         if page:
-            stack.callback(page.close)
+            stack.callback(lambda: page.close(client.outcome.how if client and client.outcome else "interrupted"))
         planned: list[Event] = []
         live = live_observers(options, None, clock.epoch_us)
         if options.gcs:

@@ -18,7 +18,8 @@ _UPDATE_S: Final = 0.1  # while somebody looks
 _IDLE_S: Final = 0.5
 _LOOKING_S: Final = 3.0  # after the last request
 _FIELD_S: Final = 2.0  # between two pictures of the field
-_LAST_S: Final = 0.3  # for browsers to hear that the run has ended
+_LAST_S: Final = 1.5  # at most, for browsers to hear that the run has ended
+_SENT_S: Final = 0.05  # for an answer to be on its way
 _MOST_WAITING: Final = 100_000  # events
 _SWITCH_S: Final = 0.0005  # the longest that the loop waits for a thread of the page that computes
 
@@ -26,7 +27,7 @@ _SWITCH_S: Final = 0.0005  # the longest that the loop waits for a thread of the
 class WebPage:
     """Serves the page of one run from `address` on. Raises WebError.
 
-    `observe` only puts the event into a queue of bounded size. Remembers when the page was asked for last.
+    `observe` only puts the event into a queue of bounded size. Remembers when each connection has asked last.
     """
 
     def __init__(self, address: Address, state: State) -> None:
@@ -35,7 +36,7 @@ class WebPage:
         self._lock = threading.Lock()  # of the state; the loop never takes it
         self._closing = threading.Event()
         self._clock = RealClock()
-        self._asked_s = -_LOOKING_S
+        self._asked_s: dict[int, float] = {}  # by the thread of the connection
         self._drawn_s = -_FIELD_S
         self._server = Server(address, {"/state.json": self._state_json, "/field.json": self._field_json})
         self.address = self._server.address
@@ -47,7 +48,7 @@ class WebPage:
         if not isinstance(event, PacketsReceived | BytesSent):
             self._waiting.append(event)
 
-    def close(self, how: str = "the run has ended") -> None:
+    def close(self, how: str = "ended") -> None:
         """Show how it ended, give the browsers a moment to ask, and stop."""
         if self._closing.is_set():
             return
@@ -55,18 +56,25 @@ class WebPage:
         with self._lock:
             self._update()
             self.state.end(how)
-        if self._looked_at:
-            threading.Event().wait(_LAST_S)
+            looking, self._asked_s = self._looking(), {}
+        until = self._clock.now() + _LAST_S
+        while looking - self._asked_s.keys() and self._clock.now() < until:
+            self._clock.wait(self._clock.now() + _SENT_S)
+        if looking:
+            self._clock.wait(self._clock.now() + _SENT_S)
         self._server.close()
 
-    @property
-    def _looked_at(self) -> bool:
-        return self._clock.now() - self._asked_s < _LOOKING_S
+    def _looking(self) -> set[int]:
+        """The connections that have asked of late."""
+        now = self._clock.now()
+        return {thread for thread, asked_s in tuple(self._asked_s.items()) if now - asked_s < _LOOKING_S}
 
     def _work(self) -> None:
-        while not self._closing.wait(_UPDATE_S if self._looked_at else _IDLE_S):
+        while not self._closing.wait(_UPDATE_S if self._looking() else _IDLE_S):
             with self._lock:
                 self._update()
+                for thread in self._asked_s.keys() - self._looking():
+                    del self._asked_s[thread]
 
     def _update(self) -> None:
         batch = list[Event]()
@@ -84,9 +92,9 @@ class WebPage:
             self.state.draw_field()
 
     def _state_json(self, query: Mapping[str, str]) -> bytes:
-        self._asked_s = self._clock.now()
         since = query.get("since", "")
         with self._lock:
+            self._asked_s[threading.get_ident()] = self._clock.now()
             return self.state.document(int(since) if since.isdecimal() and len(since) < 16 else 0)
 
     def _field_json(self, query: Mapping[str, str]) -> bytes:

@@ -16,6 +16,7 @@ from arva_hil.observers.web.history import History
 from arva_hil.observers.web.places import Places
 from arva_hil.observers.web.search_view import SEARCH, SearchView
 from arva_hil.observers.web.truth import Truth
+from arva_hil.safe_text import one_line
 
 _MOST_EVENTS: Final = 200
 _MOST_FRAMES: Final = 2000  # of one update; of more, as of a replay at full speed, every n-th is shown
@@ -120,7 +121,7 @@ class State:
 
     def end(self, how: str) -> None:
         """The run has ended: how."""
-        self._ended = how
+        self._ended = one_line(how)
         self._new_version()
 
     def fail(self, why: str) -> None:

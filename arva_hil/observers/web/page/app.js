@@ -147,7 +147,7 @@ function showLegend(state, shown) {
 
 function showBanner() {
   const ended = store.state?.ended;
-  const words = ended ? `The run is over: ${ended}. This is how it ended.` : failures >= 2 ? "No connection: the program has ended, or the network is away. What you see is old." : "";
+  const words = ended ? `The run is over: ${ended}` : failures >= 2 ? "No connection: the program has ended, or the network is away. What you see is old." : "";
   $("banner").hidden = !words;
   if ($("banner").textContent !== words) $("banner").textContent = words;
 }
