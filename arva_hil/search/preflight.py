@@ -133,9 +133,7 @@ class Preflight:
             return False
         permitted = self._permitted(now)
         ready = self._count_down(now) if permitted is True else permitted
-        if (
-            ready is True or not self._alone
-        ):  # a person is asked only if everything is ready, which may change meanwhile
+        if ready is True or not self._alone:  # again after a person was asked, because it may have changed
             self._alone = True
             if others := other_readers(self._receiver.name):
                 what = f"{self._receiver.name} is read by {', '.join(others)} too, and each gets a part of the frames"
