@@ -144,7 +144,7 @@ def test_the_image_is_made_of_what_is_there() -> None:
     copied = [name for line in lines if line[:1] == ["COPY"] and "--from=build" not in line for name in line[1:-1]]
     assert all((ROOT / name).exists() for name in copied)
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    project_files = {"pyproject.toml", project["project"]["readme"], *project["project"]["license-files"]}
+    project_files = {"pyproject.toml", "hatch_build.py", "README.md", *project["project"]["license-files"]}
     wheel = project["tool"]["hatch"]["build"]["targets"]["wheel"]
     packages = {*wheel["packages"], *wheel["force-include"]}
     assert set(copied) == project_files | packages

@@ -26,7 +26,7 @@ Arva = Callable[..., Any]
         ("--por pty", "--por pty", "arva-hil run --help"),
         ("--port", "--port", "expected one argument\n"),
         ("--port --json", "--port", "expected one argument\n"),
-        ("search --area -9,-9,9,9", "--area: expected one argument", "begins with a dash after =: --area=-9,-9,9,9"),
+        ("search --area -x,-9,9,9", "--area: expected one argument", "begins with a dash after =: --area=-x,-9,9,9"),
         ("--port pty --rate 0", "--rate: '0'", "a number of Hz 0.1…50"),
         ("--port pty --rate 51", "--rate: '51'", "a number of Hz 0.1…50"),
         ("--port pty --rate nan", "--rate: 'nan'", "a number of Hz 0.1…50"),
