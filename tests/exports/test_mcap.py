@@ -6,7 +6,9 @@ import csv
 import io
 import json
 import os
+import re
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from datetime import datetime
 from pathlib import Path
@@ -20,6 +22,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
+from arva_hil.cli.main import main
 from arva_hil.recordings import load
 from arva_hil.registry import EXPORTS
 from tests.messages.oracle import plain
@@ -146,3 +149,16 @@ def test_ros_2_itself_reads_every_message(tmp_path: Path) -> None:
     assert [[tuple(slot) for slot in reading] for reading in told["readings"]] == [heard for _, heard, _ in frames]
     assert told["left_out"] in ([], ["tf2_msgs"])  # which PyPI's build of ROS 2 has not
     assert sum(told["counts"].values()) >= len(list(by_mcap(path))) * (0.8 if told["left_out"] else 1)
+
+
+def test_without_the_package_the_command_to_install_it_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(EXPORTS, "loaded", {})
+    for name in ("arva_hil.exports.mcap", "mcap.writer"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "mcap", None)
+    assert main(["export", str(write(tmp_path / "run", 3)), "--out", str(tmp_path / "x.mcap")]) == 2
+    said = r"--format mcap needs mcap(\.writer)?, which is missing: pip install 'arva-hil\[mcap\]'"
+    assert re.search(said, capsys.readouterr().err)
+    assert not (tmp_path / "x.mcap").exists()
