@@ -9,7 +9,7 @@ from arva_hil.field.keying import Keying
 
 __all__ = ["Pulse", "PulseTimeline", "SentPulse"]
 
-_CHUNK_PULSES: Final = 256  # made at a time, about
+_STRETCH_PULSES: Final = 128  # made at a time, about
 
 
 class Pulse(NamedTuple):
@@ -29,7 +29,8 @@ class SentPulse(NamedTuple):
 
 
 class PulseTimeline:
-    """The pulses of transmitters, by `keyings` in their order. Remembers those of a stretch of time that is near.
+    """The pulses of transmitters, by `keyings` in their order. Remembers those of a stretch of time that is near, and
+    prepares the next stretch meanwhile, one transmitter at a time, so that no call takes long.
 
     Asking goes forward: `next_end` and `take` never give a pulse that ended earlier than one already taken.
     """
@@ -37,17 +38,21 @@ class PulseTimeline:
     def __init__(self, keyings: Sequence[Keying], start_s: float) -> None:
         self._keyings = keyings
         rate = sum(1 / keying.period_s for keying in keyings)
-        self._chunk_s = max(2 * max((k.period_s for k in keyings), default=1.0), _CHUNK_PULSES / max(rate, 1e-3))
+        self._stretch_s = max(2 * max((k.period_s for k in keyings), default=1.0), _STRETCH_PULSES / max(rate, 1e-3))
         self._margin_s = max((keying.pulse_s for keying in keyings), default=0.0)
-        self._until_s = start_s
         self._waiting: list[SentPulse] = []  # the next one last
+        self._begin(start_s)
 
     def next_end(self, after_s: float, until_s: float) -> float:
         """The end of the first pulse that ends after `after_s`; `until_s` if there is none before."""
         while self._waiting and self._waiting[-1].pulse.end_s <= after_s:
             self._waiting.pop()
-        while not self._waiting and self._until_s < until_s:
-            self._fill(max(self._until_s, after_s))
+        if self._prepared < len(self._keyings):
+            self._prepare()
+        while not self._waiting and self._from_s < until_s:
+            if after_s > self._from_s:
+                self._begin(after_s)
+            self._fill()
         return min(self._waiting[-1].pulse.end_s, until_s) if self._waiting else until_s
 
     def take(self, until_s: float) -> Iterator[SentPulse]:
@@ -55,25 +60,34 @@ class PulseTimeline:
         while self._waiting and self._waiting[-1].pulse.end_s <= until_s:
             yield self._waiting.pop()
 
-    def _fill(self, from_s: float) -> None:
-        """The pulses that end after `from_s`, for a while."""
-        until_s = from_s + self._chunk_s
-        every = sorted(self._pulses(from_s - 2 * self._margin_s, until_s + self._margin_s), key=lambda p: p.start_s)
-        touching = _touching(every)
+    def _begin(self, from_s: float) -> None:
+        """The next stretch is that of the pulses that end after `from_s`."""
+        self._from_s = from_s
+        self._next: list[Pulse] = []
+        self._prepared = 0  # so many transmitters' pulses are in it
+
+    def _prepare(self) -> None:
+        """Add one transmitter's pulses to the next stretch."""
+        sender = self._prepared
+        t0, t1 = self._from_s - 2 * self._margin_s, self._from_s + self._stretch_s + self._margin_s
+        _, *columns = self._keyings[sender].pulses(t0, t1)
+        self._next += [Pulse(sender, *row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+        self._prepared += 1
+
+    def _fill(self) -> None:
+        """Go on to the next stretch."""
+        while self._prepared < len(self._keyings):
+            self._prepare()
+        until_s = self._from_s + self._stretch_s
+        every = sorted(self._next, key=lambda pulse: pulse.start_s)
         sent = [
             SentPulse(pulse, tuple(others))
-            for pulse, others in zip(every, touching, strict=True)
-            if from_s < pulse.end_s <= until_s
+            for pulse, others in zip(every, _touching(every), strict=True)
+            if self._from_s < pulse.end_s <= until_s
         ]
         sent.sort(key=lambda one: one.pulse.end_s, reverse=True)
         self._waiting = sent
-        self._until_s = until_s
-
-    def _pulses(self, t0: float, t1: float) -> Iterator[Pulse]:
-        for index, keying in enumerate(self._keyings):
-            of = keying.pulses(t0, t1)
-            for start, end, amplitude in zip(of.starts.tolist(), of.ends.tolist(), of.amplitudes.tolist(), strict=True):
-                yield Pulse(index, start, end, amplitude)
+        self._begin(until_s)
 
 
 def _touching(every: Sequence[Pulse]) -> list[list[Pulse]]:

@@ -1,0 +1,79 @@
+"""Draws the pictures of docs/explanation/pulsed.md into tools/figures.
+
+python tools/receiver_pictures.py [--out DIR]
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.figure import Figure
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from arva_hil.field.keying import KEYING_CLASSES
+from arva_hil.receiver.display import Display
+from arva_hil.receiver.listening import NoiseDraws
+from tools.paper_figures import MUTED, save, title
+from tools.receiver_figures import AXIS, EQUATOR, KAPPA_EQ, field, options, sets
+
+SIGMA_NA_M: Final = 0.65
+THRESHOLD_NA_M: Final = 2.25
+
+
+def bounce(figure: Figure) -> None:
+    """What a display shows of single pulses, on the axis and beside it."""
+    figure.set_figheight(6)
+    axes = figure.add_subplot()
+    chosen = options(noise_na_m=SIGMA_NA_M, threshold_na_m=THRESHOLD_NA_M)
+    display, draws, random = Display(chosen, KAPPA_EQ), NoiseDraws(1), np.random.default_rng(1)
+    for n, (name, way) in enumerate((("on the axis", AXIS), ("beside", EQUATOR))):
+        places = random.uniform(2, 90, 2000)
+        shown = []
+        for metres in places.tolist():
+            signal = field(metres * np.asarray(way))
+            x, y, z = (signal + np.array(draws.draw(SIGMA_NA_M / chosen.scale_na_m))).tolist()
+            one = display.shown(0, (x, y, z))
+            shown.append(one.d_cm / 100 if one else -1.0 - n)
+        axes.scatter(places, shown, 5, lw=0, alpha=0.6, color=f"C{n}", label=name)
+    axes.plot([0, 90], [0, 90], color=MUTED, lw=1, ls=(0, (4, 3)))
+    axes.set(xlim=(0, 90), ylim=(-4, 80), xlabel="true distance, m", ylabel="d, m")
+    title(
+        axes, "d of single pulses with noise of 0.65 nA/m", "Below zero: nothing shown. The line is d = true distance."
+    )
+    figure.legend(loc="outside lower center", ncols=2, markerscale=4)
+
+
+def overlap(figure: Figure) -> None:
+    """When the sets of four people send, of two classes."""
+    figure.set_figheight(5)
+    for axes, name in zip(figure.subplots(2, sharex=True), ("analogue", "modern"), strict=True):
+        every = [one.pulses(0.0, 20.0) for one in sets(KEYING_CLASSES[name], 4, 3)]
+        for n, pulses in enumerate(every):
+            lengths = pulses.ends - pulses.starts
+            axes.broken_barh(list(zip(pulses.starts, lengths, strict=True)), (n + 0.6, 0.8), color=f"C{n}")
+        axes.set(xlim=(0, 20), yticks=range(1, 5), ylabel=name)
+    axes.set_xlabel("time, s")
+    figure.suptitle("Pulses of four sets", x=0.01, ha="left")
+
+
+PICTURES: Final = {"pulsed_distance": bounce, "pulsed_overlap": overlap}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "figures", help="default: tools/figures")
+    folder: Path = parser.parse_args().out
+    for name, draw in PICTURES.items():
+        path = folder / f"{name}.png"
+        save(draw, path)
+        print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()
