@@ -75,6 +75,8 @@ def main(options: argparse.Namespace) -> int:
     elif outcome.kind != "found":
         code = code or FAILED
     lines = search_report.result(outcome) + _errors(loop, clock.now())
+    if surroundings.page:
+        lines.append(f"to see it again: arva-hil view {options.record}")
     for line in lines + search_report.close_log(log, outcome, code, clock.epoch_us + start * 1e6, _truth(loop)):
         tell(line)
     return code

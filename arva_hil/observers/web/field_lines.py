@@ -32,8 +32,8 @@ Array = NDArray[np.float64]
 def field_lines(transmitters: Transmitters, down_m: float, kappa_eq: float) -> list[dict[str, Any]]:
     """For each of the first transmitters its lines in the horizontal plane at `down_m`.
 
-    `flux`: lines, each north, east, north, …; `equal_d`: [d in metres, line]; `inner`: the border of the inner zone, if
-    the plane meets it.
+    `index`: of the transmitter; `place`: its north, east. `flux`: lines, each north, east, north, …; `equal_d`: [d in
+    metres, line]; `inner`: the border of the inner zone, if the plane meets it.
     """
     lines = []
     for i, id_ in enumerate(transmitters.ids[:MOST]):
@@ -48,7 +48,10 @@ def field_lines(transmitters: Transmitters, down_m: float, kappa_eq: float) -> l
             transmitters.strengths[i : i + 1],
         )
         equal_d, inner = _equal_d(one, down_m, kappa_eq)
-        lines.append({"id": id_, "flux": _flux(one, down_m), "equal_d": equal_d, "inner": inner})
+        place = _line(one.positions[:, :2])
+        lines.append(
+            {"index": i, "id": id_, "place": place, "flux": _flux(one, down_m), "equal_d": equal_d, "inner": inner}
+        )
     return lines
 
 

@@ -34,6 +34,7 @@ class Truth:
         self._around: dict[str, Transmitters] = {}  # by vehicle
         self._offsets: dict[str, tuple[float, float, float]] = {}
         self._there: Transmitters | None = None  # all of them, in the map
+        self._owners: list[list[str]] = []  # the vehicles whose receivers are among them
         self._drawn: tuple[Transmitters, float] | None = None
 
     def observe(self, report: StatusReport) -> None:
@@ -49,7 +50,7 @@ class Truth:
                 changed = True
         if changed:
             self._there = self._merged()
-            self.text = _text(self._there)
+            self.text = _text(self._there, self._owners)
 
     def draw(self, down_m: float | None) -> bool:
         """Compute the lines anew if transmitters have moved, or the plane has; whether that was so.
@@ -77,6 +78,7 @@ class Truth:
     def _merged(self) -> Transmitters:
         """The transmitters of all vehicles, those that are at the same place once."""
         every: dict[tuple[Any, ...], tuple[int, Any, Any, float]] = {}
+        owners: dict[tuple[Any, ...], list[str]] = {}
         unplaced = set()
         for vehicle, there in self._around.items():
             places = there.positions + np.array(self._offsets[vehicle])
@@ -86,8 +88,10 @@ class Truth:
                 elif len(every) < _MOST_TRANSMITTERS:
                     key = (id_, *(round(x, 1) for x in place))
                     every.setdefault(key, (id_, place, there.rotations[i], float(there.strengths[i])))
+                    owners.setdefault(key, []).append(vehicle)
         ids, positions, rotations, strengths = zip(*every.values(), strict=True) if every else ((), (), (), ())
         n = len(ids)
+        self._owners = list(owners.values())
         return Transmitters(
             ids, np.array(positions).reshape(n, 3), np.array(rotations).reshape(n, 3, 3), np.array(strengths)
         )
@@ -101,13 +105,19 @@ def _alike(a: Transmitters, b: Transmitters) -> bool:
     )
 
 
-def _text(there: Transmitters) -> str:
-    """A list of objects: id, place and axis of the dipole, NED, and strength."""
+def _text(there: Transmitters, owners: list[list[str]]) -> str:
+    """A list of objects: id, place and axis of the dipole, NED, strength, and the vehicles that may hear it."""
     columns = zip(
-        there.ids, there.positions.tolist(), there.rotations[:, :, 0].tolist(), there.strengths.tolist(), strict=True
+        there.ids,
+        there.positions.tolist(),
+        there.rotations[:, :, 0].tolist(),
+        there.strengths.tolist(),
+        owners,
+        strict=True,
     )
     every = (
-        f'{{"id":{id_},"place":{jsons.numbers(place)},"axis":{jsons.numbers(axis)},"strength":{jsons.number(strength)}}}'
-        for id_, place, axis, strength in columns
+        f'{{"id":{id_},"place":{jsons.numbers(place)},"axis":{jsons.numbers(axis)},"strength":{jsons.number(strength)},'
+        f'"of":{jsons.dump(of)}}}'
+        for id_, place, axis, strength, of in columns
     )
     return "[" + ",".join(every) + "]"

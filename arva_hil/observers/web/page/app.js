@@ -86,9 +86,9 @@ function show() {
   showChecks(checks(state, last, !state.ended && !failures && old, chosen), failures < 2 || state.ended);
   showCounters(state);
   showEvents(store.events);
-  showSearch(state.search, shown, state.transmitters);
+  showSearch(state.search, shown, own(state.transmitters));
   showMap({
-    truth: shown, transmitters: state.transmitters, field: field.transmitters, search: state.search, chosen,
+    truth: shown, all: state.transmitters, transmitters: own(state.transmitters), field: field.transmitters, search: state.search, chosen,
     vehicles: vehicles(),
   });
   $("map").setAttribute("aria-label", describe(state, last, shown));
@@ -108,9 +108,15 @@ function vehicles() {
   return [...found.values()];
 }
 
+// Of vehicles with homes of their own each has its own transmitters: those of the one that is shown.
+function own(transmitters) {
+  const vehicle = chosen.slice(0, chosen.lastIndexOf("/"));
+  return transmitters.filter((one) => one.of.includes(vehicle) || !chosen);
+}
+
 function describe(state, last, shown) {
   const parts = [last && last[N] !== null ? `vehicle at ${last[N].toFixed(1)} m north, ${last[E].toFixed(1)} m east` : "vehicle not placed"];
-  if (shown) for (const one of state.transmitters.slice(0, 8)) parts.push(`transmitter ${one.id} at ${one.place[0].toFixed(1)} m north, ${one.place[1].toFixed(1)} m east`);
+  if (shown) for (const one of own(state.transmitters).slice(0, 8)) parts.push(`transmitter ${one.id} at ${one.place[0].toFixed(1)} m north, ${one.place[1].toFixed(1)} m east`);
   if (state.search?.found) parts.push(`place found at ${state.search.found.place[0].toFixed(1)} m north, ${state.search.found.place[1].toFixed(1)} m east`);
   return `Map: ${parts.join("; ")}. Arrow keys move it, plus and minus zoom.`;
 }

@@ -65,7 +65,7 @@ function draw() {
   if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
   ink.setTransform(ratio, 0, 0, ratio, 0, 0);
   const own = scene.vehicles.find((vehicle) => vehicle.key === scene.chosen), here = own && glides.get(own.key) && now(glides.get(own.key));
-  const field = scene.field.map((lines) => ({ ...lines, place: scene.transmitters.find(({ id }) => id === lines.id)?.place })).filter((lines) => lines.place);
+  const field = scene.field.filter((lines) => scene.all[lines.index]?.id === lines.id && scene.transmitters.includes(scene.all[lines.index]));
   if (view.mode === "fit") view.frame(bounds());
   else if (view.mode === "follow" && here) { view.north = here[0]; view.east = here[1]; }
   ink.fillStyle = css("--ground");
@@ -87,16 +87,18 @@ function draw() {
   if (moving) ask();
 }
 
-function path(line, closed = false) {
+// `one`: whose line it is; its transmitter may have moved since it was drawn.
+function path(line, one, closed = false) {
+  const [north, east] = scene.all[one.index].place, n = north - one.place[0], e = east - one.place[1];
   ink.beginPath();
-  for (let i = 0; i < line.length; i += 2) ink.lineTo(view.x(line[i + 1]), view.y(line[i]));
+  for (let i = 0; i < line.length; i += 2) ink.lineTo(view.x(line[i + 1] + e), view.y(line[i] + n));
   if (closed) ink.closePath();
 }
 
 function drawZones(one) {
   const outer = one.equal_d.find(([d]) => d === 50);
-  if (outer) { path(outer[1], true); ink.fillStyle = css("--mid"); ink.globalAlpha = 0.8; ink.fill(); ink.globalAlpha = 1; }
-  if (one.inner.length) { path(one.inner, true); ink.fillStyle = css("--inner"); ink.fill(); }
+  if (outer) { path(outer[1], one, true); ink.fillStyle = css("--mid"); ink.globalAlpha = 0.8; ink.fill(); ink.globalAlpha = 1; }
+  if (one.inner.length) { path(one.inner, one, true); ink.fillStyle = css("--inner"); ink.fill(); }
 }
 
 function drawGrid() {
@@ -122,12 +124,12 @@ function drawField(one, alone) {
   ink.strokeStyle = alone ? css("--field") : colourOf(one.id);
   ink.lineWidth = 0.9;
   ink.globalAlpha = alone ? 0.6 : 0.35;
-  for (const line of one.flux) { path(line); ink.stroke(); }
+  for (const line of one.flux) { path(line, one); ink.stroke(); }
   ink.globalAlpha = alone ? 1 : 0.6;
   ink.setLineDash([2, 4]);
   ink.lineWidth = 1.2;
   for (const [d, line] of one.equal_d) {
-    path(line, true);
+    path(line, one, true);
     ink.stroke();
     const at = LABELS.map((share) => Math.floor((line.length / 2 - 1) * share) * 2)
       .find((i) => visible(view.x(line[i + 1]), view.y(line[i])) && Math.hypot(line[i] - one.place[0], line[i + 1] - one.place[1]) * view.scale > 50);
