@@ -220,40 +220,29 @@ def test_a_record_at_any_time(start: Start, tab: Tab, record: Path) -> None:
     program.stops()
 
 
-@pytest.mark.parametrize("how", ["light", "dark", "phone"])
-def test_nothing_keeps_anybody_from_using_it(start: Start, browser: Any, record: Path, how: str) -> None:
+def test_nothing_keeps_anybody_from_using_it(start: Start, tab: Tab, record: Path) -> None:
+    """By axe-core, in light and dark and on a phone; and with the keyboard alone."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
-    phone = {"viewport": {"width": 390, "height": 844}, "is_mobile": True, "has_touch": True}
-    tab = Tab(browser, color_scheme="dark" if how == "dark" else "light", reduced_motion="reduce")
-    if how == "phone":
-        tab.page.set_viewport_size(phone["viewport"])
     program = start("view", record, *WEB)
     tab.open(url_of(program))
     tab.shows("#phase", "ended")
-    result = axe.Axe().run(tab.page)
-    assert result.violations_count == 0, result.generate_report()
-    assert tab.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-    tab.close()
-    program.stops()
-
-
-def test_the_keyboard_reaches_everything_and_moves_the_map(start: Start, tab: Tab, record: Path) -> None:
-    program = start("view", record, *WEB)
-    tab.open(url_of(program))
     reached = []
     for _ in range(25):
         tab.page.keyboard.press("Tab")
         reached.append(tab.page.evaluate("document.activeElement.id || document.activeElement.textContent"))
     wanted = {"truth", "sound", "map", "fit", "follow", "closer", "wider", "play", "slider", "speed", "events"}
     assert wanted <= set(reached)
-    fit = tab.page.locator("#fit")
     tab.page.locator("#map").focus()
-    tab.page.keyboard.press("ArrowLeft")
-    assert fit.get_attribute("aria-pressed") == "false"
-    tab.page.keyboard.press("0")
-    assert fit.get_attribute("aria-pressed") == "true"
-    tab.page.keyboard.press("f")
-    assert tab.page.locator("#follow").get_attribute("aria-pressed") == "true"
+    for key, fit, follow in (("ArrowLeft", "false", "false"), ("0", "true", "false"), ("f", "false", "true")):
+        tab.page.keyboard.press(key)
+        assert tab.page.locator("#fit").get_attribute("aria-pressed") == fit
+        assert tab.page.locator("#follow").get_attribute("aria-pressed") == follow
+    for scheme, width in (("light", 1280), ("dark", 1280), ("light", 390)):
+        tab.page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+        tab.page.set_viewport_size({"width": width, "height": 844})
+        result = axe.Axe().run(tab.page)
+        assert result.violations_count == 0, result.generate_report()
+        assert tab.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     program.stops()
 
 
