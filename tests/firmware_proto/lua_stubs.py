@@ -16,7 +16,9 @@ import lupa.lua53 as lupa
 import pytest
 
 import firmware_proto
-from firmware_proto import Channel, Frame
+from firmware_proto import Answer, Channel, Command, Frame, LevelChannel, Measured, VectorChannel
+from firmware_proto.commands import NAMES
+from firmware_proto.measured import MeasuredMessage
 
 FOLDER = Path(firmware_proto.__file__).parent / "ardupilot"
 VM_I_COUNT = 10_000
@@ -174,6 +176,14 @@ local function count(run)
    return steps
 end
 
+-- gives a decoder of messages a chunk, as a driver does
+local function feed_messages(decoder, chunk, now)
+   decoder.tell_time(now)
+   for k = 1, #chunk do
+      decoder.take(chunk:byte(k), now)
+   end
+end
+
 -- a port that holds one chunk
 local function chunk_port()
    local text, at = "", 0
@@ -183,7 +193,7 @@ local function chunk_port()
    }
 end
 
-return sandbox, compile, limited, count, chunk_port()
+return sandbox, compile, limited, count, chunk_port(), feed_messages
 """
 
 
@@ -229,7 +239,8 @@ class Autopilot:
         self._line: deque[int] = deque()
         self._lua = lupa.LuaRuntime(encoding="latin-1", unpack_returned_tuples=True)
         parts = self._lua.execute(_SANDBOX, self, os.fspath(folder))
-        self.env, self._compile, self._limited, self.count, self.chunk_port = parts
+        self.env, self._compile, self._limited, self.count, self.chunk_port, self.feed_messages = parts
+        self.table = self._lua.table_from
         self._next: Any = None
         self._next_ms = 0
 
@@ -451,3 +462,52 @@ class LuaDecoder:
     @property
     def counters(self) -> dict[str, int]:
         return {name: self._decoder[name] for name in ("good", "bad_crc", "dropped", "lost")}
+
+
+class LuaMessageDecoder:
+    """The Lua decoder of messages of all kinds: the same messages as Python's decoders give."""
+
+    def __init__(self, autopilot: Autopilot) -> None:
+        self._messages: list[Any] = []
+        self._feed = autopilot.feed_messages
+        self._table = autopilot.table
+        self._script = autopilot.require("arva_receiver")
+        want = autopilot.table(dict.fromkeys((1, 2, 16, 17), True))
+        self._decoder = self._script.MessageDecoder(want, lambda kind, m: self._messages.append(as_message(kind, m)))
+
+    def feed(self, chunk: bytes, now: float) -> list[Any]:
+        return self.feed_ms(chunk, round(1000 * now))
+
+    def feed_ms(self, chunk: bytes, now_ms: int) -> list[Any]:
+        self._messages = []
+        self._feed(self._decoder, chunk.decode("latin-1"), now_ms)
+        return self._messages
+
+    def encode(self, command: Command) -> bytes:
+        """Empty when it is refused."""
+        code = NAMES.index(command.name) + 1 if command.name in NAMES else int(command.name.removeprefix("command-"))
+        raw = self._script.encode_command(command.number, code, self._table(list(command.values)))
+        return bytes(raw.values()) if raw else b""
+
+    good = property(lambda self: self._decoder.good)
+    bad_crc = property(lambda self: self._decoder.bad_crc)
+    dropped = property(lambda self: self._decoder.dropped)
+
+
+def as_message(kind: int, m: Any) -> Any:
+    """Of the table that the Lua decoder hands on. Times are 32 bits, which wrap."""
+    if kind in (16, 17):
+        name, values = (
+            NAMES[m.code - 1] if 1 <= m.code <= len(NAMES) else f"command-{m.code}",
+            tuple(m["values"].values()),
+        )
+        return Command(m.number, name, values) if kind == 16 else Answer(m.number, name, m.result, values, m.text)
+    channels: list[Any] = []
+    for c in m.channels.values():
+        who, age = (None if c.id == 255 else c.id, c.zone, c.marked), None if c.age == 65535 else c.age
+        if kind == 2:
+            channels.append(LevelChannel(*who, None if c.level == -0x8000 else c.level, age))
+        else:
+            carrier = None if c.carrier == -0x8000 else c.carrier
+            channels.append(VectorChannel(*who, c.x, c.y, c.z, c.period, carrier, age))
+    return MeasuredMessage(m.sequence, m.status, Measured(m.time & 0xFFFFFFFF, tuple(channels)))

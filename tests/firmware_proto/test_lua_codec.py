@@ -7,13 +7,14 @@ from random import Random
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from lua_stubs import Autopilot, LuaDecoder
+from lua_stubs import Autopilot, LuaDecoder, LuaMessageDecoder
 from wire_reference import FRAMES, Reference
 from wire_vectors import FRAMES as VECTOR_FRAMES
-from wire_vectors import VECTORS, by_name, follow
+from wire_vectors import MESSAGES, VECTORS, by_name, follow, follow_messages
 
 from firmware_proto import Channel, Decoder, Frame, encode
-from tools.random_streams import SECONDS, streams
+from tools.c_messages import python_decoder
+from tools.random_streams import SECONDS, message_streams, streams
 
 STREAMS = int(os.environ.get("ARVA_HIL_LUA_STREAMS", "500"))
 COUNTERS = ("good", "bad_crc", "dropped", "lost")
@@ -21,6 +22,29 @@ PAUSES_MS = (0, 0, 1, 3, 20, 40, 60, 99, 100, 101, 1000, 70_000)
 PIECES = [bytes.fromhex(text) for text in ("A4", "A457", "A45701", "A4570163", "A4570163000010", "A4570109", "")]
 
 autopilot = Autopilot()
+
+
+@pytest.mark.parametrize("value", by_name(VECTORS["messages"]))
+def test_message(value):
+    decoder, message = LuaMessageDecoder(autopilot), MESSAGES[value["name"]]
+    assert decoder.feed(bytes.fromhex(value["hex"]), 0.0) == [message]
+    if value["type"] == "command":
+        assert decoder.encode(message).hex() == value["hex"]
+
+
+@pytest.mark.parametrize("value", by_name(VECTORS["message_streams"]))
+def test_message_stream(value):
+    decoder = LuaMessageDecoder(autopilot)
+    follow_messages(decoder.feed, value, one_byte_a_call=False)
+    assert {name: getattr(decoder, name) for name in value["counters"]} == value["counters"]
+
+
+def test_python_and_lua_make_the_same_of_the_same_messages():
+    for calls in message_streams(457, STREAMS):
+        python, lua = python_decoder(), LuaMessageDecoder(autopilot)
+        for now_ms, chunk in calls:
+            assert lua.feed_ms(chunk, now_ms) == python.feed(chunk, now_ms * SECONDS), calls
+        assert (lua.good, lua.bad_crc, lua.dropped) == (python.good, python.bad_crc, python.dropped)
 
 
 @pytest.mark.parametrize("value", by_name(VECTORS["frames"]))

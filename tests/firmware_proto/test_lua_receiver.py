@@ -7,7 +7,8 @@ from random import Random
 import pytest
 from lua_stubs import FOLDER, Autopilot, as_frame
 
-from firmware_proto import MID, Channel, Decoder, Frame, encode
+from firmware_proto import MID, Answer, Channel, Command, Decoder, Frame, encode
+from firmware_proto.commands import encode_answer, encode_command
 
 NAME = "arva_receiver"
 FOUR = (Channel(3, 2, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17, True), Channel())
@@ -146,7 +147,8 @@ def test_unplugged_inside_a_frame_and_plugged_in_again_inside_another(autopilot,
 def garbage():
     """Streams that cost a decoder most: heads of false frames inside each other, good ones without a pause."""
     random = Random(457)
-    pieces = [bytes.fromhex(h) for h in ("A4", "A457", "A45701", "A4570109", "A4570163000010", "A457010F00", "00")]
+    heads = ("A4", "A457", "A45701", "A4570109", "A4570163000010", "A457010F00", "00", "A45702350011")
+    pieces = [bytes.fromhex(h) for h in heads]
     for k, piece in enumerate(pieces):
         yield f"heads {k}", piece * (3000 // len(piece))
     yield "mixed", b"".join(random.choice(pieces) for _ in range(1200))
@@ -157,22 +159,81 @@ def garbage():
         yield f"n = {n} behind false heads", b"".join(heads)
 
 
+@pytest.mark.parametrize("asking", [False, True], ids=["", "waiting for an answer"])
 @pytest.mark.parametrize("data", [pytest.param(data, id=name) for name, data in garbage()])
-def test_a_pass_costs_less_than_the_scripting_engine_allows(alone, data):
+def test_a_pass_costs_less_than_the_scripting_engine_allows(alone, data, asking):
     """Also when bytes come as fast as 921600 baud brings them; what is left waits in the port and is not lost."""
-    autopilot = Autopilot(alone)
+    autopilot = Autopilot(alone, **({"ARVA_CMD": 7} if asking else {}))
     autopilot.limit = 8000
     autopilot.start(NAME)
     for at in range(0, len(data), 920):
         autopilot.receive(data[at : at + 920])
         autopilot.run(autopilot.time_ms + 10)
-    autopilot.run(autopilot.time_ms + 3000)
+    autopilot.run(autopilot.time_ms + (6000 if asking else 3000))
     autopilot.receive(raw(200))
     autopilot.run(autopilot.time_ms + 20)
     assert rows(autopilot, "ARVA")[-1]["Seq"] == 200
     python = Decoder()
     frames = [frame for ms, byte in autopilot.read_log for frame in python.feed(bytes([byte]), ms * (1 + 1e-9) / 1000)]
     assert len(frames) == sum(row["Ch"] == 1 for row in rows(autopilot, "ARVA"))
+
+
+ANSWERS = encode_answer(Answer(1, "identify", "done", (4,), "x" * 32))
+
+
+def ask(autopilot, code, value=-1):
+    autopilot.params |= {"ARVA_CMD": code, "ARVA_CMD_VAL": value}
+    autopilot.written.clear()
+    autopilot.run(autopilot.time_ms + 20)
+    return bytes(byte for _, byte in autopilot.written)
+
+
+def test_a_command_is_sent_once_and_its_answer_said(autopilot):
+    feed(autopilot, 1, 2)
+    autopilot.said()
+    assert ask(autopilot, 2, 3) == encode_command(Command(1, "mark", (3,)))
+    assert autopilot.params["ARVA_CMD"] == 0
+    autopilot.receive(
+        encode_answer(Answer(9, "mark", "busy")) + raw(2) + encode_answer(Answer(1, "mark", "done", (3,)))
+    )
+    autopilot.receive(raw(3))
+    autopilot.run(autopilot.time_ms + 50)
+    assert autopilot.said() == [PREFIX + "mark 3: done 3"]
+    assert [row["Seq"] for row in rows(autopilot, "ARVA")] == [0, 1, 2, 3]
+    assert ask(autopilot, 1) == encode_command(Command(2, "identify"))
+    autopilot.receive(encode_answer(Answer(2, "identify", "done", (4,), "paper 1.0 binary")))
+    autopilot.run(autopilot.time_ms + 50)
+    assert autopilot.said() == [PREFIX + "identify: done 4 paper 1.0 binary"]
+
+
+def test_a_command_is_repeated_twice_and_then_given_up(autopilot):
+    data = encode_command(Command(1, "scan"))
+    start = autopilot.time_ms
+    assert ask(autopilot, 7) == data
+    autopilot.run(autopilot.time_ms + 5000)
+    times = sorted({ms for ms, byte in autopilot.written if byte == 0xA4})
+    assert [round((ms - start) / 1000, 1) for ms in times] == [0, 1, 2]
+    for at in times[1:]:  # a knock may come in the same pass
+        assert data in bytes(byte for ms, byte in autopilot.written if ms == at)
+    assert PREFIX + "scan: no answer" in autopilot.said()
+
+
+def test_a_restart_is_not_repeated_and_a_second_command_waits(autopilot):
+    ask(autopilot, 5)
+    autopilot.written.clear()
+    autopilot.params |= {"ARVA_CMD": 8, "ARVA_CMD_VAL": -1}
+    autopilot.run(autopilot.time_ms + 500)
+    assert (autopilot.written, autopilot.params["ARVA_CMD"]) == ([], 8)
+    autopilot.run(autopilot.time_ms + 600)
+    assert PREFIX + "restart: no answer" in autopilot.said()
+    assert bytes(byte for _, byte in autopilot.written) == encode_command(Command(2, "search"))
+
+
+def test_the_longest_answer_fits_a_text(autopilot):
+    ask(autopilot, 1)
+    autopilot.receive(ANSWERS)
+    autopilot.run(autopilot.time_ms + 50)
+    assert autopilot.said() == [PREFIX + f"identify: done 4 {'x' * 32}"[:44]]
 
 
 def test_the_table_of_a_frame_holds_no_channel_of_the_one_before():
