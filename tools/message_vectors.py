@@ -222,6 +222,12 @@ def streams(frame: bytes) -> list[Wire]:
         stream(
             "syncs", "nothing but sync bytes", (0, b"\xa4" * 300 + b"\x57" * 300 + b"\xa4\x57" * 150 + done, "done")
         ),
+        stream(
+            "no_sync_behind_a_message",
+            "a message whose first byte is another, right behind a good one in a false candidate",
+            (0, b"\xa4\x57\x02\x35\x00\x11" + mark + b"\xa0" + done[1:] + bytes(40), "do_mark_3"),
+            bad_crc=1,
+        ),
         stream("not_whole", "the end is awaited", (0, done + mark[:5], "done"), awaited=5),
     ]
 

@@ -328,7 +328,8 @@ local function MessageDecoder(want, on_message)
 
    -- the bytes that the candidate needs, as far as it tells; 0 when it is a false one
    local function needs()
-      if (count > 1 and held[first + 1 & 255] ~= SYNC_1) or (count > 2 and held[first + 2 & 255] ~= VERSION_2) then
+      if held[first] ~= SYNC_0 or (count > 1 and held[first + 1 & 255] ~= SYNC_1)
+            or (count > 2 and held[first + 2 & 255] ~= VERSION_2) then
          return 0
       end
       if count < MESSAGE_HEAD_BYTES then

@@ -13,12 +13,18 @@ SIZE = 58
 ROW = re.compile(r"^\| (?:(\d)k \+ )?(\d+) \| (\w+) \|", re.MULTILINE)
 LAYOUT = {name: (int(step or 0), int(offset)) for step, offset, name in ROW.findall(README)}
 
-MESSAGE = (FOLDER / "msg" / "ArvaReading.msg").read_text(encoding="utf-8")
+
+def message_of(topic):
+    name = "".join(word.capitalize() for word in topic.split("_"))
+    return (FOLDER / "msg" / f"{name}.msg").read_text(encoding="utf-8")
+
+
+MESSAGE = message_of("arva_reading")
 HEADERS = """containers/LockGuard.hpp drivers/drv_hrt.h parameters/param.h px4_platform_common/Serial.hpp
     px4_platform_common/cli.h
     px4_platform_common/getopt.h px4_platform_common/log.h px4_platform_common/module.h systemlib/mavlink_log.h
     px4_platform_common/px4_work_queue/ScheduledWorkItem.hpp uORB/Publication.hpp uORB/topics/arva_reading.h
-    uORB/topics/debug_array.h"""
+    uORB/topics/debug_array.h uORB/topics/arva_answer.h uORB/topics/arva_pulses.h"""
 
 # What the module uses of PX4: a clock, a port that may be unplugged, a work item, topics. int32_t is long,
 # as it is on a board.
@@ -44,6 +50,7 @@ typedef long board_int32_t;
 #define PRINT_MODULE_DESCRIPTION(text)
 #define PRINT_MODULE_USAGE_NAME(...)
 #define PRINT_MODULE_USAGE_COMMAND(...)
+#define PRINT_MODULE_USAGE_COMMAND_DESCR(...)
 #define PRINT_MODULE_USAGE_PARAM_STRING(...)
 #define PRINT_MODULE_USAGE_PARAM_INT(...)
 #define PRINT_MODULE_USAGE_DEFAULT_COMMANDS()
@@ -73,6 +80,9 @@ static bool fails = false;         // an unplugged port says so, others are sile
 static std::string line, said;
 static std::vector<debug_array_s> published;
 static std::vector<arva_reading_s> readings;
+static std::vector<arva_answer_s> answers;
+static std::vector<arva_pulses_s> pulses;
+static std::string sent;
 static void (*interrupt)() = nullptr;  // what happens in the middle of the next line of the shell's
 static int advertised = 0;
 template <typename... Args> void say(const char *level, const char *format, Args... args)
@@ -114,6 +124,7 @@ struct Serial {
 	bool open() { opened = plugged; return true; }
 	bool close() { opened = 0; return true; }
 	void flush() { line.clear(); }
+	ssize_t write(const void *bytes, size_t size) { sent.append((const char *)bytes, size); return (ssize_t)size; }
 	ssize_t read(uint8_t *bytes, size_t size)
 	{
 		if (opened != plugged || line.empty()) {
@@ -145,6 +156,8 @@ template <typename T> struct Publication {
 	void advertise() { advertised++; }
 	void publish(const debug_array_s &message) { published.push_back(message); }
 	void publish(const arva_reading_s &message) { readings.push_back(message); }
+	void publish(const arva_answer_s &message) { answers.push_back(message); }
+	void publish(const arva_pulses_s &message) { pulses.push_back(message); }
 };
 }
 template <typename T> struct Holder {
@@ -159,6 +172,8 @@ template <typename T> struct ModuleBase {
 	virtual ~ModuleBase() {}
 	virtual int print_status() = 0;
 	bool should_exit() const { return stopping; }
+	static bool is_running() { return _object.object != nullptr; }
+	static T *get_instance() { return _object.object; }
 	static void exit_and_cleanup() { delete _object.object; _object.object = nullptr; stopping = false; }
 	static int main(int argc, char **argv)
 	{
@@ -192,6 +207,11 @@ size_t count() { return published.size(); }
 const void *at(size_t k) { return &published[k]; }
 size_t readings_count() { return readings.size(); }
 const void *reading_at(size_t k) { return &readings[k]; }
+size_t answers_count() { return answers.size(); }
+const void *answer_at(size_t k) { return &answers[k]; }
+size_t pulses_count() { return pulses.size(); }
+const void *pulses_at(size_t k) { return &pulses[k]; }
+size_t take_sent(char *to) { const size_t size = sent.copy(to, 4096); sent.clear(); return size; }
 const char *text() { static std::string out; out.swap(said); said.clear(); return out.c_str(); }
 size_t pack(const uint8_t *bytes, size_t size, float *data)
 {
@@ -211,29 +231,64 @@ int baudrate() { return baud; }
 TYPES = {
     "uint8": ctypes.c_uint8,
     "bool": ctypes.c_bool,
+    "char": ctypes.c_char,
     "int16": ctypes.c_int16,
+    "uint16": ctypes.c_uint16,
+    "int32": ctypes.c_long,  # as the stand-in has it
+    "float32": ctypes.c_float,
     "uint32": ctypes.c_uint32,
     "uint64": ctypes.c_uint64,
 }
 FIELD = re.compile(r"^(\w+?)(?:\[(\d+)\])? (\w+)(?: = (\d+))?\s*(?:#.*)?$", re.MULTILINE)
-LINES = FIELD.findall(MESSAGE)
-CONSTANTS = {name: int(number) for _, _, name, number in LINES if number}
-# widest first, as PX4's generator has them
-FIELDS = sorted((line for line in LINES if not line[3]), key=lambda line: -ctypes.sizeof(TYPES[line[0]]))
+
+
+def constants_of(message):
+    return {name: (kind, int(number)) for kind, _, name, number in FIELD.findall(message) if number}
+
+
+def fields_of(message):
+    """Widest first, as PX4's generator has them."""
+    lines = [line for line in FIELD.findall(message) if not line[3]]
+    return sorted(lines, key=lambda line: -ctypes.sizeof(TYPES[line[0]]))
+
+
+CONSTANTS = {name: number for name, (_, number) in constants_of(MESSAGE).items()}
 
 
 def c_struct():
-    """What PX4's generator makes of the message."""
-    constants = "".join(f"static constexpr int {name} = {number};\n" for name, number in CONSTANTS.items())
-    c_type = {"bool": "bool"}
-    fields = "".join(
-        f"{c_type.get(kind, kind + '_t')} {name}{f'[{count}]' if count else ''};\n" for kind, count, name, _ in FIELDS
+    """What PX4's generator makes of the messages."""
+    structs = []
+    for topic in ("arva_reading", "arva_answer", "arva_pulses"):
+        message = message_of(topic)
+        constants = "".join(
+            f"static constexpr {kind}_t {name} = {number};\n" for name, (kind, number) in constants_of(message).items()
+        )
+        c_type = {"bool": "bool", "char": "char", "float32": "float"}
+        fields = "".join(
+            f"{c_type.get(kind, kind + '_t')} {name}{f'[{count}]' if count else ''};\n"
+            for kind, count, name, _ in fields_of(message)
+        )
+        structs.append(f"struct {topic}_s {{\n{constants}{fields}}};")
+    return "\n".join(structs)
+
+
+def ctypes_fields(topic):
+    return tuple(
+        (name, TYPES[kind] * int(count) if count else TYPES[kind])
+        for kind, count, name, _ in fields_of(message_of(topic))
     )
-    return f"struct arva_reading_s {{\n{constants}{fields}}};"
 
 
 class ArvaReading(ctypes.Structure):
-    _fields_ = tuple((name, TYPES[kind] * int(count) if count else TYPES[kind]) for kind, count, name, _ in FIELDS)
+    _fields_ = ctypes_fields("arva_reading")
+
+
+class ArvaAnswer(ctypes.Structure):
+    _fields_ = ctypes_fields("arva_answer")
+
+
+class ArvaPulses(ctypes.Structure):
+    _fields_ = ctypes_fields("arva_pulses")
 
 
 class DebugArray(ctypes.Structure):
@@ -256,6 +311,9 @@ class Px4:
         self.library.at.argtypes = (ctypes.c_size_t,)
         self.library.reading_at.restype = ctypes.POINTER(ArvaReading)
         self.library.reading_at.argtypes = (ctypes.c_size_t,)
+        for name, kind in (("answer_at", ArvaAnswer), ("pulses_at", ArvaPulses)):
+            getattr(self.library, name).restype = ctypes.POINTER(kind)
+            getattr(self.library, name).argtypes = (ctypes.c_size_t,)
         self.library.text.restype = ctypes.c_char_p
         self.library.receive.argtypes = (ctypes.c_char_p, ctypes.c_size_t)
         self.times = 0
@@ -291,3 +349,17 @@ class Px4:
     @property
     def sequences(self):
         return [int(message.data[LAYOUT["sequence"][1]]) for message in self.published]
+
+    @property
+    def answers(self):
+        return [self.library.answer_at(k).contents for k in range(self.library.answers_count())]
+
+    @property
+    def pulses(self):
+        return [self.library.pulses_at(k).contents for k in range(self.library.pulses_count())]
+
+    def sent(self):
+        """What was written to the port since the last call."""
+        out = ctypes.create_string_buffer(4096)
+        size = self.library.take_sent(out)
+        return out.raw[:size]

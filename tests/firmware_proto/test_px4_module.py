@@ -11,9 +11,11 @@ from px4_stand_in import CONSTANTS, DRIVER, FOLDER, HEADERS, LAYOUT, MODULE, SIZ
 from wire_vectors import VECTORS, by_name
 
 import firmware_proto
-from firmware_proto import MID, Channel, Frame, encode
+from firmware_proto import MID, Answer, Channel, Command, Frame, encode
+from firmware_proto.commands import encode_answer, encode_command
 from tools.c_codec import FOLDER as CODEC
 from tools.c_codec import SOURCE, compile_c, compiler
+from tools.c_messages import MESSAGES
 
 CHANNELS, PASS_MS = 13, 10
 FOUR = (Channel(3, 2, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17, True), Channel())
@@ -35,10 +37,13 @@ def binary(stand_in):
     folder = stand_in
     (folder / "driver.cpp").write_text(DRIVER)
     codec = compile_c(compiler(), folder / "codec.o", "-std=c99", "-fPIC", "-c", SOURCE)
+    board = ("-include", folder / "board.h", "-Wno-conversion")
+    (folder / "board.h").write_text("#include <stdint.h>\n#define int32_t long\n")  # as the stand-in has it
+    messages = compile_c(compiler(), folder / "messages.o", "-std=c99", "-fPIC", *board, "-c", MESSAGES)
     command = compiler("g++", "clang++", "c++")
     options = ("-std=c++14", "-Wno-conversion", "-Wno-unused-parameter", "-Wno-format-security", "-fPIC", "-shared")
     include = (f"-I{folder}", f"-I{MODULE}")
-    return compile_c(command, folder / "px4.so", *options, *include, folder / "driver.cpp", codec)
+    return compile_c(command, folder / "px4.so", *options, *include, folder / "driver.cpp", codec, messages)
 
 
 @pytest.fixture
@@ -105,7 +110,7 @@ def test_no_frame_is_lost(started, hertz, n):
 
 
 def test_of_several_frames_at_once_each_is_published_in_a_pass_of_its_own(started):
-    assert started.library.is_advertised() == 2  # before the first frame, for the logger
+    assert started.library.is_advertised() == 4  # before the first frame, for the logger
     started.receive(b"".join(raw(k) for k in range(20)))
     started.run(30 * PASS_MS)
     assert started.sequences == list(range(20))
@@ -132,13 +137,14 @@ def test_each_frame_is_a_reading_of_the_modules_own_topic_too(started):
 def test_the_modules_own_topic_has_a_queue_and_the_constants_of_the_wire():
     assert CONSTANTS["ORB_QUEUE_LENGTH"] >= 8
     assert (FOLDER / "msg" / "CMakeLists.txt").read_text().split() == [
-        "set(config_msg_list_external", "ArvaReading.msg", "PARENT_SCOPE", ")",
+        "set(config_msg_list_external", "ArvaAnswer.msg", "ArvaPulses.msg", "ArvaReading.msg", "PARENT_SCOPE", ")",
     ]  # fmt: skip
     assert {name: number for name, number in CONSTANTS.items() if name != "ORB_QUEUE_LENGTH"} == {
         "NO_ID": 255, "ZONE_OUTER": firmware_proto.OUTER, "ZONE_MID": MID, "ZONE_INNER": firmware_proto.INNER,
         "STATUS_SYNTHETIC": firmware_proto.SYNTHETIC, "STATUS_INTERFERENCE": firmware_proto.INTERFERENCE,
         "STATUS_MORE_TRANSMITTERS": firmware_proto.MORE_TRANSMITTERS,
         "STATUS_SELF_TEST_FAULT": firmware_proto.SELF_TEST_FAULT,
+        "STATUS_OVERLAP": firmware_proto.OVERLAP, "STATUS_NOT_SEARCHING": firmware_proto.NOT_SEARCHING,
     }  # fmt: skip
 
 
@@ -290,3 +296,74 @@ def test_start_and_stop(px4):
     assert px4.run(PASS_MS)
     px4.command("stop")
     assert not px4.run(PASS_MS)
+
+
+def answer(number, name, result, *values, text=""):
+    return encode_answer(Answer(number, name, result, values, text))
+
+
+def test_a_command_of_the_shell_is_sent_and_its_answer_published(started):
+    started.receive(raw(1))
+    started.run(PASS_MS)
+    started.said()
+    assert started.command("command", "mark", "3") == 0
+    assert started.sent() == b""  # the work queue writes it
+    started.run(PASS_MS)
+    assert started.sent() == encode_command(Command(1, "mark", (3,)))
+    assert started.command("command", "scan") == -1
+    assert started.said() == ["E the command before still waits for its answer"]
+    started.receive(answer(9, "mark", "busy") + raw(2) + answer(1, "mark", "done", 3, -4, text="a text") + raw(3))
+    started.run(5 * PASS_MS)
+    assert started.said() == ["i ARVA: mark: done a text"]
+    (got,) = started.answers
+    assert (got.code, got.result, got.count, list(got.values), got.text) == (2, 0, 2, [3, -4, 0, 0], b"a text")
+    assert started.sequences == [1, 2, 3]
+    assert started.command("command", "scan") == 0
+
+
+def test_a_command_is_sent_three_times_and_a_restart_once(started):
+    for name, times in (("scan", 3), ("restart", 1)):
+        assert started.command("command", name) == 0
+        started.run(6000)
+        assert started.sent().count(b"\xa4\x57\x02") == times
+        assert [line for line in started.said() if name in line] == [f"i ARVA: {name}: no answer "]
+    assert [a.result for a in started.answers] == [255, 255]
+
+
+WRONG = ("command", "command mrak", "command mark x", "command mark 1 2 3 4 5", "comand scan")
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_a_wrong_command_of_the_shell_is_refused(started, words):
+    assert started.command(*words.split()) == 0  # the usage was printed
+    assert started.said()[0].startswith("W ")
+    started.run(PASS_MS)
+    assert started.sent() == b""
+
+
+@pytest.mark.parametrize(
+    "vector", [v for v in by_name(VECTORS["messages"]) if v.values[0]["type"] in ("vector", "level")]
+)
+def test_what_was_measured_is_published_in_its_units(started, vector):
+    started.receive(bytes.fromhex(vector["hex"]))
+    started.run(3 * PASS_MS)
+    (got,) = started.pulses
+    channels = vector["channels"]
+    assert (got.sequence, got.status, got.n) == (vector["sequence"], vector["status"], len(channels))
+    assert got.time_ms == vector["time_ms"]
+    for k, c in enumerate(channels):
+        assert (got.id[k], got.zone[k], got.marked[k]) == (255 if c["id"] is None else c["id"], c["zone"], c["marked"])
+        assert got.age_ms[k] == (65535 if c["age_ms"] is None else c["age_ms"])
+        said = [got.x_na_m[k], got.y_na_m[k], got.z_na_m[k], got.period_s[k], got.carrier_hz[k], got.level_dbfs[k]]
+        wanted = [None] * 6
+        if vector["type"] == "vector":
+            heard = c["age_ms"] is not None
+            wanted[:3] = [c[axis] / 100 if heard else None for axis in "xyz"]
+            wanted[3] = c["period"] / 1e4 if c["period"] else None
+            wanted[4] = None if c["carrier"] is None else c["carrier"] / 10
+        else:
+            wanted[5] = None if c["level"] is None else c["level"] / 100
+        assert [None if x != x else x for x in said] == [
+            None if x is None else pytest.approx(x, rel=1e-6) for x in wanted
+        ]
+    assert all(got.id[k] == 255 and got.x_na_m[k] != got.x_na_m[k] for k in range(len(channels), 16))

@@ -2,6 +2,8 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include <parameters/param.h>
@@ -13,6 +15,12 @@
 static_assert(ARVA_MAX_CHANNELS == sizeof(arva_reading_s::id), "channels");
 static_assert(ARVA_ARRAY_SIZE == debug_array_s::ARRAY_SIZE && (int)ARVA_ARRAY_END == ARVA_ARRAY_SIZE, "layout");
 
+static_assert(ARVA_MAX_VALUES == sizeof(arva_answer_s::values) / sizeof(arva_answer_s::values[0]), "values");
+static_assert(ARVA_MAX_TEXT + 1 == sizeof(arva_answer_s::text), "text");
+
+static const char *const COMMANDS[] = {"identify", "mark", "unmark", "select", "restart", "channels", "scan", "search"};
+static constexpr uint8_t COMMAND_COUNT = sizeof(COMMANDS) / sizeof(COMMANDS[0]);
+
 ArvaReceiver::ArvaReceiver(const char *port, uint32_t baudrate) :
 	ScheduledWorkItem(MODULE_NAME, px4::serial_port_to_wq(port))
 {
@@ -21,11 +29,17 @@ ArvaReceiver::ArvaReceiver(const char *port, uint32_t baudrate) :
 	arva_decoder_init(&_decoder, [](void *self, const arva_frame * frame) {
 		static_cast<ArvaReceiver *>(self)->take(*frame);
 	}, this);
+	arva_message_decoder_init(&_messages, ARVA_WANT_VECTORS | ARVA_WANT_LEVELS | ARVA_WANT_ANSWERS,
+	[](void *self, const arva_message * message) {
+		static_cast<ArvaReceiver *>(self)->take(*message);
+	}, this);
 }
 
 void ArvaReceiver::start()
 {
 	_arva_reading_pub.advertise(); // the logger looks for new topics only now and then
+	_arva_answer_pub.advertise();
+	_arva_pulses_pub.advertise();
 	_debug_array_pub.advertise();
 	ScheduleOnInterval(INTERVAL);
 }
@@ -47,12 +61,15 @@ void ArvaReceiver::Run()
 
 	// one frame a pass: debug_array has no queue, and a subscriber would only see the last of several
 	const uint32_t now_ms = hrt_absolute_time() / 1000;
+	arva_message_decoder_feed(&_messages, nullptr, 0, now_ms);
 	size_t frames = arva_decoder_feed(&_decoder, nullptr, 0, now_ms);
 
 	while (frames == 0 && _at < _count) {
+		arva_message_decoder_feed(&_messages, &_bytes[_at], 1, now_ms);
 		frames = arva_decoder_push(&_decoder, _bytes[_at++], now_ms);
 	}
 
+	write_command(now_ms);
 	watch();
 }
 
@@ -167,6 +184,121 @@ void ArvaReceiver::publish(const arva_frame &frame)
 	_debug_array_pub.publish(debug_array);
 }
 
+bool ArvaReceiver::send(uint8_t code, const int32_t *values, uint8_t count)
+{
+	LockGuard guard{_mutex};
+
+	if (_request.waiting) {
+		return false;
+	}
+
+	const uint32_t now_ms = hrt_absolute_time() / 1000;
+	_out_count = arva_command_send(&_request, code, values, count, now_ms, _out, sizeof(_out));
+	_tries = 0;
+	return _out_count > 0;
+}
+
+/* Write the command that waits for its answer, again when that is late; give up at last. */
+void ArvaReceiver::write_command(uint32_t now_ms)
+{
+	if (!_request.waiting) {
+		return;
+	}
+
+	const bool late = now_ms - _request.sent_ms >= ARVA_ANSWER_MS;
+
+	if (late && (_tries >= TRIES || _request.command.code == ARVA_DO_RESTART)) {
+		arva_answer none{};
+		none.code = _request.command.code;
+		none.result = arva_answer_s::RESULT_NO_ANSWER;
+		_request.waiting = 0;
+		end_command(none);
+		return;
+	}
+
+	if (late) {
+		_out_count = arva_command_again(&_request, now_ms, _out, sizeof(_out));
+	}
+
+	if (_out_count > 0) {
+		_tries++;
+
+		if (_serial.isOpen()) {
+			_serial.write(_out, _out_count);
+		}
+
+		_out_count = 0;
+	}
+}
+
+void ArvaReceiver::take(const arva_message &message)
+{
+	arva_answer answer;
+	arva_measured measured;
+
+	if (arva_answer_get(&message, &answer)) {
+		if (arva_command_answered(&_request, &answer)) {
+			end_command(answer);
+		}
+
+	} else if (arva_measured_get(&message, &measured)) {
+		publish(message, measured);
+	}
+}
+
+void ArvaReceiver::end_command(const arva_answer &answer)
+{
+	static const char *const results[] = {"done", "refused", "unknown", "busy"};
+	const char *result = answer.result <= ARVA_BUSY ? results[answer.result] : "no answer";
+	const uint8_t code = answer.code;
+	mavlink_log_info(&_mavlink_log_pub, "ARVA: %s: %s %s", code >= 1 && code <= COMMAND_COUNT ? COMMANDS[code - 1] : "command",
+			 result, answer.text);
+	arva_answer_s message{};
+	message.timestamp = hrt_absolute_time();
+	message.code = code;
+	message.result = answer.result;
+	message.count = answer.count;
+	memcpy(message.text, answer.text, sizeof(message.text));
+
+	for (unsigned k = 0; k < ARVA_MAX_VALUES; k++) {
+		message.values[k] = answer.values[k];
+	}
+
+	_arva_answer_pub.publish(message);
+}
+
+void ArvaReceiver::publish(const arva_message &message, const arva_measured &measured)
+{
+	arva_pulses_s pulses{};
+	pulses.timestamp = hrt_absolute_time();
+	pulses.sequence = measured.sequence;
+	pulses.status = measured.status;
+	pulses.n = measured.n;
+	pulses.time_ms = measured.time_ms;
+
+	for (unsigned k = 0; k < ARVA_MAX_CHANNELS; k++) {
+		arva_pulse pulse{};
+		pulse.id = ARVA_NO_ID;
+		pulse.carrier = ARVA_NO_CARRIER;
+		pulse.level = ARVA_NO_LEVEL;
+		pulse.age_ms = ARVA_NO_AGE;
+		arva_pulse_get(&message, k, &pulse);
+		const bool is_vector = message.kind == ARVA_VECTORS && pulse.age_ms != ARVA_NO_AGE;
+		pulses.id[k] = pulse.id;
+		pulses.zone[k] = pulse.zone;
+		pulses.marked[k] = pulse.marked != 0;
+		pulses.x_na_m[k] = is_vector ? 0.01f * pulse.x : NAN;
+		pulses.y_na_m[k] = is_vector ? 0.01f * pulse.y : NAN;
+		pulses.z_na_m[k] = is_vector ? 0.01f * pulse.z : NAN;
+		pulses.period_s[k] = pulse.period > 0 ? 1e-4f * pulse.period : NAN;
+		pulses.carrier_hz[k] = pulse.carrier != ARVA_NO_CARRIER ? 0.1f * pulse.carrier : NAN;
+		pulses.level_dbfs[k] = pulse.level != ARVA_NO_LEVEL ? 0.01f * pulse.level : NAN;
+		pulses.age_ms[k] = pulse.age_ms;
+	}
+
+	_arva_pulses_pub.publish(pulses);
+}
+
 ArvaReceiver::Status ArvaReceiver::status()
 {
 	LockGuard guard{_mutex};
@@ -244,7 +376,42 @@ int ArvaReceiver::task_spawn(int argc, char *argv[])
 
 int ArvaReceiver::custom_command(int argc, char *argv[])
 {
-	return print_usage("unknown command");
+	if (argc < 2 || strcmp(argv[0], "command") != 0) {
+		return print_usage("unknown command");
+	}
+
+	uint8_t code = 0;
+	int32_t values[ARVA_MAX_VALUES] {};
+	const int count = argc - 2;
+
+	while (code < COMMAND_COUNT && strcmp(argv[1], COMMANDS[code]) != 0) {
+		code++;
+	}
+
+	if (code == COMMAND_COUNT || count > ARVA_MAX_VALUES) {
+		return print_usage("no such command of a receiver");
+	}
+
+	for (int k = 0; k < count; k++) {
+		char *end = nullptr;
+		values[k] = strtol(argv[2 + k], &end, 10);
+
+		if (end == argv[2 + k] || *end != 0) {
+			return print_usage("values are whole numbers");
+		}
+	}
+
+	if (!is_running()) {
+		PX4_ERR("not running");
+		return PX4_ERROR;
+	}
+
+	if (!get_instance()->send(code + 1, values, count)) {
+		PX4_ERR("the command before still waits for its answer");
+		return PX4_ERROR;
+	}
+
+	return PX4_OK; // the answer comes as a message
 }
 
 int ArvaReceiver::print_usage(const char *reason)
@@ -257,16 +424,18 @@ int ArvaReceiver::print_usage(const char *reason)
 		R"DESCR_STR(
 ### Description
 Reads an ARVA receiver (457 kHz) on a serial port.
-Publishes each frame as arva_reading and debug_array.
+Publishes each frame as arva_reading and debug_array, what was measured as arva_pulses, answers as arva_answer.
 
 ### Examples
 $ arva_receiver start -d /dev/ttyS3
+$ arva_receiver command mark 3
 )DESCR_STR");
 
 	PRINT_MODULE_USAGE_NAME("arva_receiver", "driver");
 	PRINT_MODULE_USAGE_COMMAND("start");
 	PRINT_MODULE_USAGE_PARAM_STRING('d', nullptr, "<file:dev>", "Serial port", false);
 	PRINT_MODULE_USAGE_PARAM_INT('b', 115200, 9600, 921600, "Baud rate (or p:<param_name>; default SENS_ARVA_BAUD)", true);
+	PRINT_MODULE_USAGE_COMMAND_DESCR("command", "Send a command to the receiver, with its values: identify, mark, unmark, select, restart, channels, scan, search");
 	PRINT_MODULE_USAGE_DEFAULT_COMMANDS();
 	return 0;
 }
