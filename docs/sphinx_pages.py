@@ -16,7 +16,7 @@ from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
 from arva_hil.cli.main import COMMANDS
-from arva_hil.cli.options import CommandParser
+from arva_hil.cli.options import CommandParser, module_name
 
 HERE: Final = Path(__file__).parent
 ROOT: Final = HERE.parent
@@ -82,7 +82,7 @@ def signature(
 
 def command_page(name: str, what: str) -> str:
     """A command's section: its description and its options, from its parser."""
-    arguments = importlib.import_module(f"arva_hil.cli.arguments.{name}")
+    arguments = importlib.import_module(f"arva_hil.cli.arguments.{module_name(name)}")
     parser = CommandParser(prog=f"arva-hil {name}")
     arguments.add_options(parser)
     variables = {variable.removeprefix("ARVA_HIL_") for variable in parser.variables}

@@ -131,9 +131,17 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.files",
         "arva_hil.observers.web.field_lines",
         "arva_hil.pictures",
+        "arva_hil.range_test",
         "arva_hil.recordings",
         "arva_hil.safe_text",
         "arva_hil.search.outcome",
+    },
+    "arva_hil/range_test": {
+        "arva_hil.config",
+        "arva_hil.emulator.build",
+        "arva_hil.field",
+        "arva_hil.range_test",
+        "arva_hil.receiver",
     },
     "arva_hil/report": {
         "arva_hil.__version__",

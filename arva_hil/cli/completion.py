@@ -6,14 +6,21 @@ import argparse
 import importlib
 from typing import Final
 
-from arva_hil.cli.options import CommandParser
+from arva_hil.cli.options import CommandParser, module_name
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show
-from arva_hil.registry import FORMATS, STRATEGIES
+from arva_hil.registry import EXPORTS, FORMATS, STRATEGIES
 
-_FILES: Final = ("FILE", "FILE…", "LOG.tlog", "PLAN.yaml", "URL")  # a URL may be a device or a file of frames
-_FOLDERS: Final = ("DIR", "RUN")
-_KINDS: Final = {"format": FORMATS, "strategy": STRATEGIES}
+_FILES: Final = (
+    "FILE",
+    "FILE…",
+    "LOG.tlog",
+    "PLAN.yaml",
+    "URL",
+    "DIR|FILE",
+)  # a URL may be a device or a file of frames
+_FOLDERS: Final = ("DIR", "RUN", "RUN2")
+_KINDS: Final = {"format": FORMATS, "strategy": STRATEGIES, "export_format": EXPORTS}
 
 
 def main(options: argparse.Namespace) -> int:
@@ -36,7 +43,7 @@ def _add_options(parser: CommandParser, command: str) -> None:
     """Add the options of a command, and mark those that take file names."""
     import shtab
 
-    importlib.import_module(f"arva_hil.cli.arguments.{command}").add_options(parser)
+    importlib.import_module(f"arva_hil.cli.arguments.{module_name(command)}").add_options(parser)
     for action in parser.arguments:
         if action.metavar in _FILES:
             action.complete = shtab.FILE  # type: ignore[attr-defined]

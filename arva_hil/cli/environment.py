@@ -7,7 +7,7 @@ import importlib
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from arva_hil.cli.options import PREFIX, CommandParser
+from arva_hil.cli.options import PREFIX, CommandParser, module_name
 
 OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4")  # the simulators of tests/sitl
 
@@ -24,7 +24,7 @@ def unknown_variables(environment: Mapping[str, str], parser: CommandParser, com
     known, typed = set(parser.variables), set(parser.typed_only)
     for command in commands:
         other = CommandParser(prog=command)
-        importlib.import_module(f"arva_hil.cli.arguments.{command}").add_options(other)
+        importlib.import_module(f"arva_hil.cli.arguments.{module_name(command)}").add_options(other)
         known |= set(other.variables)
         typed |= set(other.typed_only)
     return [_say(name, known, typed) for name in sorted(unread - known)]

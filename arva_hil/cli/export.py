@@ -18,7 +18,7 @@ from arva_hil.registry import EXPORTS
 def main(options: argparse.Namespace) -> int:
     if not options.out:
         raise UsageError("--out is missing: name the file to write, e.g. --out flight.kml, or - for stdout")
-    name = options.format or _by_suffix(options.out)
+    name = options.export_format or _by_suffix(options.out)
     with needing(name, f"--format {name}"):
         write = EXPORTS[name]
     recording = loaded(options.run)

@@ -15,7 +15,7 @@ from typing import Final
 from arva_hil import __version__
 from arva_hil.cli.endings import interrupting, traceback_lines, unexpected_error
 from arva_hil.cli.environment import unknown_variables
-from arva_hil.cli.options import CommandParser
+from arva_hil.cli.options import CommandParser, module_name
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_READER, OK, USAGE, Failure, UsageError
 from arva_hil.cli.standard_streams import abandon, refuse_closed, reserve
 from arva_hil.cli.terminal import ReaderGone, StdoutError, flush, show, tell
@@ -29,6 +29,7 @@ COMMANDS: Final = {
     "report": "a page about a record, or two side by side",
     "plot": "draw a record: track, distance, timeline, lateness, rates",
     "export": "write a record for maps, spreadsheets and other programs",
+    "range-test": "carry the scenario's receiver towards a transmitter: how far it hears",
     "campaign": "fly a plan of many trials and compare the strategies",
     "listen": "decode and print frames, like a consumer",
     "command": "send a command to a receiver, e.g. mark 3, and print its answer",
@@ -132,7 +133,7 @@ def _command(arguments: list[str]) -> int:
             elif name == "pty" or name.startswith(("/dev/", "pty:", "tcp", "udp")):
                 hint = f"did you mean --port {name}?"
             raise UsageError(f"no command {name!r}; {hint}")
-    arguments_of = importlib.import_module(f"arva_hil.cli.arguments.{name}")
+    arguments_of = importlib.import_module(f"arva_hil.cli.arguments.{module_name(name)}")
     parser = CommandParser(prog=f"arva-hil {name}", description=arguments_of.__doc__)
     arguments_of.add_options(parser)
     try:
@@ -142,7 +143,7 @@ def _command(arguments: list[str]) -> int:
     for line in unknown_variables(os.environ, parser, COMMANDS):
         tell(f"warning: {line}")
     refuse_closed(options)
-    return int(_imported(f"arva_hil.cli.{name}").main(options))
+    return int(_imported(f"arva_hil.cli.{module_name(name)}").main(options))
 
 
 def _imported(name: str) -> ModuleType:

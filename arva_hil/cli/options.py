@@ -113,6 +113,11 @@ class CommandParser(argparse.ArgumentParser):
         raise UsageError(f"{message}{hint}", f"see {self.prog} --help")
 
 
+def module_name(command: str) -> str:
+    """The name of a command's modules in `cli` and `cli.arguments`."""
+    return command.replace("-", "_")
+
+
 def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
     """A converter for a finite number from `low` to `high`, both included."""
 

@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
-from arva_hil.cli.outcome import FAILED, OK, Failure, UsageError
-from arva_hil.cli.recorded import loaded, needing, output
+from arva_hil.cli.outcome import OK, UsageError
+from arva_hil.cli.recorded import loaded, make_folder, needing, output
 from arva_hil.cli.terminal import tell
 from arva_hil.pictures.run import pictures, sheets
 from arva_hil.pictures.style import FORMATS, Format
@@ -17,12 +17,12 @@ from arva_hil.recordings import Recording, RecordingError
 def main(options: argparse.Namespace) -> int:
     out = Path(options.out or Path(options.run) / "plots")
     sheet = next((one for one in FORMATS if out.suffix.lower() == f".{one}" and not out.is_dir()), None)
-    if sheet and options.format not in (None, sheet):
-        raise UsageError(f"--format {options.format}: --out {out} says {sheet}: leave one of them out")
-    format: Format = sheet or options.format or "png"
+    if sheet and options.picture_format not in (None, sheet):
+        raise UsageError(f"--format {options.picture_format}: --out {out} says {sheet}: leave one of them out")
+    format: Format = sheet or options.picture_format or "png"
     recording = loaded(options.run)
     if not sheet:
-        _make(out)
+        make_folder(out)
     with needing("plots", "plot"):
         try:
             if sheet:
@@ -41,13 +41,6 @@ def main(options: argparse.Namespace) -> int:
 def _named(path: Path, receiver: str) -> Path:
     """The file of a receiver's picture: with one receiver the path itself."""
     return path.with_name(f"{receiver.replace('/', '-')}-{path.name}") if receiver else path
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise Failure(FAILED, f"{folder}: cannot be made: {error.strerror or error}") from None
 
 
 def _write(recording: Recording, drawn: Iterable[tuple[Path, bytes]]) -> None:

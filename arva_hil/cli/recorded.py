@@ -12,7 +12,7 @@ from arva_hil.cli.outcome import FAILED, Failure, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.recordings import Recording, RecordingError, is_record, load
 
-__all__ = ["is_record", "loaded", "needing", "output"]
+__all__ = ["is_record", "loaded", "make_folder", "needing", "output"]
 
 
 def loaded(folder: str) -> Recording:
@@ -39,6 +39,14 @@ def output(path: Path, *recordings: Recording) -> Iterator[BinaryIO]:
             yield out
     except OSError as error:
         raise Failure(FAILED, f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, if there is none. Raises Failure."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise Failure(FAILED, f"{folder}: cannot be made: {error.strerror or error}") from None
 
 
 @contextlib.contextmanager

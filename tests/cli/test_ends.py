@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 
 from arva_hil.cli.endings import SignalGuard, interrupting, unexpected_error
-from arva_hil.cli.options import CommandParser
+from arva_hil.cli.options import CommandParser, module_name
 from arva_hil.emulator.engine import Emulator
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
@@ -204,7 +204,7 @@ def test_whatever_command_it_is_an_error_that_nobody_foresaw_is_one_line(
     def break_down(options: object) -> int:
         raise ZeroDivisionError("a mistake")
 
-    monkeypatch.setattr(f"arva_hil.cli.{command}.main", break_down)
+    monkeypatch.setattr(f"arva_hil.cli.{module_name(command)}.main", break_down)
     monkeypatch.setattr("arva_hil.cli.options.CommandParser.parse", lambda *_: None)
     code, out, err = arva(command, *["-v"] * verbose)
     assert (code, out) == (1, "")

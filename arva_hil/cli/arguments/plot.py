@@ -16,4 +16,9 @@ def add_options(parser: opt.CommandParser) -> None:
         help="a folder for one file a picture, or a file that ends with .png, .svg or .pdf for all on one sheet; "
         "default: the folder RUN/plots",
     )
-    parser.option("--format", choices=("png", "svg", "pdf"), help="of the pictures in a folder; default png")
+    parser.add_argument(
+        "--format",
+        dest="picture_format",
+        choices=("png", "svg", "pdf"),
+        help="of the pictures in a folder; default png",
+    )

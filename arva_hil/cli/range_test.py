@@ -1,0 +1,68 @@
+"""`arva-hil range-test`: how far the scenario's receivers hear its first transmitter."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from arva_hil.cli.outcome import OK, UsageError
+from arva_hil.cli.recorded import make_folder, needing, output
+from arva_hil.cli.terminal import show, show_json, tell
+from arva_hil.config import DEFAULT, Scenario, ScenarioError, load
+from arva_hil.emulator.fleet import scenario_of
+from arva_hil.pictures.range_test import drawn
+from arva_hil.range_test.data_sheet import DataSheet, as_dict, lines, measured, table
+from arva_hil.range_test.walk import RangePlan
+
+
+def main(options: argparse.Namespace) -> int:
+    plan = RangePlan(options.range_height, options.walking_speed, options.stable, options.walks)
+    if options.out:
+        with needing("plots", "the picture of --out"):
+            import matplotlib  # noqa: F401 (before minutes of walking)
+        make_folder(Path(options.out))
+    sheets = [measured(scenario, plan, name) for name, scenario in _receivers(options)]
+    for n, sheet in enumerate(sheets):
+        if options.json:
+            show_json(as_dict(sheet))
+            continue
+        for line in ["", *lines(sheet)][n == 0 :]:
+            show(line)
+    if options.out:
+        _write(Path(options.out), sheets)
+    return OK
+
+
+def _receivers(options: argparse.Namespace) -> list[tuple[str, Scenario]]:
+    """Each receiver of the scenario with its name, "" if it is the only one."""
+    try:
+        chosen = load(options.scenario) if options.scenario else DEFAULT
+    except ScenarioError as error:
+        raise UsageError(*error.problems) from None
+    if options.seed is not None:
+        chosen = replace(chosen, seed=options.seed)
+    every = [
+        (f"{vehicle.name}/{receiver.name}", scenario_of(chosen, receiver))
+        for vehicle in chosen.vehicles
+        for receiver in vehicle.receivers
+    ]
+    return every or [("", chosen)]
+
+
+def _write(folder: Path, sheets: Sequence[DataSheet]) -> None:
+    rows = io.StringIO()
+    csv.writer(rows, lineterminator="\n").writerows(table(sheets))
+    text = "\n\n".join("\n".join(lines(sheet)) for sheet in sheets) + "\n"
+    files = {
+        "range-test.txt": text.encode(),
+        "range-test.csv": rows.getvalue().encode(),
+        "range-test.png": drawn(sheets),
+    }
+    for name, data in files.items():
+        with output(folder / name) as out:
+            out.write(data)
+        tell(f"written: {folder / name}")
