@@ -8,7 +8,8 @@ import { View } from "./view.js";
 const canvas = document.getElementById("map"), ink = canvas.getContext("2d");
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 const FONT = "600 12px system-ui, sans-serif";
-let scene = null, due = false;
+const FRAME_MS = 30; // the shortest from one drawing to the next
+let scene = null, due = false, drawn = 0;
 const glides = new Map(); // by receiver: from, to, start, length
 
 export const view = new View(canvas, ask);
@@ -58,7 +59,9 @@ function bounds() {
   return box[0] === Infinity ? [-25, -25, 25, 25] : box;
 }
 
-function draw() {
+function draw(time) {
+  if (time - drawn < FRAME_MS) return void requestAnimationFrame(draw);
+  drawn = time;
   due = false;
   if (!scene || !view.width) return;
   const ratio = Math.min(3, devicePixelRatio || 1), w = Math.round(view.width * ratio), h = Math.round(view.height * ratio);
@@ -145,13 +148,15 @@ function drawTrack(vehicle, own) {
   ink.lineWidth = own ? 2.4 : 1.6;
   ink.globalAlpha = own ? 0.95 : 0.7;
   ink.beginPath();
-  let pen = false;
+  let pen = false, x = 0, y = 0;
   const place = glides.get(vehicle.key) && now(glides.get(vehicle.key)), last = vehicle.points.length - 1;
   vehicle.points.forEach((point, i) => {
     if (point[N] === null) { pen = false; return; }
     const [n, e] = i === last && place ? place : [point[N], point[E]];
-    if (pen) ink.lineTo(view.x(e), view.y(n)); else ink.moveTo(view.x(e), view.y(n));
-    pen = true;
+    const px = view.x(e), py = view.y(n);
+    if (pen && i !== last && Math.abs(px - x) + Math.abs(py - y) < 1.5) return; // nobody sees it
+    if (pen) ink.lineTo(px, py); else ink.moveTo(px, py);
+    [pen, x, y] = [true, px, py];
   });
   ink.stroke();
   ink.globalAlpha = 1;

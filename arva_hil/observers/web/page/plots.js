@@ -2,7 +2,7 @@
 
 import { AGE, CM, ID, LATE, RANGE, SLOTS, T, clock, colourOf, css, el } from "./store.js";
 
-const MOST_IDS = 6;
+const MOST_IDS = 6, MOST_POINTS = 1600; // no screen has more
 const SECONDS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
 const $ = (id) => document.getElementById(id);
 let plots = [], layout = "", span = 0;
@@ -30,6 +30,10 @@ export function showPlots(points, truth) {
   if (span && points.length) {
     const from = points[points.length - 1][T] - span;
     shown = points.slice(points.findIndex((point) => point[T] >= from));
+  }
+  if (shown.length > MOST_POINTS) {
+    const step = Math.ceil(shown.length / MOST_POINTS), newest = shown.length - 1;
+    shown = shown.filter((_, i) => (newest - i) % step === 0);
   }
   const ids = idsOf(points), t = shown.map((point) => point[T]);
   const ranged = truth && shown.some((point) => point[SLOTS].some((slot) => slot[RANGE] !== null));
