@@ -13,14 +13,15 @@ import pytest
 import yaml
 
 from arva_hil import registry
-from arva_hil.registry import FAULTS, FORMATS, LINKS, OBSERVERS, RECEIVERS, STRATEGIES, Registry
+from arva_hil.registry import EXPORTS, FAULTS, FORMATS, LINKS, OBSERVERS, RECEIVERS, STRATEGIES, Registry
 from firmware_proto import Decoder
+from tests.records import write
 
 from .far_ends import Autopilot
 
 EXAMPLE = Path(__file__).parent.parent / "plugins" / "example"
 LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
-REGISTRIES = [RECEIVERS, FORMATS, LINKS, FAULTS, STRATEGIES, OBSERVERS]
+REGISTRIES = [RECEIVERS, FORMATS, LINKS, FAULTS, STRATEGIES, OBSERVERS, EXPORTS]
 HOLD = "spec: 2\ntransmitters: [{id: 1, enu: [5, 20, 0]}]\nreceiver: {model: hold, %s}\n"
 
 Arva = Callable[..., Any]
@@ -74,6 +75,13 @@ def test_the_example_adds_one_of_each_kind_and_it_has_what_it_needs(of: Registry
     (name,) = set(of.names()) - set(of)
     assert name in of
     assert of._unfit(of[name]) == ""
+
+
+@pytest.mark.usefixtures("example")
+def test_a_record_is_written_in_another_s_format(arva: Arva, tmp_path: Path) -> None:
+    run = write(tmp_path / "flight", 7, search=False)
+    assert arva("export", run, "--out", tmp_path / "flight.counts").code == 0
+    assert (tmp_path / "flight.counts").read_text() == "receiver: 7\n"
 
 
 @pytest.mark.usefixtures("example")
