@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from arva_hil.config.common import NOISE_KINDS, RATE_HZ, SEED, NoiseKind, Pose, Triple
     from arva_hil.config.errors import Problem, ScenarioError
     from arva_hil.config.faults import Fault, FaultKind, misfit, parse_fault, plain_fault
-    from arva_hil.config.receiver import MountOptions, Noise, ReceiverOptions
+    from arva_hil.config.receiver import MountOptions, Noise, ReceiverOptions, SlingOptions
     from arva_hil.config.scenario import DEFAULT, Datum, Scenario, load, parse, parts_of_spec_2, to_dict
     from arva_hil.config.signals import KeyingOptions, MediumOptions, VehicleNoiseOptions
     from arva_hil.config.transmitter import Follows, Lla, Path, Transmitter
@@ -26,7 +26,7 @@ LARGEST_SEED: Final = 2**63 - 1
 _MODULES: Final = {
     "faults": "Fault FaultKind misfit parse_fault plain_fault",
     "common": "NOISE_KINDS RATE_HZ SEED NoiseKind Pose Triple",
-    "receiver": "MountOptions Noise ReceiverOptions",
+    "receiver": "MountOptions Noise ReceiverOptions SlingOptions",
     "scenario": "DEFAULT Datum Scenario load parse parts_of_spec_2 to_dict",
     "signals": "KeyingOptions MediumOptions VehicleNoiseOptions",
     "transmitter": "Follows Lla Path Transmitter",

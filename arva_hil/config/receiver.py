@@ -37,11 +37,21 @@ class Noise:
 
 
 @table()
+class SlingOptions:
+    """A rope from `position` to the receiver."""
+
+    length_m: Annotated[float, Number(0, 100, above=True, unit="m"), Help("of the rope")]
+    damping: Annotated[float, Number(0, 0.99), Help("of its swing, relative to critical")] = 0.05
+
+
+@table()
 class MountOptions:
-    """Where the receiver sits: `position` in body FRD, metres; `attitude` roll, pitch, yaw in degrees."""
+    """Where the receiver sits: `position` in body FRD, metres; `attitude` roll, pitch, yaw in degrees. With a `sling`
+    it hangs from there, leans with the rope, and has the heading of vehicle and `attitude`."""
 
     position: Annotated[Triple, BODY_POINT, Help("body FRD, from the vehicle's position")] = (0.0, 0.0, 0.0)
     attitude: Annotated[Triple, Attitude(), Help("receiver FRD to body FRD")] = (0.0, 0.0, 0.0)
+    sling: Annotated[SlingOptions | None, Since(2), Help("it swings on a rope from there")] = None
 
 
 @table()

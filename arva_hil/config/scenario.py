@@ -212,6 +212,7 @@ def parts_of_spec_2(scenario: Scenario) -> dict[str, bool]:
         "follows": any(t.follows for t in scenario.transmitters),
         "keying": any(t.keying for t in scenario.transmitters),
         "medium": scenario.medium is not None,
+        "sling": scenario.receiver.mount.sling is not None,
         "vehicle_noise": scenario.receiver.vehicle_noise is not None,
         "model": scenario.receiver.model != "paper",
         "vehicles": bool(scenario.vehicles),

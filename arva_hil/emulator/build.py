@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from arva_hil import config
 from arva_hil.field import Following, LocalFrame, Mount, MovingTransmitters, Transmitters, Waypoints, keying, rotation
 from arva_hil.field.medium import AIR, Medium, skin_depth_m
+from arva_hil.field.sling import Sling
 from arva_hil.field.vehicle_noise import VehicleNoise
 from arva_hil.receiver import ReceiverModel
 from arva_hil.registry import RECEIVERS
@@ -45,6 +46,12 @@ def receiver(scenario: config.Scenario) -> ReceiverModel:
     """The scenario's receiver, without its faults."""
     model: ReceiverModel = RECEIVERS[scenario.receiver.model].from_settings(scenario.receiver, scenario.seed)
     return model
+
+
+def sling(scenario: config.Scenario) -> Sling | None:
+    """The rope on which it hangs there."""
+    options = scenario.receiver.mount.sling
+    return Sling(options.length_m, options.damping) if options else None
 
 
 def vehicle_noise(scenario: config.Scenario) -> VehicleNoise | None:

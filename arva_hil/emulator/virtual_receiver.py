@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.config import Scenario
-from arva_hil.emulator.build import mount, moving_transmitters, vehicle_noise
+from arva_hil.emulator.build import mount, moving_transmitters, sling, vehicle_noise
 from arva_hil.emulator.datum import Datum
 from arva_hil.events import Event, PoseFound, PoseLost, PoseMissing, TooFar
 from arva_hil.field import LocalFrame, Transmitters
@@ -76,7 +76,9 @@ class VirtualReceiver:
         self._about = vehicle, name
         self._model = model
         self._mount = mount(scenario)
-        self._place = scenario.receiver.mount.position
+        self._sling = sling(scenario)
+        x, y, z = scenario.receiver.mount.position
+        self._place = x, y, z + (self._sling.length_m if self._sling else 0.0)  # at rest, body FRD
         self._vehicle_noise = vehicle_noise(scenario)
         self._transmitters = moving_transmitters(scenario, LocalFrame(0.0, 0.0, 0.0))  # until the datum is known
         self._start = start
@@ -108,7 +110,7 @@ class VirtualReceiver:
         state, reported = vehicle.states(t)
         fresh = self._is_fresh(state)
         events = self._pose_events(fresh, state, now, vehicle)
-        pose = self._pose(state) if fresh else None
+        pose = self._true_pose(state) if fresh else None
         reported_pose = pose
         if reported is not state:
             reported_pose = self._pose(reported) if self._is_fresh(reported) else None
@@ -133,8 +135,22 @@ class VirtualReceiver:
         noise = self._vehicle_noise
         return Impairment(noise_na_m=noise.sigma_na_m(self._place, vehicle.load())) if noise else None
 
+    def _true_pose(self, state: VehicleState | None) -> Pose | None:
+        """Where it is, swinging if it hangs on a rope."""
+        if state is None:
+            return None
+        position, rotation = self._mount.pose(state.position, state.attitude)
+        if self._sling:
+            position, rotation = self._sling.hang(self._look_s, position, state.velocity, rotation)
+        return Pose(position, rotation)
+
     def _pose(self, state: VehicleState | None) -> Pose | None:
-        return Pose(*self._mount.pose(state.position, state.attitude)) if state else None
+        """Where it would be without a swing."""
+        if state is None:
+            return None
+        position, rotation = self._mount.pose(state.position, state.attitude)
+        down = np.array([0.0, 0.0, self._sling.length_m]) if self._sling else 0.0
+        return Pose(position + down, rotation)
 
     def _is_fresh(self, state: VehicleState | None) -> bool:
         return state is not None and state.age_s <= self._max_age_s

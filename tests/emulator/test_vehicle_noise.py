@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from arva_hil.config import ReceiverOptions, Scenario, Transmitter, VehicleNoiseOptions, parse
+from arva_hil.config import ReceiverOptions, Scenario, Transmitter, VehicleNoiseOptions, parse, to_dict
 from arva_hil.events import FrameMade
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.receiver import Look
+from arva_hil.receiver.listening import Listening
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
@@ -97,3 +99,46 @@ def test_without_vehicle_noise_nobody_is_asked_for_the_throttle() -> None:
     assert quiet.receiver.vehicle_noise is None
     with pytest.raises(ValueError, match="motor_na_m"):
         VehicleNoiseOptions(((0.0, 0.0, 0.0),), -1.0)
+
+
+class Accelerating(Vehicle):
+    """From rest, northwards at 1 m/s² for 2 s, then on."""
+
+    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
+        s = t - START
+        speed, way = (s, s * s / 2) if s < 2 else (2.0, 2 * s - 2)
+        velocity, level = np.array([speed, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])
+        state = VehicleState(s, np.array([way, 0.0, -10.0]), velocity, level, 0.01)
+        return state, state
+
+
+def test_a_receiver_on_a_rope_lags_behind_swings_and_hangs_lower_than_its_vehicle() -> None:
+    rope = parse(
+        "spec: 2\ntransmitters: [{id: 1, ned: [0, 20, 0]}]\nreceiver: {rate_hz: 10, mount: {sling: {length_m: 6}}}",
+        "test",
+    )
+    assert parse(str(to_dict(rope)).replace("'", '"'), "test") == rope
+    of = source(rope)
+    of.advance(START + 10.0, Accelerating(), live=False, ready=lambda t: True)
+    for output in of.take_outputs():
+        of.written(output, True, START + 10.0, lost=False, vehicle_known=True)
+    made = [event for event in of.take_events() if isinstance(event, FrameMade)]
+    off = [(f.pose.position - Accelerating().states(START + f.instant_s)[0].position) for f in made if f.pose]  # type: ignore[union-attr]
+    assert [float(np.linalg.norm(one)) for one in off] == pytest.approx([6.0] * len(off))
+    north = [float(one[0]) for one in off]
+    assert min(north[:20]) < -0.6
+    assert max(north[20:]) > 0.3
+
+
+def test_a_rope_takes_the_receiver_out_of_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = Listening.look
+    hanging = "mount: {sling: {length_m: 1.0}}, vehicle_noise: {motors: [[0, 0, 0]], motor_na_m: 8}"
+    text = f"spec: 2\ntransmitters: [{{id: 1, ned: [0, 20, 0]}}]\nreceiver: {{model: pulsed, start_s: 0, {hanging}}}"
+    looks: list[Look] = []
+    monkeypatch.setattr(Listening, "look", lambda self, look: looks.append(look) or original(self, look))
+    of = source(parse(text, "test"))
+    of.advance(START + 3.0, Hovering(motors=1.0), live=False, ready=lambda t: True)
+    assert len(looks) > 2
+    assert {look.impairment.noise_na_m for look in looks if look.impairment} == {
+        1.0
+    }  # an eighth of what it is at 0.5 m
