@@ -37,6 +37,7 @@ class Comparison:
             from lua_stubs import Autopilot, LuaMessageDecoder  # type: ignore[import-not-found]
 
             self._autopilot = Autopilot()
+            self._script = self._autopilot.require("arva_receiver")
             self._lua = LuaMessageDecoder
 
     def difference(self, calls: list[Call], epoch_ms: int) -> str:
@@ -44,7 +45,7 @@ class Comparison:
         ours = python_decoder()
         others: dict[str, Any] = {"C": CMessageDecoder(self._c, epoch_ms)}
         if self._lua:
-            others["Lua"] = self._lua(self._autopilot)
+            others["Lua"] = self._lua(self._autopilot, self._script)
         for now_ms, chunk in calls:
             came = ours.feed(chunk, now_ms * SECONDS)
             for name, other in others.items():

@@ -465,23 +465,27 @@ class LuaDecoder:
 
 
 class LuaMessageDecoder:
-    """The Lua decoder of messages of all kinds: the same messages as Python's decoders give."""
+    """The Lua decoder of messages of all kinds: the same messages as Python's decoders give.
 
-    def __init__(self, autopilot: Autopilot) -> None:
-        self._messages: list[Any] = []
+    `script`: what requiring arva_receiver gave, if it is to be used again.
+    """
+
+    def __init__(self, autopilot: Autopilot, script: Any = None) -> None:
+        messages: list[Any] = []  # no reference from Lua to this object: nobody would collect that circle
+        self._messages = messages
         self._feed = autopilot.feed_messages
         self._table = autopilot.table
-        self._script = autopilot.require("arva_receiver")
+        self._script = script or autopilot.require("arva_receiver")
         want = autopilot.table(dict.fromkeys((1, 2, 16, 17), True))
-        self._decoder = self._script.MessageDecoder(want, lambda kind, m: self._messages.append(as_message(kind, m)))
+        self._decoder = self._script.MessageDecoder(want, lambda kind, m: messages.append(as_message(kind, m)))
 
     def feed(self, chunk: bytes, now: float) -> list[Any]:
         return self.feed_ms(chunk, round(1000 * now))
 
     def feed_ms(self, chunk: bytes, now_ms: int) -> list[Any]:
-        self._messages = []
+        self._messages.clear()
         self._feed(self._decoder, chunk.decode("latin-1"), now_ms)
-        return self._messages
+        return list(self._messages)
 
     def encode(self, command: Command) -> bytes:
         """Empty when it is refused."""

@@ -12,7 +12,7 @@ from wire_vectors import MESSAGES, VECTORS, by_name, follow_messages
 
 from firmware_proto import Answer, Channel, Command, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
-from tools.c_codec import FOLDER, compile_c, compiler
+from tools.c_codec import FOLDER, CDecoder, Codec, compile_c, compiler
 from tools.c_messages import MESSAGES as SOURCE
 from tools.c_messages import CMessageDecoder, CMessages, Request, State, _Answer
 
@@ -77,6 +77,15 @@ WRONG = [
     Answer(1, "mark", "done", (1, 2, 3, 4, 5)),
     Command(1, "mark", (1, 2, 3, 4, 5)),
 ]
+
+
+def test_the_decoder_of_frames_as_it_stands_delivers_every_frame_between_messages_at_once(tmp_path):
+    decoder, sent, skipped = CDecoder(Codec(tmp_path)), 0, 0
+    for k, value in enumerate(VECTORS["messages"]):
+        message, frame = bytes.fromhex(value["hex"]), Frame(k % 256, 1, (Channel(1, 1, 300, 5),))
+        assert decoder.feed(message + encode(frame), 0.0) == [frame]
+        sent, skipped = sent + 1, skipped + len(message)
+    assert (decoder.good, decoder.bad_crc, decoder.dropped, decoder.lost) == (sent, 0, skipped, 0)
 
 
 @pytest.mark.parametrize("wrong", WRONG)

@@ -160,6 +160,7 @@ def run(typed: Typed, bench: Bench) -> None:
         "run": runs,
         "search": searches,
         "listen": listens,
+        "command": asks,
         "doctor": examines,
         "vehicle": flies,
         "view": views,
@@ -217,6 +218,14 @@ def listens(words: list[str], bench: Bench, environment: dict[str, str]) -> None
     program = bench.start(*words, **environment)
     program.writes(20)
     program.stops()
+
+
+def asks(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
+    words = bench.here(words)
+    bench.emulate()
+    program = bench.start(*words, "--timeout", "30", **environment)
+    assert program.ends() == 0
+    assert b": done" in program.out
 
 
 def views(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
