@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import json
+import os
+from typing import TYPE_CHECKING
 
 from arva_hil.cli.outcome import OK, USAGE, UsageError
 from arva_hil.cli.terminal import show, tell
+
+if TYPE_CHECKING:
+    from arva_hil.config import Scenario
 
 
 def main(options: argparse.Namespace) -> int:
@@ -35,13 +41,16 @@ def main(options: argparse.Namespace) -> int:
 
 def _check(name: str, text: str) -> None:
     """Print a summary of a file. Raises ScenarioError."""
-    from arva_hil.config import parse
+    from arva_hil.config import parse, parts_of_spec_2
     from arva_hil.config.campaign import is_plan, parse_plan
     from arva_hil.config.profiles import parse_profile, profile_kind
 
     if of := profile_kind(text):
         parse_profile(text, of, name)
         show(f"{name}: ok: the profile of a {of}")
+        own = f"profile: {json.dumps(os.path.basename(name))}"
+        keys, more = (f", {own}", "") if of == "transmitter" else ("", f"\nreceiver: {{{own}}}")
+        _warn(name, parse(f"spec: 2\ntransmitters: [{{id: 0, ned: [0, 0, 0]{keys}}}]{more}", name))
         return
     if is_plan(text):
         from arva_hil.campaign.plan import size
@@ -59,8 +68,13 @@ def _check(name: str, text: str) -> None:
             show(f"  {vehicle.name}/{receiver.name}: {rate_hz:g} Hz, {receiver.output_format} to {where}")
     for fault in chosen.faults:
         show(f"  fault {fault}")
-    if any(t.keying for t in chosen.transmitters):
-        from arva_hil.emulator.build import outside_norm  # slow to import
+    if any(parts_of_spec_2(chosen).values()):
+        _warn(name, chosen)
 
-        for remark in outside_norm(chosen):
-            tell(f"{name}: warning: {remark}")
+
+def _warn(name: str, chosen: Scenario) -> None:
+    """Print what is outside the norm."""
+    from arva_hil.emulator.build import outside_norm  # slow to import
+
+    for remark in outside_norm(chosen):
+        tell(f"{name}: warning: {remark}")

@@ -20,7 +20,7 @@ from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, NO_READER, OK, Fa
 from arva_hil.cli.page import page_of_run
 from arva_hil.cli.summary import RunCounters, as_dict, summary_lines
 from arva_hil.cli.terminal import tell
-from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, to_dict
+from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, parts_of_spec_2, to_dict
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.fleet import receivers_of
 from arva_hil.errors import KindError
@@ -100,7 +100,7 @@ def describe(chosen: Scenario) -> list[str]:
             lines.append(f"  transmitter {t.id}: on a path of {len(t.path.points_ned)} points, then {t.path.end}")
         elif t.follows is not None:
             lines.append(f"  transmitter {t.id}: follows system {t.follows.system}")
-    if any(t.keying for t in chosen.transmitters):
+    if any(parts_of_spec_2(chosen).values()):
         from arva_hil.emulator.build import outside_norm  # slow to import
 
         lines += [f"  warning: {what}" for what in outside_norm(chosen)]

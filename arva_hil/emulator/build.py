@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from arva_hil.field.sling import Sling
 from arva_hil.field.vehicle_noise import VehicleNoise
 from arva_hil.receiver import ReceiverModel
 from arva_hil.registry import RECEIVERS
+
+_NORM_NA_M: Final = 80.0  # EN 282: a set has to hear as weak a field
 
 
 def transmitters(scenario: config.Scenario, frame: LocalFrame) -> Transmitters:
@@ -61,13 +64,19 @@ def vehicle_noise(scenario: config.Scenario) -> VehicleNoise | None:
 
 
 def outside_norm(scenario: config.Scenario) -> list[str]:
-    """What of the scenario's transmitters no set of today's norm does, one sentence each, with the limit."""
-    return [
+    """What of the scenario's transmitters and receivers no set of the norm does, one sentence each, with the limit."""
+    remarks = [
         f"transmitter {t.id}: {what}"
         for t in scenario.transmitters
         if t.keying is not None
         for what in keying.outside_norm(_keying(t, scenario.seed), t.strength * _strength(t))
     ]
+    of_vehicles = [one.receiver for vehicle in scenario.vehicles for one in vehicle.receivers]
+    for one in of_vehicles or [scenario.receiver]:
+        threshold = getattr(one.options, "threshold_na_m", 0.0)
+        if threshold > _NORM_NA_M:
+            remarks.append(f"receiver: threshold_na_m {threshold:g}: the norm has at most {_NORM_NA_M:g} nA/m")
+    return remarks
 
 
 def _strength(transmitter: config.Transmitter) -> float:

@@ -182,3 +182,15 @@ def test_a_set_outside_the_norm_is_a_warning_with_the_limit(tmp_path: Path, caps
     ]
     assert main(["check", str(path)]) == 0
     assert "warning: transmitter 7: period 0.4 s: the norm has 0.7…1.3 s" in capsys.readouterr().err
+
+
+def test_a_profile_outside_the_norm_is_a_warning_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    deaf, weak = tmp_path / "deaf.yaml", tmp_path / "weak.yaml"
+    deaf.write_text("spec: 2\nreceiver: {model: pulsed, threshold_na_m: 90}\n")
+    weak.write_text("spec: 2\ntransmitter: {strength: 0.3, keying: {kind: modern, period_s: 1}}\n")
+    assert main(["check", str(deaf), str(weak)]) == 0
+    told = capsys.readouterr().err.splitlines()
+    assert told == [
+        f"{deaf}: warning: receiver: threshold_na_m 90: the norm has at most 80 nA/m",
+        f"{weak}: warning: transmitter 0: strength 0.3: the norm has 0.5…2.24 µA/m at 10 m",
+    ]
