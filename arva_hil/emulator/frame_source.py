@@ -163,7 +163,8 @@ class FrameSource:
         """Obey the commands that came, once what is due until `now` is done, and answer if no frame is due soon."""
         if self.commands:
             self.events += self.commands.advance(now)
-            for data, answer in self.commands.answers(now, self.next_due):
+            next_frame = min(self.schedule.deadline, self.faults.outbox.next_due if self.faults else math.inf)
+            for data, answer in self.commands.answers(now, next_frame):
                 self.outputs.append(Output(self.sink, data, now, self, answer=answer))
 
     def written(self, output: Output, taken: bool, now: float, *, lost: bool, vehicle_known: bool) -> None:
@@ -213,6 +214,8 @@ class FrameSource:
         _, pose, reported_pose, _, _ = self.receiver.seen
         age = self.receiver.age_s(t)
         frame = frame_of(reading, (number - self._first) % 256, instant_s, self._format)
+        if self.commands:
+            self.commands.channels = len(frame.channels)
         boot_ms = 0 if boot is None else max(0, round(boot * 1e3)) % 2**32
         counters = self.counters
         counters.frames += 1

@@ -60,7 +60,7 @@ class HostCommands:
     """Remembers what came of a receiver's host and is not obeyed yet, and the answers that are not sent yet.
 
     `vehicle`, `name`: for its events. `form`: how commands look on this port. `obey`: the model's; `restart`: called
-    when the model has restarted. `start`: of the run, on the driver's clock.
+    when the model has restarted. `start`: of the run, on the driver's clock. `channels`: how many the newest frame had.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class HostCommands:
         self._obey = obey
         self._restart = restart
         self._start = start
-        self._channels = self._usual_channels = scenario.receiver.channels
+        self.channels = self._usual_channels = scenario.receiver.channels
         words = (scenario.receiver.model, 12), (__version__, 8), (scenario.output_format, 10)
         self._identity = " ".join(re.sub(r"[^A-Za-z0-9.+_-]", "_", word)[:size] for word, size in words)
         self._commands: list[Command] = []
@@ -135,18 +135,18 @@ class HostCommands:
         """Result, values and text of the answer. The model is not asked what is known here."""
         name, values = command.name, command.values
         if name == IDENTIFY:
-            return DONE, (self._channels,), self._identity
+            return DONE, (self.channels,), self._identity
         if name == CHANNELS and not values:
-            return DONE, (self._channels,), ""
+            return DONE, (self.channels,), ""
         if name == CHANNELS and (len(values) > 1 or not 1 <= values[0] <= MAX_CHANNELS):
             return REFUSED, (), ""
         result = self._obey(now - self._start, name, values).value
         if result != DONE:
             return result, (), ""
         if name == RESTART:
-            self._channels = self._usual_channels
+            self.channels = self._usual_channels
             self._restart()
         elif name == CHANNELS:
-            self._channels = values[0]
+            self.channels = values[0]
             return DONE, values, ""
         return DONE, (), ""

@@ -77,6 +77,8 @@ class RssiReceiver:
         """See `ReceiverModel`."""
         if name != "restart":
             return Answer.UNKNOWN
+        if values:
+            return Answer.REFUSED
         self._listens_s, self._newest = time_s + self._options.start_s, None
         return Answer.DONE
 

@@ -34,13 +34,18 @@ transmitters: [{id: 7, ned: [20, 5, 0]}, {id: 9, ned: [10, 0, 0]}, {id: 11, ned:
 class Bench:
     """A vehicle, an emulator and its host on memory links and a stepped clock."""
 
-    def __init__(self, format: str = "binary", rate_hz: float = 10, capacity: int | None = None) -> None:
+    def __init__(
+        self, format: str = "binary", rate_hz: float = 10, capacity: int | None = None, model: str = "paper"
+    ) -> None:
         self.clock = StepClock()
         autopilot, far = memory.pair()
         port, self.host = memory.pair(capacity)
         self.simulator = Simulator([SimulatedVehicle(HOME)], [far])
         self.diary = Diary()
-        scenario = parse(TWO % (rate_hz, format), "test")
+        text = TWO % (rate_hz, format)
+        if model != "paper":
+            text = "spec: 2" + text.replace("noise: {kind: off}", f"model: {model}")
+        scenario = parse(text, "test")
         self.live = OneReceiver(scenario, Session(), autopilot, port, start=0.0, observers=[self.diary])
         self.form: HostForm = FORMATS[format].host
         self.answers_of = self.form.answers()
@@ -114,6 +119,20 @@ def test_a_command_that_nobody_knows_is_answered() -> None:
     bench = Bench()
     assert bench.ask("command-99", 1, 2) == ("unknown", (), "")
     assert bench.ask("restart", 1) == ("refused", (), "")
+
+
+def test_models_that_listen_to_pulses_obey_what_they_know() -> None:
+    pulsed = Bench(model="pulsed")
+    assert pulsed.ask("identify")[2].startswith("pulsed ")
+    assert pulsed.ask("scan")[0] == "done"
+    assert pulsed.ask("search")[0] == "done"
+    assert pulsed.ask("mark", 200)[0] == "refused"
+    assert pulsed.ask("channels", 2) == ("done", (2,), "")
+    assert pulsed.ask("channels") == ("done", (2,), "")
+    rssi = Bench(model="rssi")
+    assert rssi.ask("channels") == ("done", (1,), "")  # whatever the scenario says
+    assert rssi.ask("mark", 7)[0] == "unknown"
+    assert [rssi.ask("restart", 1)[0], rssi.ask("restart")[0]] == ["refused", "done"]
 
 
 def test_plain_text_has_the_commands_of_nmea() -> None:
