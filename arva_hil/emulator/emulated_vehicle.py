@@ -84,6 +84,11 @@ class EmulatedVehicle:
     def known(self) -> bool:
         return self.session.vehicle is not None
 
+    @property
+    def next_due(self) -> float:
+        """When there is something to do [s]."""
+        return min([self.session.next_due, *[source.next_due for source in self.sources]])
+
     def hear(self, now: float) -> None:
         """The session has been fed."""
         self.true_state.hear(now)

@@ -17,13 +17,15 @@ import math
 from collections.abc import Callable, Hashable, Sequence
 from typing import Final
 
+from arva_hil.emulator.agenda import Agenda
 from arva_hil.emulator.datum import MOVE_DATUM
 from arva_hil.emulator.emulated_vehicle import EmulatedVehicle, ReceiverSetup, VehicleSetup, one_vehicle
 from arva_hil.emulator.followed_systems import FollowedSystems
 from arva_hil.emulator.frame_source import FrameSource, Output
+from arva_hil.emulator.host_commands import HostCommands
+from arva_hil.emulator.shared_link import SharedLink
 from arva_hil.events import Event, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet
-from arva_hil.mavlink.packet_reader import Packets
 
 __all__ = ["EmulatedVehicle", "Emulator", "ReceiverSetup", "VehicleSetup", "one_vehicle"]
 
@@ -57,6 +59,12 @@ class Emulator:
             self._on_link.setdefault(vehicle.link, []).append(vehicle)
         if any(len({id(vehicle.session.reader) for vehicle in every}) > 1 for every in self._on_link.values()):
             raise ValueError("the sessions of vehicles on one link need the same reader")
+        self._shared = {link: SharedLink(every) for link, every in self._on_link.items() if len(every) > 1}
+        self._hosts: dict[str, list[tuple[EmulatedVehicle, HostCommands]]] = {}
+        for source, vehicle in self._vehicle_of.items():
+            if source.commands:
+                self._hosts.setdefault(source.sink, []).append((vehicle, source.commands))
+        self._agenda = Agenda(self.vehicles)
         self._start = start
         self._timeout_s = timeout_s
         self._look_ahead_s = look_ahead_s
@@ -74,20 +82,24 @@ class Emulator:
         `sender`: which of several on the link they came from. `whole`: no packet goes on in the next bytes.
         """
         if link not in self._on_link:
-            for source in self._vehicle_of:
-                if source.sink == link and source.commands:
-                    source.commands.receive(data, now)
+            for vehicle, commands in self._hosts.get(link, ()):
+                commands.receive(data, now)
+                self._agenda.call(vehicle)
             return
-        vehicles = self._on_link[link]
+        vehicles: Sequence[EmulatedVehicle] = self._on_link[link]
         if not self._followed and len(vehicles) == 1:
             packets: Sequence[Packet] = vehicles[0].session.feed(data, now, sender, whole=whole)
         else:
             read = vehicles[0].session.reader.read(data, now, sender, whole=whole)
             self._followed.hear(read.believed, now)
-            packets = self._share(vehicles, read, now, sender)
+            if link in self._shared:
+                vehicles, packets = self._shared[link].hear(read, now, sender)
+            else:
+                packets = read.every if vehicles[0].session.hear(read, now, sender) else []
         if self._tell_packets:
             self._events.append(PacketsReceived(now, link, packets))
         for vehicle in vehicles:
+            self._agenda.call(vehicle)
             vehicle.hear(now)
             for packet in vehicle.session.own:
                 if packet.msgid in MOVE_DATUM:
@@ -100,20 +112,25 @@ class Emulator:
         self._lost.add(link)
         for vehicle in self._on_link.get(link, ()):
             vehicle.session.interrupt(why)
+            self._agenda.call(vehicle)
 
     def link_back(self, link: str, now: float) -> None:
         """The link is a new one, to vehicles that may have rebooted."""
         self._lost.discard(link)
         for vehicle in self._on_link.get(link, ()):
             vehicle.session.resume(now)
+            self._agenda.call(vehicle)
 
     def advance(self, now: float) -> None:
         """Do what is due until `now`."""
-        for vehicle in self.vehicles:
+        for vehicle in self._agenda.due(now):
             self._make_frames(vehicle, now)
             self._answer(vehicle, now)
+            self._agenda.served(vehicle)
         if now >= self._next_status:
             self._next_status = now + _STATUS_S
+            for vehicle in self.vehicles if now - self._start > self._timeout_s else ():
+                self._tell_missing(vehicle, now)
             self._events += self._followed.look(now)
             self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
 
@@ -128,10 +145,7 @@ class Emulator:
 
     def next_deadline(self) -> float:
         """When to call `advance` again at the latest."""
-        due = self._next_status
-        for vehicle in self.vehicles:
-            due = min(due, vehicle.session.next_due, *[source.next_due for source in vehicle.sources])
-        return due
+        return min(self._next_status, self._agenda.first())
 
     def output(self) -> list[Output]:
         """What is to be written, in this order. Each has to be handed back to `written`."""
@@ -140,12 +154,10 @@ class Emulator:
 
     def addressees(self, link: str) -> tuple[Hashable, Sequence[Hashable]]:
         """To whom outputs on a link go: the one sender there is, or else several."""
-        every = [vehicle.session.senders for vehicle in self._on_link[link]]
-        if len(every) == 1:
-            return every[0].vehicle, every[0].candidates
-        known = {sender: None for senders in every for sender in (senders.vehicle, *senders.candidates)}
-        known.pop(None, None)
-        return None, list(known)
+        if link in self._shared:
+            return None, self._shared[link].senders
+        senders = self._on_link[link][0].session.senders
+        return senders.vehicle, senders.candidates
 
     def written(self, output: Output, taken: bool, now: float) -> None:
         """Whether the link took all of an output."""
@@ -161,16 +173,6 @@ class Emulator:
         return events
 
     # -- inside --------------------------------------------------------------------------------------------
-
-    def _share(
-        self, vehicles: Sequence[EmulatedVehicle], packets: Packets, now: float, sender: Hashable
-    ) -> Sequence[Packet]:
-        """Give each of the vehicles of one link its packets; all of them, if they may be of one of these vehicles."""
-        heard = False
-        shares = packets.shares([vehicle.session.target_system for vehicle in vehicles])
-        for vehicle, share in zip(vehicles, shares, strict=True):
-            heard |= vehicle.session.hear(share, now, sender) and bool(share.every)
-        return packets.every if heard else []
 
     def _make_frames(self, vehicle: EmulatedVehicle, now: float, *, last: bool = False) -> None:
         for source in vehicle.sources:

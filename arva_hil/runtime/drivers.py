@@ -15,13 +15,16 @@ from arva_hil.events import LinkLost
 from arva_hil.links import Link, LinkError
 from arva_hil.links.tlog_timeline import Record
 from arva_hil.observers.audience import Audience
-from arva_hil.runtime.clock import Clock
+from arva_hil.runtime.clock import Clock, Waitable
 from arva_hil.runtime.link_monitor import LinkMonitor
+from arva_hil.runtime.ready_links import ReadyLinks
 
 _LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within it
 _LOOK_S: Final = 0.05  # at least so long between two looks at the state of the links; none of them is a deadline
 _STALL_S: Final = 0.05  # a frame that is late by more than this waits until all that has come is read
 _MOST_READS: Final = 64
+_PIECE: Final = 4096  # bytes that are taken in at a time, and
+_HELD_UP_S: Final = 0.001  # for how long, before frames that are due go first
 LOOK_AHEAD_S: Final = 1.0  # how far a log is read past a frame's instant, to interpolate
 
 
@@ -37,12 +40,12 @@ class Live:
         self, emulator: Emulator, autopilots: Mapping[str, Link], ports: Mapping[str, Link], audience: Audience
     ) -> None:
         self.emulator = emulator
-        self.links: Sequence[Link] = list(autopilots.values())
         self._autopilots = autopilots
         self._ports = ports
         self._sinks = {**ports, **autopilots}
         self._monitors = [LinkMonitor(name, link) for name, link in self._sinks.items()]
         self._audience = audience
+        self._ready = ReadyLinks(autopilots)
         self._next_look = -math.inf
         self._deadline = emulator.next_deadline()
         self._gone: set[str] = set()
@@ -50,27 +53,25 @@ class Live:
             if link.away:  # it is not there yet
                 emulator.link_lost(name, link.why, -math.inf)
 
+    @property
+    def links(self) -> Sequence[Waitable]:
+        return self._ready.waitables
+
     def service(self, clock: Clock) -> float:
         """Take what came, do what is due; the next time to call.
 
         The time of what came is read after it: a stamp too late makes a pose older, one too early makes it one
         from the future.
         """
-        emulator = self.emulator
-        stalled = clock.now() - self._deadline > _STALL_S
-        for name, link in self._autopilots.items():
-            if name not in self._gone:
-                self._read(name, link, clock, _MOST_READS if stalled else 1)
+        begun = clock.now()
+        stalled = begun - self._deadline > _STALL_S
+        for name in self._ready.names():
+            self._read(name, self._autopilots[name], clock, math.inf if stalled else begun + _HELD_UP_S)
         now = clock.now()
         if now >= self._next_look:
             self._next_look = now + _LOOK_S
             self._look_at_links(now)
-        emulator.advance(now)
-        lost = [error for output in emulator.output() if (error := self._write(output, now))]
-        self._audience.tell(emulator.events())
-        if lost:
-            raise lost[0]
-        self._deadline = emulator.next_deadline()
+        self._do_due(now)
         return self._deadline
 
     def counts(self) -> dict[str, int]:
@@ -85,20 +86,34 @@ class Live:
         """Of each link that was lost: how often, and how often it came back."""
         return {name: (link.losses, link.returns) for name, link in self._sinks.items() if link.losses}
 
-    def _read(self, name: str, link: Link, clock: Clock, times: int) -> None:
-        for _ in range(times):
+    def _read(self, name: str, link: Link, clock: Clock, patience: float) -> None:
+        """Take what came on a link. Until the time `patience` no frame goes first."""
+        for _ in range(_MOST_READS if patience == math.inf else 1):
             try:
                 came = link.receive()
             except LinkError as error:
                 if self._is_last(name, error, clock.now()):
                     raise
                 return
-            now = clock.now()
             for sender, data in came:
-                self.emulator.receive(name, data, now, sender)
+                for at in range(0, len(data), _PIECE):
+                    now = clock.now()
+                    if now > patience and now >= self._deadline:
+                        self._do_due(now)
+                    self.emulator.receive(name, data[at : at + _PIECE], now, sender)
             link.follow(*self.emulator.addressees(name))
             if not came:
                 return
+
+    def _do_due(self, now: float) -> None:
+        """Do all that is due. Raises the LinkError of the last link of its kind."""
+        emulator = self.emulator
+        emulator.advance(now)
+        lost = [error for output in emulator.output() if (error := self._write(output, now))]
+        self._audience.tell(emulator.events())
+        self._deadline = emulator.next_deadline()
+        if lost:
+            raise lost[0]
 
     def _write(self, output: Output, now: float) -> LinkError | None:
         """Write one output; the error of the last link of its kind that is gone for good."""
@@ -118,7 +133,7 @@ class Live:
         self._gone.add(name)
         if self._gone >= kind.keys():
             return True
-        self.links = [link for other, link in self._autopilots.items() if other not in self._gone]
+        self._ready.forget(name)
         self.emulator.link_lost(name, str(error), now)
         self._audience.tell([LinkLost(now, name, self._sinks[name].name, str(error))])
         return False
@@ -134,6 +149,7 @@ class Live:
                     continue
                 if data:
                     self.emulator.receive(name, data, now)
+        self._ready.renew()
         for monitor in self._monitors:
             if monitor.lost_again:
                 self.emulator.link_lost(monitor.name, monitor.link.why, now)

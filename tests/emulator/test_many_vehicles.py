@@ -1,0 +1,158 @@
+"""Many vehicles in one engine: none costs or delays another."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Hashable, Iterable, Sequence
+from itertools import pairwise
+from typing import Any
+
+from one_receiver import Diary
+
+from arva_hil.config import parse
+from arva_hil.emulator.engine import Emulator, ReceiverSetup, VehicleSetup
+from arva_hil.links import Link, memory
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.mavlink.packet_reader import PacketReader, Packets
+from arva_hil.observers.audience import Audience
+from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.drivers import Live
+from arva_hil.vehicle.session import Session
+
+MANY = 32
+SCENARIO = parse("transmitters: [{id: 7, ned: [20, 5, 0]}]\nreceiver: {rate_hz: 10}", "test")
+
+
+class Counted(Session):
+    """Counts how often it was asked for bytes, and how often it was given packets."""
+
+    polls = given = 0
+
+    def poll(self, now: float) -> bytes:
+        self.polls += 1
+        return super().poll(now)
+
+    def feed(self, *args: Any, **options: Any) -> Sequence[Any]:
+        self.given += 1
+        return super().feed(*args, **options)
+
+    def hear(self, packets: Packets, now: float, sender: Hashable = None) -> bool:
+        self.given += 1
+        return super().hear(packets, now, sender)
+
+
+def heartbeat(system: int) -> bytes:
+    message = dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 4, 3)
+    packed: bytes = Encoder(system, 1).pack(message)
+    return packed
+
+
+def fleet(sessions: Sequence[Session], links: Iterable[str]) -> list[VehicleSetup]:
+    return [
+        VehicleSetup(f"v{n}", link, session, SCENARIO, [ReceiverSetup("r", f"v{n}/r", SCENARIO)])
+        for n, (session, link) in enumerate(zip(sessions, links, strict=True))
+    ]
+
+
+def drain(emulator: Emulator, now: float) -> None:
+    emulator.advance(now)
+    for output in emulator.output():
+        emulator.written(output, True, now)
+    emulator.events()
+
+
+def test_bytes_of_one_vehicle_cost_the_others_nothing() -> None:
+    sessions = [Counted(target_system=n + 1) for n in range(MANY)]
+    emulator = Emulator(fleet(sessions, [f"link {n}" for n in range(MANY)]), start=0.0)
+    drain(emulator, 0.0)
+    before = [session.polls for session in sessions]
+    for step in range(1, 21):  # none of the others has anything to do before 0.1 s
+        emulator.receive("link 3", heartbeat(4), step * 1e-3)
+        drain(emulator, step * 1e-3)
+    assert [session.polls - was for session, was in zip(sessions, before, strict=True)] == [
+        20 if n == 3 else 0 for n in range(MANY)
+    ]
+
+
+def test_on_a_shared_link_a_packet_is_given_to_its_vehicle_alone() -> None:
+    reader = PacketReader()
+    sessions = [Counted(target_system=n + 1, reader=reader) for n in range(MANY)]
+    emulator = Emulator(fleet(sessions, ["link"] * MANY), start=0.0)
+    for n in (0, 7, 7):
+        emulator.receive("link", heartbeat(n + 1), 0.0, sender=n)
+        drain(emulator, 0.0)
+    assert {n: session.given for n, session in enumerate(sessions) if session.given} == {0: 1, 7: 2}
+    assert emulator.addressees("link") == (None, [0, 7])
+    emulator.receive("link", heartbeat(200), 0.0, sender=99)
+    assert all(session.given for session in sessions)  # of a stranger each has something to say
+
+
+def test_all_go_on_though_only_one_is_heard() -> None:
+    """Each polls its session ten times a second and makes its frames, as if it were alone."""
+    sessions = [Counted(target_system=n + 1) for n in range(MANY)]
+    emulator, diary = Emulator(fleet(sessions, [f"link {n}" for n in range(MANY)]), start=0.0), Diary()
+    audience, now = Audience([diary]), 0.0
+    while now < 2.0:
+        emulator.advance(now)
+        for output in emulator.output():
+            emulator.written(output, True, now)
+        audience.tell(emulator.events())
+        now = min(emulator.next_deadline(), now + 0.01)
+        emulator.receive("link 0", heartbeat(1), now)
+    counts = {f"v{n}": sum(made.vehicle == f"v{n}" for made in diary.frames) for n in range(MANY)}
+    assert set(counts.values()) == {20}
+    assert max(made.late_s for made in diary.frames) < 1e-9
+    assert all(20 <= session.polls <= 41 for session in sessions[1:])
+
+
+class Ticking(StepClock):
+    """A clock that takes time to be looked at, as everything else does."""
+
+    def now(self) -> float:
+        self._now += 0.0002
+        return self._now
+
+
+class Flood(Link):
+    """A link that gives as much as is taken."""
+
+    name = "flood"
+
+    def __init__(self) -> None:
+        self._chunks = deque[bytes]()
+
+    def begin(self, chunks: int, size: int) -> None:
+        self._chunks.extend([heartbeat(1) * (size // len(heartbeat(1)))] * chunks)
+
+    def read(self) -> bytes:
+        return self._chunks.popleft() if self._chunks else b""
+
+    def write(self, data: bytes) -> bool:
+        return True
+
+    def close(self) -> None: ...
+
+    def ready(self) -> bool:
+        return bool(self._chunks)
+
+
+def test_frames_that_are_due_go_before_the_rest_of_a_flood() -> None:
+    """A flooded link is read in pieces, with 0.2 ms for each; frames of the other vehicle are at most 2 ms late."""
+    clock, diary, sent = Ticking(), Diary(), list[float]()
+    near, far = memory.pair()
+    ports = [memory.pair()[0] for _ in range(2)]
+    sessions = [Session(target_system=n + 1) for n in range(2)]
+    emulator = Emulator(fleet(sessions, ["flood", "calm"]), start=0.0)
+    flood = Flood()
+    autopilots = {"flood": flood, "calm": near}
+    live = Live(emulator, autopilots, {"v0/r": ports[0], "v1/r": ports[1]}, Audience([diary]))
+    far.write(heartbeat(2))
+    live.service(clock)
+    flood.begin(20, 500_000)
+    while flood.ready():
+        live.service(clock)
+        sent.append(clock.now())
+    frames = [made for made in diary.frames if made.vehicle == "v1"]
+    assert len(frames) > 4
+    assert max(b - a for a, b in pairwise(sent)) > 0.02  # while one chunk was read
+    assert max(made.late_s for made in frames) < 0.002
