@@ -1,6 +1,6 @@
 """Measures our speed beside what a user would take instead, and prints one table.
 
-    python -m tools.bench --flight px4.tlog [--json FILE] [--check BASELINE] [model streams live starts]
+    python -m tools.bench --flight px4.tlog [--json FILE] [--check BASELINE] [model streams live loops starts fleet]
 
 `--check` names what got slower than in a file that `--json` wrote before, and then the exit code is 1. Each cost is
 the least of several, of processor time where nothing else is said, and ours is measured beside its peer's.
@@ -48,12 +48,19 @@ def _loops(_: argparse.Namespace) -> Iterator[Row]:
     return starts.loops()
 
 
+def _fleet(options: argparse.Namespace) -> Iterator[Row]:
+    from tools.bench import fleet
+
+    return fleet.rows(options.seconds)
+
+
 _GROUPS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "model": _model,
     "streams": _streams,
     "live": _live,
     "loops": _loops,
     "starts": _starts,
+    "fleet": _fleet,
 }
 _NEED_FLIGHT = ("streams", "live", "starts")
 

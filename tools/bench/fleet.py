@@ -1,0 +1,230 @@
+"""Many vehicles in one process on one core: 50 Hz poses in, 10 Hz frames out, over UDP and pseudo-terminals.
+
+Vehicles with an odd number speak UDP and have their frames on a pseudo-terminal, the others the other way round. One
+far end, a process of its own, plays all of them and reads all frames. The limit is sought by doubling.
+"""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import os
+import select
+import socket
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import ExitStack, closing
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from arva_hil.config import Scenario, parse
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.fleet import vehicle_setups
+from arva_hil.events import Event, FrameMade
+from arva_hil.links import open_link
+from arva_hil.links.udp import UdpInLink
+from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.observers.audience import Audience
+from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.drivers import Live
+from arva_hil.runtime.loop import run
+from arva_hil.vehicle.session import Session
+from tools.bench.table import Row, ratio
+
+POSE_HZ: Final = 50
+FRAMES_HZ: Final = 10
+_WARM_S: Final = 2.0
+_LATE_MS: Final = 5.0  # p99
+_FLAT: Final = 1.2
+_MANY: Final = 64
+_MOST: Final = 512
+
+
+class Flown(NamedTuple):
+    """What so many vehicles cost: CPU seconds of the loop, how late each frame was [ms], and how many frames were
+    made, were skipped or dropped, and had no pose."""
+
+    vehicles: int
+    cpu_s: float
+    late_ms: list[float]
+    frames: int
+    lost: int
+    no_pose: int
+
+    @property
+    def p99_ms(self) -> float:
+        return float(np.percentile(self.late_ms, 99))
+
+
+def rows(seconds: float) -> Iterator[Row]:
+    flown = {count: fly(count, seconds) for count in (1, 4, 16, _MANY)}
+    many = flown[_MANY]
+    yield Row(
+        f"fleet: p99 lateness of {_MANY} vehicles", "its limit", many.p99_ms, _LATE_MS, "ms", many.p99_ms, _LATE_MS
+    )
+    lost = float(many.lost + many.no_pose)
+    yield Row(f"fleet: frames of {_MANY} vehicles not sent or without a pose", "", lost, 0.0, "", lost, 0.0)
+    one = flown[1].cpu_s
+    for count, of in flown.items():
+        if count > 1:
+            yield ratio(f"fleet: CPU a vehicle, of {count}", "of one alone", of.cpu_s / count, one, "s", _FLAT)
+    limit = _limit(many, seconds)
+    yield Row("fleet: vehicles on one core, frames in time", "wanted", limit, _MANY, "", _MANY / max(limit, 1), 1.0)
+
+
+def _limit(many: Flown, seconds: float) -> int:
+    """The most vehicles of those tried whose frames were in time, none of them lost."""
+    good, count = 0, many.vehicles
+    flown = many
+    while _is_good(flown):
+        good, count = count, count + count // 4
+        if count > _MOST:
+            return good
+        flown = fly(count, seconds)
+    while not good and count > 1:
+        count = count * 3 // 4
+        good = count if _is_good(fly(count, seconds)) else 0
+    return good
+
+
+def _is_good(flown: Flown) -> bool:
+    return flown.p99_ms <= _LATE_MS and not flown.lost and not flown.no_pose
+
+
+def fly(count: int, seconds: float) -> Flown:
+    """So many vehicles for so long, in a process on one core."""
+    context: Any = multiprocessing.get_context("spawn")
+    near_end, far_end = context.Pipe()
+    done = context.Queue()
+    ours = context.Process(target=_emulate, args=(count, seconds, near_end, done), daemon=True)
+    far = context.Process(target=_play, args=(count, seconds, far_end), daemon=True)
+    ours.start()
+    far.start()
+    flown = Flown(*done.get(timeout=seconds + 120))
+    for process in (ours, far):
+        process.terminate()
+        process.join()
+    return flown
+
+
+def scenario(count: int) -> Scenario:
+    """One receiver a vehicle; the links are opened by who flies it."""
+    lines = ["spec: 2", "transmitters: [{id: 1, ned: [20, 5, 0]}]", "vehicles:"]
+    for system in range(1, count + 1):
+        port = f"{{name: r, port: '/dev/v{system}', rate_hz: {FRAMES_HZ}}}"
+        lines.append(
+            f"  - {{name: v{system}, system: {1 + system % 250}, autopilot: /dev/a{system}, receivers: [{port}]}}"
+        )
+    return parse("\n".join(lines), "bench")
+
+
+class _Late:
+    def __init__(self) -> None:
+        self.ms: list[float] = []
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, FrameMade) and event.instant_s > _WARM_S:
+            self.ms.append(1e3 * event.late_s)
+
+
+def _emulate(count: int, seconds: float, far: Any, done: Any) -> None:
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    chosen, clock, late = scenario(count), RealClock(), _Late()
+    with ExitStack() as stack:
+        udp = [stack.enter_context(closing(UdpInLink())) for _ in range(1, count + 1, 2)]
+        far.send([link.port for link in udp])
+        ptys, ports_in = far.recv()
+        far_ptys = iter(ptys)
+        autopilots, ports = {}, {}
+        for number, vehicle in enumerate(chosen.vehicles):
+            line = stack.enter_context(closing(open_link(next(far_ptys), clock=clock)))
+            name = f"{vehicle.name}/r"
+            if number % 2 == 0:
+                autopilots[vehicle.name], ports[name] = udp[number // 2], line
+            else:
+                out = stack.enter_context(closing(open_link(f"udpout:127.0.0.1:{ports_in}", clock=clock)))
+                autopilots[vehicle.name], ports[name] = line, out
+        start = clock.now()
+        setups = vehicle_setups(chosen, lambda v: v.name, lambda v: Session(target_system=v.system))
+        emulator = Emulator(setups, start=start)
+        live = Live(emulator, autopilots, ports, Audience([late]))
+        far.send("ready")
+        gc.freeze()  # as the commands do
+        run([live], clock, until=start + _WARM_S)
+        before = time.process_time()
+        run([live], clock, until=start + _WARM_S + seconds)
+        cpu = time.process_time() - before
+    counters = [source.counters for vehicle in emulator.vehicles for source in vehicle.sources]
+    made = sum(c.frames for c in counters)
+    lost = sum(c.dropped + c.skipped for c in counters)
+    no_pose = sum(max(0, c.no_pose - round(_WARM_S * FRAMES_HZ)) for c in counters)
+    done.put((count, cpu, late.ms, made, lost, no_pose))
+
+
+def _packets(encoder: Encoder, n: int) -> bytes:
+    """Of instant `n` / 50 s: on a circle."""
+    t = n / POSE_HZ
+    north, east = 20 * np.cos(t / 10), 20 * np.sin(t / 10)
+    ms, lat, lon = round(1e3 * t) + 1000, round(460123000 + north * 90), round(77456000 + east * 129)
+    vn, ve = round(-200 * np.sin(t / 10)), round(200 * np.cos(t / 10))
+    position = dialect.MAVLink_global_position_int_message(ms, lat, lon, 1650000, 0, vn, ve, 0, 0)
+    attitude = dialect.MAVLink_attitude_message(ms, 0.01, 0.02, t / 10 % 3.0, 0.0, 0.0, 0.1)
+    data = encoder.pack(position) + encoder.pack(attitude)
+    if n % POSE_HZ == 0:
+        data += encoder.pack(dialect.MAVLink_heartbeat_message(2, 3, 0x81, 4, 4, 3))
+        home = dialect.MAVLink_home_position_message(460123000, 77456000, 1650000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+        data += encoder.pack(home)
+    return data
+
+
+def _play(count: int, seconds: float, ours: Any) -> None:
+    """The far end: every vehicle's poses, spread over the period, and a reader of all frames."""
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+    ticks = round((seconds + _WARM_S + 2) * POSE_HZ)
+    encoders = [Encoder(1 + system % 250, 1) for system in range(1, count + 1)]
+    bodies = [[_packets(encoder, n) for n in range(ticks)] for encoder in encoders]
+    ports = ours.recv()
+    frames_in = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    frames_in.bind(("127.0.0.1", 0))
+    frames_in.setblocking(False)
+    lines = [_line() for _ in range(count)]
+    senders = [socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in ports]
+    for sender, port in zip(senders, ports, strict=True):
+        sender.connect(("127.0.0.1", port))
+        sender.setblocking(False)
+    ours.send(([os.ttyname(slave) for _, slave in lines], frames_in.getsockname()[1]))
+    assert ours.recv() == "ready"
+    reads = select.poll()
+    for fd in (*(master for master, _ in lines), *(sender.fileno() for sender in senders), frames_in.fileno()):
+        reads.register(fd, select.POLLIN)
+    start = time.monotonic()
+    for n in range(ticks):
+        for number in range(count):
+            due = start + (n + number / count) / POSE_HZ
+            while (left := due - time.monotonic()) > 0:
+                if left > 0.002:
+                    _drain(reads)
+                time.sleep(min(left, 0.002))
+            if number % 2 == 0:
+                senders[number // 2].send(bodies[number][n])
+            else:
+                os.write(lines[number][0], bodies[number][n])
+        _drain(reads)
+
+
+def _line() -> tuple[int, int]:
+    """A new pseudo-terminal: its master, and its slave, which stays open."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    os.set_blocking(master, False)
+    return master, slave
+
+
+def _drain(reads: select.poll) -> None:
+    for fd, _ in reads.poll(0):
+        try:
+            os.read(fd, 65536)
+        except OSError:
+            continue
