@@ -1,21 +1,86 @@
-"""Faults of hearing: transmitters off, moved or fading, bursts of interference, a stuck receiver."""
+"""Faults of hearing: transmitters, interference, a stuck receiver, its antennas and what is beside it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from random import Random
 from typing import Final
 
 import numpy as np
 
-from arva_hil.config import FaultKind, Scenario
+from arva_hil.config import Fault, FaultKind, Scenario
 from arva_hil.config.constraints import Number
 from arva_hil.config.faults import TRANSMITTER
-from arva_hil.faults.switch import Switch
-from arva_hil.receiver import Answer, Antennas, Look, Reading, ReceiverModel, with_true_ranges
+from arva_hil.receiver import Answer, Antennas, Impairment, Look, Reading, ReceiverModel, with_true_ranges
 from arva_hil.receiver.paper import NoiseSource, noise_bound
 from arva_hil.registry import FAULTS
+
+
+class Switch:
+    """A fault of the scenario. Remembers since when it is on.
+
+    Its effect on a frame depends only on `key` and the frame's number, not on other faults.
+    """
+
+    def __init__(self, fault: Fault, key: str) -> None:
+        self.fault = fault
+        self.since_s: float | None = None  # how long it has been on, None when it is off
+        self._key = key
+
+    def turn(self, time_us: int) -> bool:
+        """Switch on or off for this time of the run [µs]. Returns whether it is on."""
+        since = self.fault.since(time_us)
+        self.since_s = None if since is None else since / 1e6
+        return since is not None
+
+    def random(self, number: int) -> Random:
+        """The random numbers for one frame."""
+        return Random(f"{self._key} {number}")
+
+
+_GAIN: Final = Number(0, 1, "a gain")
+_SIGNAL: Final = Number(0, 1e9, "nA/m", above=True, unit="nA/m")
+_DECIBELS: Final = Number(0, 60, "decibels", above=True, unit="dB")
+
+
+def _impaired(look: Look, more: Impairment) -> Look:
+    return replace(look, impairment=look.impairment.also(more) if look.impairment else more)
+
+
+def _antenna_x(look: Look, switch: Switch) -> Look:
+    return _impaired(look, Impairment(gains=(switch.fault.value, 1.0, 1.0)))
+
+
+def _antenna_y(look: Look, switch: Switch) -> Look:
+    return _impaired(look, Impairment(gains=(1.0, switch.fault.value, 1.0)))
+
+
+def _antenna_z(look: Look, switch: Switch) -> Look:
+    return _impaired(look, Impairment(gains=(1.0, 1.0, switch.fault.value)))
+
+
+def _cold(look: Look, switch: Switch) -> Look:
+    gain = 10 ** (-switch.fault.value / 20)
+    return _impaired(look, Impairment(gains=(gain, gain, gain)))
+
+
+def _saturated(look: Look, switch: Switch) -> Look:
+    return _impaired(look, Impairment(saturation_na_m=switch.fault.value))
+
+
+def _electronics(look: Look, switch: Switch) -> Look:
+    return _impaired(look, Impairment(noise_na_m=switch.fault.value))
+
+
+ANTENNA_X: Final = FaultKind("heard", _GAIN, "the antenna x has this gain: 0 dead, below 1 detuned", _antenna_x)
+ANTENNA_Y: Final = FaultKind("heard", _GAIN, "the antenna y has this gain: 0 dead, below 1 detuned", _antenna_y)
+ANTENNA_Z: Final = FaultKind("heard", _GAIN, "the antenna z has this gain: 0 dead, below 1 detuned", _antenna_z)
+COLD: Final = FaultKind("heard", _DECIBELS, "a cold battery: all antennas hear so much less", _cold)
+SATURATION: Final = FaultKind("heard", _SIGNAL, "no antenna says more, as next to a transmitter", _saturated)
+ELECTRONICS: Final = FaultKind("heard", _SIGNAL, "something beside it adds noise of this deviation", _electronics)
+
 
 Strike = Callable[[Look, Switch], Look]
 

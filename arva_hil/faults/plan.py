@@ -7,9 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from arva_hil.config import FaultKind, Scenario
-from arva_hil.faults.hearing import FaultyReceiver
+from arva_hil.faults.hearing import FaultyReceiver, Switch
 from arva_hil.faults.sending import Outbox, QueuedFrame, Sending
-from arva_hil.faults.switch import Switch
 from arva_hil.receiver import ReceiverModel
 from arva_hil.registry import FAULTS
 from firmware_proto import Frame

@@ -2,7 +2,7 @@
 
 Autopilots lose commands, acknowledge commands that they do not carry out, and refuse without an answer. So an order is
 repeated until the heartbeat or the height shows that it is carried out. The pilot always wins: `authority.py` says when
-an order may be sent, `sticks.py` and `battery.py` what else ends our control.
+an order may be sent; its sticks and the battery (`complaints.py`) end our control too.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from typing import Any, Final
 
 from arva_hil.events.vehicles import ArmingTried, AutopilotText, ThrottleAwaited
 from arva_hil.flight import authority
-from arva_hil.flight.phase import Phase
-from arva_hil.flight.state import RISEN_M, FlightState
+from arva_hil.flight.state import RISEN_M, FlightState, Phase
 from arva_hil.mavlink.codec import command, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 from arva_hil.vehicle.modes import modes_of

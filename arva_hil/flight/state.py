@@ -1,21 +1,103 @@
-"""The state of a flight by orders: its phase, its start, and who controls the vehicle."""
+"""The state of a flight by orders: its phase, the pace of its set-points, and what is known of the vehicle."""
 
 from __future__ import annotations
 
 import math
+from enum import Enum, auto
 from typing import Final
 
 from arva_hil.field.quaternion import heading
-from arva_hil.flight import authority, battery, sticks
-from arva_hil.flight.authority import Authority
-from arva_hil.flight.battery import Battery
-from arva_hil.flight.complaints import Complaints
-from arva_hil.flight.phase import Phase
-from arva_hil.flight.set_points import Pace
-from arva_hil.flight.sticks import Sticks
+from arva_hil.flight.authority import MODE_WANTED, STICKS_WANTED, Authority, Sticks
+from arva_hil.flight.complaints import BATTERY_WANTED, Battery, Complaints
 from arva_hil.vehicle.modes import ARDUCOPTER
 from arva_hil.vehicle.pose_track import PositionSample
 from arva_hil.vehicle.session import Session
+
+
+class Phase(Enum):
+    """ENDED: landed, disarmed or left hovering, as ordered. LOST: we do not control the vehicle any more.
+
+    YIELDING: ArduPilot is stopped, and given to the pilot in LOITER.
+    """
+
+    IDLE = auto()
+    ARMING = auto()
+    CLIMBING = auto()
+    FLYING = auto()
+    LANDING = auto()
+    DISARMING = auto()
+    HOLDING = auto()
+    YIELDING = auto()
+    ENDED = auto()
+    LOST = auto()
+
+    @property
+    def active(self) -> bool:
+        """Whether messages may be sent."""
+        return self not in (Phase.IDLE, Phase.ENDED, Phase.LOST)
+
+    @property
+    def to_do(self) -> str:
+        """What the vehicle does in this phase, as a verb."""
+        return _TO_DO[self]
+
+    def limit_s(self, metres: float) -> float:
+        """The longest duration of the phase [s], with this many metres to climb or to descend."""
+        fixed, each_metre = _LIMITS[self]
+        return fixed + each_metre * max(metres, 0.0)
+
+
+_TO_DO: Final = {
+    Phase.ARMING: "arm",
+    Phase.CLIMBING: "take off",
+    Phase.FLYING: "follow velocities",
+    Phase.LANDING: "land",
+    Phase.DISARMING: "disarm",
+    Phase.HOLDING: "hover",
+    Phase.YIELDING: "go to LOITER",
+}
+_LIMITS: Final = {  # s, and s per metre
+    Phase.CLIMBING: (30.0, 1.0),
+    Phase.FLYING: (10.0, 0.0),  # until it follows velocities
+    Phase.LANDING: (90.0, 2.0),
+    Phase.DISARMING: (10.0, 0.0),
+    Phase.HOLDING: (5.0, 0.0),
+    Phase.YIELDING: (60.0, 0.0),
+}
+
+
+EVERY_S: Final = 0.2  # PX4 leaves OFFBOARD below 2 Hz, ArduPilot stops after 3 s
+_LONG_S: Final = 0.8  # PX4's COM_OF_LOSS_T is 1 s
+_OF_LATE_S: Final = 5.0
+
+
+class Pace:
+    """Remembers the last set-point and the longest gap lately. Times are seconds on the caller's clock."""
+
+    def __init__(self) -> None:
+        self._last = self._next = -math.inf
+        self._longest = (0.0, -math.inf)  # the gap [s], and when it ended
+
+    def due(self, now: float) -> bool:
+        return now >= self._next
+
+    def left(self, now: float) -> None:
+        """A set-point was sent."""
+        gap = now - self._last
+        if self._last > -math.inf and (gap > self._longest[0] or now - self._longest[1] > _OF_LATE_S):
+            self._longest = gap, now
+        self._last, self._next = now, max(self._next + EVERY_S, now)
+
+    def rest(self) -> None:
+        """No set-points are needed from now on."""
+        self._last = -math.inf
+
+    def stalled_s(self, now: float) -> float:
+        """The longest gap [s] lately; 0 if they were sent often enough."""
+        gap, until = self._longest
+        worst = max(gap if now - until <= _OF_LATE_S else 0.0, now - self._last if self._last > -math.inf else 0.0)
+        return worst if worst > _LONG_S else 0.0
+
 
 _STALLED: Final = (
     " (this program was held up, and no set-point left for {:.1f} s before: PX4 leaves OFFBOARD after COM_OF_LOSS_T)"
@@ -53,7 +135,7 @@ class FlightState:
         self._pace = Pace()  # of the set-points
         self._complaints = Complaints()
         self._news = session.news
-        session.want(authority.WANTED | sticks.WANTED | battery.WANTED)
+        session.want(MODE_WANTED | STICKS_WANTED | BATTERY_WANTED)
 
     def let_go(self) -> None:
         """Stop sending."""

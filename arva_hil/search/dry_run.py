@@ -12,7 +12,7 @@ from typing import Final
 from arva_hil.events.searches import DryRunBegun, SetPointPlanned, WouldOrder
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.field.quaternion import heading
-from arva_hil.flight.set_points import EVERY_S
+from arva_hil.flight.state import EVERY_S
 from arva_hil.search.airborne import STAY, reading_of
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground, Height

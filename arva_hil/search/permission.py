@@ -7,7 +7,7 @@ from typing import Final, Protocol
 
 from arva_hil.events import Event
 from arva_hil.events.searches import ArmingAllowed, ConsentNeeded, SimulatorRecognized
-from arva_hil.flight.simulator_check import SimulatorCheck
+from arva_hil.flight.vehicle_checks import SimulatorCheck
 from arva_hil.mavlink.codec import Packet
 from arva_hil.search.outcome import Refusal
 from arva_hil.vehicle.session import Session

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import Final, Literal
 
 from arva_hil.events.searches import CountDown, FailsafesKnown, WaitingFor
-from arva_hil.flight.battery import Battery
-from arva_hil.flight.failsafes import Failsafes
+from arva_hil.flight.complaints import Battery
+from arva_hil.flight.vehicle_checks import Failsafes
 from arva_hil.links import Link
 from arva_hil.links.processes import other_readers
 from arva_hil.mavlink.codec import Packet, dialect

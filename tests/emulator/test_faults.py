@@ -26,7 +26,7 @@ from arva_hil.config.constraints import Number
 from arva_hil.emulator.engine import Emulator, one_vehicle
 from arva_hil.emulator.formats import MavlinkDecoder
 from arva_hil.events import FrameMade
-from arva_hil.faults.wire import resample
+from arva_hil.faults.sending import resample
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.tlog import read_tlog
 from arva_hil.mavlink.codec import Parser
