@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from arva_hil.api import load_scenario, replay, run_live
     from arva_hil.config import FaultKind, Scenario, ScenarioError
     from arva_hil.config.constraints import Number, Whole
-    from arva_hil.emulator.engine import Emulator, ReceiverSetup, VehicleSetup, one_vehicle
+    from arva_hil.emulator.emulated_vehicle import ReceiverSetup, VehicleSetup, one_vehicle
+    from arva_hil.emulator.engine import Emulator
     from arva_hil.emulator.frame_source import Output
     from arva_hil.errors import ArvaError, KindError, UnknownKindError
     from arva_hil.events import Event, FrameMade
@@ -44,7 +45,8 @@ _MODULES: Final = {
     "api": "load_scenario replay run_live",
     "config": "FaultKind Scenario ScenarioError",
     "config.constraints": "Number Whole",
-    "emulator.engine": "Emulator ReceiverSetup VehicleSetup one_vehicle",
+    "emulator.emulated_vehicle": "ReceiverSetup VehicleSetup one_vehicle",
+    "emulator.engine": "Emulator",
     "emulator.frame_source": "Output",
     "errors": "ArvaError KindError UnknownKindError",
     "events": "Event FrameMade",

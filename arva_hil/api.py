@@ -8,7 +8,8 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 
 from arva_hil.config import Scenario, load
-from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.events import Event, FrameMade, HeartbeatMissing
 from arva_hil.links import Link, LinkError, open_link
 from arva_hil.links.reconnecting import open_reconnecting

@@ -15,7 +15,7 @@ from arva_hil.events import DatumSet, Event, ReceiverStatus, StatusReport, Vehic
 from arva_hil.events.searches import FromSearch, PlaceFound, TakeOffPoint, WaitingFor
 from arva_hil.field import LocalFrame
 from arva_hil.observers.console.event_json import event_of
-from arva_hil.observers.console.notice import Level, Notice
+from arva_hil.observers.console.text import Level, Notice
 from arva_hil.observers.web import jsons
 from arva_hil.observers.web.health import Health
 from arva_hil.observers.web.places import Places

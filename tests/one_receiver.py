@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from arva_hil.config import Scenario
-from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.frame_source import Counters, Schedule
 from arva_hil.events import BytesSent, Event, FrameMade, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.links import Link
 from arva_hil.observers.audience import Audience, Observer
-from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.reasons import no_vehicle
 from arva_hil.observers.console.sentences import sentence
+from arva_hil.observers.console.text import Notice
 from arva_hil.runtime.drivers import Live
 from arva_hil.vehicle.session import Session
 

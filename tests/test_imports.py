@@ -108,7 +108,7 @@ ROOMS = {  # a room → what of ours it may import
     "arva_hil/recordings": {
         "arva_hil.config",
         "arva_hil.emulator.build",
-        "arva_hil.emulator.fleet",
+        "arva_hil.emulator.engine",
         "arva_hil.field",
         "arva_hil.links",
         "arva_hil.mavlink",

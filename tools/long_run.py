@@ -27,7 +27,8 @@ from typing import Any
 
 from arva_hil.cli.summary import counters
 from arva_hil.config import load
-from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.events import Event, FrameMade
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink

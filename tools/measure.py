@@ -27,7 +27,8 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from arva_hil.config import parse
-from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.events import Event, FrameMade
 from arva_hil.field import LocalFrame
 from arva_hil.links import Link, open_link

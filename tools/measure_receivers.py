@@ -24,7 +24,8 @@ import numpy as np
 
 from arva_hil.config import ReceiverOptions, Scenario, Transmitter
 from arva_hil.emulator.build import receiver, transmitters
-from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.field import LocalFrame
 from arva_hil.links import Link, memory
 from arva_hil.observers.audience import Audience

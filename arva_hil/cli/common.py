@@ -21,16 +21,15 @@ from arva_hil.cli.page import page_of_run
 from arva_hil.cli.summary import RunCounters, as_dict, summary_lines
 from arva_hil.cli.terminal import tell
 from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, parts_of_spec_2, to_dict
-from arva_hil.emulator.engine import Emulator
-from arva_hil.emulator.fleet import receivers_of
+from arva_hil.emulator.engine import Emulator, receivers_of
 from arva_hil.errors import KindError
 from arva_hil.events import Event, HeartbeatMissing, StatusReport
 from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import ReaderGone, open_stdout
 from arva_hil.observers.audience import Audience, Observer
 from arva_hil.observers.console import Lines, Printer, as_json, plain
-from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.reasons import no_vehicle
+from arva_hil.observers.console.text import Notice
 from arva_hil.observers.record import Recorder, RecordError, RecordLayout
 from arva_hil.registry import OBSERVERS
 from arva_hil.runtime.clock import Clock, RealClock, utc

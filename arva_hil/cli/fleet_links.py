@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.run_links import choose_autopilot, place
 from arva_hil.config import Scenario, VehicleConfig
-from arva_hil.emulator.fleet import sink_name
+from arva_hil.emulator.engine import sink_name
 from arva_hil.links import Address, AddressError, parse
 
 _OWN: Final = {

@@ -10,7 +10,7 @@ from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario
 from arva_hil.observers.audience import Observer
-from arva_hil.observers.console.notice import Notice
+from arva_hil.observers.console.text import Notice
 
 
 def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch_us: int) -> list[Observer]:

@@ -13,7 +13,7 @@ from arva_hil.cli.outcome import OK, UsageError
 from arva_hil.cli.recorded import make_folder, needing, output
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.config import DEFAULT, Scenario, ScenarioError, load
-from arva_hil.emulator.fleet import scenario_of
+from arva_hil.emulator.engine import scenario_of
 from arva_hil.pictures.range_test import drawn
 from arva_hil.range_test.data_sheet import DataSheet, as_dict, lines, measured, table
 from arva_hil.range_test.walk import RangePlan

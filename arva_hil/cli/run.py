@@ -16,8 +16,8 @@ from arva_hil.cli.run_links import check_sides, choose_autopilot
 from arva_hil.cli.summary import LinkCounters
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario, VehicleConfig
-from arva_hil.emulator.engine import Emulator, VehicleSetup, one_vehicle
-from arva_hil.emulator.fleet import vehicle_setups
+from arva_hil.emulator.emulated_vehicle import VehicleSetup, one_vehicle
+from arva_hil.emulator.engine import Emulator, vehicle_setups
 from arva_hil.links import Link, parse
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.stdout import StdoutLink

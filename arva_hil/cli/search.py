@@ -28,8 +28,8 @@ from arva_hil.field.rotation import from_euler
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.observers.audience import Audience
 from arva_hil.observers.console import Printer
-from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.question import TerminalQuestion, somebody_is_there
+from arva_hil.observers.console.text import Notice
 from arva_hil.observers.ground_station import GroundStation
 from arva_hil.observers.record.search_log import SearchLog
 from arva_hil.observers.web.state import State

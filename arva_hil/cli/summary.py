@@ -6,7 +6,8 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, Final, Protocol
 
-from arva_hil.emulator.engine import EmulatedVehicle, Emulator
+from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.frame_source import FrameSource
 from arva_hil.observers.record.layout import RecordLayout
 from arva_hil.runtime.drivers import Live

@@ -18,11 +18,7 @@ HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position s
 _FAR_M: Final = 1000.0  # with every transmitter so far away, something is wrong
 
 MOVE_DATUM: Final = frozenset(  # messages after which to look again
-    {
-        dialect.MAVLINK_MSG_ID_HEARTBEAT,
-        dialect.MAVLINK_MSG_ID_HOME_POSITION,
-        dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-    }
+    {dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_HOME_POSITION, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT}
 )
 _SAME_PLACE_M: Final = 100.0  # nobody hears from here what is there
 _ARMING_S: Final = 2.0

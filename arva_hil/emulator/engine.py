@@ -1,4 +1,4 @@
-"""The emulator: bytes and time in; bytes, deadlines and events out. It opens nothing, waits for nothing, says nothing.
+"""The emulator: bytes and time in; bytes, deadlines and events out. It opens, waits for and prints nothing.
 
 Any number of vehicles on any number of links, each with any number of receivers. A driver calls
 
@@ -15,19 +15,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import replace
 from typing import Final
 
+from arva_hil.config import ReceiverConfig, Scenario, VehicleConfig
 from arva_hil.emulator.agenda import Agenda
 from arva_hil.emulator.datum import MOVE_DATUM
-from arva_hil.emulator.emulated_vehicle import EmulatedVehicle, ReceiverSetup, VehicleSetup, one_vehicle
-from arva_hil.emulator.followed_systems import FollowedSystems
+from arva_hil.emulator.emulated_vehicle import EmulatedVehicle, FollowedSystems, ReceiverSetup, VehicleSetup
 from arva_hil.emulator.frame_source import FrameSource, Output
 from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.shared_link import SharedLink
 from arva_hil.events import Event, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet
-
-__all__ = ["EmulatedVehicle", "Emulator", "ReceiverSetup", "VehicleSetup", "one_vehicle"]
+from arva_hil.vehicle.session import Session
 
 _STATUS_S: Final = 0.25
 
@@ -207,3 +207,47 @@ class Emulator:
         if not vehicle.known and not vehicle.told_missing:
             vehicle.told_missing = True
             self._events.append(HeartbeatMissing(now, vehicle.name, vehicle.session.heard()))
+
+
+def scenario_of(scenario: Scenario, receiver: ReceiverConfig) -> Scenario:
+    """The scenario as one of its receivers has it: its own mount, rate, format and seed, and no other vehicles."""
+    return replace(
+        scenario, receiver=receiver.receiver, output_format=receiver.output_format, seed=receiver.seed, vehicles=()
+    )
+
+
+def receivers_of(scenario: Scenario) -> list[tuple[str, str]]:
+    """The names of all receivers, each with its vehicle's."""
+    return [(vehicle.name, receiver.name) for vehicle in scenario.vehicles for receiver in vehicle.receivers]
+
+
+def sink_name(vehicle: VehicleConfig, receiver: ReceiverConfig) -> str:
+    """The engine's name of a receiver's port."""
+    return f"{vehicle.name}/{receiver.name}"
+
+
+def vehicle_setups(
+    scenario: Scenario, link_of: Callable[[VehicleConfig], str], session_of: Callable[[VehicleConfig], Session]
+) -> list[VehicleSetup]:
+    """Every vehicle of a scenario with `vehicles`.
+
+    `link_of`: the engine's name of a vehicle's link; `session_of`: who follows it there. Sessions of one link need the
+    same reader. Frames of a receiver without a port go over the vehicle's link.
+    """
+    return [
+        VehicleSetup(
+            vehicle.name,
+            link_of(vehicle),
+            session_of(vehicle),
+            scenario,
+            [
+                ReceiverSetup(
+                    receiver.name,
+                    sink_name(vehicle, receiver) if receiver.port else link_of(vehicle),
+                    scenario_of(scenario, receiver),
+                )
+                for receiver in vehicle.receivers
+            ],
+        )
+        for vehicle in scenario.vehicles
+    ]

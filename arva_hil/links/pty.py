@@ -1,4 +1,9 @@
-"""A new pseudo-terminal: the other program opens `path` as if it were a serial port."""
+"""A new pseudo-terminal: the other program opens `path` as if it were a serial port. Symlinks to pseudo-terminals.
+
+The system reuses the numbers of pseudo-terminals. The symlink of a killed program may therefore lead to another
+program's terminal; then the symlink is older than the terminal. A running program marks its symlink as in use: it
+locks the byte of the slave whose number is the symlink's inode. The lock ends with the program.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +12,60 @@ import os
 import selectors
 from typing import Any, Final
 
-from arva_hil.links import symlinks
-from arva_hil.links.base import Link, LinkError, Opening
+from arva_hil.links.base import FdLink, Link, LinkError, Opening
 from arva_hil.links.processes import far_program
-from arva_hil.links.stream import FdLink
 from arva_hil.links.url import Address
+
+PTYS: Final = "/dev/pts/"
+_LONGEST: Final = 40  # symlinks in a chain; Linux follows no more
+
+
+def target(link: str) -> str:
+    """The target of a symlink as written; "" if `link` is not a symlink."""
+    try:
+        return os.readlink(link)
+    except OSError:
+        return ""
+
+
+def mark_in_use(slave: int, inode: int) -> None:
+    """Mark the symlink with this inode as in use while the descriptor `slave` of its pseudo-terminal is open."""
+    with contextlib.suppress(ImportError, AttributeError, OSError):  # Linux
+        import fcntl
+        import struct
+
+        lock = struct.pack("hhqqi", fcntl.F_WRLCK, os.SEEK_SET, inode, 1, 0)
+        fcntl.fcntl(slave, fcntl.F_OFD_SETLK, lock)
+
+
+def is_in_use(link: str) -> bool:
+    """Whether a running program has marked `link` as in use."""
+    with contextlib.suppress(OSError):
+        device, inode = os.stat(link), os.lstat(link).st_ino
+        place = f"{os.major(device.st_dev):02x}:{os.minor(device.st_dev):02x}:{device.st_ino}"
+        with open("/proc/locks") as file:
+            return any(line.split()[-3:] == [place, str(inode), str(inode)] for line in file)
+    return False
+
+
+def stale(path: str) -> bool:
+    """Whether `path` leads over a symlink of a program that has ended: to nothing, or to another program's terminal."""
+    link = path
+    for _ in range(_LONGEST):
+        to = target(link)
+        if not to or link.startswith("/proc/"):  # symlinks there have no age
+            return False
+        if to.startswith(PTYS):
+            break
+        link = os.path.join(os.path.dirname(link), to)
+    else:
+        return False
+    try:
+        device = os.stat(link)
+    except OSError:
+        return True
+    return device.st_ctime_ns > os.lstat(link).st_mtime_ns and not is_in_use(link)
+
 
 _IN_CLOSE: Final = 0x18  # inotify: a program closes the file
 _TIOCGEXCL: Final = 0x80045440  # Linux: whether TIOCEXCL was set
@@ -56,7 +110,7 @@ class PtyLink(FdLink):
                 self._inode = make_symlink(symlink, self.path, self._slave)
                 self.symlink = symlink
         except BaseException:  # also a signal, right behind making it
-            if symlinks.target(symlink) == self.path:
+            if target(symlink) == self.path:
                 with contextlib.suppress(OSError):
                     os.unlink(symlink)
             self.close()
@@ -116,11 +170,11 @@ class PtyLink(FdLink):
         os.close(self._slave)
         self._slave = slave
         if self.symlink:
-            symlinks.mark_in_use(slave, self._inode)
+            mark_in_use(slave, self._inode)
 
     def _shut(self) -> None:
         with contextlib.suppress(OSError):
-            if symlinks.target(self.symlink) == self.path and os.lstat(self.symlink).st_ino == self._inode:
+            if target(self.symlink) == self.path and os.lstat(self.symlink).st_ino == self._inode:
                 os.unlink(self.symlink)
         self._selector.close()
         self._closings.close()
@@ -135,13 +189,13 @@ def make_symlink(link: str, path: str, slave: int) -> int:
     """
     name = f"pty:{link}"
     try:
-        if not symlinks.target(link):
+        if not target(link):
             os.symlink(path, link)
         else:
-            if os.path.realpath(link) != path and not symlinks.stale(link):
-                held = f"is a symlink to {symlinks.target(link)}, which another program made"
+            if os.path.realpath(link) != path and not stale(link):
+                held = f"is a symlink to {target(link)}, which another program made"
                 if who := far_program(link):
-                    held = f"is a symlink to {symlinks.target(link)}, which is in use: held by {who}"
+                    held = f"is a symlink to {target(link)}, which is in use: held by {who}"
                 raise LinkError(name, held, "take another name")
             os.symlink(path, new := f"{link}.{os.getpid()}")
             os.replace(new, link)
@@ -150,7 +204,7 @@ def make_symlink(link: str, path: str, slave: int) -> int:
         raise LinkError(name, "exists and is not a symlink", "take another name") from None
     except OSError as error:
         raise LinkError(name, f"the symlink cannot be created: {error.strerror}") from error
-    symlinks.mark_in_use(slave, inode)
+    mark_in_use(slave, inode)
     return inode
 
 

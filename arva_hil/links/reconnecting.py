@@ -12,7 +12,7 @@ from typing import Final
 
 from arva_hil.links import Address, open_link, parse
 from arva_hil.links.base import Absent, Link, LinkEnded, LinkError
-from arva_hil.links.serial_opener import Barred, SerialOpener
+from arva_hil.links.serial_ports import Barred, SerialOpener
 from arva_hil.registry import LINKS
 from arva_hil.runtime.clock import Clock
 

@@ -9,11 +9,10 @@ import stat
 import sys
 from typing import TYPE_CHECKING
 
-from arva_hil.links import symlinks
-from arva_hil.links.base import Absent, Link, LinkError, Opening
+from arva_hil.links import pty
+from arva_hil.links.base import CHUNK, Absent, FdLink, Link, LinkError, Opening, StreamLink
 from arva_hil.links.processes import holders
 from arva_hil.links.serial_ports import list_ports
-from arva_hil.links.stream import CHUNK, FdLink, StreamLink
 from arva_hil.links.url import Address
 from arva_hil.runtime.clock import await_descriptors
 
@@ -32,7 +31,7 @@ def open_serial(device: str, baud: int = 115200, *, brief: bool = False) -> Link
         if sys.platform != "win32" and not stat.S_ISCHR(mode := os.stat(device).st_mode):
             what = "is a directory" if stat.S_ISDIR(mode) else "is a file, not a serial port"
             raise LinkError(device, what, "" if brief else _existing())
-    if os.path.exists(device) and symlinks.stale(device):
+    if os.path.exists(device) and pty.stale(device):
         what = f"leads to {os.path.realpath(device)}, which another program has opened since"
         raise Absent(device, what, "" if brief else "the program that made this symlink has ended: start it again")
     try:

@@ -6,9 +6,8 @@ import errno
 import socket
 from typing import Any, Final, Literal
 
-from arva_hil.links.base import Absent, Link, LinkError, Opening
+from arva_hil.links.base import CHUNK, Absent, Link, LinkError, Opening, StreamLink
 from arva_hil.links.processes import listeners
-from arva_hil.links.stream import CHUNK, StreamLink
 from arva_hil.links.url import Address
 
 CONNECT_S: Final = 5.0  # time-out of the first try to connect

@@ -7,8 +7,7 @@ import socket
 from collections.abc import Collection
 from typing import Any, Final
 
-from arva_hil.links.base import Link, LinkError, Opening, Sender
-from arva_hil.links.stream import EndOfStream
+from arva_hil.links.base import EndOfStream, Link, LinkError, Opening, Sender
 from arva_hil.links.tcp import SocketLink, listen_error, resolve, set_up, show
 from arva_hil.links.url import Address
 from arva_hil.runtime.clock import Clock, RealClock

@@ -7,8 +7,7 @@ import socket
 from collections.abc import Collection, Iterator
 from typing import Any, Final
 
-from arva_hil.links.base import Link, LinkError, Opening, Sender
-from arva_hil.links.stream import AT_ONCE, CHUNK
+from arva_hil.links.base import AT_ONCE, CHUNK, Link, LinkError, Opening, Sender
 from arva_hil.links.tcp import listen_error, resolve, show
 from arva_hil.links.url import Address
 

@@ -24,14 +24,7 @@ _DEVICE: Final = r"\.{0,2}/.*[^/]|(?i:(?:\\\\\.\\)?COM[0-9]+)"
 _SCHEME: Final = r"([A-Za-z][A-Za-z0-9+.-]+):(.*)"  # two letters at least: C:\ is a drive
 _HOST_PORT: Final = r"(?:(\[[0-9A-Fa-f:.]+(?:%\w+)?\]|[^\s:/\[\]]*):)?([^\s:/\[\]]*)"
 _BARE_HOST_PORT: Final = r"(?:\[.*\]|[^\s:/\\]*):[0-9]+"
-_EXAMPLES: Final = (
-    "/dev/ttyACM0,57600",
-    "COM5",
-    "pty",
-    "udpin:127.0.0.1:14550",
-    "tcp:127.0.0.1:5760",
-    "log.tlog",
-)
+_EXAMPLES: Final = ("/dev/ttyACM0,57600", "COM5", "pty", "udpin:127.0.0.1:14550", "tcp:127.0.0.1:5760", "log.tlog")
 
 
 class AddressError(ArvaError, ValueError):

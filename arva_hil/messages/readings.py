@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from arva_hil.config import Lla, Scenario
 from arva_hil.emulator.build import moving_transmitters
-from arva_hil.emulator.fleet import receivers_of
+from arva_hil.emulator.engine import receivers_of
 from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
 from arva_hil.field import LocalFrame, MovingTransmitters, Transmitters
 from arva_hil.field.dipole import field_of

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from arva_hil.events import Event, StatusReport
-from arva_hil.observers.console.status import status_line
+from arva_hil.observers.console.text import status_line
 from arva_hil.runtime.clock import Clock, Waitable
 
 _RETRY_S: Final = 0.5  # after a datagram that nobody took

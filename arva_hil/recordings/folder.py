@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from arva_hil.config import Lla, ScenarioError, parse
-from arva_hil.emulator.fleet import receivers_of
+from arva_hil.emulator.engine import receivers_of
 from arva_hil.observers.record.layout import EVENTS, READINGS, RUN, VERSION, RecordLayout
 from arva_hil.observers.record.search_log import TRACK
 from arva_hil.recordings.lines import Lines, RecordingError, json_object, table

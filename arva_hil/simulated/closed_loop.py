@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import moving_transmitters
-from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.events.searches import FromSearch
 from arva_hil.links import Link
 from arva_hil.observers.audience import Audience, Observer

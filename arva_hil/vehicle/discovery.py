@@ -1,11 +1,15 @@
-"""Finds the vehicle to follow: the first autopilot heard, or the one asked for. Lists other senders on the link."""
+"""Which vehicle is followed: how it is found, among several senders, and whether it is still the same one."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Hashable
 from dataclasses import dataclass
 from typing import Any, Final
 
 from arva_hil.mavlink.codec import Packet, dialect
+from arva_hil.vehicle.navigation import Place, is_zero, offset_m, place_of
+from arva_hil.vehicle.pose_track import ClockMap
 from arva_hil.vehicle.reasons import HeardSource
 
 _MOST_SOURCES: Final = 32  # that are remembered; a hostile link may have 65,536
@@ -90,3 +94,142 @@ def short_name(enum: str, value: int) -> str:
     """The name of an enum entry without the prefix of its enum, e.g. 'quadrotor'."""
     entry = dialect.enums[enum].get(value)
     return entry.name.removeprefix(enum + "_").lower() if entry else f"{enum} {value}"
+
+
+_SILENT_S: Final = 3.0  # of the vehicle's sender, until another may take its place: three heartbeats
+_ASLEEP_S: Final = 1.0  # after a pause in reading of this length, silence means nothing
+_MOST: Final = 8  # senders that are answered while the vehicle is unknown
+
+
+class Senders:
+    """Remembers the sender of the vehicle's packets, and when it last sent one. Times are host seconds.
+
+    The sender of a link with only one is None, and is always the vehicle.
+    """
+
+    def __init__(self) -> None:
+        self.vehicle: Hashable = None
+        self._met: dict[Hashable, bool] = {}  # sender → whether it may be the vehicle
+        self._heard_at = -math.inf
+        self._looked_at = -math.inf
+        self._pinned = False
+
+    @property
+    def candidates(self) -> list[Hashable]:
+        """The senders to answer while no vehicle is known: those that sent MAVLink and may be the vehicle."""
+        return [sender for sender, candidate in self._met.items() if candidate]
+
+    def look(self, now: float) -> None:
+        """The link is read at `now`. After a pause in reading, the vehicle has its whole time to be heard again."""
+        if now - self._looked_at > _ASLEEP_S:
+            self._heard_at = max(self._heard_at, now)
+        self._looked_at = now
+
+    def meet(self, sender: Hashable, *, candidate: bool) -> None:
+        """A sender sent a packet. `candidate`: the vehicle could have sent it."""
+        if sender in self._met or len(self._met) < _MOST:
+            self._met[sender] = candidate and self._met.get(sender, True)
+
+    def hear(self, sender: Hashable, now: float) -> None:
+        """A sender sent a packet of the vehicle."""
+        self.vehicle, self._heard_at = sender, now
+        if self._met:
+            self._met.clear()
+
+    def believes(self, sender: Hashable, now: float) -> bool:
+        """Whether to accept a packet of the vehicle from this sender: only from one sender, until it is silent."""
+        return sender == self.vehicle or (now - self._heard_at > _SILENT_S and not self._pinned)
+
+    def pin(self) -> None:
+        """From now on the vehicle's sender never changes."""
+        self._pinned = True
+
+    def release(self) -> None:
+        """The link to the vehicle is lost: it may come back from any sender, at once."""
+        self._heard_at = -math.inf
+
+    def resume(self, now: float) -> None:
+        """The link is back: the last sender has its whole time again."""
+        self._heard_at = now
+
+
+_HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
+_POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+
+Velocity = tuple[float, float, float]  # NED, m/s
+
+_WINDOW_S: Final = 30.0  # of the clock: a vehicle's clock may be slow, and packets may come late
+_AHEAD_S: Final = 1.0  # of the expected clock, plus 5 % of a silence
+_AHEAD: Final = 0.05
+_BEHIND_S: Final = 0.5  # of the newest time: packets do not come in another order
+_JUMP_M: Final = 10.0  # an estimator may correct itself by this much, plus 5 m per second
+_JUMP_MS: Final = 5.0
+_LASTING: Final = 3  # values in a row, so that one wrong value does not count
+
+
+class Identity:
+    """Remembers the clock and the position of one vehicle. `rate`: of its clock relative to ours.
+
+    `why`: the reason, once several messages in a row show that it is another vehicle. `doubtful`: the last value did
+    not fit this vehicle.
+    """
+
+    def __init__(self, rate: float) -> None:
+        self.why = ""
+        self._rate = rate
+        self._clock = ClockMap(_WINDOW_S)
+        self._last: tuple[float, float] | None = None  # boot time, and host time of its arrival
+        self._place: tuple[float, Place, Velocity] | None = None
+        self._strange_times = 0
+        self._strange_places = 0
+
+    @property
+    def doubtful(self) -> bool:
+        return bool(self._strange_times or self._strange_places or self.why)
+
+    def owns(self, message: Any, now: float) -> bool:
+        """Whether a message that navigation handles may be from this vehicle."""
+        if message.id == _HOME:
+            return True
+        boot = message.time_boot_ms / 1e3
+        if not self.time(boot, now):
+            return False
+        if message.id != _POSITION or is_zero(message):
+            return True
+        return self.place(boot, *place_of(message))
+
+    def time(self, boot: float, now: float) -> bool:
+        """Whether its clock may show `boot` [s] now."""
+        strange = ""
+        if self._last is not None:
+            boot_before, before = self._last
+            should = self._clock.boot(before)
+            assert should is not None
+            ahead = boot - should - self._rate * (now - before) * (1 + _AHEAD)
+            if ahead > _AHEAD_S:
+                strange = f"its clock is {ahead:.1f} s ahead of the one of the vehicle that was launched"
+            elif boot < boot_before - _BEHIND_S:
+                strange = "it has rebooted, or it is not the vehicle that was launched: its clock has gone back"
+        self._strange_times = self._strange_times + 1 if strange else 0
+        if self._strange_times >= _LASTING:
+            self.why = self.why or strange
+        if strange:
+            return False
+        self._last = max(boot, self._last[0]) if self._last else boot, now
+        self._clock.add(now, boot)
+        return True
+
+    def place(self, boot: float, place: Place, velocity: Velocity) -> bool:
+        """Whether it may be at this place at this boot time."""
+        off = 0.0
+        if self._place is not None:
+            before, there, (north, east, down) = self._place
+            gap = max(boot - before, 0.0)
+            moved = math.dist(offset_m(there, place), (north * gap, east * gap, down * gap))
+            off = moved - _JUMP_M - _JUMP_MS * gap
+        self._strange_places = self._strange_places + 1 if off > 0 else 0
+        if self._strange_places >= _LASTING:
+            self.why = self.why or f"its position has jumped by {off + _JUMP_M:.0f} m, or it is another vehicle"
+        if off <= 0:
+            self._place = boot, place, velocity
+        return off <= 0

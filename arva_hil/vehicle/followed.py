@@ -9,14 +9,10 @@ from arva_hil.field import LocalFrame
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.mavlink.signing import Verdict
-from arva_hil.vehicle.clock_map import ClockMap
-from arva_hil.vehicle.discovery import Vehicle, VehicleDiscovery
-from arva_hil.vehicle.identity import Identity
-from arva_hil.vehicle.navigation import Navigation, Place
-from arva_hil.vehicle.news import EventQueue
-from arva_hil.vehicle.pose_track import PoseTrack, VehicleState
+from arva_hil.vehicle.discovery import Identity, Senders, Vehicle, VehicleDiscovery
+from arva_hil.vehicle.navigation import EventQueue, Navigation, Place
+from arva_hil.vehicle.pose_track import ClockMap, PoseTrack, VehicleState
 from arva_hil.vehicle.reasons import NoPose, NoVehicle, SilentStream
-from arva_hil.vehicle.senders import Senders
 from arva_hil.vehicle.streams import Streams
 
 

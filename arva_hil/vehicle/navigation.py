@@ -1,18 +1,78 @@
-"""The clock, pose track and home of one vehicle, from messages that may be wrong."""
+"""The clock, pose track and home of one vehicle, from messages that may be wrong, and the events about them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Final
+from typing import Any, Final, Generic, Literal, TypeVar
 
+from arva_hil.events import Event
 from arva_hil.events.vehicles import ClockLeapt, PositionJumped
 from arva_hil.mavlink.codec import dialect
-from arva_hil.vehicle.clock_map import ClockMap
-from arva_hil.vehicle.news import EventQueue
-from arva_hil.vehicle.plausibility import Judgement, Plausibility
-from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSample
+from arva_hil.vehicle.pose_track import AttitudeSample, ClockMap, PoseTrack, PositionSample
+
+
+class EventQueue:
+    """Remembers events until they are taken. `name`: the vehicle's name in its events."""
+
+    def __init__(self, name: str = "vehicle") -> None:
+        self.name = name
+        self._events: list[Event] = []
+
+    def emit(self, event: Event) -> None:
+        self._events.append(event)
+
+    def take(self) -> list[Event]:
+        """The events since the last call."""
+        events = self._events
+        if events:
+            self._events = []
+        return events
+
+
+T = TypeVar("T")
+Judgement = Literal["follows", "stray", "anew"]
+
+_SETTLE_S: Final = 0.5
+
+
+class Plausibility(Generic[T]):
+    """Remembers the last value that was accepted, and the last one that was not.
+
+    `follows(old, new, gap_s)`: whether `new` can come `gap_s` after `old`. A value that cannot is stray. If two stray
+    values in a row fit each other, and the last accepted value is at least 0.5 s old, they replace it: a new start. So
+    a single stray value changes nothing, and of two sources at the same time the first one is used. `best(old, new)`:
+    the one of two accepted values to remember; by default the new one.
+    """
+
+    def __init__(self, follows: Callable[[T, T, float], bool], best: Callable[[T, T], T] | None = None) -> None:
+        self.strays = 0
+        self.replaced: T | None = None  # the value before the last new start
+        self._follows = follows
+        self._best = best
+        self._believed: tuple[T, float] | None = None
+        self._doubted: tuple[T, float] | None = None
+
+    def judge(self, value: T, now: float) -> Judgement:
+        """Whether to accept a value received at `now` [s]."""
+        believed, doubted = self._believed, self._doubted
+        if believed is None or self._follows(believed[0], value, now - believed[1]):
+            best = self._best
+            self._believed, self._doubted = (best(believed[0], value) if best and believed else value, now), None
+            return "follows"
+        if doubted and now - believed[1] >= _SETTLE_S and self._follows(doubted[0], value, now - doubted[1]):
+            self.replaced = believed[0]
+            self._believed, self._doubted = (value, now), None
+            return "anew"
+        self._doubted = value, now
+        self.strays += 1
+        return "stray"
+
+    def forget(self) -> None:
+        """Accept the next value, whatever it is."""
+        self._believed = self._doubted = None
+
 
 Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
 

@@ -20,9 +20,8 @@ from arva_hil.events.vehicles import (
 from arva_hil.mavlink.codec import Packet, Parser, dialect
 from arva_hil.mavlink.packet_reader import PacketReader, Packets
 from arva_hil.mavlink.signing import Signing, Verdict
-from arva_hil.vehicle.discovery import Vehicle
+from arva_hil.vehicle.discovery import Identity, Vehicle
 from arva_hil.vehicle.followed import FollowedVehicle
-from arva_hil.vehicle.identity import Identity
 from arva_hil.vehicle.streams import Streams
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from arva_hil.events.vehicles import StreamAskedOtherwise, StreamRateLowered
 from arva_hil.mavlink.codec import RESULTS, command, dialect
-from arva_hil.vehicle.news import EventQueue
+from arva_hil.vehicle.navigation import EventQueue
 
 _MEASURE_S: Final = 2.0  # the window of a rate
 _JUDGE_S: Final = 1.0  # a rate is judged after this time,

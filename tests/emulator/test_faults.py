@@ -23,7 +23,8 @@ from one_receiver import Diary, OneReceiver
 from arva_hil.cli.main import main
 from arva_hil.config import Fault, Scenario, ScenarioError, load, parse, parse_fault, to_dict
 from arva_hil.config.constraints import Number
-from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.formats import MavlinkDecoder
 from arva_hil.events import FrameMade
 from arva_hil.faults.sending import resample

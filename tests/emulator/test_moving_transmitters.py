@@ -11,7 +11,8 @@ import pytest
 from one_receiver import Diary
 
 from arva_hil.config import Follows, Noise, Path, ReceiverOptions, Scenario, Transmitter, parse_fault
-from arva_hil.emulator.engine import Emulator, VehicleSetup, one_vehicle
+from arva_hil.emulator.emulated_vehicle import VehicleSetup, one_vehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.events import FollowedSystemHeard, FollowedSystemSilent, FrameMade
 from arva_hil.field import Following, LocalFrame, MovingTransmitters, Transmitters, Waypoints, rotation
 from arva_hil.mavlink.codec import Encoder, dialect

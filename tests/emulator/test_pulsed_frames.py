@@ -8,7 +8,7 @@ import numpy as np
 
 from arva_hil.config import KeyingOptions, ReceiverOptions, Scenario, Transmitter, parse
 from arva_hil.emulator.build import transmitters
-from arva_hil.emulator.fleet import vehicle_setups
+from arva_hil.emulator.engine import vehicle_setups
 from arva_hil.events import FrameMade
 from arva_hil.field import LocalFrame
 from arva_hil.vehicle.session import Session

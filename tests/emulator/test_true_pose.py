@@ -23,8 +23,9 @@ from arva_hil.config import (
     Transmitter,
     parse,
 )
-from arva_hil.emulator.engine import Emulator, ReceiverSetup, VehicleSetup
-from arva_hil.emulator.navigation_error import PoseError
+from arva_hil.emulator.emulated_vehicle import ReceiverSetup, VehicleSetup
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.true_state import PoseError
 from arva_hil.events import FrameMade, PoseLost, PoseMissing
 from arva_hil.field import LocalFrame, rotation
 from arva_hil.links import memory
@@ -38,9 +39,9 @@ from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import BUILDERS
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.vehicle.further_messages import SimulatorTruth
 from arva_hil.vehicle.reasons import NoPose
 from arva_hil.vehicle.session import Session
-from arva_hil.vehicle.simulator_truth import SimulatorTruth
 
 HOME = (46.0123, 7.7456, 1650.0)
 QUIET = Scenario((Transmitter(1, ned=(20.0, 5.0, 0.0)),), receiver=ReceiverOptions(noise=Noise("off"), rate_hz=5.0))

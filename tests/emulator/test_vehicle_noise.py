@@ -15,7 +15,7 @@ from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.motor_load import MotorLoad
+from arva_hil.vehicle.further_messages import MotorLoad
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
 from tests.one_receiver import Diary, OneReceiver

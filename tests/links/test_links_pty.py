@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from links_waiting import DEADLINE_S, receive, until
 
-from arva_hil.links import Absent, Link, LinkError, symlinks
+from arva_hil.links import Absent, Link, LinkError, pty
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.serial import open_serial
@@ -188,7 +188,7 @@ class Killed:
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
             assert child.stdout
             self.number = child.stdout.readline().decode().strip()
-            assert symlinks.is_in_use(str(self.link))
+            assert pty.is_in_use(str(self.link))
             child.send_signal(signal.SIGKILL)
         assert os.readlink(self.link) == self.number
 
@@ -269,7 +269,7 @@ def test_our_own_living_link_is_followed_whoever_changed_the_terminals_permissio
     assert isinstance(near, PtyLink)
     os.utime(link, ns=(0, 0), follow_symlinks=False)
     os.chmod(near.path, 0o666)
-    assert symlinks.is_in_use(str(link))
+    assert pty.is_in_use(str(link))
     keep(open_serial(str(link))).close()
     (chain := tmp_path / "chain").symlink_to("arva0")
     keep(open_serial(str(chain)))
@@ -283,24 +283,24 @@ def test_a_link_is_vouched_for_until_its_program_closes_it(tmp_path: Path, keep:
     near = keep(PtyLink(str(link)))
     assert isinstance(near, PtyLink)
     other.symlink_to(near.path)
-    assert symlinks.is_in_use(str(link))
-    assert not symlinks.is_in_use(str(other))
+    assert pty.is_in_use(str(link))
+    assert not pty.is_in_use(str(other))
     near.close()
-    assert not symlinks.is_in_use(str(link))
+    assert not pty.is_in_use(str(link))
 
 
 def test_what_is_no_symlink_is_not_stale(tmp_path: Path, line: PtyLink) -> None:
     (file := tmp_path / "file").touch()
     (loop := tmp_path / "loop").symlink_to(loop)
     for path in (file, loop, line.path, "/dev/stdin", tmp_path / "none", "COM5", f"/proc/self/fd/{line._slave}"):
-        assert not symlinks.stale(str(path))
+        assert not pty.stale(str(path))
 
 
 def test_a_signal_right_behind_making_the_symlink_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(symlinks, "mark_in_use", interrupted)
+    monkeypatch.setattr(pty, "mark_in_use", interrupted)
     link = tmp_path / "arva0"
     with pytest.raises(KeyboardInterrupt):
         PtyLink(str(link))

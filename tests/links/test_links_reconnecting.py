@@ -17,13 +17,12 @@ import pytest
 import serial
 from links_waiting import receive, until
 
-from arva_hil.links import Absent, Address, Link, LinkEnded, LinkError, parse, serial_opener
+from arva_hil.links import Absent, Address, Link, LinkEnded, LinkError, parse, serial_ports
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.processes import far_program, holders
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.reconnecting import Job, ReconnectingLink, open_reconnecting
-from arva_hil.links.serial_opener import Barred, SerialOpener
-from arva_hil.links.serial_ports import stable_name
+from arva_hil.links.serial_ports import Barred, SerialOpener, stable_name
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.runtime.clock import RealClock, StepClock
@@ -446,7 +445,7 @@ def test_one_that_is_not_there_is_nobodys(tmp_path: Path, monkeypatch: pytest.Mo
     assert opener.path == far.path
     far.close()
     asked: list[str] = []
-    monkeypatch.setattr("arva_hil.links.serial_opener.far_program", lambda path: asked.append(path) or "")
+    monkeypatch.setattr("arva_hil.links.serial_ports.far_program", lambda path: asked.append(path) or "")
     monkeypatch.setattr(os.path, "exists", lambda path: False)
     with pytest.raises(LinkError, match=f"{far.path}: no such port"):
         opener()
@@ -507,14 +506,14 @@ def test_one_that_is_free_when_it_is_looked_into_is_taken(tmp_path: Path, monkey
     path = str(tmp_path / "line")
     far = PtyLink(path)
     tries = Tries(path, monkeypatch)
-    whole = serial_opener.open_link
+    whole = serial_ports.open_link
 
     def opens(address: Address, *, clock: StepClock, brief: bool) -> Link:
         if brief:
             raise LinkError(path, "cannot be opened") from OSError(errno.EBUSY, "Device or resource busy")
         return whole(address, clock=clock)
 
-    monkeypatch.setattr(serial_opener, "open_link", opens)
+    monkeypatch.setattr(serial_ports, "open_link", opens)
     for _ in range(2):  # and the next absence is a new one
         assert tries.go(0.95) == []
         tries.opener().close()

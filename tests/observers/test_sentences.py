@@ -10,9 +10,9 @@ import pytest
 from arva_hil import events
 from arva_hil.events import Event, searches, vehicles
 from arva_hil.observers.console.event_json import NOT_NEWS, event_json, event_name
-from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.reasons import no_pose, no_vehicle
 from arva_hil.observers.console.sentences import sentence
+from arva_hil.observers.console.text import Notice
 from arva_hil.vehicle.reasons import HeardSource, NoPose, NoVehicle, SilentStream
 
 LINK = (1.0, "autopilot", "udpin:127.0.0.1:14550")

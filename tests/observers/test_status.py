@@ -13,7 +13,7 @@ from arva_hil.emulator.formats import frame_of
 from arva_hil.events import FrameMade, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.observers.console import text
 from arva_hil.observers.console.printer import Printer
-from arva_hil.observers.console.status import status_line, status_table
+from arva_hil.observers.console.text import status_line, status_table
 from arva_hil.receiver import ChannelReading, Reading, Zone
 from arva_hil.receiver.receiver_model import Pose
 

@@ -15,7 +15,7 @@ from arva_hil.links import Link, LinkError
 from arva_hil.links.base import Sender
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.reconnecting import ReconnectingLink
-from arva_hil.links.serial_opener import Barred
+from arva_hil.links.serial_ports import Barred
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.runtime.clock import Clock, StepClock

@@ -20,8 +20,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from arva_hil.config import Scenario, parse
-from arva_hil.emulator.engine import Emulator
-from arva_hil.emulator.fleet import vehicle_setups
+from arva_hil.emulator.engine import Emulator, vehicle_setups
 from arva_hil.events import Event, FrameMade
 from arva_hil.links import open_link
 from arva_hil.links.udp import UdpInLink

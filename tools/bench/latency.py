@@ -14,7 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from arva_hil.config import parse
-from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.links import open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.observers.audience import Audience

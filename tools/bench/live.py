@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from arva_hil.config import parse
-from arva_hil.emulator.engine import Emulator, one_vehicle
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
 from arva_hil.events import Event, FrameMade
 from arva_hil.links import open_link
 from arva_hil.links.pty import PtyLink

@@ -12,9 +12,8 @@ from arva_hil.line_wrapping import columns_of, is_screen, wrapped
 from arva_hil.links import Link, LinkError
 from arva_hil.observers.console import text
 from arva_hil.observers.console.event_json import event_json
-from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.sentences import sentence
-from arva_hil.observers.console.status import BETWEEN, fit, status_line, status_table
+from arva_hil.observers.console.text import BETWEEN, Notice, fit, status_line, status_table
 from arva_hil.runtime.worker_thread import WorkerThread
 from arva_hil.safe_text import one_line
 

@@ -8,8 +8,8 @@ from typing import Any, Final
 from arva_hil import events
 from arva_hil.events import Event, searches, vehicles
 from arva_hil.observers.console.failsafes import failsafes
-from arva_hil.observers.console.notice import Level, Notice
 from arva_hil.observers.console.reasons import no_pose, no_vehicle, request
+from arva_hil.observers.console.text import Level, Notice
 
 Sentence = tuple[Level, str]
 
@@ -236,10 +236,7 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
     vehicles.VehicleBack: lambda e: ("info", f"vehicle {e.label} is back"),
     vehicles.VehicleRebooted: lambda e: ("warning", f"vehicle {e.label} has rebooted: a new session"),
     vehicles.OtherAutopilotIgnored: _other_autopilot,
-    vehicles.SignatureRefused: lambda e: (
-        "warning",
-        _SIGNATURES[e.verdict].format(f"{e.system}/{e.component}"),
-    ),
+    vehicles.SignatureRefused: lambda e: ("warning", _SIGNATURES[e.verdict].format(f"{e.system}/{e.component}")),
     vehicles.ClockLeapt: lambda e: (
         "info",
         f"the vehicle's clock is ahead by {e.ahead_s:.0f} s: earlier packets came late",
@@ -283,10 +280,7 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
         "what --gcs shows reaches the autopilot, which may evade it: not shown now",
     ),
     searches.TransmitterHeard: _heard,
-    searches.TransmitterChosen: lambda e: (
-        "info",
-        f"going for transmitter {_number(e)}, {e.distance_m:.1f} m away",
-    ),
+    searches.TransmitterChosen: lambda e: ("info", f"going for transmitter {_number(e)}, {e.distance_m:.1f} m away"),
     searches.TransmitterFaded: lambda e: (
         "warning",
         f"transmitter {_number(e)} is not heard any more: back to the search strips",

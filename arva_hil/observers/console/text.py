@@ -1,15 +1,23 @@
-"""Readings and notices as text for a person."""
+"""Readings, notices and the status of a run as text for a person."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
-from typing import Any, Final, TextIO
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, Final, Literal, NamedTuple, TextIO
 
+from arva_hil.events import ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.line_wrapping import is_screen, wrapped
-from arva_hil.observers.console.notice import Notice
 from arva_hil.safe_text import one_line
 from firmware_proto import INNER, OUTER, Channel, Frame
+
+Level = Literal["info", "warning", "error"]
+
+
+class Notice(NamedTuple):
+    level: Level
+    text: str
+
 
 ZONES: Final = ("outer", "mid", "inner")
 WIDTH: Final = len("#254 inner 32767 cm -180°")  # of a channel that is aligned
@@ -75,3 +83,84 @@ def wants_colour(stream: TextIO) -> bool:
 
 def _zone(zone: int) -> str:
     return ZONES[zone] if zone < len(ZONES) else f"zone {zone}"
+
+
+_SHORT: Final = {"GLOBAL_POSITION_INT": "pos", "ATTITUDE": "att"}
+BETWEEN: Final = " | "
+_NAMES: Final = 3  # names take at most a third of the terminal's columns
+
+
+class StatusRow(NamedTuple):
+    """One receiver. `readings`: one for each channel that hears, nearest first. `rest`: the most important first."""
+
+    name: str
+    readings: Sequence[str]
+    rest: Sequence[str]
+
+
+def status_line(report: StatusReport, *, named: bool = False) -> str:
+    """The whole status in one line of any length."""
+    lines = []
+    for row in _rows(report, in_columns=False):
+        name = [f"{row.name}:"] if named else []
+        lines.append(" ".join([*name, BETWEEN.join([", ".join(row.readings), *row.rest])]))
+    return " || ".join(lines)
+
+
+def status_table(report: StatusReport, columns: int, most: int, *, named: bool = False) -> list[str]:
+    """At most `most` lines of at most `columns` characters: one for each receiver, and one for each further channel
+    that hears. Parts that do not fit are left out from the right, as a whole if possible.
+    """
+    rows = list(_rows(report, in_columns=True))
+    width = min(max((len(row.name) for row in rows), default=0), columns // _NAMES) if named else 0
+    lines = []
+    for row in rows:
+        indent = f"{row.name[:width]:<{width}}  " if width else ""
+        first, *further = row.readings
+        lines.append(fit([indent + first, *row.rest], columns))
+        lines += [fit([" " * len(indent) + reading], columns) for reading in further]
+    if len(lines) > most:
+        lines = [*lines[: most - 1], f"… and {len(lines) - most + 1} lines more"[:columns]]
+    return lines
+
+
+def fit(parts: Sequence[str], columns: int) -> str:
+    """As many of the parts as fit, from the left. The first part is cut if it is too long."""
+    line = parts[0][:columns]
+    for part in parts[1:]:
+        if len(line) + len(BETWEEN) + len(part) > columns:
+            break
+        line += BETWEEN + part
+    return line.rstrip()
+
+
+def _rows(report: StatusReport, *, in_columns: bool) -> Iterator[StatusRow]:
+    for vehicle in report.vehicles:
+        of_vehicle = _of_vehicle(vehicle)
+        for receiver in vehicle.receivers:
+            name = f"{vehicle.name}/{receiver.name}"
+            yield StatusRow(name, _readings(receiver, in_columns), _rest(receiver, of_vehicle))
+            of_vehicle = []  # once a vehicle
+
+
+def _readings(receiver: ReceiverStatus, in_columns: bool) -> list[str]:
+    if receiver.last is None:
+        return ["no frame yet".ljust(WIDTH) if in_columns else "no frame yet"]
+    channels = sorted((c for c in receiver.last.frame.channels if c.valid), key=lambda c: c.d)
+    if not in_columns:
+        return [reading(channels)]
+    return [aligned(c) for c in channels] or ["no signal".ljust(WIDTH)]
+
+
+def _rest(receiver: ReceiverStatus, of_vehicle: Sequence[str]) -> list[str]:
+    made, parts = receiver.last, []
+    if made:
+        age = made.age_s
+        parts.append("no pose" if made.pose is None or age is None else f"pose {age * 1e3:.0f} ms")
+    parts.append(f"{receiver.frames - receiver.dropped} sent, {receiver.dropped} dropped")
+    return [*parts, *of_vehicle]
+
+
+def _of_vehicle(vehicle: VehicleStatus) -> list[str]:
+    rates = " ".join(f"{_SHORT[name]} {rate:.0f} Hz" for name, rate in vehicle.rates.items() if name in _SHORT)
+    return [part for part in (rates, one_line(vehicle.label) or "no vehicle yet") if part]

@@ -15,9 +15,21 @@ from arva_hil.errors import ArvaError
 from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import dialect
-from arva_hil.observers.record.events import EventLines
-from arva_hil.observers.record.layout import EVENTS, FILES, FRAMES, READINGS, RUN, TABLE, VERSION, RecordLayout
-from arva_hil.observers.record.tables import COLUMNS, header_of_frames, moment, rows
+from arva_hil.observers.record.layout import (
+    COLUMNS,
+    EVENTS,
+    FILES,
+    FRAMES,
+    READINGS,
+    RUN,
+    TABLE,
+    VERSION,
+    EventLines,
+    RecordLayout,
+    header_of_frames,
+    moment,
+    rows,
+)
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.worker_thread import WorkerThread
 

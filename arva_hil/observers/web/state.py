@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
 from arva_hil.events.searches import FrameHeard, FromSearch
-from arva_hil.observers.console.notice import Notice
 from arva_hil.observers.console.sentences import sentence
+from arva_hil.observers.console.text import Notice
 from arva_hil.observers.web import jsons
 from arva_hil.observers.web.health import Health
 from arva_hil.observers.web.history import History
