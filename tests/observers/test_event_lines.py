@@ -9,7 +9,7 @@ import pytest
 
 from arva_hil.events import DatumSet, PacketsReceived
 from arva_hil.observers.record import Recorder
-from arva_hil.observers.record import files as module
+from arva_hil.observers.record import layout as module
 from arva_hil.observers.record.layout import EventLines
 from tests.records import EPOCH_US, START_S, write
 
