@@ -90,7 +90,7 @@ def test_a_replay_tells_the_readings_of_the_log(start: Start, flight: Path, tmp_
 
 
 def test_a_demo_tells_what_the_receiver_says_and_what_the_search_believes(start: Start, tmp_path: Path) -> None:
-    program = start("demo", "--headless", "--speed", 20, "--foxglove", 0, "--record", tmp_path / "run")
+    program = start("demo", "--headless", "--speed", 5, "--foxglove", 0, "--record", tmp_path / "run")
     watcher = client(program)
     assert program.ends() == 0
     watcher.until_closed()
