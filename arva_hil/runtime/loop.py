@@ -51,4 +51,5 @@ def run(
                 continue
             first = min(dues)
             due = max(due for due in dues if due <= first + _AT_ONCE_S)
+            due = max(due, round(due, 6))  # a task may have more to do at the instant of which this is a hair short
             clock.wait(min(due, until), [link for task in tasks for link in task.links])

@@ -10,6 +10,7 @@ from arva_hil.campaign.plan import trials
 from arva_hil.campaign.results import row
 from arva_hil.campaign.trial import fly
 from arva_hil.config.campaign import parse_plan
+from arva_hil.search.outcome import SearchStep
 
 PLAN = "strategies: estimate\nscenarios: moving.yaml\nnoise: off\nlimit_s: 300\n"
 
@@ -25,3 +26,15 @@ def test_a_transmitter_on_a_path_is_found_where_it_is_at_the_end(tmp_path: Path)
     assert one.error_m == pytest.approx(0, abs=0.5)
     assert one.hover_m == pytest.approx(0, abs=1.0)
     assert one.path_m > 20
+
+
+def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> None:
+    """There is one a second, on the second: five steps a second, and none of them hears it later."""
+    (tmp_path / "near.yaml").write_text("transmitters: [{id: 1, ned: [12, 9, 0]}]\n")
+    plan = PLAN.replace("moving", "near")
+    (planned,) = trials(parse_plan(plan, str(tmp_path / "plan.yaml")))
+    steps: list[SearchStep] = []
+    fly(planned.trial, steps.append)
+    heard = [step.time_s for step in steps if step.phase == "flying" and step.d_cm is not None]
+    assert len(heard) > 5
+    assert heard == pytest.approx([round(at) for at in heard], abs=1e-6)

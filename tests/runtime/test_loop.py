@@ -38,6 +38,13 @@ def test_deadlines_that_differ_only_in_how_they_were_reckoned_are_one() -> None:
     assert len(sums.told) == 11  # ten, and the last look
 
 
+def test_a_task_that_is_called_a_hair_too_early_is_called_with_those_that_are_due_then() -> None:
+    """0.9 s and the longest wait are a hair less than 1 s: the quick task would act without what the slow one says."""
+    quick, slow = Every(0.1, first=0.1 - 1e-12), Every(1.0, first=1.0)
+    run([slow, quick], StepClock(), until=1.05)
+    assert slow.told[-2] == quick.told[-2] == 1.0
+
+
 def test_who_is_not_due_and_has_nothing_to_read_is_left_alone() -> None:
     quick, slow = Every(0.02), Every(0.08, first=0.08)
     run([quick, slow], StepClock(), until=0.81)
