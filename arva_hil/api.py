@@ -78,10 +78,7 @@ def run_live(
         ports = {} if port is None else {"port": opened(port)}
         start = clock.now()
         emulator = Emulator(
-            [one_vehicle(scenario, session)],
-            start=start,
-            timeout_s=min(timeout_s, duration_s),
-            max_age_s=max_age_s,
+            [one_vehicle(scenario, session)], start=start, timeout_s=min(timeout_s, duration_s), max_age_s=max_age_s
         )
         live = drivers.Live(emulator, autopilots, ports, Audience([watcher]))
         run([live], clock, until=start + duration_s, stopped=lambda: watcher.over or stopped())

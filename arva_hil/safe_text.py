@@ -1,4 +1,4 @@
-"""Makes text from outside safe to show: on a terminal, in a line of a log, in a cell of a spreadsheet.
+"""Text for people: what comes from outside made safe, and lines broken between words.
 
 Names of files, devices and programs, and texts from vehicles, may contain anything: escape codes that change a
 terminal, marks that change the reading direction, line breaks that fake a message.
@@ -6,7 +6,9 @@ terminal, marks that change the reading direction, line breaks that fake a messa
 
 from __future__ import annotations
 
-from typing import Final
+import os
+import textwrap
+from typing import Final, TextIO
 
 _FORMULA: Final = ("=", "+", "-", "@")  # the first character of a formula in a spreadsheet
 
@@ -27,3 +29,36 @@ def cell(value: object) -> str:
     """Text for a cell of a CSV file: one line, and not a formula. Not for numbers, because they may begin with "-"."""
     text = one_line(value)
     return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
+
+
+_FURTHER: Final = 2
+_MOST: Final = 2  # an indent takes at most half of the columns
+
+
+def wrapped(line: str, columns: int | None, further: int = _FURTHER) -> str:
+    """A line broken between words for a terminal; None: no terminal, the line as it is.
+
+    Rows behind the first are indented by `further`, or by less on a narrow terminal. A word that is longer than a row,
+    such as a path, stays whole, so that it can be copied.
+    """
+    if columns is None or len(line) <= columns:
+        return line
+    begin = line[: len(line) - len(line.lstrip())] if further == _FURTHER else ""
+    indent = begin + " " * (further if further <= columns // _MOST else _FURTHER)
+    rows = textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(rows)
+
+
+def columns_of(stream: TextIO | None) -> int | None:
+    """Columns of the terminal that this is; None if it is none, is closed or does not tell."""
+    if stream is None:
+        return None
+    try:
+        return os.get_terminal_size(stream.fileno()).columns or None if is_screen(stream) else None
+    except (OSError, ValueError):
+        return None
+
+
+def is_screen(stream: TextIO) -> bool:
+    """Whether this is a terminal whose lines can be overwritten."""
+    return stream.isatty() and os.environ.get("TERM") != "dumb"

@@ -16,7 +16,7 @@ from pathlib import Path
 from arva_hil import config
 from arva_hil.campaign import results
 from arva_hil.campaign.plan import trials
-from arva_hil.campaign.summary import groups, summary
+from arva_hil.campaign.results import groups, summary
 from arva_hil.campaign.trial import Trial, fly
 from arva_hil.cli.main import main as arva_hil
 from arva_hil.config.campaign import load_plan

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from arva_hil.campaign.results import TrialRow
-from arva_hil.campaign.summary import groups, wilson
+from arva_hil.campaign.results import TrialRow, groups, wilson
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

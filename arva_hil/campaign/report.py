@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from arva_hil.campaign import charts
-from arva_hil.campaign.results import TrialRow
-from arva_hil.campaign.summary import Pair, Summary, groups, summary
+from arva_hil.campaign.results import Pair, Summary, TrialRow, groups, summary
 from arva_hil.report.html import render
 
 __all__ = ["page", "text"]

@@ -1,4 +1,4 @@
-"""The results of a campaign in a folder: a row for each trial in `results.sqlite`, committed as soon as it has ended.
+"""The results of a campaign: rows in `results.sqlite`, each committed as soon as its trial has ended; their statistics.
 
 Committed rows stay even if the campaign is killed. The database is locked while a campaign runs. Its write-ahead log is
 not used, because that does not work on a network disk. `results.csv` is exported at the end.
@@ -11,31 +11,19 @@ import csv
 import io
 import math
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
 
 from arva_hil import files
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.trial import FOUND, Result
 from arva_hil.errors import ArvaError
 from arva_hil.safe_text import cell, one_line
-
-__all__ = [
-    "FAILED",
-    "NAME",
-    "REPORT",
-    "TABLE",
-    "Results",
-    "ResultsError",
-    "TrialRow",
-    "flown",
-    "opened",
-    "replace",
-    "row",
-]
 
 NAME: Final = "results.sqlite"
 TABLE: Final = "results.csv"
@@ -207,3 +195,65 @@ def replace(path: Path, data: bytes) -> None:
         files.replace(path, data)
     except OSError as error:
         raise ResultsError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+_Z: Final = 1.959963984540054  # of the standard normal distribution, 97.5 %
+
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Statistics of some runs. `interval`: the 95 % confidence interval of the success rate. `time_s`, `path_m` (of
+    successes) and `error_m` (of all places reported): median and 90th percentile, None without values."""
+
+    runs: int
+    failed: int
+    successes: int
+    interval: Pair
+    time_s: Pair | None
+    path_m: Pair | None
+    error_m: Pair | None
+
+    @property
+    def rate(self) -> float:
+        return self.successes / self.runs if self.runs else math.nan
+
+
+def wilson(successes: int, runs: int) -> Pair:
+    """The 95 % confidence interval of a rate (E. B. Wilson, 1927)."""
+    if not runs:
+        return 0.0, 1.0
+    p, n = successes / runs, runs
+    centre = (p + _Z**2 / (2 * n)) / (1 + _Z**2 / n)
+    half = _Z / (1 + _Z**2 / n) * math.sqrt(p * (1 - p) / n + _Z**2 / (4 * n**2))
+    return max(centre - half, 0.0), min(centre + half, 1.0)
+
+
+def summary(rows: Sequence[TrialRow], success_m: float) -> Summary:
+    """The statistics of rows. A run that failed with an error of the program counts as a run without success."""
+    good = [row for row in rows if row.success(success_m)]
+    return Summary(
+        len(rows),
+        sum(row.failed for row in rows),
+        len(good),
+        wilson(len(good), len(rows)),
+        _spread([row.time_s for row in good]),
+        _spread([row.path_m for row in good]),
+        _spread([row.error_m for row in rows if row.error_m is not None]),
+    )
+
+
+def groups(rows: Iterable[TrialRow], *columns: str) -> dict[tuple[Any, ...], list[TrialRow]]:
+    """The rows by their values in some columns, in the order in which the values first appear."""
+    found: dict[tuple[Any, ...], list[TrialRow]] = {}
+    for row in rows:
+        found.setdefault(tuple(getattr(row, column) for column in columns), []).append(row)
+    return found
+
+
+def _spread(values: list[float]) -> Pair | None:
+    if not values:
+        return None
+    median, most = np.percentile(values, [50, 90])
+    return float(median), float(most)

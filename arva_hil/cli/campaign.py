@@ -12,10 +12,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from arva_hil.cli.endings import SignalGuard
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
-from arva_hil.cli.progress import bar, time_left
-from arva_hil.cli.terminal import show, show_json, tell
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, SignalGuard, UsageError
+from arva_hil.cli.terminal import bar, show, show_json, tell, time_left
 from arva_hil.runtime.clock import RealClock
 from arva_hil.safe_text import one_line
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def main(options: argparse.Namespace) -> int:
     from arva_hil.config import ScenarioError
-    from arva_hil.config.builtin import located
+    from arva_hil.config.profiles import located
     from arva_hil.config.reading import read_text
 
     if options.schema:

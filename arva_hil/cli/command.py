@@ -8,9 +8,8 @@ from contextlib import closing
 from typing import Final
 
 from arva_hil.cli import common
-from arva_hil.cli.endings import SignalGuard
-from arva_hil.cli.format_guess import SAMPLE_BYTES, guess_format
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
+from arva_hil.cli.listen import SAMPLE_BYTES, guess_format
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, SignalGuard, UsageError
 from arva_hil.cli.terminal import show, show_json
 from arva_hil.links import Link, LinkError
 from arva_hil.registry import FORMATS

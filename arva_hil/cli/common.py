@@ -14,9 +14,19 @@ from pathlib import Path
 from typing import Any
 
 from arva_hil import __version__
-from arva_hil.cli.endings import SignalGuard, traceback_lines, unexpected_error
 from arva_hil.cli.live import close_all, live_observers
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, NO_READER, OK, Failure, UsageError
+from arva_hil.cli.outcome import (
+    FAILED,
+    INTERRUPTED,
+    NO_LINK,
+    NO_READER,
+    OK,
+    Failure,
+    SignalGuard,
+    UsageError,
+    traceback_lines,
+    unexpected_error,
+)
 from arva_hil.cli.page import page_of_run
 from arva_hil.cli.summary import RunCounters, as_dict, summary_lines
 from arva_hil.cli.terminal import tell

@@ -10,16 +10,15 @@ from contextlib import ExitStack, closing, suppress
 from functools import partial
 from typing import Final
 
-from arva_hil.cli.endings import SignalGuard
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.next_command import next_command
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
-from arva_hil.cli.outcome import INTERRUPTED, UsageError
+from arva_hil.cli.outcome import INTERRUPTED, SignalGuard, UsageError
 from arva_hil.cli.run_links import check_sides, choose_autopilot
 from arva_hil.cli.terminal import show_json, show_marked, tell
 from arva_hil.doctor import diagnosis, port_diagnosis
 from arva_hil.doctor.examination import AutopilotProbe, PortProbe
-from arva_hil.doctor.held import held
+from arva_hil.doctor.port_diagnosis import held
 from arva_hil.doctor.values import Finding, Position
 from arva_hil.emulator.formats import encoder
 from arva_hil.links import Address, Link, LinkError, open_link, parse

@@ -12,10 +12,7 @@ from arva_hil.config import Scenario, VehicleConfig
 from arva_hil.emulator.engine import sink_name
 from arva_hil.links import Address, AddressError, parse
 
-_OWN: Final = {
-    "port": "each receiver has its own port",
-    "target_system": "each vehicle has its own system",
-}
+_OWN: Final = {"port": "each receiver has its own port", "target_system": "each vehicle has its own system"}
 
 
 class FleetSides(NamedTuple):

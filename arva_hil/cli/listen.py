@@ -1,4 +1,4 @@
-"""`arva-hil listen`: decodes frames, and prints them."""
+"""`arva-hil listen`: decodes frames and prints them, or guesses their format."""
 
 from __future__ import annotations
 
@@ -12,19 +12,37 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common
-from arva_hil.cli.endings import SignalGuard
-from arva_hil.cli.format_guess import SAMPLE_BYTES, guess_format
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, SignalGuard, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
 from arva_hil.links import AddressError, Link, LinkError, parse
-from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.observers.console import text
-from arva_hil.registry import FORMATS, MAVLINK_FORMATS
+from arva_hil.registry import FORMATS, MAVLINK_FORMATS, MEASURED_FORMATS
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.vehicle.session import heartbeat
 from firmware_proto import Frame, FrameDecoder
 from firmware_proto.frame import PAUSE_S
+
+SAMPLE_BYTES: Final = 1 << 14  # enough of any format for several frames
+
+
+def guess_format(sample: bytes, expected: str) -> str:
+    """What a stream without a frame of the `expected` format probably is, for a person. `sample`: its first bytes."""
+    frames = {name: _frames(sample, name) for name in FORMATS if name != expected}
+    best = max(reversed(frames), key=lambda name: frames[name])  # tunnel before the binary frames that are in it
+    if frames[best]:
+        return f"it looks like {best}: --format {best}"
+    if packets := len(Parser().feed(sample)):
+        return f"it looks like MAVLink ({packets} packets) without frames of a receiver in it"
+    return "it does not look like another format either: is it the right port, and the right baud rate?"
+
+
+def _frames(sample: bytes, name: str) -> int:
+    decoder = FORMATS[name].decoder()
+    frames = decoder.feed(sample, 0.0) + decoder.feed(b"", math.inf)
+    return sum(name not in MEASURED_FORMATS or frame.measured is not None for frame in frames)
+
 
 _WATCHDOG_S: Final = 2.0  # after this time without a frame, consumers report that the receiver does not work
 

@@ -8,18 +8,55 @@ import importlib
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import Final
 
 from arva_hil import __version__
-from arva_hil.cli.endings import interrupting, traceback_lines, unexpected_error
-from arva_hil.cli.environment import unknown_variables
-from arva_hil.cli.options import CommandParser, module_name
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_READER, OK, USAGE, Failure, UsageError
-from arva_hil.cli.standard_streams import abandon, refuse_closed, reserve
-from arva_hil.cli.terminal import ReaderGone, StdoutError, flush, show, tell
+from arva_hil.cli.options import PREFIX, CommandParser, module_name
+from arva_hil.cli.outcome import (
+    FAILED,
+    INTERRUPTED,
+    NO_READER,
+    OK,
+    USAGE,
+    Failure,
+    UsageError,
+    interrupting,
+    traceback_lines,
+    unexpected_error,
+)
+from arva_hil.cli.terminal import ReaderGone, StdoutError, abandon, flush, refuse_closed, reserve, show, tell
 from arva_hil.errors import KindError
+
+OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4")  # the simulators of tests/sitl
+
+
+def unknown_variables(environment: Mapping[str, str], parser: CommandParser, commands: Iterable[str]) -> list[str]:
+    """A message for each variable that none of `commands` reads.
+
+    The other commands are imported only if there is a variable that `parser` does not read.
+    """
+    unread = {name for name, value in environment.items() if name.startswith(PREFIX) and value}
+    unread -= {*parser.variables, *OF_THE_TESTS}
+    if not unread:
+        return []
+    known, typed = set(parser.variables), set(parser.typed_only)
+    for command in commands:
+        other = CommandParser(prog=command)
+        importlib.import_module(f"arva_hil.cli.arguments.{module_name(command)}").add_options(other)
+        known |= set(other.variables)
+        typed |= set(other.typed_only)
+    return [_say(name, known, typed) for name in sorted(unread - known)]
+
+
+def _say(name: str, known: Iterable[str], typed: Iterable[str]) -> str:
+    flag = "--" + name.removeprefix(PREFIX).lower().replace("_", "-")
+    if flag in typed:
+        return f"{name} is not read: type {flag} each time"
+    near = difflib.get_close_matches(name.removeprefix(PREFIX), [one.removeprefix(PREFIX) for one in known], 1)
+    return f"{name} is not an option of any command" + (f"; did you mean {PREFIX}{near[0]}?" if near else "")
+
 
 COMMANDS: Final = {
     "run": "emulate the receiver: reads the autopilot, sends frames (the default command)",

@@ -1,10 +1,18 @@
-"""How a command ends: its exit code, and the message if it failed."""
+"""How a command ends: its exit code and message; signals and unexpected errors, which end it early."""
 
 from __future__ import annotations
 
-from typing import Final
+import contextlib
+import signal
+import threading
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final
 
 from arva_hil.errors import ArvaError
+from arva_hil.runtime.clock import RealClock
 from arva_hil.safe_text import one_line
 
 OK: Final = 0
@@ -29,3 +37,85 @@ class UsageError(Failure):
 
     def __init__(self, *lines: object) -> None:
         super().__init__(USAGE, *lines)
+
+
+_SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_STUCK_S: Final = 1.0  # a loop that goes on for longer after a signal is stuck
+_PACKAGE: Final = Path(__file__).parent.parent
+
+
+@contextlib.contextmanager
+def interrupting() -> Iterator[None]:
+    """Every signal raises KeyboardInterrupt, as Ctrl-C does. For use outside the loop, where no data can be lost."""
+    before = _set(signal.default_int_handler)
+    try:
+        yield
+    finally:
+        _restore(before)
+
+
+class SignalGuard:
+    """Remembers the first signal in `caught` and the first error of a thread in `error`. The loop must check both.
+
+    A further signal is ignored. If the loop is stuck, it raises KeyboardInterrupt there, unless `ending` is set.
+    """
+
+    def __init__(self) -> None:
+        self.caught: signal.Signals | None = None
+        self.error: BaseException | None = None
+        self.ending = False
+        self._clock = RealClock()
+        self._caught_at = 0.0
+        self._before: dict[int, Any] = {}
+        self._hook = threading.excepthook
+
+    def __enter__(self) -> SignalGuard:
+        self._before = _set(self._note)
+        threading.excepthook = self._fail
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        threading.excepthook = self._hook
+        _restore(self._before)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        if self.caught is None:
+            self.caught = signal.Signals(number)
+            self._caught_at = self._clock.now()
+        elif not self.ending and self._clock.now() - self._caught_at > _STUCK_S:
+            raise KeyboardInterrupt
+
+    def _fail(self, args: threading.ExceptHookArgs) -> None:
+        if self.error is None:
+            self.error = args.exc_value or args.exc_type()
+
+
+def unexpected_error(error: BaseException) -> str:
+    """An unexpected error in one line: what it is, and where in this program."""
+    ours = [f for f in traceback.extract_tb(error.__traceback__) if _PACKAGE in Path(f.filename).parents]
+    where = f" ({Path(ours[-1].filename).relative_to(_PACKAGE)}:{ours[-1].lineno})" if ours else ""
+    return f"unexpected {type(error).__name__}: {error}{where}"
+
+
+def traceback_lines(error: BaseException) -> list[str]:
+    """The traceback of an error in lines. The error's message is one line, because its text may come from outside."""
+    lines: list[str] = []
+    for part in traceback.format_exception(error):
+        lines += part.splitlines() if part.startswith("  File ") else [part.strip("\n")]
+    return lines
+
+
+def _set(handler: Any) -> dict[int, Any]:
+    """Set the handlers of the signals; returns the earlier ones. Under `nohup`, SIGHUP stays ignored."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    return {n: signal.signal(n, handler) for n in _SIGNALS if not (n != signal.SIGINT and _ignored(n))}
+
+
+def _ignored(number: int) -> bool:
+    return signal.getsignal(number) is signal.SIG_IGN
+
+
+def _restore(handlers: dict[int, Any]) -> None:
+    for number, handler in handlers.items():
+        signal.signal(number, handler)

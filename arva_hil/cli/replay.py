@@ -12,7 +12,7 @@ from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
 from arva_hil.cli.outcome import UsageError
-from arva_hil.cli.progress import bar
+from arva_hil.cli.terminal import bar
 from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
 from arva_hil.events import LogClockSet, LogLayout

@@ -11,7 +11,7 @@ from arva_hil.cli.terminal import show, show_json
 
 
 def main(options: argparse.Namespace) -> int:
-    from arva_hil.config.builtin import PREFIX, builtin_files
+    from arva_hil.config.profiles import PREFIX, builtin_files
 
     for name, path in builtin_files().items():
         if options.json:

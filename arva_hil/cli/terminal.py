@@ -5,16 +5,57 @@ Control characters in a line are replaced, so that it stays one line and cannot 
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
-from arva_hil.cli.standard_streams import abandon
+from arva_hil.cli.outcome import UsageError
 from arva_hil.errors import ArvaError
-from arva_hil.line_wrapping import columns_of, wrapped
-from arva_hil.safe_text import one_line
+from arva_hil.safe_text import columns_of, one_line, wrapped
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
+
+
+def reserve() -> None:
+    """Open /dev/null for each closed stream, before anything else is opened.
+
+    Otherwise the next port or socket gets the stream's number, and messages for stderr are sent there.
+    """
+    for fd in range(3):
+        try:
+            os.fstat(fd)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest number that is free: this one
+    if sys.stdin is None:
+        sys.stdin = open(0, closefd=False)  # noqa: SIM115 (for as long as the program runs)
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(2, "w", errors="backslashreplace", closefd=False)  # noqa: SIM115
+
+
+def refuse_closed(options: argparse.Namespace) -> None:
+    """Raise UsageError if the options send data to stdout and it is closed. Lines for a person are just lost."""
+    if sys.__stdout__ is not None:
+        return
+    if getattr(options, "json", False):
+        raise UsageError("--json: the data go to stdout, which is closed")
+    for name in ("port", "out"):
+        if getattr(options, name, None) == "-":
+            raise UsageError(f"--{name} -: the frames go to stdout, which is closed")
+
+
+def abandon(stream: object) -> None:
+    """Discard all further output of a standard stream whose reader is gone, also at exit."""
+    with contextlib.suppress(OSError, AttributeError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())  # type: ignore[attr-defined]
+        os.close(nowhere)
 
 
 class StdoutError(ArvaError):
@@ -75,3 +116,31 @@ def _print(text: str, end: str = "\n") -> None:
         raise ReaderGone(f"stdout: {error}") from None
     except OSError as error:
         raise StdoutError(f"stdout: {error}") from None
+
+
+_FORM: Final = "{percentage:3.0f} % |{bar}| {n_fmt} of {total_fmt}{unit}, {remaining} left"
+
+
+def bar(total: int, unit: str, *, done: int = 0, scaled: bool = False, shown: bool = True) -> tqdm[Any]:
+    """A bar on stderr. It is erased when it is closed. `scaled`: numbers as 12.3k, for bytes."""
+    from tqdm import tqdm  # slow to import
+
+    return tqdm(
+        total=total,
+        initial=done,
+        unit=unit,
+        unit_scale=scaled,
+        leave=False,
+        dynamic_ncols=True,
+        bar_format=_FORM,
+        disable=not shown,
+    )
+
+
+def time_left(done: int, more: int, after_s: float) -> str:
+    """The time that `more` will take if `done` took `after_s`, e.g. "about 0:17:25 left"; "" if it is not known yet."""
+    if not done or not more:
+        return ""
+    minutes, seconds = divmod(round(more * after_s / done), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"about {hours}:{minutes:02}:{seconds:02} left"

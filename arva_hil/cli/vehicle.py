@@ -6,8 +6,7 @@ import argparse
 from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
-from arva_hil.cli.endings import SignalGuard
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, SignalGuard, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.field import LocalFrame
 from arva_hil.links import LinkError

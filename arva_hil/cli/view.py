@@ -12,9 +12,8 @@ from pathlib import Path
 
 from arva_hil.cli import replay
 from arva_hil.cli.arguments import replay as replay_arguments
-from arva_hil.cli.endings import SignalGuard
 from arva_hil.cli.options import CommandParser
-from arva_hil.cli.outcome import INTERRUPTED, OK, UsageError
+from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError
 from arva_hil.cli.page import said_of
 from arva_hil.cli.terminal import tell
 from arva_hil.observers.web.address import Address

@@ -17,8 +17,15 @@ if TYPE_CHECKING:
     from arva_hil.config.faults import Fault, FaultKind, misfit, parse_fault, plain_fault
     from arva_hil.config.receiver import MountOptions, Noise, ReceiverOptions, SlingOptions
     from arva_hil.config.scenario import DEFAULT, Datum, Scenario, load, parse, parts_of_spec_2, to_dict
-    from arva_hil.config.signals import KeyingOptions, MediumOptions, VehicleNoiseOptions
-    from arva_hil.config.transmitter import Follows, Lla, Path, Transmitter
+    from arva_hil.config.transmitter import (
+        Follows,
+        KeyingOptions,
+        Lla,
+        MediumOptions,
+        Path,
+        Transmitter,
+        VehicleNoiseOptions,
+    )
     from arva_hil.config.vehicles import NavigationError, ReceiverConfig, VehicleConfig
 
 FRAMES_HZ: Final = (0.1, 50)  # from, to
@@ -28,8 +35,7 @@ _MODULES: Final = {
     "common": "NOISE_KINDS RATE_HZ SEED NoiseKind Pose Triple",
     "receiver": "MountOptions Noise ReceiverOptions SlingOptions",
     "scenario": "DEFAULT Datum Scenario load parse parts_of_spec_2 to_dict",
-    "signals": "KeyingOptions MediumOptions VehicleNoiseOptions",
-    "transmitter": "Follows Lla Path Transmitter",
+    "transmitter": "Follows KeyingOptions Lla MediumOptions Path Transmitter VehicleNoiseOptions",
     "vehicles": "NavigationError ReceiverConfig VehicleConfig",
     "errors": "Problem ScenarioError",
 }

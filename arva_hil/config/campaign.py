@@ -6,15 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Final
 
-from arva_hil.config.builtin import located
 from arva_hil.config.common import NOISE_KINDS, SEED, NoiseKind
 from arva_hil.config.constraints import Constraint, ListOf, Named, Number, Numbers, Spec, Text, Whole, Word
 from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation, nearest, wrong
 from arva_hil.config.nodes import Value, first_line, value_of
-from arva_hil.config.reading import read, read_text
+from arva_hil.config.profiles import located
+from arva_hil.config.reading import Problems, read, read_text
 from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
 from arva_hil.config.tables import Help, TableOf, keys, read_keys, table
-from arva_hil.config.yaml_document import Problems
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1

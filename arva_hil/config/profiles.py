@@ -1,16 +1,39 @@
-"""Profiles of receivers and transmitters: files whose keys others take over by `profile: NAME`."""
+"""Files that come with the program, by name, and profiles: files whose keys others take over by `profile: NAME`."""
 
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 from arva_hil.config import nodes
-from arva_hil.config.builtin import PREFIX, located
 from arva_hil.config.constraints import Number, Spec
-from arva_hil.config.errors import ScenarioError, Violation
+from arva_hil.config.errors import Problem, ScenarioError, Violation, any_of, nearest
 from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.signals import KeyingOptions
 from arva_hil.config.tables import Help, TableOf, table
+from arva_hil.config.transmitter import KeyingOptions
+
+PREFIX: Final = "builtin:"
+
+
+def builtin_files() -> dict[str, Path]:
+    """The files by name, those of campaigns behind `campaigns/`; sorted."""
+    package = Path(__file__).resolve().parents[1]
+    installed, checkout = package / "configs", package.parent / "configs"
+    folder = installed if installed.is_dir() else checkout
+    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.yaml"))}
+
+
+def located(path: str | os.PathLike[str]) -> str:
+    """The path of a scenario: of a built-in one for `builtin:NAME`, else `path` itself. Raises ScenarioError."""
+    name = os.fspath(path)
+    if not name.startswith(PREFIX):
+        return name
+    files, wanted = builtin_files(), name.removeprefix(PREFIX)
+    if wanted not in files:
+        close = nearest(wanted.lower().removesuffix(".yaml"), list(files))
+        raise ScenarioError([Problem(name, 1, 1, "no such file is built in", any_of(list(files)), close)])
+    return str(files[wanted])
+
 
 FOLDERS: Final = {"receiver": "receivers", "transmitter": "transmitters"}
 """Of built-in profiles, by what they are of."""
@@ -51,7 +74,7 @@ _TABLES: Final[Mapping[str, Any]] = {"receiver": ReceiverProfile, "transmitter":
 
 def profile_kind(text: str) -> str | None:
     """What a text looks like a profile of, and not like a scenario; None if of nothing."""
-    from arva_hil.config.yaml_document import Problems  # slow to import
+    from arva_hil.config.reading import Problems  # slow to import
 
     try:
         root = nodes.value_of(Problems("").compose(text, ""), nodes.NEWEST_SPEC)

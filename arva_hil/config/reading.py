@@ -3,15 +3,138 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterable
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NoReturn, TypeVar
 
 import yaml
 
 from arva_hil.config.constraints import whole
-from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation
+from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation, short
 from arva_hil.config.nodes import Items, Mapping, Scalar, Value, value_of
-from arva_hil.config.yaml_document import Problems, describe, end_of
+
+_DEEPEST: Final = 20
+_REFUSED: Final = "refused"  # the tag of a node that stands for one already reported
+_START: Final = yaml.Mark("", 0, 0, 0, None, 0)
+_BREAK: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
+
+
+class Problems:
+    """Collects what is wrong with one text, in `found`."""
+
+    def __init__(self, source: str) -> None:
+        self.found: list[Problem] = []
+        self.source = source
+
+    def raise_any(self) -> None:
+        """Raises ScenarioError with all problems, if there are any."""
+        if self.found:
+            raise ScenarioError(self.found)
+
+    def add(self, node: yaml.Node, found: str, expected: str, nearest: str | None = None) -> None:
+        """One at the start of `node`."""
+        if node.tag != _REFUSED:
+            self.add_at(node.start_mark, found, expected, nearest)
+
+    def add_at(self, at: yaml.Mark, found: str, expected: str, nearest: str | None = None) -> None:
+        """One at a place."""
+        self.found.append(Problem(self.source, at.line + 1, at.column + 1, found, expected, nearest))
+
+    def fail(self, at: yaml.Mark, found: str, expected: str) -> NoReturn:
+        """Raises ScenarioError with the problems so far and this one, after which nothing can be read."""
+        self.add_at(at, found, expected)
+        raise ScenarioError(self.found)
+
+    def compose(self, text: str, what: str) -> yaml.Node:
+        """The node tree of a text, in which `what` should be. Raises ScenarioError when it is not YAML at all."""
+        try:
+            loader = _Loader(text, self)
+        except yaml.reader.ReaderError as error:
+            self.fail(end_of(text[: error.position]), f"the character {text[error.position]!r}", "printable text")
+        try:
+            root = loader.get_node() if loader.check_node() else None
+            if root is None:
+                self.fail(_START, "an empty file", what)
+            if loader.check_node():
+                second = loader.peek_event()  # type: ignore[no-untyped-call]
+                self.add_at(second.start_mark, "a second document", "one")
+        except yaml.MarkedYAMLError as error:
+            at = error.problem_mark or loader.get_mark()
+            if text[at.index : at.index + 1] == "\t":
+                self.fail(at, "a tab", "spaces")
+            self._fail_syntax(error, at, text)
+        except (ValueError, OverflowError):  # where PyYAML trusts the number in "\U…" and %YAML
+            self.fail(loader.get_mark(), "not YAML (a number too large)", "a smaller one")
+        return root
+
+    def _fail_syntax(self, error: yaml.MarkedYAMLError, at: yaml.Mark, text: str) -> NoReturn:
+        """Report what PyYAML found at the place of the mistake, often before where PyYAML noticed it."""
+        context, problem, begun = error.context or "", error.problem or "", error.context_mark
+        if begun and context == "while scanning a simple key":
+            line = _BREAK.split(text[begun.index : begun.index + 1000])[0].strip()
+            self.fail(begun, repr(short(line)), "a key, a colon and a blank")
+        if begun and context == "while scanning a quoted scalar" and "end of stream" in problem:
+            self.fail(begun, "a quote that is not closed", "another one")
+        if problem.startswith("expected '<document start>'"):
+            self.fail(at, "text behind the end of the document", "one document")
+        if begun and begun.line < at.line:
+            context += f" that began on line {begun.line + 1}"
+        why = ", ".join(part for part in (context, problem) if part)
+        self.fail(at, f"not YAML ({why})", "indentation, brackets and quotes that match")
+
+
+class _Loader(yaml.BaseLoader):
+    """Composes nodes, and refuses what no file needs and bombs are made of: aliases, tags and deep nesting."""
+
+    def __init__(self, text: str, problems: Problems) -> None:
+        super().__init__(text)
+        self._problems = problems
+        self._depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        event = self.peek_event()  # type: ignore[no-untyped-call]
+        node: yaml.Node | None
+        if isinstance(event, yaml.AliasEvent):
+            self.get_event()  # type: ignore[no-untyped-call]
+            found, expected = f"the alias *{short(str(event.anchor))}", "the value itself"
+        elif self._depth == _DEEPEST:
+            self._problems.fail(event.start_mark, f"more than {_DEEPEST} levels", "fewer")
+        else:
+            self._depth += 1
+            node = super().compose_node(parent, index)
+            self._depth -= 1
+            if event.tag is None:
+                return node
+            tag = event.tag.replace("tag:yaml.org,2002:", "!!")
+            found, expected = f"the tag {short(tag)!r}", "a value without a tag"
+        node = yaml.ScalarNode("", "", event.start_mark, event.end_mark)
+        self._problems.add(node, found, expected)
+        node.tag = _REFUSED
+        return node
+
+
+def end_of(text: str) -> yaml.Mark:
+    """The place behind a text; lines are counted as YAML does."""
+    lines = _BREAK.split(text)
+    return yaml.Mark("", 0, len(lines) - 1, len(lines[-1]), None, 0)
+
+
+def text_of(node: yaml.Node) -> str:
+    """The text of a scalar, "" for others."""
+    return str(node.value) if isinstance(node, yaml.ScalarNode) else ""
+
+
+def describe(node: yaml.Node) -> str:
+    """What a node is, in one short line."""
+    if isinstance(node, yaml.MappingNode):
+        return "a mapping"
+    if isinstance(node, yaml.SequenceNode):
+        return f"a list of {len(node.value)}"
+    text = str(node.value)
+    if isinstance(node, yaml.ScalarNode) and node.style is not None:
+        return f"the text {short(text)!r}"
+    return repr(short(text)) if text else "nothing"
+
 
 _T = TypeVar("_T")
 

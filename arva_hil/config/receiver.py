@@ -1,16 +1,122 @@
-"""The receiver of a scenario: what it is like, where it sits, how often it looks."""
+"""The receiver of a scenario: what it is like, where it sits, how often it looks, and the keys of a model's own.
 
+pydantic validates a model's own keys by their annotations (`Annotated[int, pydantic.Field(ge=1)]`).
+"""
+
+import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import InitVar, asdict, field
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
-from arva_hil.config import model_keys
 from arva_hil.config.common import BODY_POINT, NOISE_KINDS, RATE_HZ, Attitude, NoiseKind, Triple
-from arva_hil.config.constraints import Anything, Named, Number, Numbers, Text, Whole, Word
-from arva_hil.config.errors import Violation, wrong
-from arva_hil.config.signals import VehicleNoiseOptions
+from arva_hil.config.constraints import FLOAT, WHOLE, Anything, Named, Number, Numbers, Text, Whole, Word
+from arva_hil.config.errors import Violation, any_of, wrong
+from arva_hil.config.nodes import Scalar
 from arva_hil.config.tables import Help, NotAKey, OtherKeys, Since, table, valid_value
+from arva_hil.config.transmitter import VehicleNoiseOptions
+from arva_hil.errors import KindError
 from arva_hil.registry import RECEIVERS
+
+if TYPE_CHECKING:
+    from pydantic_core import ValidationError
+
+PAPER: Final = "paper"  # it has no keys of its own; a scenario without another model imports none
+_WORDS: Final = {"true": True, "false": False, "null": None, "~": None}
+
+
+def read_options(model: str | None, mapping: Mapping[str, Any]) -> OtherKeys:
+    """The own keys in a mapping whose model is this one (None: it is not known)."""
+    cls = options_class(model)
+    if cls is None:
+        return OtherKeys()
+    names = [field.name for field in dataclasses.fields(cls)]
+    from pydantic import TypeAdapter, ValidationError  # slow to import
+
+    try:
+        options = TypeAdapter(cls).validate_python({name: _plain(mapping[name]) for name in names if name in mapping})
+    except ValidationError as error:
+        return OtherKeys(names, None, list(_violations(error, model)))
+    return OtherKeys(names, options)
+
+
+def checked_options(model: str, options: Any) -> Any:
+    """The options of a model from Python: its `Options`, a mapping, or None for the defaults. Raises ValueError."""
+    cls = options_class(model)
+    if cls is None:
+        if options is not None:
+            raise ValueError(f"options: {options!r}, expected None: the receiver model {model} has no keys of its own")
+        return None
+    if isinstance(options, cls):
+        return options
+    if not isinstance(options, Mapping | None):
+        raise ValueError(f"options: {options!r}, expected {cls.__qualname__} or a mapping")
+    names = [field.name for field in dataclasses.fields(cls)]
+    if unknown := [name for name in options or () if name not in names]:
+        raise ValueError(f"options: {unknown[0]!r}, expected {any_of(names)}")
+    from pydantic import TypeAdapter  # slow to import
+
+    return TypeAdapter(cls).validate_python(dict(options or {}))
+
+
+def options_class(model: str | None) -> type[Any] | None:
+    """The class of a model's own keys, None if it has none or cannot be used. Raises KindError for no dataclass."""
+    if model is None or model == PAPER:
+        return None
+    try:
+        cls = getattr(RECEIVERS[model], "Options", None)
+    except KindError:  # reported where the model is named
+        return None
+    if cls is not None and not (isinstance(cls, type) and dataclasses.is_dataclass(cls)):
+        raise KindError(f"the Options of the receiver model {model} are no dataclass", "decorate them with @dataclass")
+    return cls
+
+
+def schemas() -> dict[str, Any]:
+    """The JSON Schema of each own key of all models that are installed."""
+    every: dict[str, Any] = {}
+    for cls in filter(None, map(options_class, RECEIVERS.names())):
+        from pydantic import TypeAdapter  # slow to import
+
+        schema = TypeAdapter(cls).json_schema()
+        for name, one in schema["properties"].items():
+            every.setdefault(name, {} if "$defs" in schema else _tidy(one))
+    return every
+
+
+def _tidy(schema: dict[str, Any]) -> dict[str, Any]:
+    """Without its title and without null, which no file has."""
+    kept = {key: value for key, value in schema.items() if key != "title" and value is not None}
+    if "anyOf" in kept:
+        kept["anyOf"] = [one for one in kept["anyOf"] if one != {"type": "null"}]
+        if len(kept["anyOf"]) == 1:
+            kept |= kept.pop("anyOf")[0]
+    return kept
+
+
+def _plain(value: Any) -> Any:
+    """A value of a file as plain data: true, false, null, numbers, texts, lists and mappings."""
+    if isinstance(value, Scalar):
+        if value.plain in _WORDS:
+            return _WORDS[value.plain]
+        if WHOLE.fullmatch(value.plain):
+            return int(value.plain)
+        return float(value.plain) if FLOAT.fullmatch(value.plain) else str(value)
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list) else value
+
+
+def _violations(error: "ValidationError", model: str | None) -> Iterator[Violation]:
+    for one in error.errors(include_url=False, include_input=False):
+        message, path = one["msg"], one["loc"]
+        if one["type"] == "missing" and len(path) == 1:
+            yield Violation(f"a mapping with {path[0]}", f"no {path[0]}")
+        elif message.startswith("Input should be "):
+            expected = message.removeprefix("Input should be ").partition(", unable to parse")[0]
+            yield Violation(expected, path=path)
+        else:
+            yield Violation(f"what the receiver model {model} takes", message.removeprefix("Value error, "), path=path)
+
 
 NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))
 
@@ -80,7 +186,7 @@ class ReceiverOptions:
         tuple[int, int], _NoSignal(*[Whole(-1, 0)] * 2), Help("distance and angle when there is nothing")
     ] = (-1, -1)
     model: Annotated[str, Named(RECEIVERS), Since(2), Help("what computes a reading; its own keys stand beside it")] = (
-        model_keys.PAPER
+        PAPER
     )
     options: Annotated[Any, Anything(), NotAKey()] = None
     vehicle_noise: Annotated[
@@ -93,12 +199,12 @@ class ReceiverOptions:
     ] = field(default=None, kw_only=True)
 
     def __post_init__(self, profile: str | None) -> None:
-        object.__setattr__(self, "options", model_keys.checked_options(self.model, self.options))
+        object.__setattr__(self, "options", checked_options(self.model, self.options))
 
     @classmethod
     def other_keys(cls, mapping: Mapping[str, Any]) -> OtherKeys:
         """The keys of its model's own."""
-        return model_keys.read_options(valid_value(cls, mapping, "model"), mapping)
+        return read_options(valid_value(cls, mapping, "model"), mapping)
 
     def file_keys(self) -> dict[str, Any]:
         """What a file has otherwise than Python."""
@@ -107,7 +213,7 @@ class ReceiverOptions:
     @classmethod
     def other_schemas(cls) -> dict[str, Any]:
         """The JSON Schemas of the keys of models' own."""
-        return model_keys.schemas()
+        return schemas()
 
     @classmethod
     def conflicts(cls, holder: Any) -> Iterator[Violation]:

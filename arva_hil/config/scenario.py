@@ -10,16 +10,14 @@ from dataclasses import InitVar, field, replace
 from typing import Annotated, Any, Final, Literal, get_args
 
 from arva_hil.config import nodes
-from arva_hil.config.builtin import located
 from arva_hil.config.common import FORMAT, SEED, Pose
 from arva_hil.config.constraints import ListOf, Spec, Text, Word
 from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation
 from arva_hil.config.faults import Fault, FaultItem, misfit
-from arva_hil.config.profiles import take_over
+from arva_hil.config.profiles import located, take_over
 from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.signals import MediumOptions
 from arva_hil.config.tables import Help, NotAKey, Since, TableOf, duplicates, items_of, keys, table, valid_value
-from arva_hil.config.transmitter import Lla, Transmitter
+from arva_hil.config.transmitter import Lla, MediumOptions, Transmitter
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, vehicle_conflicts
 from arva_hil.registry import FORMATS
 
@@ -77,10 +75,7 @@ class Scenario:
     faults: Annotated[tuple[Fault, ...], ListOf(FaultItem(), 0, 1000, "faults"), Help("on purpose and on time")] = ()
     source: Annotated[str, Text("a name", r"(?s:.*)"), NotAKey()] = field(default="default scenario", compare=False)
     pose: Annotated[
-        Pose,
-        Word(get_args(Pose)),
-        Since(2),
-        Help("the vehicle's: an autopilot's estimate or a simulator's truth"),
+        Pose, Word(get_args(Pose)), Since(2), Help("the vehicle's: an autopilot's estimate or a simulator's truth")
     ] = "estimate"
     navigation_error: Annotated[NavigationError | None, Since(2), Help("true pose = reported pose + this")] = None
     vehicles: Annotated[

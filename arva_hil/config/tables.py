@@ -243,7 +243,7 @@ def unknown_key(
     """A key that a mapping does not have, or that is there again."""
     text, shown = name, repr(name)
     if hasattr(mapping, "key_nodes"):
-        from arva_hil.config.yaml_document import describe, text_of  # imports yaml; here it is imported already
+        from arva_hil.config.reading import describe, text_of  # imports yaml; here it is imported already
 
         node = mapping.key_nodes[name]
         text, shown = text_of(node), describe(node)

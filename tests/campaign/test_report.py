@@ -13,8 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.campaign import charts, report
-from arva_hil.campaign.results import TrialRow, row
-from arva_hil.campaign.summary import groups, summary, wilson
+from arva_hil.campaign.results import TrialRow, groups, row, summary, wilson
 
 from .fakes import fake, planned
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from arva_hil.config import load, parse
-from arva_hil.config.builtin import builtin_files
+from arva_hil.config.profiles import builtin_files
 
 SCENARIO = """\
 transmitters:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.demo_folder import new_folder
+from arva_hil.cli.demo import new_folder
 
 Arva = Callable[..., Any]
 WEEK_S = 7 * 86400

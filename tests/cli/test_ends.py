@@ -19,8 +19,8 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.endings import SignalGuard, interrupting, unexpected_error
 from arva_hil.cli.options import CommandParser, module_name
+from arva_hil.cli.outcome import SignalGuard, interrupting, unexpected_error
 from arva_hil.emulator.engine import Emulator
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
@@ -291,6 +291,4 @@ def test_an_error_of_the_system_that_nobody_foresaw_is_not_laid_to_stdout(
     code, _, err = arva("demo", "--speed", "max")
     assert code == 1
     assert "stdout" not in err
-    assert re.search(
-        r"unexpected OSError: .*No space left on device: '/tmp/arva-demo-x' \(cli/demo_folder.py:\d+\)", err
-    )
+    assert re.search(r"unexpected OSError: .*No space left on device: '/tmp/arva-demo-x' \(cli/demo.py:\d+\)", err)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from arva_hil.cli.progress import time_left
+from arva_hil.cli.terminal import time_left
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli import environment
+from arva_hil.cli import main
 from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import CommandParser
 from arva_hil.links.pty import PtyLink
@@ -113,13 +113,10 @@ def test_an_option_of_another_command_is_none_to_speak_of(
 def test_a_variable_for_what_has_to_be_typed_is_named() -> None:
     parser = CommandParser(prog="x")
     parser.typed("--yes", action="store_true")
-    assert environment.unknown_variables({"ARVA_HIL_YES": "1"}, parser, ["check"]) == [
+    assert main.unknown_variables({"ARVA_HIL_YES": "1"}, parser, ["check"]) == [
         "ARVA_HIL_YES is not read: type --yes each time"
     ]
 
 
 def test_what_is_no_variable_of_ours_or_is_empty_is_not_looked_at() -> None:
-    assert (
-        environment.unknown_variables({"ARVA_HIL": "1", "HOME": "x", "ARVA_HIL_PROT": ""}, CommandParser(), COMMANDS)
-        == []
-    )
+    assert main.unknown_variables({"ARVA_HIL": "1", "HOME": "x", "ARVA_HIL_PROT": ""}, CommandParser(), COMMANDS) == []

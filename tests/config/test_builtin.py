@@ -9,8 +9,8 @@ import pytest
 
 from arva_hil.cli.main import main
 from arva_hil.config import ScenarioError, load
-from arva_hil.config.builtin import builtin_files
 from arva_hil.config.campaign import load_plan
+from arva_hil.config.profiles import builtin_files
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -10,8 +10,8 @@ import pytest
 
 from arva_hil.cli.main import main
 from arva_hil.config import KeyingOptions, MediumOptions, Scenario, ScenarioError, Transmitter, load, parse, to_dict
-from arva_hil.config.builtin import builtin_files
-from arva_hil.config.signals import KeyingKind
+from arva_hil.config.profiles import builtin_files
+from arva_hil.config.transmitter import KeyingKind
 from arva_hil.emulator.build import outside_norm, receiver, transmitters
 from arva_hil.field import LocalFrame
 from arva_hil.field.keying import KEYING_CLASSES

@@ -16,9 +16,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.cli.terminal import show_marked, tell
-from arva_hil.line_wrapping import columns_of, wrapped
 from arva_hil.observers.console import Printer
 from arva_hil.observers.console.text import Notice
+from arva_hil.safe_text import columns_of, wrapped
 
 LONG = "no rangefinder is heard: the height is held above the take-off point; over a slope the height is different"
 PATH = "/tmp/a-folder-whose-name-is-longer-than-the-terminal-is-wide/search.csv"

@@ -8,14 +8,13 @@ from collections.abc import Callable, Sequence
 from typing import Final, TextIO
 
 from arva_hil.events import Event, FrameMade, StatusReport
-from arva_hil.line_wrapping import columns_of, is_screen, wrapped
 from arva_hil.links import Link, LinkError
 from arva_hil.observers.console import text
 from arva_hil.observers.console.event_json import event_json
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import BETWEEN, Notice, fit, status_line, status_table
 from arva_hil.runtime.worker_thread import WorkerThread
-from arva_hil.safe_text import one_line
+from arva_hil.safe_text import columns_of, is_screen, one_line, wrapped
 
 _PLAIN_S: Final = 5.0  # between status lines if the stream is no terminal
 _CLEAR: Final = "\r\x1b[K"

@@ -7,8 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final, Literal, NamedTuple, TextIO
 
 from arva_hil.events import ReceiverStatus, StatusReport, VehicleStatus
-from arva_hil.line_wrapping import is_screen, wrapped
-from arva_hil.safe_text import one_line
+from arva_hil.safe_text import is_screen, one_line, wrapped
 from firmware_proto import INNER, OUTER, Channel, Frame
 
 Level = Literal["info", "warning", "error"]
