@@ -9,12 +9,14 @@ from contextlib import ExitStack, closing
 
 from arva_hil.config import Scenario, load
 from arva_hil.emulator.emulated_vehicle import one_vehicle
-from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.engine import Emulator, recorded_vehicles, vehicle_setups
 from arva_hil.events import Event, FrameMade, HeartbeatMissing
+from arva_hil.fleet_links import FleetSides, fleet_sides
 from arva_hil.links import Link, LinkError, open_link
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.tlog import read_tlog
 from arva_hil.links.tlog_timeline import Timeline
+from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.observers.audience import Audience
 from arva_hil.observers.console.reasons import no_vehicle
 from arva_hil.registry import MAVLINK_FORMATS
@@ -41,7 +43,7 @@ def load_scenario(path: str | os.PathLike[str]) -> Scenario:
 def run_live(
     scenario: Scenario,
     *,
-    autopilot: str,
+    autopilot: str | None = None,
     port: str | None = None,
     duration_s: float = math.inf,
     timeout_s: float = 10.0,
@@ -52,37 +54,44 @@ def run_live(
     on_event: Callable[[Event], object] = lambda event: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Emulate the scenario's receiver for `duration_s`, or until `stopped()` is true, which is called often.
+    """Emulate the scenario's receivers for `duration_s`, or until `stopped()` is true, which is called often.
 
-    `autopilot`, `port`: connection strings; formats inside MAVLink have no port. A lost link is opened again.
-    `timeout_s`: for the first heartbeat. `max_age_s`: older poses are not used. `stream_hz`: the rate of position and
-    attitude to request. `target_system`, `target_component`: follow only this vehicle. `on_event`: called with every
-    event; it must be quick, because frames wait for it. An exception in it ends the run and is raised here.
+    `autopilot`, `port`: connection strings; formats inside MAVLink have no port. In a scenario with `vehicles` each
+    receiver names its port, and `autopilot` is for vehicles that name none. A lost link is opened again.
+    `timeout_s`: for the first heartbeat of any vehicle. `max_age_s`: older poses are not used. `stream_hz`: the rate
+    of position and attitude to request. `target_system`, `target_component`: follow only this vehicle. `on_event`:
+    called with every event; it must be quick, because frames wait for it. An exception in it ends the run and is
+    raised here.
 
     Raises AddressError for a wrong connection string; LinkError if a link cannot be opened or is lost for good, or if
     no heartbeat comes in time; ValueError for arguments that do not fit together.
     """
-    _check_single(scenario)
-    over_mavlink = scenario.output_format in MAVLINK_FORMATS
-    if over_mavlink is (port is not None):
-        what = "no port" if over_mavlink else "a port"
-        raise ValueError(f"port: {port!r}, expected {what} for frames of the format {scenario.output_format}")
-    clock, watcher = RealClock(), _Watcher(on_event)
+    sides = _sides(scenario, autopilot, port, target_system)
+    clock, watcher = RealClock(), _Watcher(on_event, len(scenario.vehicles) or 1)
     with ExitStack() as stack:
 
         def opened(address: str, *, answered: bool = False) -> Link:
             return stack.enter_context(closing(open_reconnecting(address, clock=clock, answered=answered)))
 
-        session = Session(target_system=target_system, target_component=target_component, rate_hz=stream_hz)
-        autopilots = {"autopilot": opened(autopilot, answered=True)}
-        ports = {} if port is None else {"port": opened(port)}
+        readers = {name: PacketReader() for name in sides.autopilots}
+
+        def session(link: str, system: int | None) -> Session:
+            return Session(
+                target_system=system, target_component=target_component, rate_hz=stream_hz, reader=readers[link]
+            )
+
+        autopilots = {name: opened(address, answered=True) for name, address in sides.autopilots.items()}
+        ports = {name: opened(address) for name, address in sides.ports.items()}
+        if scenario.vehicles:
+            link_of = sides.of_vehicle
+            vehicles = vehicle_setups(scenario, lambda v: link_of[v.name], lambda v: session(link_of[v.name], v.system))
+        else:
+            vehicles = [one_vehicle(scenario, session("autopilot", target_system))]
         start = clock.now()
-        emulator = Emulator(
-            [one_vehicle(scenario, session)], start=start, timeout_s=min(timeout_s, duration_s), max_age_s=max_age_s
-        )
+        emulator = Emulator(vehicles, start=start, timeout_s=min(timeout_s, duration_s), max_age_s=max_age_s)
         live = drivers.Live(emulator, autopilots, ports, Audience([watcher]))
         run([live], clock, until=start + duration_s, stopped=lambda: watcher.over or stopped())
-    watcher.finish(autopilot)
+    watcher.finish(", ".join(sides.autopilots.values()))
 
 
 def replay(
@@ -95,12 +104,19 @@ def replay(
     port: str | None = None,
     on_event: Callable[[Event], object] = lambda event: None,
 ) -> list[FrameMade]:
-    """Return all frames that the scenario's receiver would send on a recorded flight (.tlog), as fast as possible.
+    """Return all frames that the scenario's receivers would send on a recorded flight (.tlog), as fast as possible.
 
-    The same log and scenario give the same frames. `port`: a connection string; frames are sent there too. For the
-    other arguments see `run_live`. Raises LinkError if the file cannot be read or is not a log.
+    The same log and scenario give the same frames. `port`: a connection string; frames are sent there too. All
+    `vehicles` of a scenario are sought in the log by their `system`, and their ports are not opened. For the other
+    arguments see `run_live`. Raises LinkError if the file cannot be read or is not a log; ValueError for arguments
+    that do not fit together.
     """
-    _check_single(scenario)
+    if scenario.vehicles:
+        _check_own(scenario, port, target_system)
+        vehicles = recorded_vehicles(scenario, os.fspath(log), "autopilot", target_component=target_component)
+    else:
+        session = Session(target_system=target_system, target_component=target_component, passive=True)
+        vehicles = [one_vehicle(scenario, session)]
     frames: list[FrameMade] = []
 
     def keep(event: Event) -> None:
@@ -108,11 +124,8 @@ def replay(
             frames.append(event)
         on_event(event)
 
-    watcher = _Watcher(keep)
-    session = Session(target_system=target_system, target_component=target_component, passive=True)
-    emulator = Emulator(
-        [one_vehicle(scenario, session)], start=0.0, max_age_s=max_age_s, look_ahead_s=drivers.LOOK_AHEAD_S
-    )
+    watcher = _Watcher(keep, len(scenario.vehicles) or 1)
+    emulator = Emulator(vehicles, start=0.0, max_age_s=max_age_s, look_ahead_s=drivers.LOOK_AHEAD_S)
     with ExitStack() as stack:
         reader = stack.enter_context(closing(read_tlog(log)))
         out = stack.enter_context(closing(open_link(port, clock=RealClock()))) if port is not None else None
@@ -128,26 +141,47 @@ def replay(
     return frames
 
 
-def _check_single(scenario: Scenario) -> None:
+def _sides(scenario: Scenario, autopilot: str | None, port: str | None, target_system: int | None) -> FleetSides:
+    """The links of a run. Raises ValueError for arguments that do not fit together."""
     if scenario.vehicles:
-        raise ValueError(f"scenario: {scenario.source} has vehicles, expected one without: build an Emulator of them")
+        _check_own(scenario, port, target_system)
+        return fleet_sides(scenario, autopilot)
+    over_mavlink = scenario.output_format in MAVLINK_FORMATS
+    if over_mavlink is (port is not None):
+        what = "no port" if over_mavlink else "a port"
+        raise ValueError(f"port: {port!r}, expected {what} for frames of the format {scenario.output_format}")
+    if autopilot is None:
+        raise ValueError("autopilot: None, expected the connection string of the autopilot's link")
+    return FleetSides({"autopilot": autopilot}, {}, {} if port is None else {"port": port})
+
+
+def _check_own(scenario: Scenario, port: str | None, target_system: int | None) -> None:
+    """Raises ValueError for what each vehicle or receiver of the scenario has itself."""
+    for name, value in (("port", port), ("target_system", target_system)):
+        if value is not None:
+            raise ValueError(f"{name}: {value!r}, expected None: {scenario.source} has vehicles, each with its own")
 
 
 class _Watcher:
     """Remembers why the run must end."""
 
-    def __init__(self, on_event: Callable[[Event], object]) -> None:
+    def __init__(self, on_event: Callable[[Event], object], vehicles: int = 1) -> None:
         self._on_event = on_event
+        self._vehicles = vehicles
         self._error: BaseException | None = None
-        self._missing = ""
+        self._missing: dict[str, str] = {}  # vehicles that were not heard in time, and what was instead
 
     @property
     def over(self) -> bool:
-        return bool(self._error or self._missing)
+        return self._error is not None or self._none_appeared
+
+    @property
+    def _none_appeared(self) -> bool:
+        return len(self._missing) == self._vehicles
 
     def observe(self, event: Event) -> None:
         if isinstance(event, HeartbeatMissing):
-            self._missing = no_vehicle(event.heard)
+            self._missing[event.vehicle] = no_vehicle(event.heard)
         if self._error is None:
             try:
                 self._on_event(event)
@@ -158,5 +192,5 @@ class _Watcher:
         """Raise the error that ended the run. With an `address`, raise LinkError if no vehicle was heard there."""
         if self._error:
             raise self._error
-        if self._missing and address:
-            raise LinkError(address, self._missing)
+        if self._none_appeared and address:
+            raise LinkError(address, "; ".join(dict.fromkeys(self._missing.values())))

@@ -96,6 +96,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.safe_text",
         "firmware_proto",
     },
+    "arva_hil/fleet_links.py": {"arva_hil.config", "arva_hil.emulator.engine", "arva_hil.links"},
     "arva_hil/viewer.py": {
         "arva_hil.events",
         "arva_hil.field",

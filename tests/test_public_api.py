@@ -9,6 +9,7 @@ import pkgutil
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -115,8 +116,29 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: arva_hil.SimulatedVehicle("home"), "home: 'home', expected numbers"),
     (lambda: arva_hil.SimulatedVehicle((46.0, 7.7, 0.0), wind=3.0), "wind: the shape (), expected (3,)"),
     (lambda: arva_hil.run_live(_scenario(), autopilot="pty"), "port: None, expected a port for frames of the format"),
+    (lambda: arva_hil.run_live(_scenario(), port="pty"), "autopilot: None, expected the connection string"),
+    (
+        lambda: arva_hil.run_live(_fleet(), autopilot="pty", port="pty"),
+        "port: 'pty', expected None: fleet has vehicles",
+    ),
+    (lambda: arva_hil.run_live(_fleet()), "fleet: b: its autopilot is missing"),
     (lambda: arva_hil.run_live(_scenario(), autopilot="nonsense", port="pty"), "'nonsense' is no connection"),
 ]
+
+
+FLEET = """
+spec: 2
+transmitters: [{id: 7, ned: [20, 5, 0]}]
+vehicles:
+  - {name: a, autopilot: %s, receivers: [{name: r, port: %s}]}
+  - {name: b, receivers: [{name: r, port: pty}]}
+"""
+
+
+def _fleet(autopilot: str = "pty", port: str = "pty") -> arva_hil.Scenario:
+    from arva_hil.config import parse
+
+    return parse(FLEET % (autopilot, port), "fleet")
 
 
 def _scenario() -> arva_hil.Scenario:
@@ -152,6 +174,21 @@ def test_what_a_caller_s_function_raises_ends_a_replay_and_a_live_run() -> None:
     finally:
         line.close()
         port.close()
+
+
+def test_a_live_run_serves_every_vehicle_of_a_scenario() -> None:
+    """One says so by its own link, the other by the caller's; only when none is heard that is an error."""
+    with closing(PtyLink()) as mine, closing(PtyLink()) as others, closing(PtyLink()) as port:
+        fleet, made = _fleet(mine.path, port.path), set[str]()
+
+        def note(event: arva_hil.Event) -> None:
+            made.add(event.vehicle if isinstance(event, arva_hil.FrameMade) else "")
+
+        with pytest.raises(arva_hil.LinkError, match="nothing was heard at all"):
+            arva_hil.run_live(fleet, autopilot=others.path, timeout_s=0.3, on_event=note)
+        assert {"a", "b"} <= made
+        with closing(Autopilot(mine)):
+            arva_hil.run_live(fleet, autopilot=others.path, timeout_s=2.0, duration_s=2.2)
 
 
 def test_a_live_run_without_a_heartbeat_is_a_link_error() -> None:

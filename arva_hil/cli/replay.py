@@ -11,10 +11,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
+from arva_hil.cli.fleet_links import refuse_own
 from arva_hil.cli.outcome import UsageError
-from arva_hil.cli.terminal import bar
-from arva_hil.emulator.emulated_vehicle import one_vehicle
-from arva_hil.emulator.engine import Emulator
+from arva_hil.cli.terminal import bar, tell
+from arva_hil.config import Scenario
+from arva_hil.emulator.emulated_vehicle import VehicleSetup, one_vehicle
+from arva_hil.emulator.engine import Emulator, receivers_of, recorded_vehicles
 from arva_hil.events import LogClockSet, LogLayout
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink
@@ -27,6 +29,7 @@ from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay
 from arva_hil.vehicle.session import Session
 
 _BAR_STEP_BYTES = 1 << 16
+_LINK = "autopilot"
 
 
 def main(options: argparse.Namespace) -> int:
@@ -36,8 +39,8 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError("--port and --out: choose one")
     if options.json and "-" in (options.out, options.port):
         raise UsageError("--json and the frames both want stdout: choose one")
-    chosen = common.scenario(options)
-    session = Session(target_system=options.target_system, target_component=options.target_component, passive=True)
+    chosen = common.scenario(options, fleet=True)
+    vehicles = _vehicles(options, chosen)
     with ExitStack() as stack:
         try:
             log = stack.enter_context(closing(read_tlog(options.log)))
@@ -62,7 +65,7 @@ def main(options: argparse.Namespace) -> int:
         if isinstance(out, StdoutLink):
             out.give_up = surroundings.stopped
         emulator = Emulator(
-            [one_vehicle(chosen, session)],
+            vehicles,
             start=0.0,
             max_age_s=options.max_age,
             look_ahead_s=LOOK_AHEAD_S,
@@ -79,7 +82,7 @@ def main(options: argparse.Namespace) -> int:
             replay(
                 emulator,
                 records,
-                "autopilot",
+                _LINK,
                 lambda output: out.write(output.data),
                 surroundings.audience,
                 clock=clock,
@@ -87,6 +90,26 @@ def main(options: argparse.Namespace) -> int:
             )
 
         return surroundings.drive(emulator, loop, tally)
+
+
+def _vehicles(options: argparse.Namespace, chosen: Scenario) -> list[VehicleSetup]:
+    """The vehicles in the log. Raises UsageError if the scenario's cannot be told apart there."""
+    if not chosen.vehicles:
+        session = Session(target_system=options.target_system, target_component=options.target_component, passive=True)
+        return [one_vehicle(chosen, session)]
+    refuse_own(options, chosen)
+    receivers = len(receivers_of(chosen))
+    if options.out and receivers > 1:
+        raise UsageError(
+            f"--out {options.out}: {chosen.source} has {receivers} receivers: "
+            "--record DIR writes the frames of each into a file of its own"
+        )
+    try:
+        vehicles = recorded_vehicles(chosen, options.log, _LINK, target_component=options.target_component)
+    except ValueError as error:
+        raise UsageError(error) from None
+    tell(f"all vehicles of {chosen.source} are sought in {options.log}; its ports are not opened")
+    return vehicles
 
 
 class _Tally:

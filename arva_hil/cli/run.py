@@ -9,7 +9,7 @@ from contextlib import ExitStack, closing
 from typing import NamedTuple
 
 from arva_hil.cli import common
-from arva_hil.cli.fleet_links import fleet_sides
+from arva_hil.cli.fleet_links import chosen_sides
 from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.run_links import check_sides, choose_autopilot
@@ -88,7 +88,7 @@ def _one(options: argparse.Namespace, chosen: Scenario, clock: RealClock, stack:
 
 def _fleet(options: argparse.Namespace, chosen: Scenario, clock: RealClock, stack: ExitStack) -> _Sides:
     """The scenario's vehicles, each link opened once."""
-    sides = fleet_sides(options, chosen)
+    sides = chosen_sides(options, chosen)
     readers = {
         name: PacketReader(signing(options.signing_key, clock.epoch_us, stack, number))
         for number, name in enumerate(sides.autopilots)

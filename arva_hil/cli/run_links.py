@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import UsageError
 from arva_hil.links import Address, parse
 from arva_hil.links.serial_ports import find_autopilot, list_ports
+from arva_hil.links.url import place
 from arva_hil.registry import MAVLINK_FORMATS
 
 
@@ -55,9 +54,3 @@ def check_ground_station(url: str, autopilot: str, receiver: str) -> None:
                 f"--gcs {url}: --{name} is there: the ground station needs a link of its own, because an autopilot may "
                 "evade what is shown on the map"
             )
-
-
-def place(url: str) -> Address:
-    """An address that is equal for all spellings of the same link. Raises AddressError."""
-    where = parse(url)
-    return where._replace(path=os.path.realpath(where.path) if where.path else "", baud=None)

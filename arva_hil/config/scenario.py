@@ -80,7 +80,7 @@ class Scenario:
     navigation_error: Annotated[NavigationError | None, Since(2), Help("true pose = reported pose + this")] = None
     vehicles: Annotated[
         tuple[VehicleConfig, ...],
-        ListOf(TableOf(VehicleConfig), 1, 64, "vehicles"),
+        ListOf(TableOf(VehicleConfig), 1, 250, "vehicles"),
         Since(2),
         Help("without it one, the command line's"),
     ] = ()

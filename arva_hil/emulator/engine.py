@@ -27,6 +27,7 @@ from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.shared_link import SharedLink
 from arva_hil.events import Event, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet
+from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.vehicle.session import Session
 
 _STATUS_S: Final = 0.25
@@ -251,3 +252,27 @@ def vehicle_setups(
         )
         for vehicle in scenario.vehicles
     ]
+
+
+def check_systems(source: str, link: str, vehicles: Sequence[VehicleConfig]) -> None:
+    """Check that vehicles on one link can be told apart. Raises ValueError."""
+    systems = [vehicle.system for vehicle in vehicles]
+    if len(vehicles) > 1 and (None in systems or len(set(systems)) < len(systems)):
+        names = ", ".join(vehicle.name for vehicle in vehicles)
+        raise ValueError(f"{source}: {names} are all on {link}: give each its own `system`")
+
+
+def recorded_vehicles(
+    scenario: Scenario, log: str, link: str, *, target_component: int | None = None
+) -> list[VehicleSetup]:
+    """Every vehicle of a scenario with `vehicles`, all of them in one log, for a replay: told apart by their systems.
+
+    `log`: its name, for a person; `link`: the engine's. Raises ValueError if they cannot be told apart.
+    """
+    check_systems(scenario.source, log, scenario.vehicles)
+    reader = PacketReader()
+
+    def session(vehicle: VehicleConfig) -> Session:
+        return Session(target_system=vehicle.system, target_component=target_component, passive=True, reader=reader)
+
+    return vehicle_setups(scenario, lambda _: link, session)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from typing import Final, NamedTuple
 
@@ -147,6 +148,12 @@ def _serial(text: str, rest: str, *, colon: bool) -> Address:
     if not re.fullmatch("[0-9]{2,8}", baud) or int(baud) < 50:
         raise _refused(text, f"has the baud rate {baud!r}, which is not a number of bit/s", f"{path},57600")
     return Address("serial", path=path, baud=int(baud))
+
+
+def place(url: str) -> Address:
+    """An address that is equal for all spellings of the same link. Raises AddressError."""
+    where = parse(url)
+    return where._replace(path=os.path.realpath(where.path) if where.path else "", baud=None)
 
 
 def _is_log(path: str) -> bool:

@@ -1,0 +1,83 @@
+"""The links of a scenario that names its vehicles, each once, and whether they fit together."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from arva_hil.config import Scenario
+from arva_hil.emulator.engine import check_systems, sink_name
+from arva_hil.links import Address, AddressError, parse
+from arva_hil.links.url import place
+
+
+class FleetSides(NamedTuple):
+    """`autopilots`: connection strings of the links, by the engine's names for them; `of_vehicle`: the name of each
+    vehicle's link; `ports`: connection strings by the engine's names for receivers' ports.
+    """
+
+    autopilots: dict[str, str]
+    of_vehicle: dict[str, str]
+    ports: dict[str, str]
+
+
+def ports_of(chosen: Scenario) -> dict[str, str]:
+    """The connection strings of the receivers' ports by the engine's names for them."""
+    return {
+        sink_name(vehicle, receiver): receiver.port
+        for vehicle in chosen.vehicles
+        for receiver in vehicle.receivers
+        if receiver.port
+    }
+
+
+def fleet_sides(chosen: Scenario, usual: str | None, *, json: bool = False) -> FleetSides:
+    """The links of a scenario with vehicles. `usual`: of a vehicle that names no link of its autopilot.
+
+    `json`: stdout has other lines, and no frames can go there. Raises ValueError if the addresses do not fit together.
+    """
+    source, ports = chosen.source, ports_of(chosen)
+    autopilots = {}
+    for vehicle in chosen.vehicles:
+        if not (address := vehicle.autopilot or usual):
+            raise ValueError(f"{source}: {vehicle.name}: its autopilot is missing: name its link")
+        autopilots[vehicle.name] = address
+    _check_ports(source, ports, autopilots, json=json)
+    by_place = {_place(source, name, address): address for name, address in reversed(autopilots.items())}
+    of_vehicle = {name: by_place[_place(source, name, address)] for name, address in autopilots.items()}
+    for link in dict.fromkeys(of_vehicle.values()):
+        check_systems(source, link, [vehicle for vehicle in chosen.vehicles if of_vehicle[vehicle.name] == link])
+    return FleetSides({link: link for link in dict.fromkeys(of_vehicle.values())}, of_vehicle, ports)
+
+
+def _check_ports(source: str, ports: dict[str, str], autopilots: dict[str, str], *, json: bool) -> None:
+    """Check that frames can be sent to each port, and that nothing else is sent there. Raises ValueError."""
+    taken = {}
+    for name, address in autopilots.items():
+        if parse_or_fail(source, name, address).kind == "stdout":
+            raise ValueError(
+                f"{source}: {name}: its autopilot is stdout, which cannot be read: name the autopilot's link"
+            )
+        taken[_place(source, name, address)] = f"the autopilot of {name}"
+    for name, address in ports.items():
+        kind = parse_or_fail(source, name, address).kind
+        if kind == "tlog":
+            raise ValueError(f"{source}: {name}: its port {address} is a log: frames cannot be sent there")
+        if kind == "stdout" and json:
+            raise ValueError(f"{source}: {name}: --json and its port - both want stdout: choose one")
+        where = _place(source, name, address)
+        if where != Address("pty") and where in taken:
+            raise ValueError(f"{source}: {name}: its port {address} is also {taken[where]}: each needs its own")
+        taken[where] = f"the port of {name}"
+
+
+def _place(source: str, name: str, address: str) -> Address:
+    parse_or_fail(source, name, address)
+    return place(address)
+
+
+def parse_or_fail(source: str, name: str, address: str) -> Address:
+    """Parse an address of a vehicle or receiver. Raises ValueError."""
+    try:
+        return parse(address)
+    except AddressError as error:
+        raise ValueError(f"{source}: {name}: {error}") from None
