@@ -159,8 +159,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.flight",
         "arva_hil.links",
         "arva_hil.mavlink",
-        "arva_hil.observers.console.failsafes",  # the words of how it ended
-        "arva_hil.observers.console.reasons",
+        "arva_hil.observers.console.reasons",  # the words of how it ended
         "arva_hil.runtime.clock",
         "arva_hil.runtime.link_monitor",
         "arva_hil.search",

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 import pytest
 
 from arva_hil.cli.main import main
-from arva_hil.links.tlog import Record, read_tlog, tlog_record
+from arva_hil.links.tlog import read_tlog, tlog_record
+from arva_hil.links.tlog_timeline import Record
 
 HOUR_US, DAY_US = 3_600_000_000, 86_400_000_000
 BOOT_IDS = {30, 31, 33}

@@ -2,9 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any, get_type_hints
 
-from arva_hil.config.reference import FILES, page, schema_text
+from arva_hil.config.campaign import PlanFile, Random
+from arva_hil.config.constraints import ListOf
+from arva_hil.config.faults import Fault
+from arva_hil.config.json_schema import FILES, schema_text
+from arva_hil.config.receiver import ReceiverOptions
+from arva_hil.config.scenario import Scenario
+from arva_hil.config.tables import Field, TableOf, keys
+from arva_hil.config.vehicles import ReceiverEntry
+from arva_hil.registry import FAULTS, RECEIVERS
 
 ROOT = Path(__file__).parent.parent
 
@@ -14,6 +26,129 @@ def main() -> None:
         (ROOT / f"arva_hil/config/{kind}.schema.json").write_text(schema_text(kind), encoding="utf-8")
     (ROOT / "docs").mkdir(exist_ok=True)
     (ROOT / "docs/scenario.md").write_text(page(), encoding="utf-8")
+
+
+def page() -> str:
+    """The reference page in Markdown: every key of every kind of file."""
+    lines = [
+        "# The files: every key",
+        "",
+        "Made from the declarations in `arva_hil/config` by `tools/write_reference.py`; do not edit.",
+        "`arva-hil check FILE…` checks a file; `arva-hil check --schema` prints the JSON Schema for editors.",
+        "A key of spec 2 needs `spec: 2` in the file.",
+        "Each transmitter has exactly one of `enu`, `ned`, `lla`, `path` and `follows`.",
+        "",
+        "## Scenarios",
+        "",
+        *_table(_rows(Scenario)),
+        "",
+        "A vehicle's receiver has every key of `receiver` too; what it has not is as in `receiver`.",
+        "",
+        "`profile` names a file of which the keys are taken over that are not given: `builtin:NAME`, or a path from",
+        "the scenario's folder. A receiver's has `spec` and `receiver`; a transmitter's has `spec` and `transmitter`,",
+        "with `strength` and `keying`.",
+        "",
+        "## Receivers of pulses",
+        "",
+        "The own keys of `model: pulsed`, beside those of every receiver. `vector` and `rssi` have them too, with",
+        "other defaults.",
+        "",
+        *_model_table("pulsed"),
+        "",
+        *_defaults("vector"),
+        *_defaults("rssi"),
+        "",
+        "## Faults",
+        "",
+        "Each item of `faults` has the key of one fault, what that fault needs, and when it is on.",
+        "",
+        *_table(_fault_rows()),
+        "",
+        "## Plans of campaigns",
+        "",
+        "Each axis is one value or a list of them, and all are crossed.",
+        "",
+        *_table([*_rows(PlanFile), *_rows(Random, "scenarios[].random.")]),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _table(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
+    yield "| key | type | range | unit | default | meaning |"
+    yield "|---|---|---|---|---|---|"
+    for row in rows:
+        yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |"
+
+
+def _rows(cls: Any, prefix: str = "", spec: int = 1) -> Iterator[tuple[str, ...]]:
+    """Key, type, range, unit, default and meaning of every key of a table, and of those below it."""
+    for name, one in keys(cls).items():
+        if cls is ReceiverEntry and name in keys(ReceiverOptions):
+            continue
+        constraint, below = one.constraint, one.constraint.table
+        usual = "required" if name in cls.__required__ else _default(one)
+        said = one.help + (f" (spec {one.since})" if one.since > spec else "")
+        yield f"`{prefix}{name}`", constraint.kind, constraint.range, constraint.unit, usual, said
+        if below is not None and below is not Fault:
+            dot = "[]." if isinstance(constraint, ListOf) else "."
+            yield from _rows(below, f"{prefix}{name}{dot}", max(one.since, spec))
+
+
+def _model_table(model: str) -> Iterator[str]:
+    """The own keys of a receiver model."""
+    yield "| key | default | meaning |"
+    yield "|---|---|---|"
+    for name, (default, text) in _own_keys(model).items():
+        yield f"| `{name}` | {default} | {text} |"
+
+
+def _defaults(model: str) -> Iterator[str]:
+    """What a model has otherwise than `pulsed`."""
+    usual = _own_keys("pulsed")
+    others = [
+        f"`{name}: {value}`"
+        for name, (v, _) in _own_keys(model).items()
+        if (value := v.strip("`")) and v != usual.get(name, ("", ""))[0]
+    ]
+    yield f"- `{model}`: {', '.join(others)}."
+
+
+def _own_keys(model: str) -> dict[str, tuple[str, str]]:
+    """Default and meaning of each own key of a model."""
+    cls = RECEIVERS[model].Options
+    texts = get_type_hints(cls, include_extras=True)
+    return {
+        one.name: (
+            "" if one.default is None else f"`{plain(one.default)}`",
+            next((m for m in getattr(texts[one.name], "__metadata__", ()) if isinstance(m, str)), ""),
+        )
+        for one in dataclasses.fields(cls)
+    }
+
+
+def _default(one: Field) -> str:
+    """The default of a key as a file has it."""
+    if one.default in (None, (None,), (), math.inf) or (isinstance(one.constraint, TableOf) and one.default != "home"):
+        return ""
+    return f"`{plain(one.default)}`"
+
+
+def plain(value: Any) -> str:
+    """A value as a file has it."""
+    if isinstance(value, range):
+        return str(len(value))
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(plain, value))}]"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _fault_rows() -> Iterator[tuple[str, ...]]:
+    for name in FAULTS:
+        kind = FAULTS[name]
+        constraint = kind.constraint
+        needs = f"; needs {', '.join(f'`{key}`' for key in kind.needs)}" if kind.needs else ""
+        yield f"`{name}`", constraint.kind, constraint.range, constraint.unit, "", kind.help + needs
+    yield from _rows(Fault)
 
 
 if __name__ == "__main__":

@@ -14,8 +14,6 @@ from arva_hil.campaign.results import TrialRow, groups, wilson
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["colours", "draw"]
-
 _PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5195", "#5b6876")
 _STYLE: Final = {
     "font.size": 10,

@@ -10,8 +10,6 @@ from arva_hil.campaign import charts
 from arva_hil.campaign.results import Pair, Summary, TrialRow, groups, summary
 from arva_hil.report.html import render
 
-__all__ = ["page", "text"]
-
 _AXES: Final = {
     "scenario": "scenario",
     "noise": "noise",

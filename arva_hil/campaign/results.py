@@ -21,9 +21,10 @@ import numpy as np
 
 from arva_hil import files
 from arva_hil.campaign.plan import Planned
-from arva_hil.campaign.trial import FOUND, Result
+from arva_hil.campaign.trial import Result
 from arva_hil.errors import ArvaError
 from arva_hil.safe_text import cell, one_line
+from arva_hil.search.mission import FOUND
 
 NAME: Final = "results.sqlite"
 TABLE: Final = "results.csv"

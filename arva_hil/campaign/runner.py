@@ -20,8 +20,6 @@ from arva_hil.campaign.results import FAILED
 from arva_hil.campaign.trial import Result, Trial
 from arva_hil.errors import ArvaError
 
-__all__ = ["Fly", "MissingExtra", "Unreachable", "WorkerPool", "WorkerPoolError", "cluster", "processes"]
-
 Fly = Callable[[Trial], Result]
 
 _DIED: Final = "a worker process died, killed or out of memory"

@@ -11,11 +11,9 @@ from arva_hil.links import memory
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission import FOUND, SearchPlan
+from arva_hil.search.mission import SearchPlan
 from arva_hil.search.outcome import SearchStep
 from arva_hil.simulated.closed_loop import ClosedLoop
-
-__all__ = ["FOUND", "Result", "Trial", "fly"]
 
 _STREAM_HZ: Final = 10.0  # of the pose; the vehicle's streams are most of the cost of a flight
 _AROUND_S: Final = 120.0  # for the take-off

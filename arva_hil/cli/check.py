@@ -20,7 +20,7 @@ def main(options: argparse.Namespace) -> int:
     from arva_hil.config.reading import read_text
 
     if options.schema:
-        from arva_hil.config.reference import schema_text
+        from arva_hil.config.json_schema import schema_text
 
         for line in schema_text(options.schema).splitlines():
             show(line)

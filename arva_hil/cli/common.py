@@ -257,7 +257,8 @@ class Run:
             if code == OK and self._recorder.error:
                 code, how = FAILED, self._recorder.error
             try:
-                self._recorder.close(self._as_dict(emulator, links, how, code))
+                about = {"ended": how, "exit_code": code, **self._known}
+                self._recorder.close(about | as_dict(emulator, links, self._layout))
             except RecordError as error:
                 code = code or FAILED
                 said.append(Notice("error", str(error)))
@@ -268,9 +269,6 @@ class Run:
         close_all(self._plug_ins, self.printer.notice)
         self.printer.close()
         return code
-
-    def _as_dict(self, emulator: Emulator, links: RunCounters | None, how: str, code: int) -> dict[str, Any]:
-        return {"ended": how, "exit_code": code, **self._known, **as_dict(emulator, links, self._layout)}
 
 
 def _observer(name: str) -> Observer:

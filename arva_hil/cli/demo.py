@@ -1,4 +1,4 @@
-"""`arva-hil demo`: flies the closed loop, on pseudo-terminals or in memory at full speed.."""
+"""`arva-hil demo`: flies the closed loop, on pseudo-terminals or in memory at full speed."""
 
 from __future__ import annotations
 

@@ -109,11 +109,8 @@ def _set(handler: Any) -> dict[int, Any]:
     """Set the handlers of the signals; returns the earlier ones. Under `nohup`, SIGHUP stays ignored."""
     if threading.current_thread() is not threading.main_thread():
         return {}
-    return {n: signal.signal(n, handler) for n in _SIGNALS if not (n != signal.SIGINT and _ignored(n))}
-
-
-def _ignored(number: int) -> bool:
-    return signal.getsignal(number) is signal.SIG_IGN
+    ours = [n for n in _SIGNALS if n == signal.SIGINT or signal.getsignal(n) is not signal.SIG_IGN]
+    return {n: signal.signal(n, handler) for n in ours}
 
 
 def _restore(handlers: dict[int, Any]) -> None:

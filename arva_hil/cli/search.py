@@ -19,7 +19,7 @@ from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, Signal
 from arva_hil.cli.page import open_page
 from arva_hil.cli.run_links import check_ground_station
 from arva_hil.cli.search_report import as_dict, close_log, open_log, result, would_order
-from arva_hil.cli.terminal import show_json
+from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there
 from arva_hil.events import Event
 from arva_hil.events.searches import SetPointPlanned, WouldOrder
 from arva_hil.field.mount import Mount
@@ -27,7 +27,6 @@ from arva_hil.field.rotation import from_euler
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.observers.audience import Audience
 from arva_hil.observers.console import Printer
-from arva_hil.observers.console.question import TerminalQuestion, somebody_is_there
 from arva_hil.observers.console.text import Notice
 from arva_hil.observers.ground_station import GroundStation
 from arva_hil.observers.record.search_log import SearchLog

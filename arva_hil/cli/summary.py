@@ -79,12 +79,8 @@ def _vehicle(vehicle: EmulatedVehicle) -> dict[str, Any]:
 
 
 def _receiver(source: FrameSource) -> dict[str, Any]:
-    return {**dataclasses.asdict(source.counters), **_commands(source), "faults": source.fault_counts()}
-
-
-def _commands(source: FrameSource) -> dict[str, Any]:
-    """Of a receiver that takes commands."""
-    return {"commands": dataclasses.asdict(source.commands.counters)} if source.commands else {}
+    commands = {"commands": dataclasses.asdict(source.commands.counters)} if source.commands else {}
+    return {**dataclasses.asdict(source.counters), **commands, "faults": source.fault_counts()}
 
 
 def counters(emulator: Emulator) -> dict[str, Any]:

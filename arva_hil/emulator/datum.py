@@ -82,8 +82,15 @@ class Datum:
             self._has_landed = False
             self._first_position_at = None
         armed = session.vehicle is not None and session.vehicle.armed
-        self._note_flight(armed, now)
-        if armed and self.lla and not (self._has_landed and self._is_arming(now)):
+        if armed and self._armed_at is None:
+            self._armed_at = now
+            self._flown = self.lla
+        elif not armed and self._armed_at is not None:
+            self._armed_at = None
+            self._has_landed = True
+        # autopilots set their home when they arm, and may say so a little later
+        arming = self._armed_at is not None and now - self._armed_at <= _ARMING_S
+        if armed and self.lla and not (self._has_landed and arming):
             return False
         changed = self._take_home(session.home, now) if session.home else self._take_position(session, now)
         if armed:
@@ -102,18 +109,6 @@ class Datum:
             return None
         self._far_said = True
         return math.hypot(*position[:2].tolist()), away_m
-
-    def _note_flight(self, armed: bool, now: float) -> None:
-        if armed and self._armed_at is None:
-            self._armed_at = now
-            self._flown = self.lla
-        elif not armed and self._armed_at is not None:
-            self._armed_at = None
-            self._has_landed = True
-
-    def _is_arming(self, now: float) -> bool:
-        """Autopilots set their home when they arm, and may say so a little later."""
-        return self._armed_at is not None and now - self._armed_at <= _ARMING_S
 
     def _take_home(self, home: Place, now: float) -> bool:
         if home == self.lla:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from random import Random
 from typing import Final
 
@@ -49,16 +50,9 @@ def _impaired(look: Look, more: Impairment) -> Look:
     return replace(look, impairment=look.impairment.also(more) if look.impairment else more)
 
 
-def _antenna_x(look: Look, switch: Switch) -> Look:
-    return _impaired(look, Impairment(gains=(switch.fault.value, 1.0, 1.0)))
-
-
-def _antenna_y(look: Look, switch: Switch) -> Look:
-    return _impaired(look, Impairment(gains=(1.0, switch.fault.value, 1.0)))
-
-
-def _antenna_z(look: Look, switch: Switch) -> Look:
-    return _impaired(look, Impairment(gains=(1.0, 1.0, switch.fault.value)))
+def _antenna(axis: int, look: Look, switch: Switch) -> Look:
+    x, y, z = (switch.fault.value if axis == one else 1.0 for one in range(3))
+    return _impaired(look, Impairment(gains=(x, y, z)))
 
 
 def _cold(look: Look, switch: Switch) -> Look:
@@ -74,9 +68,10 @@ def _electronics(look: Look, switch: Switch) -> Look:
     return _impaired(look, Impairment(noise_na_m=switch.fault.value))
 
 
-ANTENNA_X: Final = FaultKind("heard", _GAIN, "the antenna x has this gain: 0 dead, below 1 detuned", _antenna_x)
-ANTENNA_Y: Final = FaultKind("heard", _GAIN, "the antenna y has this gain: 0 dead, below 1 detuned", _antenna_y)
-ANTENNA_Z: Final = FaultKind("heard", _GAIN, "the antenna z has this gain: 0 dead, below 1 detuned", _antenna_z)
+ANTENNA_X, ANTENNA_Y, ANTENNA_Z = (
+    FaultKind("heard", _GAIN, f"the antenna {name} has this gain: 0 dead, below 1 detuned", partial(_antenna, axis))
+    for axis, name in enumerate("xyz")
+)
 COLD: Final = FaultKind("heard", _DECIBELS, "a cold battery: all antennas hear so much less", _cold)
 SATURATION: Final = FaultKind("heard", _SIGNAL, "no antenna says more, as next to a transmitter", _saturated)
 ELECTRONICS: Final = FaultKind("heard", _SIGNAL, "something beside it adds noise of this deviation", _electronics)

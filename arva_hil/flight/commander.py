@@ -19,8 +19,6 @@ from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 from arva_hil.vehicle.modes import modes_of
 from arva_hil.vehicle.session import Session
 
-__all__ = ["Commander", "Phase"]
-
 _REPEAT_S: Final = 1.0
 _ARM_AGAIN_S: Final = 3.0  # each refused try is a message on every ground station
 _TAKE_OFF_AGAIN_S: Final = 5.0  # if it is acknowledged, but the vehicle is still on the ground

@@ -17,8 +17,6 @@ from arva_hil.links.tlog_timeline import Record, Timeline
 from arva_hil.links.url import Address
 from arva_hil.runtime.clock import Clock
 
-__all__ = ["Record", "TlogLink", "TlogReader", "read_tlog", "tlog_record"]
-
 _CHUNK: Final = 65536
 _AHEAD: Final = 4 * LONGEST  # bytes kept in the buffer: a record and those needed to judge it
 

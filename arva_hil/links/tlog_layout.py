@@ -9,20 +9,6 @@ import re
 import struct
 from typing import Final
 
-__all__ = [
-    "BARE",
-    "BIG",
-    "DAY_US",
-    "LITTLE",
-    "LONGEST",
-    "TlogLayout",
-    "find",
-    "follows",
-    "is_step",
-    "layout_of",
-    "look",
-]
-
 LONGEST: Final = 8 + 12 + 255 + 13  # bytes of a record
 DAY_US: Final = 86_400_000_000
 _YEAR_2001_US: Final = 978_307_200_000_000

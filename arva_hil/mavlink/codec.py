@@ -15,8 +15,7 @@ from typing import Any, ClassVar, Final, NamedTuple
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from arva_hil.mavlink import dialect as _later  # noqa: F401, before the tables below
-from arva_hil.mavlink.layouts import length_v1, message_maker, payload_writer
+from arva_hil.mavlink.dialect import length_v1, message_maker, payload_writer
 from arva_hil.mavlink.signing import Signing
 
 __all__ = ["RESULTS", "Encoder", "Packet", "Parser", "command", "dialect"]

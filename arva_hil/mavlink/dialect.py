@@ -1,13 +1,17 @@
-"""pymavlink's dialect with the one message that it lacks: CURRENT_MODE, by which PX4 says each change of its mode.
+"""pymavlink's dialect with the one message that it lacks, CURRENT_MODE; and how messages lie in their packets.
 
 https://mavlink.io/en/messages/common.html#CURRENT_MODE
 """
 
 from __future__ import annotations
 
+import functools
+import itertools
 import struct
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, Final, cast
 
+from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega
 
 MAVLINK_MSG_ID_CURRENT_MODE: Final = 436
@@ -48,3 +52,69 @@ class CurrentMode(ardupilotmega.MAVLink_message):  # type: ignore[misc]
 
 
 ardupilotmega.mavlink_map.setdefault(MAVLINK_MSG_ID_CURRENT_MODE, CurrentMode)
+
+
+_BYTES: Final = {"char": 1, "float": 4, "double": 8} | {
+    f"{u}int{n}_t": n // 8 for u in ("", "u") for n in (8, 16, 32, 64)
+}
+
+
+@functools.cache
+def length_v1(msgid: int) -> int:
+    """Bytes of a message's payload without extension fields: they are the ones that its checksum seed leaves out.
+
+    https://mavlink.io/en/guide/serialization.html#crc_extra
+    """
+    kind = ardupilotmega.mavlink_map[msgid]
+    types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
+    crc, size, whole = crc16.mcrf4xx(f"{kind.msgname} ".encode()), 0, 0
+    for name, length in zip(kind.ordered_fieldnames, kind.array_lengths, strict=True):
+        crc = crc16.mcrf4xx(f"{types[name]} {name} ".encode() + bytes([length] if length else []), crc)
+        size += _BYTES[types[name]] * (length or 1)
+        if (crc & 0xFF) ^ (crc >> 8) == kind.crc_extra:
+            whole = size
+    return whole
+
+
+@functools.cache
+def message_maker(msgid: int) -> tuple[Callable[[Sequence[Any]], Any], Any] | None:
+    """Makes the message, of pymavlink's class, of the numbers of its payload in their order there; and how these are
+    packed. None for a message with text.
+
+    The class's own constructor takes five times as long, because it builds a header and ten more values that nobody
+    asks for; here all messages of a kind share those of their class. The code is written from pymavlink's table, as
+    namedtuple's is from its fields.
+    """
+    kind = ardupilotmega.mavlink_map[msgid]
+    if "char" in kind.fieldtypes:
+        return None
+    shared = {
+        **vars(ardupilotmega.MAVLink_message(msgid, kind.msgname)),
+        "_fieldnames": kind.fieldnames,
+        "_instance_field": kind.instance_field,
+        "_instance_offset": kind.instance_offset,
+    }
+    names: dict[str, Any] = {"new": object.__new__, "kind": type(kind.__name__, (kind,), shared)}
+    spans = zip(itertools.accumulate(kind.lengths), kind.lengths, strict=True)
+    parts = [f"list(v[{end - n}:{end}])" if n > 1 else f"v[{end - 1}]" for end, n in spans]
+    fields = [f"m.{name}" for name in kind.ordered_fieldnames]
+    lines = [f" {field} = {part}" for field, part in zip(fields, parts, strict=True)]
+    if max(kind.lengths) == 1:
+        lines = [f" {', '.join(fields)}, = v"]  # all at once
+    exec("\n".join(["def make(v):", " m = new(kind)", *lines, " return m"]), names)
+    return names["make"], kind.unpacker
+
+
+@functools.cache
+def payload_writer(msgid: int) -> Callable[[Any], bytes] | None:
+    """What makes the payload, whole, out of a message of several numbers; None for other messages.
+
+    It raises struct.error for a number that does not fit and for an array that is too short.
+    """
+    kind = ardupilotmega.mavlink_map[msgid]
+    if "char" in kind.fieldtypes or len(kind.fieldnames) < 2:
+        return None
+    fields = zip(kind.ordered_fieldnames, kind.lengths, strict=True)
+    values = ", ".join(f"*m.{name}[:{n}]" if n > 1 else f"m.{name}" for name, n in fields)
+    write: Callable[[Any], bytes] = eval(f"lambda m: pack({values})", {"pack": kind.unpacker.pack})
+    return write

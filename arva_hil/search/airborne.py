@@ -11,7 +11,8 @@ from arva_hil.events import Event
 from arva_hil.events.searches import SearchBegun, SearchEnded
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.field.quaternion import heading
-from arva_hil.flight.commander import Commander, Phase
+from arva_hil.flight.commander import Commander
+from arva_hil.flight.state import Phase
 from arva_hil.observers.console.reasons import no_pose
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground

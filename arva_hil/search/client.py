@@ -12,10 +12,11 @@ from typing import Final
 from arva_hil.events import Event
 from arva_hil.events.searches import Launched, OwnMarkHeard, SearchHeldUp, SearchInterrupted
 from arva_hil.field.geodesy import LocalFrame
-from arva_hil.flight.commander import Commander, Phase
+from arva_hil.flight.commander import Commander
+from arva_hil.flight.state import Phase
 from arva_hil.links import Link, LinkError, Sender
 from arva_hil.mavlink.codec import dialect
-from arva_hil.observers.console.failsafes import left_alone
+from arva_hil.observers.console.reasons import left_alone
 from arva_hil.runtime.clock import Clock
 from arva_hil.search.airborne import Flight
 from arva_hil.search.autopilot_link import AutopilotLink

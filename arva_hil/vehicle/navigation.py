@@ -187,7 +187,7 @@ class Navigation:
         if judgement == "anew" and (before := self.track.last_position):
             self.jumps += 1
             self.track.forget_positions()  # the vehicle was never between the two sides of the jump
-            self._news.emit(PositionJumped(now, self._news.name, _distance(before[1:4], place)))
+            self._news.emit(PositionJumped(now, self._news.name, math.hypot(*offset_m(before[1:4], place))))
         self.track.add_position(_position((boot, *place, velocity)))
 
     def _on_attitude(self, message: Any, boot: float, now: float) -> None:
@@ -238,10 +238,6 @@ def _place_follows(old: Place, new: Place, gap_s: float) -> bool:
     north = (new[0] - old[0]) * _M_PER_DEG  # as `offset_m`: this is asked for each position
     east = ((new[1] - old[1] + 180) % 360 - 180) * _M_PER_DEG * math.cos(math.radians(old[0]))
     return math.hypot(north, east, new[2] - old[2]) <= _JUMP_M + _SPEED_MS * gap_s
-
-
-def _distance(a: Place, b: Place) -> float:
-    return math.hypot(*offset_m(a, b))
 
 
 def offset_m(a: Place, b: Place) -> tuple[float, float, float]:

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from arva_hil.cli.terminal import TerminalQuestion
 from arva_hil.mavlink.codec import Parser, dialect
-from arva_hil.observers.console.question import TerminalQuestion
 
 from .far_ends import Autopilot, Program
 from .test_search import ARM, Beacon, orders

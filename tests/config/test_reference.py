@@ -13,10 +13,11 @@ import yaml
 
 from arva_hil.cli.main import main
 from arva_hil.config.campaign import PlanFile
-from arva_hil.config.reference import FILES, SchemaKind, page, schema, schema_text
+from arva_hil.config.json_schema import FILES, SchemaKind, schema, schema_text
 from arva_hil.config.scenario import Scenario
 from arva_hil.config.tables import keys
 from tests.cli.test_broken import SCENARIOS
+from tools.write_reference import page
 
 ROOT = Path(__file__).parent.parent.parent
 CONFIGS = ROOT / "configs"

@@ -14,7 +14,8 @@ from pymavlink.generator.mavcrc import x25crc
 from simulated_px4 import HOLD, LAND, OFFBOARD, POSITION, RETURN, STREAMS, TAKE_OFF, Px4
 
 from arva_hil.events.vehicles import AutopilotText
-from arva_hil.flight.commander import Commander, Phase
+from arva_hil.flight.commander import Commander
+from arva_hil.flight.state import Phase
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle

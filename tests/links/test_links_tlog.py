@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from arva_hil.links import Link, LinkEnded, LinkError
 from arva_hil.links import tlog as tlog_module
-from arva_hil.links.tlog import Record, TlogLink, TlogReader, read_tlog, tlog_record
+from arva_hil.links.tlog import TlogLink, TlogReader, read_tlog, tlog_record
+from arva_hil.links.tlog_timeline import Record
 from arva_hil.runtime.clock import StepClock
 
 T0_US = 1_700_000_000_123_457  # an odd number of microseconds: a float of seconds does not hold it exactly

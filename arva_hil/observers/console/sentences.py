@@ -7,8 +7,7 @@ from typing import Any, Final
 
 from arva_hil import events
 from arva_hil.events import Event, searches, vehicles
-from arva_hil.observers.console.failsafes import failsafes
-from arva_hil.observers.console.reasons import no_pose, no_vehicle, request
+from arva_hil.observers.console.reasons import failsafes, no_pose, no_vehicle, request
 from arva_hil.observers.console.text import Level, Notice
 
 Sentence = tuple[Level, str]
