@@ -17,8 +17,9 @@ from arva_hil.observers.console.reasons import no_pose
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground
 from arva_hil.search.mission import Mission, SearchPlan
-from arva_hil.search.outcome import SearchStep
+from arva_hil.search.outcome import SearchStep, lla
 from arva_hil.search.strategy import Position
+from arva_hil.search.team import Teammate
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
 from firmware_proto import Frame
@@ -30,7 +31,7 @@ STAY: Final = (0.0, 0.0, 0.0)
 class Flight:
     """One flight from its take-off point on. `mission` begins at the end of the take-off.
 
-    `land`: whether it lands at the end, else it hovers. `log` gets a row for each step.
+    `land`: whether it lands at the end, else it hovers. `log` gets a row for each step. `team`: the other searches.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class Flight:
         start: float,
         land: bool,
         log: Callable[[SearchStep], None],
+        team: Teammate | None = None,
     ) -> None:
         self.mission: Mission | None = None
         self.origin: LocalFrame | None = None  # the take-off point
@@ -53,6 +55,7 @@ class Flight:
         self._start = start
         self._land = land
         self._log = log
+        self._team = team
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
         self._skipped_s = 0.0  # in gaps, which do not count for the mission
@@ -94,19 +97,42 @@ class Flight:
             return
         self._last_pose_s = now
         position = as_position(state.position)
+        self._tell_team(now, position)
         if phase is Phase.FLYING:
             if self.mission is None:
                 self.mission = Mission(
-                    self._plan, now - self._skipped_s, position, land=self._land, emit=self._tell_in_time
+                    self._plan,
+                    now - self._skipped_s,
+                    position,
+                    land=self._land,
+                    emit=self._tell_in_time,
+                    team=self._team,
                 )
                 self._session.news.emit(SearchBegun(now, -position[2]))
             receiver, _ = self._plan.mount.pose(state.position, state.attitude)
             height = self._ground.height(now, state)
             velocity = self.mission.fly(now - self._skipped_s, position, receiver=as_position(receiver), height=height)
+            if self._team and self.origin:
+                velocity = self._team.apart(self.origin, position, velocity)
             self._commander.steer(velocity)
             if self.mission.over:
                 self._over(self.mission, now)
         self._note(now, phase, state, velocity)
+
+    def leave(self, now: float, *, flying: bool) -> None:
+        """The search is over: tell the others where the vehicle is left, and whether it is still in the air."""
+        if self.mission is not None:
+            self._tell_team(now, self.mission.position, flying=flying)
+
+    def _tell_team(self, now: float, position: Position, *, flying: bool = True) -> None:
+        if self._team is None or self.origin is None:
+            return
+        mission, hunting, found = self.mission, None, tuple[int, ...]()
+        if mission is not None and mission.target is not None and mission.found is not None:
+            found = (mission.target,)
+        elif mission is not None and mission.hunting and not mission.ended:
+            hunting = mission.target
+        self._team.tell(now, lla(self.origin, *position), flying=flying, hunting=hunting, found=found)
 
     def _fly_blind(self, now: float) -> None:
         """Without a new pose the vehicle hovers, then lands."""

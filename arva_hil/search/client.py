@@ -27,6 +27,7 @@ from arva_hil.search.outcome import Kind, Outcome, SearchStep, lla
 from arva_hil.search.permission import Permission
 from arva_hil.search.preflight import INTERRUPTED, Preflight
 from arva_hil.search.receiver_link import ReceiverLink
+from arva_hil.search.team import Teammate
 from arva_hil.vehicle.session import Session
 from firmware_proto import FrameDecoder
 
@@ -48,6 +49,7 @@ class SearchClient:
     `land`: whether it lands at the end, else it hovers. `timeout_s`: from `start` until everything is ready for the
     flight. `permission`: to arm this vehicle; None if all vehicles are simulated. `countdown_s`: before it is armed.
     `dry_run`: nothing is armed, and the orders are only reported. `emit` gets the events, `log` five rows a second.
+    `team`: the other searches, if there are several.
     `outcome`: None until the end, when the vehicle has landed or is left hovering.
     """
 
@@ -69,6 +71,7 @@ class SearchClient:
         dry_run: bool = False,
         emit: Callable[[Event], None] = lambda _: None,
         log: Callable[[SearchStep], None] = lambda _: None,
+        team: Teammate | None = None,
     ) -> None:
         self.outcome: Outcome | None = None
         self._session = session
@@ -87,7 +90,7 @@ class SearchClient:
             countdown_s=0.0 if dry_run else countdown_s,
         )
         self._ground = Ground(session, trust_gps=plan.trust_gps)
-        self._flight = Flight(plan, session, self._commander, self._ground, start=start, land=land, log=log)
+        self._flight = Flight(plan, session, self._commander, self._ground, start=start, land=land, log=log, team=team)
         self._dry_run: DryRun | None = None
         if dry_run:
             self._dry_run = DryRun(
@@ -280,6 +283,7 @@ class SearchClient:
         self._commander.let_go()
         if self.outcome is not None:
             return
+        self._flight.leave(self._now_s, flying=bool(self._session.vehicle and self._session.vehicle.armed))
         if mission is None:
             self.outcome = Outcome(kind, how)
             return

@@ -27,12 +27,13 @@ from arva_hil.events.searches import (
 from arva_hil.field.mount import Mount
 from arva_hil.search.beliefs import Beliefs
 from arva_hil.search.ground import Height
-from arva_hil.search.heard import HeardTransmitter, id_of, nearest
+from arva_hil.search.heard import NO_ID, HeardTransmitter, id_of, nearest
 from arva_hil.search.height import Descent, HeightKeeper
 from arva_hil.search.reading_checks import StuckReadings
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Strategy, Velocity, towards
 from arva_hil.search.strategy_checks import OFTEN, SLOW_S, checked_found, checked_velocity, failed, too_slow
 from arva_hil.search.strips import Strips
+from arva_hil.search.team import Teammate
 from firmware_proto import INNER, Frame
 
 FOUND: Final = "found"  # the outcome of a successful search
@@ -73,6 +74,7 @@ class Mission:
 
     Places are NED metres from the take-off point. `start_s`: the end of the take-off. `land`: after the search it
     descends onto the place found, until `over`, when only the landing or hovering is left. `emit` gets the events.
+    `team`: the other searches; a transmitter that is theirs is passed by.
     """
 
     def __init__(
@@ -83,6 +85,7 @@ class Mission:
         *,
         land: bool = False,
         emit: Callable[[Event], None] = lambda _: None,
+        team: Teammate | None = None,
     ) -> None:
         self.plan = plan
         self.start_s = start_s
@@ -109,6 +112,7 @@ class Mission:
         self._land = land
         self._emit = emit
         self._beliefs = Beliefs(emit)
+        self._team = team
 
     def hear(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
         """Use a new frame and the receiver's pose at its arrival: position NED, and the matrix receiver FRD → NED."""
@@ -251,11 +255,13 @@ class Mission:
 
     def _choose(self, ids: Iterable[int], time_s: float) -> None:
         """Choose the nearest transmitter, with a margin so that noise does not change the choice."""
+        if self.target is not None and self._strategy is not None and self._is_taken(self.target):
+            self._strategy = self.target = None
         current = self.heard.get(self.target) if self.target is not None else None
         if current is not None and self._strategy is not None and time_s - current.last_s > _DEAF_S:
             self._strategy = None
             self._emit(TransmitterFaded(time_s, id_of(self.target)))
-        heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard}
+        heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard and not self._is_taken(id_)}
         if not heard:
             return
         closest = min(heard, key=lambda id_: heard[id_].last_m)
@@ -267,6 +273,11 @@ class Mission:
                 self._strategy = self.plan.strategy(self.plan.speed)
                 for observation in list(heard[closest].past)[:-1]:
                     self._strategy.hear(observation)
+
+    def _is_taken(self, id_: int) -> bool:
+        """Whether a transmitter is another search's. Without ids nobody knows."""
+        own = id_ == self.target and self._strategy is not None
+        return self._team is not None and id_ != NO_ID and self._team.taken(id_, own=own)
 
     def _observe(self, ids: Collection[int], nothing: Observation) -> None:
         """Give the strategy the reading of its transmitter in a frame; `nothing`: for a frame without it."""

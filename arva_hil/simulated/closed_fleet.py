@@ -1,0 +1,142 @@
+"""Several closed loops on one field: built-in vehicles, one emulator for all, and a search for each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from arva_hil.config import Lla, ReceiverConfig, Scenario, VehicleConfig
+from arva_hil.emulator.build import moving_transmitters
+from arva_hil.emulator.engine import Emulator, sink_name, vehicle_setups
+from arva_hil.events import Event
+from arva_hil.field import LocalFrame
+from arva_hil.links import Link, memory
+from arva_hil.observers.audience import Audience, Observer
+from arva_hil.registry import FORMATS
+from arva_hil.runtime.drivers import Live
+from arva_hil.search.client import COMPONENT, SearchClient
+from arva_hil.search.mission import SearchPlan
+from arva_hil.search.strips import Area
+from arva_hil.search.team import Bus, divide, layer_m
+from arva_hil.simulated.closed_loop import HOME
+from arva_hil.simulated.simulator import Simulator
+from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.vehicle.session import Session
+
+APART_M = 5.0  # between the vehicles at the start, from west to east
+
+
+def several(scenario: Scenario, count: int) -> Scenario:
+    """The scenario with `count` vehicles, each with its receiver; as it is if it has vehicles."""
+    if scenario.vehicles:
+        return scenario
+    vehicles = [
+        VehicleConfig(
+            f"drone-{n + 1}",
+            system=n + 1,
+            receivers=(
+                ReceiverConfig("receiver", "pty", scenario.receiver, scenario.output_format, scenario.seed + n),
+            ),
+        )
+        for n in range(count)
+    ]
+    return replace(scenario, vehicles=tuple(vehicles))
+
+
+class Drone(NamedTuple):
+    """One vehicle with its search. `commands`: the vehicle's end of the link that the search flies it by."""
+
+    name: str
+    vehicle: SimulatedVehicle
+    search: SearchClient
+    commands: Link
+    area: Area  # of its take-off point
+
+
+class ClosedFleet:
+    """Remembers the drones of one field; `tasks` are for the loop.
+
+    Every vehicle of the scenario has one receiver. They stand in a row from west to east, 5 m apart, and divide the
+    plan's area, which is around the middle of the row, in that order. Neighbours fly at different heights.
+    `emit` gets the events of each search, with its vehicle's name. `start`: s.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        plan: SearchPlan,
+        *,
+        start: float,
+        stream_hz: float = 50.0,
+        gps_noise_m: float = 0.0,
+        observers: Sequence[Observer] = (),
+        tell_packets: bool = False,
+        emit: Callable[[str, Event], None] = lambda name, event: None,
+    ) -> None:
+        datum = Lla(*HOME) if scenario.datum == "home" else scenario.datum  # all search among the same transmitters
+        scenario = replace(scenario, datum=datum)
+        self.frame = LocalFrame(datum.lat, datum.lon, datum.alt)
+        self._scenario = scenario
+        count, bus = len(scenario.vehicles), Bus()
+        autopilots, ports, simulators = dict[str, Link](), dict[str, Link](), list[Simulator]()
+        self.drones: list[Drone] = []
+        for n, (config, area) in enumerate(zip(scenario.vehicles, divide(plan.area, count), strict=True)):
+            east = (n - (count - 1) / 2) * APART_M
+            lat, lon, alt = (float(value) for value in self.frame.lla([0.0, east, 0.0]))
+            system = config.system or n + 1
+            vehicle = SimulatedVehicle(
+                (lat, lon, alt), system, boot_time=start, gps_noise_m=gps_noise_m, seed=scenario.seed + n
+            )
+            (near, far), (search_end, vehicle_end), (taken, given) = (memory.pair() for _ in range(3))
+            (receiver,) = config.receivers
+            autopilots[config.name], ports[sink_name(config, receiver)] = near, given
+            simulators.append(Simulator([vehicle], [far, vehicle_end]))
+            south, west, north, east_end = area
+            own = replace(
+                plan,
+                area=(south, west - east, north, east_end - east),
+                height=plan.height + layer_m(n),
+                take_off=plan.take_off + layer_m(n),
+            )
+            search = SearchClient(
+                own,
+                Session(target_system=system, rate_hz=stream_hz, component=COMPONENT),
+                search_end,
+                taken,
+                FORMATS[receiver.output_format].decoder(),
+                start=start,
+                emit=lambda event, name=config.name: emit(name, event),  # type: ignore[misc]
+                team=bus.join(),
+            )
+            self.drones.append(Drone(config.name, vehicle, search, vehicle_end, own.area))
+        setups = vehicle_setups(
+            scenario, lambda v: v.name, lambda v: Session(target_system=v.system, rate_hz=stream_hz)
+        )
+        self.emulator = Emulator(setups, start=start, timeout_s=10.0, tell_packets=tell_packets)
+        self.live = Live(self.emulator, autopilots, ports, Audience(observers))
+        self.tasks = [*simulators, self.live, *(drone.search for drone in self.drones)]
+
+    @property
+    def over(self) -> bool:
+        """Every search has ended, and its vehicle has landed or is left hovering."""
+        return all(drone.search.outcome is not None for drone in self.drones)
+
+    @property
+    def found(self) -> set[int]:
+        """The ids of the transmitters found."""
+        missions = [drone.search.mission for drone in self.drones]
+        return {m.target for m in missions if m and m.found is not None and m.target is not None}
+
+    def error(self, drone: Drone) -> float | None:
+        """Horizontal distance [m] from the place that a search has reported to its transmitter; None: none is."""
+        mission, origin = drone.search.mission, drone.search.origin
+        if mission is None or mission.found is None or origin is None:
+            return None
+        there = moving_transmitters(self._scenario, self.frame).at(0.0, lambda system: None)
+        places = dict(zip(there.ids, there.positions, strict=True))
+        if mission.target not in places:
+            return None
+        place = self.frame.ned(*origin.lla([mission.found.north, mission.found.east, 0.0]))
+        return math.dist(place[:2], places[mission.target][:2])

@@ -1,0 +1,183 @@
+"""Several searches of one field: each has its part, its transmitter and its own vehicle, and keeps off the others."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+
+from arva_hil.config import parse
+from arva_hil.field import LocalFrame
+from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
+from arva_hil.runtime.clock import Clock, StepClock
+from arva_hil.runtime.loop import run
+from arva_hil.search import STRATEGIES
+from arva_hil.search.mission import SearchPlan
+from arva_hil.search.team import Bus, News, Teammate, divide
+from arva_hil.simulated.autopilot import Mode
+from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
+
+HOME = (46.0, 7.0, 1000.0)
+FRAME = LocalFrame(*HOME)
+TWO = "spec: 2\ntransmitters: [{id: 1, ned: [14, -16, 0.5]}, {id: 2, ned: [-12, 18, 1]}]"
+
+
+def at(north: float, east: float, up: float) -> tuple[float, float, float]:
+    lat, lon, alt = (float(value) for value in FRAME.lla([north, east, -up]))
+    return lat, lon, alt
+
+
+def told(number: int, *, hunting: int | None = None, found: tuple[int, ...] = (), time_s: float = 0.0) -> News:
+    return News(number, time_s, at(0, 0, 3), True, hunting, found)
+
+
+def alone(number: int, now: float = 0.0) -> Teammate:
+    mate = Teammate(number, lambda news: None)
+    mate.tell(now, HOME, flying=True)
+    return mate
+
+
+def test_the_parts_of_an_area_are_side_by_side_and_all_of_it() -> None:
+    parts = divide((-10.0, -20.0, 30.0, 40.0), 3)
+    assert parts == [(-10.0, -20.0, 30.0, 0.0), (-10.0, 0.0, 30.0, 20.0), (-10.0, 20.0, 30.0, 40.0)]
+    with pytest.raises(ValueError, match="count: 0, expected 1 or more"):
+        divide((0.0, 0.0, 1.0, 1.0), 0)
+
+
+def test_a_transmitter_is_taken_while_another_one_flies_there_and_once_it_is_found() -> None:
+    mate = alone(1)
+    assert not mate.taken(7, own=False)
+    mate.hear(told(2, hunting=7))
+    assert mate.taken(7, own=False)
+    assert not mate.taken(8, own=False)
+    mate.hear(told(2, found=(7,)))
+    mate.tell(1000.0, HOME, flying=True)
+    assert mate.taken(7, own=False)
+
+
+def test_of_two_that_fly_to_one_the_lower_number_goes_on() -> None:
+    first, second = alone(0), alone(1)
+    first.hear(told(1, hunting=7))
+    second.hear(told(0, hunting=7))
+    assert not first.taken(7, own=True)
+    assert second.taken(7, own=True)
+
+
+def test_a_transmitter_of_one_that_is_not_heard_any_more_is_free() -> None:
+    mate = alone(1, now=4.9)
+    mate.hear(told(2, hunting=7))
+    assert mate.taken(7, own=False)
+    mate.tell(5.1, HOME, flying=True)
+    assert not mate.taken(7, own=False)
+
+
+def test_news_go_to_all_others_five_times_a_second_and_at_once_when_something_changes() -> None:
+    bus = Bus()
+    mates = [bus.join() for _ in range(3)]
+    heard: list[News] = []
+    mates[2].hear = heard.append  # type: ignore[method-assign]
+    for tick in range(100):
+        mates[0].tell(tick / 100, HOME, flying=True, hunting=7 if tick == 50 else None)
+    assert 5 <= len(heard) <= 8
+    assert [news.hunting for news in heard].count(7) == 1
+
+
+@pytest.mark.parametrize(
+    ("other", "flying", "wanted", "allowed"),
+    [
+        ((5, 0, 3), True, (1, 0.5, 0), (0, 0.5, 0)),  # not nearer, but past it
+        ((5, 0, 3), True, (-1, 0, 0), (-1, 0, 0)),  # away from it
+        ((5, 0, 6), True, (1, 0, 0), (1, 0, 0)),  # below it
+        ((7, 0, 3), True, (1, 0, 0), (1, 0, 0)),  # far enough
+        ((2, 0, 0), True, (0, 0, 0.5), (0, 0, 0)),  # not down onto it
+        ((2, 0, 0), False, (0, 0, 0.5), (0, 0, 0)),  # nor where it has landed
+        ((2, 0, 0), False, (1, 0, 0), (1, 0, 0)),  # but over it
+        ((2, 0, 3), True, (0, 0, -0.5), (0, 0, -0.5)),  # up is always free
+    ],
+)
+def test_no_velocity_leads_to_another_vehicle(
+    other: tuple[float, float, float],
+    flying: bool,
+    wanted: tuple[float, float, float],
+    allowed: tuple[float, float, float],
+) -> None:
+    mate = alone(1)
+    mate.hear(News(2, 0.0, at(*other), flying))
+    assert mate.apart(FRAME, (0.0, 0.0, -3.0), wanted) == pytest.approx(allowed, abs=1e-3)
+
+
+class Field:
+    """Three drones on one field, flown to the end. A task of the loop, too: it watches.
+
+    `gap_m`: the least distance of two that are in the air; `orders`: to each drone's autopilot, (when, message).
+    """
+
+    links = ()
+
+    def __init__(self, *, pilot_of: int | None = None, pilot_s: float = math.inf) -> None:
+        self.clock = StepClock()
+        plan = SearchPlan(STRATEGIES["flux"], area=(-22.0, -22.0, 22.0, 22.0))
+        self.loop = ClosedFleet(several(parse(TWO, "field"), 3), plan, start=0.0, stream_hz=10.0)
+        self.gap_m = math.inf
+        self.orders: dict[str, list[tuple[float, object]]] = {drone.name: [] for drone in self.loop.drones}
+        self._pilot_of, self._pilot_s = pilot_of, pilot_s
+        for drone in self.loop.drones:
+            self._tap(drone)
+        run([*self.loop.tasks, self], self.clock, until=900.0, stopped=lambda: self.loop.over)
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        flying = [drone.vehicle for drone in self.loop.drones if drone.vehicle.flying]
+        places = [np.array(self.loop.frame.ned(*vehicle.truth(now).lla)) for vehicle in flying]
+        self.gap_m = min([self.gap_m, *(float(np.linalg.norm(a - b)) for a, b in combinations(places, 2))])
+        if self._pilot_of is not None and now >= self._pilot_s:
+            drone = self.loop.drones[self._pilot_of]
+            mode = command(drone.vehicle.system, 1, dialect.MAV_CMD_DO_SET_MODE, 1, Mode.LOITER)
+            drone.vehicle.feed(Encoder(255, 190).pack(mode), now, link=9)
+            self._pilot_of = None
+        return now + 0.1
+
+    def _tap(self, drone: Drone) -> None:
+        read, parser = drone.commands.read, Parser()
+
+        def tapped() -> bytes:
+            data = read()
+            for packet in parser.feed(data):
+                if (message := parser.decode(packet)) is not None and hasattr(message, "target_system"):
+                    self.orders[drone.name].append((self.clock.now(), message))
+            return data
+
+        drone.commands.read = tapped  # type: ignore[method-assign]
+
+
+def test_a_team_finds_every_transmitter_once_and_its_vehicles_keep_apart() -> None:
+    field = Field()
+    missions = [drone.search.mission for drone in field.loop.drones]
+    ids = [mission.target for mission in missions if mission and mission.found is not None]
+    assert sorted(ids, key=str) == [1, 2]
+    assert all(error is None or error < 1.5 for error in map(field.loop.error, field.loop.drones))
+    assert field.gap_m > 2.5
+    for drone in field.loop.drones:  # nobody commands another's
+        targets = {message.target_system for _, message in field.orders[drone.name]}  # type: ignore[attr-defined]
+        assert targets == {drone.vehicle.system}
+
+
+def test_the_pilot_of_one_drone_takes_over_that_one_and_no_other() -> None:
+    field = Field(pilot_of=1, pilot_s=20.0)
+    drones = field.loop.drones
+    mine = drones[1].search.outcome
+    assert mine is not None
+    assert "LOITER" in mine.how
+    assert drones[1].vehicle.state.startswith("LOITER, armed")
+    moves = [
+        at
+        for at, message in field.orders[drones[1].name]
+        if type(message).__name__.startswith("MAVLink_set_position_target") and at > 21.0
+    ]
+    assert not moves
+    for other in (drones[0], drones[2]):
+        assert other.search.outcome is not None
+        assert other.search.outcome.kind in ("found", "not found")
+    assert field.loop.found == {1, 2}
