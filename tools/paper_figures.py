@@ -31,7 +31,8 @@ from PIL import Image
 from arva_hil.field import Transmitters, dipole_field
 from arva_hil.field.rotation import from_euler, to_matrix
 from arva_hil.receiver import Antennas, Zone, outputs
-from arva_hil.receiver.paper import draw_noise, noise_bound, receive
+from arva_hil.receiver.noise import draw_noise, noise_bound
+from arva_hil.receiver.paper import receive
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

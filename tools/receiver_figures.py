@@ -28,7 +28,7 @@ from arva_hil.field.vehicle_noise import VehicleNoise
 from arva_hil.receiver import Answer
 from arva_hil.receiver.display import Display
 from arva_hil.receiver.listening import NoiseDraws
-from arva_hil.receiver.paper import draw_noise, noise_bound
+from arva_hil.receiver.noise import draw_noise, noise_bound
 from arva_hil.receiver.pulsed_options import PulsedOptions
 from tools.hovering_receiver import Hovering, transmitters
 

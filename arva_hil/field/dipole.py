@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,8 +18,11 @@ from arva_hil.field.medium import AIR, Medium
 
 __all__ = ["Transmitters", "dipole_field", "field_of"]
 
-_MANY = 300  # numbers: from so many on, blocks are quicker
-_NEAREST_M = 0.01  # a receiver closer than this reads as if it were this far: the field stays finite
+NEAREST_M: Final = 0.01  # a receiver closer than this reads as if it were this far: the field stays finite
+
+_MANY: Final = 300  # numbers: from so many on, blocks are quicker
+
+Dipole = Sequence[float]  # position NED [m], axis NED, strength / 4π: seven numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +51,13 @@ class Transmitters:
             object.__setattr__(self, name, vector(name, getattr(self, name), *shape))
         if len(self.keyings) not in (0, m):
             raise ValueError(f"{len(self.keyings)} keyings: expected {m}, one for each transmitter, or none")
+
+    @cached_property
+    def dipoles(self) -> list[Dipole]:
+        """All of them as plain numbers."""
+        axes = self.rotations[:, :, 0]
+        numbers: list[Dipole] = np.column_stack((self.positions, axes, self.strengths / (4 * np.pi))).tolist()
+        return numbers
 
     def field_at(self, point: Array) -> Array:
         """The field (M, 3) of each transmitter at a point (3,), in NED, as `dipole_field` has it and in the medium."""
@@ -99,7 +112,7 @@ def field_of(points: Array, positions: Array, rotations: Array, strengths: Array
     n = np.empty_like(r)
     n[:] = axis  # stays so where r is 0
     np.divide(r, distance, out=n, where=distance > 0)
-    inverse = 1 / np.maximum(distance, _NEAREST_M)
+    inverse = 1 / np.maximum(distance, NEAREST_M)
     along = np.add.reduce(n * axis, axis=-1, keepdims=True)
     h: Array = (strengths / (4 * np.pi))[:, None] * inverse * inverse * inverse * (3 * along * n - axis)
     return h

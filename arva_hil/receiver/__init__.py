@@ -1,6 +1,7 @@
 """Receivers: the protocol of receiver models, readings, and the paper's receiver."""
 
-from .paper import Antennas, NoiseKind, PaperReceiver, outputs
+from .noise import NoiseKind
+from .paper import Antennas, PaperReceiver, outputs
 from .reading import ChannelReading, PulseReading, Reading, Zone, with_true_ranges
 from .receiver_model import Answer, Impairment, Look, Pose, ReceiverModel, ReceiverSettings
 

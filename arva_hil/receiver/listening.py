@@ -10,7 +10,7 @@ import numpy as np
 from arva_hil.field.dipole import Transmitters
 from arva_hil.field.keying import KEYING_CLASSES, Keying, draw_keying
 from arva_hil.field.pulse_timeline import PulseTimeline, SentPulse
-from arva_hil.receiver.paper import noise_bound
+from arva_hil.receiver.noise import noise_bound
 from arva_hil.receiver.pulsed_options import PulsedOptions
 from arva_hil.receiver.receiver_model import Impairment, Look, ReceiverSettings
 from arva_hil.receiver.separation import Vector

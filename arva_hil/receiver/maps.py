@@ -16,7 +16,8 @@ from arva_hil.field import Transmitters
 from arva_hil.field.arrays import Array, floats
 from arva_hil.field.blocks import BLOCK, field_parts
 from arva_hil.field.medium import AIR
-from arva_hil.receiver.paper import INNER_M, MID_M, Antennas, NoiseSource, noise_bound, outputs, receive, rounded
+from arva_hil.receiver.noise import NoiseSource, noise_bound
+from arva_hil.receiver.paper import INNER_M, MID_M, Antennas, outputs, receive, rounded
 
 __all__ = ["Readings", "readings"]
 

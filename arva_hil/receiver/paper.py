@@ -5,25 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from statistics import NormalDist
-from typing import Final, Literal, Self, get_args
+from typing import Final, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from arva_hil.receiver.reading import ChannelReading, Reading, Zone, with_true_ranges
-from arva_hil.receiver.receiver_model import Answer, Impairment, Look, ReceiverSettings
+from arva_hil.field.medium import AIR
+from arva_hil.receiver.noise import NoiseKind, NoiseSource, noise_bound
+from arva_hil.receiver.one_look import FEW, output, signals
+from arva_hil.receiver.reading import ChannelReading, Reading, Zone
+from arva_hil.receiver.receiver_model import Answer, Impairment, Look, Pose, ReceiverSettings
 
 __all__ = [
     "INNER_M",
     "MID_M",
     "Antennas",
-    "NoiseKind",
-    "NoiseSource",
     "PaperReceiver",
     "distance",
-    "draw_noise",
-    "noise_bound",
     "outputs",
     "receive",
     "rounded",
@@ -31,7 +29,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-NoiseKind = Literal["uniform", "gaussian", "off"]
 
 INNER_M: Final = 3.0
 MID_M: Final = 50.0
@@ -39,7 +36,8 @@ _FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
 _REFERENCE_NA_M: Final = (
     2e6 * math.pi
 )  # of a field of 1, where the reference transmitter has 1 µA/m on its axis at 10 m
-_NORMAL: Final = NormalDist()
+_AT_INNER: Final = 0.9999 / INNER_M**3  # 1/m³: a field that is weaker, with eq. 6's factor, is not in the inner zone
+_Heard = tuple[int, int, int, int]  # d in cm, id, δ in degrees, zone: what is heard, in the order of slots
 
 
 @dataclass(frozen=True)
@@ -64,30 +62,6 @@ class Antennas:
             raise ValueError(f"floor_range_m {self.floor_range_m}: expected above 0")
         if self.noise not in get_args(NoiseKind):
             raise ValueError(f"noise {self.noise!r}: expected one of {', '.join(get_args(NoiseKind))}")
-
-
-def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
-    """The largest ‖w‖ (eq. 5), for the reference transmitter: κ‖m‖ = 1."""
-    return 1 / (2 * math.pi * max(sensitivity) * floor_range_m**3)
-
-
-def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) -> Array:
-    """Noise w (m, 3) in NED: direction uniform on the sphere, ‖w‖ ≤ bound.
-
-    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, limited to the bound. Draws 3 doubles for
-    each of the m (z, azimuth, magnitude) in any case; `off` is 0 and draws none.
-    """
-    if kind == "off":
-        return np.zeros((m, 3))
-    u = rng.random((m, 3))
-    z, azimuth, magnitude = 2 * u[:, 0] - 1, 2 * np.pi * u[:, 1], u[:, 2]
-    if kind == "gaussian":
-        magnitude = np.array([min(1.0, -_NORMAL.inv_cdf(tail / 2) / 3) for tail in (1 - magnitude).tolist()])
-    across = np.sqrt(1 - z * z)
-    w = np.empty((m, 3))
-    w[:, 0], w[:, 1], w[:, 2] = across * np.cos(azimuth), across * np.sin(azimuth), z
-    w *= (bound * magnitude)[:, None]
-    return w
 
 
 def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
@@ -128,19 +102,6 @@ def rounded(x: Array) -> Array:
     return whole + np.trunc(2 * (x - whole))
 
 
-class NoiseSource:
-    """Draws noise of one kind, up to a bound, from a seed. Remembers its random generator."""
-
-    def __init__(self, kind: NoiseKind, bound: float, seed: int) -> None:
-        self._kind = kind
-        self._bound = bound
-        self._rng = np.random.Generator(np.random.PCG64(seed))
-
-    def draw(self, m: int) -> Array:
-        """The next (m, 3), NED: see `draw_noise`."""
-        return draw_noise(self._rng, m, self._kind, self._bound)
-
-
 class PaperReceiver:
     """The receiver of the paper, a `ReceiverModel`. It looks once for each frame, at the frame's instant.
 
@@ -159,6 +120,9 @@ class PaperReceiver:
         if channels < 1:
             raise ValueError(f"{channels} channels: expected 1 or more")
         self._kappa_eq = antennas.kappa_eq
+        self._scale = math.cbrt(antennas.kappa_eq / (4 * math.pi))
+        self._near = _AT_INNER * antennas.kappa_eq / (4 * math.pi)
+        self._sensitivity = antennas.sensitivity
         self._q = np.array(antennas.sensitivity)
         bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
         self._limit = noise_bound(antennas.sensitivity, _FLOOR_RANGE_M)
@@ -167,7 +131,7 @@ class PaperReceiver:
         self._channels = channels
         self._noise = NoiseSource(antennas.noise, bound, seed)
         self._beside = np.random.Generator(np.random.PCG64([seed, 1]))  # noise that is not the receiver's own
-        self._heard: list[tuple[int, int, int, int]] = []  # d, id, δ, zone at the last look
+        self._heard: list[_Heard] = []  # at the last look
         self._start()
 
     @classmethod
@@ -183,29 +147,29 @@ class PaperReceiver:
 
     def look(self, look: Look) -> None:
         """See `ReceiverModel`. Without a pose every slot is empty, but the noise is drawn too."""
-        t, own = look.transmitters, self._noise.draw(len(look.transmitters.ids))
-        w = own if look.noise is None else look.noise
+        own = self._noise.draw_few(len(look.transmitters.ids))
+        w = own if look.noise is None else look.noise.tolist()
         may_interfere = self._may_interfere or look.noise is not None
         interference = may_interfere and bool((np.linalg.norm(w, axis=1) > self._limit).any())
         if look.pose is None:
             self._heard = []
             self._reading = Reading(self._empty, interference, False)
             return
-        p_r, R_r = look.pose.position, look.pose.rotation
-        h_r = receive(t.field_at(p_r), R_r, self._q, w)
-        if look.impairment is not None:
-            h_r = self._impaired(h_r, look.impairment)
-        columns = (column.tolist() for column in outputs(h_r, self._kappa_eq))
-        heard = [
-            (d_cm, id_, delta_deg, zone) for id_, d_cm, delta_deg, zone in zip(t.ids, *columns, strict=True) if zone
-        ]
+        heard, ranges = self._hear(look, look.pose, w)
         heard.sort()
         self._heard = heard
         if self._marked or self._selected is not None:
             heard = self._wanted(heard)
-        slots = [ChannelReading(id_, zone, d_cm, delta_deg, None) for d_cm, id_, delta_deg, zone in heard]
-        shown = (*slots[: len(self._empty)], *self._empty[len(slots) :])
-        self._reading = Reading(with_true_ranges(shown, t.ranges(p_r)), interference, len(slots) > len(shown))
+        shown = [
+            ChannelReading(id_, zone, d_cm, delta_deg, ranges.get(id_))
+            for d_cm, id_, delta_deg, zone in heard[: len(self._empty)]
+        ]
+        if len(shown) < len(self._empty):
+            ids, free = {channel.id for channel in shown}, len(self._empty) - len(shown)
+            hidden: list[float | None] = [*sorted(metres for id_, metres in ranges.items() if id_ not in ids)]
+            hidden += [None] * free
+            shown += [ChannelReading(None, Zone.OUTER, *self._no_signal, metres) for metres in hidden[:free]]
+        self._reading = Reading(tuple(shown), interference, len(heard) > len(shown))
 
     def show(self, time_s: float) -> Reading:
         """See `ReceiverModel`."""
@@ -223,6 +187,26 @@ class PaperReceiver:
             return Answer.REFUSED
         return Answer.DONE if obey[name](*map(int, values)) else Answer.REFUSED
 
+    def _hear(self, look: Look, pose: Pose, w: list[list[float]]) -> tuple[list[_Heard], dict[int, float]]:
+        """All that it hears, and the true ranges of all transmitters, by id."""
+        t = look.transmitters
+        if len(t.ids) > FEW or t.medium is not AIR or look.impairment is not None:
+            h_r = receive(t.field_at(pose.position), pose.rotation, self._q, np.array(w))
+            if look.impairment is not None:
+                h_r = self._impaired(h_r, look.impairment)
+            columns = (column.tolist() for column in outputs(h_r, self._kappa_eq))
+            every = zip(t.ids, *columns, strict=True)
+            return [(d_cm, id_, delta, zone) for id_, d_cm, delta, zone in every if zone], t.ranges(pose.position)
+        heard, ranges = [], {}
+        there = signals(pose.position.tolist(), pose.rotation.tolist(), self._sensitivity, t.dipoles, w)
+        for id_, (metres, signal) in zip(t.ids, there, strict=True):
+            if id_ not in t.unplaced:
+                ranges[id_] = metres
+            if one := output(signal, self._scale, self._near, INNER_M, MID_M):
+                d_cm, delta, zone = one
+                heard.append((d_cm, id_, delta, zone))
+        return heard, ranges
+
     def _impaired(self, h_r: Array, wrong: Impairment) -> Array:
         """What antennas say of which something is wrong."""
         noise = self._beside.standard_normal(h_r.shape) * (wrong.noise_na_m / _REFERENCE_NA_M)
@@ -239,7 +223,7 @@ class PaperReceiver:
     def _empty_slots(self, count: int) -> tuple[ChannelReading, ...]:
         return (ChannelReading(None, Zone.OUTER, *self._no_signal, None),) * count
 
-    def _wanted(self, heard: list[tuple[int, int, int, int]]) -> list[tuple[int, int, int, int]]:
+    def _wanted(self, heard: list[_Heard]) -> list[_Heard]:
         """Those that are not marked, or only the selected one."""
         shown = [one for one in heard if one[1] not in self._marked]
         return [one for one in shown if one[1] == self._selected] or shown

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.field import dipole_field
 from arva_hil.receiver import Antennas, Zone, outputs
-from arva_hil.receiver.paper import NoiseKind, draw_noise, noise_bound, receive, rounded
+from arva_hil.receiver.noise import NoiseKind, NoiseSource, draw_noise, noise_bound
+from arva_hil.receiver.paper import receive, rounded
 
 K = 1.542
 ONE = (np.zeros((1, 3)), np.eye(3)[None], np.ones(1))  # a reference transmitter at the origin, facing north
@@ -267,3 +268,12 @@ def test_antennas_take_any_finite_number_above_0(name: str) -> None:
     for wrong in (0.0, -1.0, math.inf, math.nan):
         with pytest.raises(ValueError, match=f"{name} {wrong}: expected above 0"):
             Antennas(**{name: wrong})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", ["uniform", "gaussian", "off"])
+def test_a_source_of_noise_gives_the_same_numbers_however_many_are_drawn_at_a_time(kind: NoiseKind) -> None:
+    source, rng = NoiseSource(kind, 3.0, seed=9), np.random.Generator(np.random.PCG64(9))
+    counts = [4, 4, 0, 90, 1, 63, 64, 65, 300, 7]
+    drawn = [source.draw(m) if m % 2 else np.array(source.draw_few(m)).reshape(m, 3) for m in counts]
+    assert [len(w) for w in drawn] == counts
+    assert (np.concatenate(drawn) == draw_noise(rng, sum(counts), kind, 3.0)).all()

@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.field import Mount, Transmitters
 from arva_hil.receiver import Antennas, ChannelReading, PaperReceiver, Reading, Zone
-from arva_hil.receiver.paper import NoiseKind, NoiseSource, noise_bound
+from arva_hil.receiver.noise import NoiseKind, NoiseSource, noise_bound
+from arva_hil.receiver.one_look import FEW
 
 QUIET = Antennas(noise="off")
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -327,3 +328,24 @@ def test_positive_is_to_the_right() -> None:
 def test_no_channels_is_an_error() -> None:
     with pytest.raises(ValueError, match="0 channels"):
         Receiver(transmitters(), QUIET, 0)
+
+
+def test_few_transmitters_are_read_as_many_are() -> None:
+    """In plain numbers, or as arrays. Those added are too far to be heard."""
+    rng = np.random.default_rng(11)
+    near, _ = random_transmitters(rng, 6)
+    away = np.full((FEW, 3), 1e6) + rng.normal(size=(FEW, 3))
+    many = Transmitters(
+        tuple(range(100, 106 + FEW)),
+        np.concatenate((near.positions, away)),
+        np.concatenate((near.rotations, [np.eye(3)] * FEW)),
+        np.concatenate((near.strengths, np.ones(FEW))),
+    )
+    few = Transmitters(many.ids[:6], near.positions, near.rotations, near.strengths)
+    ours, theirs = Receiver(few, QUIET, 6), Receiver(many, QUIET, 6)
+    p, R = rng.normal(size=(2000, 3)) * 15, Rotation.from_quat(rng.normal(size=(2000, 4)))
+    differ = 0
+    for pose in zip(*ours.pose(p, wxyz(R)), strict=True):
+        a, b = ours.read(*pose), theirs.read(*pose)
+        differ += sum(x != y for x, y in zip(bits(a), bits(b), strict=True))
+    assert differ <= 3  # rounding edges

@@ -1,0 +1,71 @@
+"""The noise of the paper's receiver (eq. 5): its bound, its draws, and a source of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from statistics import NormalDist
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["NoiseKind", "NoiseSource", "draw_noise", "noise_bound"]
+
+Array = NDArray[np.float64]
+NoiseKind = Literal["uniform", "gaussian", "off"]
+
+_NORMAL: Final = NormalDist()
+_AHEAD: Final = 64  # drawn at a time
+
+
+def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
+    """The largest ‖w‖ (eq. 5), for the reference transmitter: κ‖m‖ = 1."""
+    return 1 / (2 * math.pi * max(sensitivity) * floor_range_m**3)
+
+
+def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) -> Array:
+    """Noise w (m, 3) in NED: direction uniform on the sphere, ‖w‖ ≤ bound.
+
+    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, limited to the bound. Draws 3 doubles for
+    each of the m (z, azimuth, magnitude) in any case; `off` is 0 and draws none.
+    """
+    if kind == "off":
+        return np.zeros((m, 3))
+    u = rng.random((m, 3))
+    z, azimuth, magnitude = 2 * u[:, 0] - 1, 2 * np.pi * u[:, 1], u[:, 2]
+    if kind == "gaussian":
+        magnitude = np.array([min(1.0, -_NORMAL.inv_cdf(tail / 2) / 3) for tail in (1 - magnitude).tolist()])
+    across = np.sqrt(1 - z * z)
+    w = np.empty((m, 3))
+    w[:, 0], w[:, 1], w[:, 2] = across * np.cos(azimuth), across * np.sin(azimuth), z
+    w *= (bound * magnitude)[:, None]
+    return w
+
+
+class NoiseSource:
+    """Draws noise of one kind, up to a bound, from a seed. Remembers its random generator, and what it has drawn ahead.
+
+    A draw of many costs hardly more than a draw of one, and the numbers are the same.
+    """
+
+    def __init__(self, kind: NoiseKind, bound: float, seed: int) -> None:
+        self._kind = kind
+        self._bound = bound
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+        self._ahead: list[list[float]] = []
+
+    def draw(self, m: int) -> Array:
+        """The next (m, 3), NED: see `draw_noise`."""
+        if m <= max(_AHEAD, len(self._ahead)):
+            return np.array(self.draw_few(m)).reshape(m, 3)
+        first = np.array(self._ahead).reshape(-1, 3)
+        self._ahead = []
+        return np.concatenate((first, draw_noise(self._rng, m - len(first), self._kind, self._bound)))
+
+    def draw_few(self, m: int) -> list[list[float]]:
+        """The same as plain numbers."""
+        if m > len(self._ahead):
+            self._ahead += draw_noise(self._rng, max(m, _AHEAD), self._kind, self._bound).tolist()
+        drawn, self._ahead = self._ahead[:m], self._ahead[m:]
+        return drawn
