@@ -79,15 +79,19 @@ _AROUND_S: Final = 120.0  # for take-off and landing
 
 
 def main(options: argparse.Namespace) -> int:
-    chosen = common.scenario(options)
+    chosen = common.scenario(options, fleet=True)
+    if options.web is None and not options.headless:
+        options.web = Address()
+    if chosen.vehicles or options.count is not None:
+        from arva_hil.cli.demo_fleet import fly
+
+        return fly(options, chosen)
     if chosen.output_format in MAVLINK_FORMATS:
         raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
     if chosen.navigation_error:
         raise UsageError(
             "navigation_error: the demo does not support it, its vehicle reports its true pose: leave it out"
         )
-    if options.web is None and not options.headless:
-        options.web = Address()
     if not options.record:
         options.record = str(new_folder())
         tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")

@@ -116,7 +116,11 @@ class ClosedFleet:
         )
         self.emulator = Emulator(setups, start=start, timeout_s=10.0, tell_packets=tell_packets)
         self.live = Live(self.emulator, autopilots, ports, Audience(observers))
-        self.tasks = [*simulators, self.live, *(drone.search for drone in self.drones)]
+        self.tasks: list[Simulator | Live | SearchClient] = [
+            *simulators,
+            self.live,
+            *(drone.search for drone in self.drones),
+        ]
 
     @property
     def over(self) -> bool:

@@ -363,4 +363,4 @@ def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
 
 def test_a_command_that_does_not_serve_a_part_of_it_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--scenario", str(CONFIGS / "two_vehicles.yaml")]) == 2
-    assert "two_vehicles.yaml: vehicles: this command does not support" in capsys.readouterr().err
+    assert "navigation_error: the demo does not support it" in capsys.readouterr().err

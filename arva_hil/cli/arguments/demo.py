@@ -14,6 +14,12 @@ from arva_hil.cli.web_option import add_web
 def add_options(parser: opt.CommandParser) -> None:
     parser.option("--speed", type=opt.speed, default=1.0, metavar="N|max", help="multiple of real time; default 1")
     parser.option("--headless", action="store_true", help="print plain lines only, without a live status")
+    parser.option(
+        "--count",
+        type=opt.whole(1, 64),
+        metavar="N",
+        help="number of drones that divide the area, 5 m apart at the start; default 1, or the scenario's vehicles",
+    )
     add_plan(parser)
     opt.add_scenario(parser)
     add_live(parser)

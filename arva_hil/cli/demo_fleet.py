@@ -1,0 +1,93 @@
+"""`arva-hil demo` with several drones: they divide the area and search it together, all in one process."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from contextlib import ExitStack
+from typing import Final
+
+from arva_hil.cli import common, search, search_report
+from arva_hil.cli.outcome import FAILED, OK, UsageError
+from arva_hil.cli.terminal import tell
+from arva_hil.config import Scenario
+from arva_hil.events import Event
+from arva_hil.events.searches import PlaceFound, SearchEnded, TransmitterChosen
+from arva_hil.observers.console.sentences import sentence
+from arva_hil.observers.console.text import Notice
+from arva_hil.runtime.clock import RealClock, StepClock
+from arva_hil.runtime.loop import run
+from arva_hil.search.outcome import Outcome
+from arva_hil.search.team import divide
+from arva_hil.simulated.closed_fleet import ClosedFleet, several
+
+_AROUND_S: Final = 120.0  # for take-off and landing
+_TOLD: Final = (TransmitterChosen, PlaceFound, SearchEnded)
+_WITH_IDS: Final = ("binary", "nmea")
+_NARROWEST_M: Final = 4.0  # part of an area: narrower ones are not worth a drone
+
+
+def fly(options: argparse.Namespace, base: Scenario) -> int:
+    """The demo. Raises UsageError for what several drones cannot do."""
+    _check(options, base)
+    chosen = several(base, options.count or 1)
+    _check_width(options, len(chosen.vehicles))
+    fast = options.speed == math.inf
+    clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
+    with ExitStack() as stack:
+        surroundings = stack.enter_context(common.Run(options, chosen, clock.epoch_us, live=not options.headless))
+
+        def emit(name: str, event: Event) -> None:
+            if isinstance(event, _TOLD) and (said := sentence(event)):
+                surroundings.printer.notice(Notice(said.level, f"{name}: {said.text}"))
+
+        loop = ClosedFleet(
+            chosen,
+            search.plan_of(options),
+            start=clock.now(),
+            observers=surroundings.observers,
+            tell_packets=bool(options.record),
+            emit=emit,
+        )
+        code = surroundings.drive(
+            loop.emulator,
+            lambda: run(
+                loop.tasks,
+                clock,
+                until=options.limit + _AROUND_S,
+                stopped=lambda: loop.over or surroundings.stopped(),
+            ),
+        )
+    for drone in loop.drones:
+        outcome = drone.search.outcome or Outcome("failed", "interrupted")
+        first, *_ = search_report.result(outcome)
+        error = loop.error(drone)
+        tell(f"{drone.name}: {first}" + ("" if error is None else f"; the transmitter is {error:.2f} m from there"))
+    lacking = {transmitter.id for transmitter in chosen.transmitters} - loop.found
+    if lacking:
+        tell(f"not found: {', '.join(f'transmitter {id_}' for id_ in sorted(lacking))}")
+    return code or (FAILED if lacking else OK)
+
+
+def _check(options: argparse.Namespace, base: Scenario) -> None:
+    if options.count is not None and base.vehicles and options.count != len(base.vehicles):
+        raise UsageError(f"--count {options.count}: {base.source} has {len(base.vehicles)} vehicles: leave it out")
+    if base.navigation_error:
+        raise UsageError(
+            "navigation_error: the demo does not support it, its vehicles report their true poses: leave it out"
+        )
+    for vehicle in base.vehicles:
+        if len(vehicle.receivers) > 1:
+            raise UsageError(f"{base.source}: {vehicle.name}: {len(vehicle.receivers)} receivers; a drone has one here")
+    formats = [receiver.output_format for vehicle in base.vehicles for receiver in vehicle.receivers]
+    for of in formats or [base.output_format]:
+        if of not in _WITH_IDS:
+            raise UsageError(f"format {of}: several drones need {' or '.join(_WITH_IDS)}, whose frames carry ids")
+
+
+def _check_width(options: argparse.Namespace, count: int) -> None:
+    _, west, _, east = divide(options.area, count)[0]
+    if east - west < _NARROWEST_M:
+        raise UsageError(
+            f"--area: {count} drones would have {east - west:.1f} m each, at least {_NARROWEST_M:g} m needed"
+        )

@@ -1,0 +1,102 @@
+"""Prints how long one drone and a team of them search the same fields, and how many transmitters they find.
+
+    python tools/measure_team.py [--fields 10] [--drones 8] [--transmitters 4] [--strategy flux]
+
+Each field has transmitters at random places in the area, at random attitudes, up to 2 m deep. One drone ends when it
+has found one of them, so it also flies again, to the others, one flight for each: what one drone needs for all of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import replace
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+
+from arva_hil.config import Scenario, parse
+from arva_hil.registry import STRATEGIES
+from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.loop import run
+from arva_hil.search.mission import SearchPlan
+from arva_hil.simulated.closed_fleet import ClosedFleet, several
+
+LIMIT_S = 900.0
+
+
+class Flown(NamedTuple):
+    """`found_s`: when each transmitter was reported, from the start; `worst_m`: the largest error of a place."""
+
+    found_s: dict[int, float]
+    end_s: float
+    worst_m: float
+
+
+def field(seed: int, transmitters: int, half_m: float) -> Scenario:
+    rng = np.random.default_rng(seed)
+    lines = []
+    for id_ in range(1, transmitters + 1):
+        north, east = rng.uniform(-half_m, half_m, 2)
+        roll, pitch, yaw = rng.uniform(-180, 180), rng.uniform(-90, 90), rng.uniform(-180, 180)
+        pose = f"attitude: {{roll: {roll:.1f}, pitch: {pitch:.1f}, yaw: {yaw:.1f}}}"
+        lines.append(f"{{id: {id_}, ned: [{north:.2f}, {east:.2f}, {rng.uniform(0, 2):.2f}], {pose}}}")
+    return parse(f"spec: 2\nseed: {seed}\ntransmitters: [{', '.join(lines)}]\n", "field")
+
+
+def fly(scenario: Scenario, drones: int, plan: SearchPlan) -> Flown:
+    clock, found = StepClock(), dict[int, float]()
+    loop = ClosedFleet(several(scenario, drones), plan, start=0.0, stream_hz=10.0)
+
+    def over() -> bool:
+        for id_ in loop.found - found.keys():
+            found[id_] = clock.now()
+        return loop.over
+
+    run(loop.tasks, clock, until=LIMIT_S + 120, stopped=over)
+    errors = [error for drone in loop.drones if (error := loop.error(drone)) is not None]
+    return Flown(found, clock.now(), max(errors, default=0.0))
+
+
+def again_and_again(scenario: Scenario, plan: SearchPlan) -> Flown:
+    """One drone, one flight for each transmitter; those that are found are switched off."""
+    found, now, worst = dict[int, float](), 0.0, 0.0
+    while len(found) < len(scenario.transmitters):
+        left = tuple(t for t in scenario.transmitters if t.id not in found)
+        flown = fly(replace(scenario, transmitters=left), 1, plan)
+        found |= {id_: now + at for id_, at in flown.found_s.items()}
+        now, worst = now + flown.end_s, max(worst, flown.worst_m)
+        if not flown.found_s:
+            break
+    return Flown(found, now, worst)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--fields", type=int, default=10)
+    parser.add_argument("--drones", type=int, default=8)
+    parser.add_argument("--transmitters", type=int, default=4)
+    parser.add_argument("--half", type=float, default=45.0, help="transmitters within ± this, m; default 45")
+    parser.add_argument("--strategy", default="flux")
+    options = parser.parse_args()
+    plan = SearchPlan(STRATEGIES[options.strategy], limit_s=LIMIT_S)
+    fields = [field(seed, options.transmitters, options.half) for seed in range(options.fields)]
+    one = [again_and_again(scenario, plan) for scenario in fields]
+    team = [fly(scenario, options.drones, plan) for scenario in fields]
+    for name, flown in (("one drone, a flight for each transmitter", one), (f"{options.drones} drones", team)):
+        print(f"{name}: {tell(flown, options.transmitters)}", flush=True)
+
+
+def tell(flown: Sequence[Flown], transmitters: int) -> str:
+    first = [min(f.found_s.values()) for f in flown if f.found_s]
+    whole = [max(f.found_s.values()) for f in flown if len(f.found_s) == transmitters]
+    count = sum(len(f.found_s) for f in flown)
+    said = f"found {count} of {len(flown) * transmitters}; first after {median(first):.0f} s (median)"
+    if whole:
+        said += f"; all after {median(whole):.0f} s, in {len(whole)} of {len(flown)} fields"
+    return said + f"; largest error {max(f.worst_m for f in flown):.1f} m"
+
+
+if __name__ == "__main__":
+    main()
