@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import importlib
+import inspect
 import os
 import re
 from collections.abc import Callable, Iterator
@@ -15,8 +15,9 @@ from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
+from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.main import COMMANDS
-from arva_hil.cli.options import CommandParser, module_name
+from arva_hil.cli.options import CommandParser
 
 HERE: Final = Path(__file__).parent
 ROOT: Final = HERE.parent
@@ -82,14 +83,15 @@ def signature(
 
 def command_page(name: str, what: str) -> str:
     """A command's section: its description and its options, from its parser."""
-    arguments = importlib.import_module(f"arva_hil.cli.arguments.{module_name(name)}")
+    add_options = arguments_of(name)
     parser = CommandParser(prog=f"arva-hil {name}")
-    arguments.add_options(parser)
+    add_options(parser)
     variables = {variable.removeprefix("ARVA_HIL_") for variable in parser.variables}
     rows = "\n".join(_rows(parser, variables))
     usage = " ".join(parser.format_usage().removeprefix("usage: ").split())
+    about = _prose(inspect.getdoc(add_options) or "")
     return (
-        f"## {name}\n\n{what[0].upper()}{what[1:]}.\n\n```text\n{usage}\n```\n\n{_prose(arguments.__doc__ or '')}\n\n"
+        f"## {name}\n\n{what[0].upper()}{what[1:]}.\n\n```text\n{usage}\n```\n\n{about}\n\n"
         f"| option | what it is | environment |\n|---|---|---|\n{rows}"
     )
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from typing import Final
 
-from arva_hil.cli.options import CommandParser, module_name
+from arva_hil.cli.arguments import arguments_of
+from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show
 from arva_hil.registry import EXPORTS, FORMATS, STRATEGIES
@@ -43,7 +43,7 @@ def _add_options(parser: CommandParser, command: str) -> None:
     """Add the options of a command, and mark those that take file names."""
     import shtab
 
-    importlib.import_module(f"arva_hil.cli.arguments.{module_name(command)}").add_options(parser)
+    arguments_of(command)(parser)
     for action in parser.arguments:
         if action.metavar in _FILES:
             action.complete = shtab.FILE  # type: ignore[attr-defined]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import gc
 import importlib
+import inspect
 import io
 import os
 import sys
@@ -13,6 +14,7 @@ from types import ModuleType
 from typing import Final
 
 from arva_hil import __version__
+from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import PREFIX, CommandParser, module_name
 from arva_hil.cli.outcome import (
     FAILED,
@@ -44,7 +46,7 @@ def unknown_variables(environment: Mapping[str, str], parser: CommandParser, com
     known, typed = set(parser.variables), set(parser.typed_only)
     for command in commands:
         other = CommandParser(prog=command)
-        importlib.import_module(f"arva_hil.cli.arguments.{module_name(command)}").add_options(other)
+        arguments_of(command)(other)
         known |= set(other.variables)
         typed |= set(other.typed_only)
     return [_say(name, known, typed) for name in sorted(unread - known)]
@@ -170,9 +172,9 @@ def _command(arguments: list[str]) -> int:
             elif name == "pty" or name.startswith(("/dev/", "pty:", "tcp", "udp")):
                 hint = f"did you mean --port {name}?"
             raise UsageError(f"no command {name!r}; {hint}")
-    arguments_of = importlib.import_module(f"arva_hil.cli.arguments.{module_name(name)}")
-    parser = CommandParser(prog=f"arva-hil {name}", description=arguments_of.__doc__)
-    arguments_of.add_options(parser)
+    add_options = arguments_of(name)
+    parser = CommandParser(prog=f"arva-hil {name}", description=inspect.getdoc(add_options))
+    add_options(parser)
     try:
         options = parser.parse(arguments)
     except SystemExit:  # argparse has printed the help

@@ -114,7 +114,7 @@ class CommandParser(argparse.ArgumentParser):
 
 
 def module_name(command: str) -> str:
-    """The name of a command's modules in `cli` and `cli.arguments`."""
+    """The name of a command's module in `cli`, and of its function in `cli.arguments`."""
     return command.replace("-", "_")
 
 

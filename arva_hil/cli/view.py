@@ -11,7 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from arva_hil.cli import replay
-from arva_hil.cli.arguments import replay as replay_arguments
+from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError
 from arva_hil.cli.page import said_of
@@ -47,7 +47,7 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording:
     if folder.is_file():
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="arva-view-"))) / folder.name
         parser = CommandParser(prog="arva-hil view")
-        replay_arguments.add_options(parser)
+        arguments_of("replay")(parser)
         chosen = ["--scenario", options.scenario] if options.scenario else []
         code = replay.main(parser.parse([options.record_or_log, "--record", str(folder), *chosen], {}))
         if code != OK:

@@ -28,7 +28,7 @@ WAYS = {
     "python -m arva_hil": ["-m", "arva_hil"],
     "arva-hil": ["-c", "import sys; from arva_hil.__main__ import main; sys.exit(main())"],
 }
-MODULES = ["signal", "unicodedata", "arva_hil.cli.main", "difflib", "arva_hil.cli.arguments.demo", "numpy"]
+MODULES = ["signal", "unicodedata", "arva_hil.cli.main", "difflib", "arva_hil.cli.arguments.searches", "numpy"]
 
 
 @pytest.mark.parametrize("how", WAYS)

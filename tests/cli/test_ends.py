@@ -19,6 +19,7 @@ from typing import Any
 
 import pytest
 
+from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import CommandParser, module_name
 from arva_hil.cli.outcome import SignalGuard, interrupting, unexpected_error
 from arva_hil.emulator.engine import Emulator
@@ -273,7 +274,7 @@ def test_whatever_raises_between_start_and_loop_handlers_of_signals_and_threads_
         "demo": ["--speed", "max", "--record", str(tmp_path / "record")],
     }[command]
     parser = CommandParser(prog=command)
-    importlib.import_module(f"arva_hil.cli.arguments.{command}").add_options(parser)
+    arguments_of(command)(parser)
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = [*map(signal.getsignal, numbers), threading.excepthook]
     with pytest.raises(ZeroDivisionError):

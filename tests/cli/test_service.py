@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 from service_manager import Manager
 
-from arva_hil.cli.arguments import run
+from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, USAGE
 
@@ -86,7 +86,7 @@ def settings(path: Path) -> dict[str, list[str]]:
 
 def options(arguments: list[str], environment: dict[str, str]) -> dict[str, Any]:
     parser = CommandParser()
-    run.add_options(parser)
+    arguments_of("run")(parser)
     return vars(parser.parse(arguments, environment))
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import module_name
 from arva_hil.links.tlog import tlog_record
@@ -56,9 +57,7 @@ def test_a_name_that_is_not_built_in_is_looked_for_in_other_packages_and_imports
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_its_arguments_and_what_it_does(command: str) -> None:
-    arguments = importlib.import_module(f"arva_hil.cli.arguments.{module_name(command)}")
-    assert arguments.__doc__
-    assert callable(arguments.add_options)
+    assert arguments_of(command).__doc__
     assert callable(importlib.import_module(f"arva_hil.cli.{module_name(command)}").main)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.arguments import vehicle as arguments
+from arva_hil.cli.arguments import runs as arguments
 from arva_hil.links import Link
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.udp import UdpInLink

@@ -1,16 +1,4 @@
-"""Search for the victim: reads the receiver's port, flies the autopilot, stops above the transmitter.
-
-The vehicle arms, takes off, searches and lands by itself. The pilot takes it back with the mode switch, or by moving a
-stick, at any time: the search then says nothing more to it. Ctrl-C leaves it hovering; a landing goes on.
-A receiver that is unplugged is looked for while it hovers. The autopilot's link is looked for before anything is armed;
-lost later, it leaves the vehicle to its own failsafe.
-A simulator says what it is when asked. Any other vehicle is armed only when somebody at the terminal types yes, or on
---yes; without either the search ends with 2.
-On the bench: take the propellers off. Serial ports of flight controllers have 3.3 V levels, not 5 V, not RS-232. Say
-who has the sticks: one person, thumb on the mode switch, who does nothing else. --dry-run first: it orders nothing.
-Exit codes: 0 found, or a dry run that would have flown, 1 not sure, not found or failed, 2 usage or not allowed to arm,
-3 no autopilot or no frames, 130 interrupted.
-"""
+"""What the commands take that search: each function adds a command's options."""
 
 from __future__ import annotations
 
@@ -23,7 +11,21 @@ from arva_hil.cli.web_option import add_web
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 
-def add_options(parser: opt.CommandParser) -> None:
+def search(parser: opt.CommandParser) -> None:
+    """Search for the victim: reads the receiver's port, flies the autopilot, stops above the transmitter.
+
+    The vehicle arms, takes off, searches and lands by itself. The pilot takes it back with the mode switch, or by
+    moving a stick, at any time: the search then says nothing more to it. Ctrl-C leaves it hovering; a landing goes on.
+    A receiver that is unplugged is looked for while it hovers. The autopilot's link is looked for before anything is
+    armed; lost later, it leaves the vehicle to its own failsafe.
+    A simulator says what it is when asked. Any other vehicle is armed only when somebody at the terminal types yes, or
+    on --yes; without either the search ends with 2.
+    On the bench: take the propellers off. Serial ports of flight controllers have 3.3 V levels, not 5 V, not RS-232.
+    Say who has the sticks: one person, thumb on the mode switch, who does nothing else. --dry-run first: it orders
+    nothing.
+    Exit codes: 0 found, or a dry run that would have flown, 1 not sure, not found or failed, 2 usage or not allowed to
+    arm, 3 no autopilot or no frames, 130 interrupted.
+    """
     parser.option("--autopilot", "--master", type=opt.address, metavar="URL", help="where the autopilot is")
     parser.option("--receiver", type=opt.address, metavar="URL", help="the receiver's port")
     opt.add_format(parser, default="binary", without=MAVLINK_FORMATS)
@@ -79,6 +81,26 @@ def add_options(parser: opt.CommandParser) -> None:
     parser.option("--record", metavar="DIR", help="record the flight, how it ended and a picture into DIR")
     add_web(parser)
     parser.option("--json", action="store_true", help="how it ended, as a JSON object on stdout")
+
+
+def demo(parser: opt.CommandParser) -> None:
+    """Run the whole loop without hardware: a simulated vehicle, its receiver, and a search that finds the transmitter.
+
+    Unless --speed is max, the vehicle's link and the receiver's port are pseudo-terminals.
+    """
+    parser.option("--speed", type=opt.speed, default=1.0, metavar="N|max", help="multiple of real time; default 1")
+    parser.option("--headless", action="store_true", help="print plain lines only, without a live status")
+    parser.option(
+        "--count",
+        type=opt.whole(1, 64),
+        metavar="N",
+        help="number of drones that divide the area, 5 m apart at the start; default 1, or the scenario's vehicles",
+    )
+    add_plan(parser)
+    opt.add_scenario(parser)
+    add_live(parser)
+    opt.add_common(parser)
+    add_web(parser, default="on, with --headless off")
 
 
 def add_plan(parser: opt.CommandParser) -> None:
