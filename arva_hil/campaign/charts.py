@@ -147,7 +147,6 @@ def _climb(axes: Axes, values: list[float], runs: int, low: float, high: float, 
 
 
 def _each(rows: Sequence[TrialRow]) -> list[tuple[str, str, list[TrialRow]]]:
-    """The name, colour and rows of each strategy."""
     shades = colours(row.strategy for row in rows)
     return [(str(name), shades[name], mine) for (name,), mine in groups(rows, "strategy").items()]
 

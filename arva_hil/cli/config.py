@@ -76,7 +76,6 @@ def _said_as(key: Key) -> Iterator[Key]:
 
 
 def _lines(node: yaml.Node, key: Key = ()) -> Iterator[tuple[Key, int]]:
-    """The line of each key in a tree, from 1."""
     if isinstance(node, yaml.MappingNode):
         for name, value in node.value:
             yield (*key, name.value), name.start_mark.line + 1

@@ -10,11 +10,9 @@ from contextlib import ExitStack, closing, suppress
 from functools import partial
 from typing import Final
 
-from arva_hil.cli.keyfile import signing
-from arva_hil.cli.next_command import next_command
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import INTERRUPTED, SignalGuard, UsageError
-from arva_hil.cli.run_links import check_sides, choose_autopilot
+from arva_hil.cli.run_links import check_sides, choose_autopilot, next_command, signing
 from arva_hil.cli.terminal import show_json, show_marked, tell
 from arva_hil.doctor import diagnosis, port_diagnosis
 from arva_hil.doctor.examination import AutopilotProbe, PortProbe
@@ -260,7 +258,6 @@ class Doctor:
         return found
 
     def _try(self, probe: AutopilotProbe, seconds: float) -> None:
-        """Listen until there is a packet."""
         until = self._clock.now() + seconds
         run([probe], self._clock, until=until, stopped=lambda: self._stopped() or probe.over or probe.known > 0)
 

@@ -11,8 +11,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
-from arva_hil.cli.fleet_links import refuse_own
 from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.run_links import refuse_own
 from arva_hil.cli.terminal import bar, tell
 from arva_hil.config import Scenario
 from arva_hil.emulator.emulated_vehicle import VehicleSetup, one_vehicle

@@ -9,10 +9,8 @@ from contextlib import ExitStack, closing
 from typing import NamedTuple
 
 from arva_hil.cli import common
-from arva_hil.cli.fleet_links import chosen_sides
-from arva_hil.cli.keyfile import signing
 from arva_hil.cli.outcome import UsageError
-from arva_hil.cli.run_links import check_sides, choose_autopilot
+from arva_hil.cli.run_links import check_sides, choose_autopilot, chosen_sides, signing
 from arva_hil.cli.summary import LinkCounters
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario, VehicleConfig

@@ -1,13 +1,26 @@
-"""The two links of `run` and `doctor`: the autopilot's link, and the port where frames go."""
+"""The links of `run` and `doctor`: which, whether they fit together, the key for signing, and the command for them."""
 
 from __future__ import annotations
 
+import argparse
+import os
+import shlex
+import stat
+from collections.abc import Mapping
+from contextlib import ExitStack, closing
+from typing import Final
+
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.terminal import tell
+from arva_hil.config import Scenario
+from arva_hil.fleet_links import FleetSides, fleet_sides, ports_of
 from arva_hil.links import Address, parse
 from arva_hil.links.serial_ports import find_autopilot, list_ports
 from arva_hil.links.url import place
+from arva_hil.mavlink.signing import Signing, key_of
 from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.runtime.signing_state import PersistentSigning, state_file
 
 
 def choose_autopilot(*ports: str | None) -> str:
@@ -54,3 +67,100 @@ def check_ground_station(url: str, autopilot: str, receiver: str) -> None:
                 f"--gcs {url}: --{name} is there: the ground station needs a link of its own, because an autopilot may "
                 "evade what is shown on the map"
             )
+
+
+_OWN: Final = {"port": "each receiver has its own port", "target_system": "each vehicle has its own system"}
+
+
+def refuse_own(options: argparse.Namespace, chosen: Scenario) -> None:
+    """Raises UsageError for options of which each vehicle or receiver of the scenario has its own."""
+    for option, why in _OWN.items():
+        if getattr(options, option) is not None:
+            raise UsageError(f"--{option.replace('_', '-')}: {chosen.source} has vehicles, and {why}: leave it out")
+
+
+def chosen_sides(options: argparse.Namespace, chosen: Scenario) -> FleetSides:
+    """The links of a scenario with vehicles. Raises UsageError if options or addresses do not fit together."""
+    refuse_own(options, chosen)
+    named = all(vehicle.autopilot for vehicle in chosen.vehicles)
+    if options.autopilot and named:
+        raise UsageError(f"--autopilot: every vehicle of {chosen.source} names its own: leave it out")
+    usual = options.autopilot
+    if not usual and not named:
+        usual = choose_autopilot(*ports_of(chosen).values())
+    try:
+        return fleet_sides(chosen, usual, json=options.json)
+    except ValueError as error:
+        raise UsageError(error) from None
+
+
+_LARGEST: Final = 4096  # bytes
+
+
+def signing(path: str | None, epoch_us: int, stack: ExitStack, link: int = 0) -> Signing | None:
+    """Signing with the key in a file. The clock reads 0 at `epoch_us` (µs since 1970). Raises UsageError.
+
+    Its time stamps continue those of the last program with this key. They are saved when `stack` is closed.
+    """
+    if not path:
+        return None
+    key = _key(path)
+    return stack.enter_context(closing(PersistentSigning(key, epoch_us, link, state_file(key, os.environ), tell)))
+
+
+def _key(path: str) -> bytes:
+    from arva_hil.config.reading import open_at_once  # slow to import
+
+    wanted = "expected 64 hexadecimal digits (the key) or a passphrase, on one line"
+    try:
+        with open(path, "rb", opener=open_at_once) as file:
+            mode = os.fstat(file.fileno()).st_mode
+            if not stat.S_ISREG(mode):
+                raise UsageError(f"--signing-key {path}: is not a file, {wanted}")
+            if os.name == "posix" and mode & 0o077 and not _is_credential(path):
+                raise UsageError(
+                    f"--signing-key {path}: other users may read or write it ({mode & 0o777:o}): chmod 600 {path}"
+                )
+            data = file.read(_LARGEST + 1)
+    except OSError as error:
+        raise UsageError(f"--signing-key {path}: {error.strerror}, {wanted}") from None
+    if len(data) > _LARGEST:
+        raise UsageError(f"--signing-key {path}: more than {_LARGEST} bytes, {wanted}")
+    try:
+        return key_of(data.decode())
+    except UnicodeDecodeError as error:
+        raise UsageError(f"--signing-key {path}: byte {error.start + 1} is not text, {wanted}") from None
+    except ValueError as error:
+        raise UsageError(f"--signing-key {path}: {error}, {wanted}") from None
+
+
+def _is_credential(path: str) -> bool:
+    """Whether systemd keeps the file for this service. Its mode is 440 then, and an access list limits the readers."""
+    folder = os.environ.get("CREDENTIALS_DIRECTORY")
+    return bool(folder) and os.path.dirname(os.path.realpath(path)) == os.path.realpath(str(folder))
+
+
+UNKNOWN_PORT: Final = "pty:/tmp/arva0"
+
+
+def next_command(
+    options: argparse.Namespace, autopilot: str, usb_ports: list[str], right: Mapping[str, str | None]
+) -> str:
+    """The `run` command with the same options, where `right` replaces the wrong ones.
+
+    `autopilot`: the address that was heard. `usb_ports`: where frames may go if no port was named. `right`: right
+    values by the option's name; a word in capitals if the value is not known, None to leave the option out.
+    """
+    words: dict[str, str | None] = {"autopilot": autopilot}
+    if options.format in MAVLINK_FORMATS:
+        words["format"] = options.format
+    else:
+        words["port"] = options.port or (usb_ports[0] if len(usb_ports) == 1 else UNKNOWN_PORT)
+        words["format"] = options.format if options.format != "binary" else None
+    for name in ("target_system", "target_component", "signing_key"):
+        value = getattr(options, name)
+        words[name] = None if value is None else str(value)
+    words["stream_rate"] = f"{options.stream_rate:g}" if options.stream_rate != 50.0 else None
+    words |= {name: value for name, value in right.items() if name in words}
+    each = ((f"--{name.replace('_', '-')}", value) for name, value in words.items() if value is not None)
+    return shlex.join(["arva-hil", "run", *(word for pair in each for word in pair)])

@@ -13,11 +13,10 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common
-from arva_hil.cli.keyfile import signing
 from arva_hil.cli.live import close_all, live_observers
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, SignalGuard, UsageError
 from arva_hil.cli.page import open_page
-from arva_hil.cli.run_links import check_ground_station
+from arva_hil.cli.run_links import check_ground_station, signing
 from arva_hil.cli.search_report import as_dict, close_log, open_log, result, would_order
 from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there
 from arva_hil.events import Event

@@ -169,8 +169,6 @@ class _File(Constraint):
 
 
 class _Scenarios(_Axis):
-    """Scenarios by their names."""
-
     def __init__(self, file: _File | None = None) -> None:
         super().__init__(file or _File(), "scenarios")
 
@@ -255,7 +253,6 @@ def is_plan(text: str) -> bool:
 
 
 def _read(top: Value, file: _File) -> CampaignPlan:
-    """Raises ConstraintError."""
     if not isinstance(top, dict):
         raise wrong(str(TableOf(PlanFile)))
     constraints = {name: one.constraint for name, one in keys(PlanFile).items()} | {"scenarios": _Scenarios(file)}

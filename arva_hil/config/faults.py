@@ -152,7 +152,6 @@ def _is_fault(key: str) -> bool:
 
 
 def _keys(name: str) -> dict[str, Constraint]:
-    """The keys of a fault of this name."""
     kind: FaultKind = FAULTS[name]
     return {name: kind.constraint} | {key: fields_of(Fault)[key].constraint for key in (*kind.needs, *_SCHEDULE)}
 

@@ -116,8 +116,6 @@ class Lla:
 
 
 class _LlaList(Numbers):
-    """In a file a list."""
-
     def read(self, value: Any) -> Any:
         return value if isinstance(value, Lla) else Lla(*super().read(value))
 

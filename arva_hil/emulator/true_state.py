@@ -134,8 +134,6 @@ class _WithError(_AsReported):
 
 
 class _BySimulator:
-    """A simulator tells the truth."""
-
     def __init__(self, session: Session) -> None:
         self._session = session
         self._truth = SimulatorTruth(session)

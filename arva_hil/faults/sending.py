@@ -168,7 +168,6 @@ def _self_test(sending: Sending, value: float, random: Random) -> bool:
 
 
 def _sequence(sending: Sending, share: float, random: Random) -> bool:
-    """Set another sequence number."""
     if random.random() >= share:
         return False
     wrong = (sending.frame.sequence + random.randrange(1, 256)) % 256

@@ -183,7 +183,6 @@ class FlightState:
         return landing or self.phase in _STEERED or (self.phase is Phase.CLIMBING and self._modes.px4)
 
     def _reasons(self) -> str:
-        """The vehicle's answers and texts in this phase, for a person."""
         return self._complaints.why(status=self.phase is Phase.ARMING)
 
     def _enter(self, phase: Phase, now: float, wanted: int, limit_s: float | None = None) -> None:

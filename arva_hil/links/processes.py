@@ -112,7 +112,6 @@ def _has_master(process: str, device: str) -> bool:
 
 
 def _reads(process: str, device: str) -> bool:
-    """Whether a process has a device open for reading."""
     return any(
         int(_info(fd, "flags:") or str(os.O_RDWR), 8) & os.O_ACCMODE != os.O_WRONLY
         for fd, target in _descriptors(process)

@@ -168,7 +168,6 @@ class ReconnectingLink(Link):
             self._renewed(lasting=False)
 
     def _last(self) -> None:
-        """The new connection lasts: count a return."""
         self.returns += 1
 
 

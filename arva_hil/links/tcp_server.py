@@ -135,7 +135,6 @@ class TcpServerLink(Link):
         return data
 
     def _accept(self) -> None:
-        """Accept waiting clients while there is room."""
         while room := len(self._clients) < MOST_CLIENTS or self._dispensable() is not None:
             try:
                 sock, sender = self._listener.accept()

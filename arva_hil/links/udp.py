@@ -15,8 +15,6 @@ _MOST_SENDERS: Final = 8  # that get each write while there is no peer
 
 
 class _UdpLink(Link):
-    """The base of both UDP links."""
-
     def __init__(self, name: str, sock: socket.socket) -> None:
         self.name = name
         self._socket = sock

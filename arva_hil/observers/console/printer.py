@@ -182,7 +182,6 @@ def _words(made: FrameMade) -> str:
 
 
 def _size(terminal: TextIO) -> tuple[int, int]:
-    """Columns and lines."""
     try:
         columns, lines = os.get_terminal_size(terminal.fileno())
     except OSError:  # it has hung up
