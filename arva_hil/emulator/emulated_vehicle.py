@@ -1,8 +1,8 @@
-"""One vehicle as the engine has it: its setup, state and receivers; and the systems that transmitters follow."""
+"""One vehicle as the engine has it: its setup, state and receivers; systems that transmitters follow; shared links."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -17,6 +17,7 @@ from arva_hil.emulator.true_state import true_state
 from arva_hil.events import DatumSet, Event, FollowedSystemHeard, FollowedSystemSilent, VehicleStatus
 from arva_hil.field import LocalFrame, rotation
 from arva_hil.mavlink.codec import Packet, Parser, dialect
+from arva_hil.mavlink.packet_reader import Packets
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.vehicle.further_messages import MotorLoad
 from arva_hil.vehicle.navigation import EventQueue, Navigation
@@ -217,3 +218,39 @@ class EmulatedVehicle:
         assert self.datum.frame is not None
         for source in self.sources:  # all hear the same transmitters
             source.place(self.datum.frame, self._scenario)
+
+
+class SharedLink:
+    """Remembers its vehicles, and to whom what is said to them goes. `senders`: all of theirs."""
+
+    def __init__(self, vehicles: Sequence[EmulatedVehicle]) -> None:
+        self.senders: Sequence[Hashable] = ()
+        self._vehicles = vehicles
+        self._numbers = {vehicle.session.target_system: number for number, vehicle in enumerate(vehicles)}
+        self._of_each: list[tuple[Hashable, ...]] = [()] * len(vehicles)
+
+    def hear(
+        self, packets: Packets, now: float, sender: Hashable
+    ) -> tuple[Sequence[EmulatedVehicle], Sequence[Packet]]:
+        """Give each vehicle its packets, and all vehicles those of other systems.
+
+        Returns the vehicles that were given some; and all packets, if they may be of one of these vehicles.
+        """
+        systems = {packet.system for packet in packets.every}
+        numbers: Sequence[int] = range(len(self._vehicles))
+        if systems <= self._numbers.keys():
+            numbers = sorted(self._numbers[system] for system in systems)
+        vehicles = [self._vehicles[number] for number in numbers]
+        heard = False
+        shares = packets.shares([vehicle.session.target_system for vehicle in vehicles])
+        for number, vehicle, share in zip(numbers, vehicles, shares, strict=True):
+            heard |= vehicle.session.hear(share, now, sender) and bool(share.every)
+            self._note_senders(number, vehicle)
+        return vehicles, packets.every if heard else []
+
+    def _note_senders(self, number: int, vehicle: EmulatedVehicle) -> None:
+        senders = vehicle.session.senders
+        known = (senders.vehicle, *senders.candidates)
+        if known != self._of_each[number]:
+            self._of_each[number] = known
+            self.senders = [one for one in dict.fromkeys(one for of in self._of_each for one in of) if one is not None]

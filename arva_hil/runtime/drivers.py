@@ -6,7 +6,9 @@ A stepped clock makes `Live` the third: tests and campaigns drive the very same 
 from __future__ import annotations
 
 import math
+import select
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Final
 
 from arva_hil.emulator.engine import Emulator
@@ -15,9 +17,81 @@ from arva_hil.events import LinkLost
 from arva_hil.links import Link, LinkError
 from arva_hil.links.tlog_timeline import Record
 from arva_hil.observers.audience import Audience
-from arva_hil.runtime.clock import Clock, Waitable
+from arva_hil.runtime.clock import Clock, Waitable, await_descriptors
 from arva_hil.runtime.link_monitor import LinkMonitor
-from arva_hil.runtime.ready_links import ReadyLinks
+
+
+class ReadyLinks:
+    """Remembers which descriptors of several links the system watches. To wait for all of them, wait for `waitables`.
+
+    A link that is away or has no descriptor counts as ready, because it must be asked. Where the system has no epoll,
+    and for a single link, every link does.
+    """
+
+    def __init__(self, links: Mapping[str, Link]) -> None:
+        self._links = links
+        self._epoll = select.epoll() if len(links) > 1 and hasattr(select, "epoll") else None
+        self._names: dict[int, str] = {}  # by descriptor
+        self._polled = list(links)  # those that are read every time
+        self.waitables: Sequence[Waitable] = list(links.values())
+        self.renew()
+
+    def names(self) -> list[str]:
+        """The links to read now, in their order."""
+        if self._epoll is None:
+            return list(self._links)
+        ready = {self._names[fd] for fd, _ in self._epoll.poll(0) if fd in self._names}
+        if not ready:
+            return self._polled
+        return [name for name in self._links if name in ready or name in self._polled]
+
+    def renew(self) -> None:
+        """Watch the descriptors that the links have now: they get new ones when they come back."""
+        if self._epoll is None:
+            return
+        names, polled = dict[int, str](), []
+        for name, link in self._links.items():
+            fd = link.fileno()
+            if link.away or fd is None or not self._watch(fd):
+                polled.append(name)
+            else:
+                names[fd] = name
+        for fd in self._names.keys() - names.keys():
+            with suppress(OSError, ValueError):  # it is closed already
+                self._epoll.unregister(fd)
+        self._names, self._polled = names, polled
+        self.waitables = [self, *(self._links[name] for name in polled)]
+
+    def forget(self, name: str) -> None:
+        """A link is gone for good."""
+        self._links = {other: link for other, link in self._links.items() if other != name}
+        self.renew()
+        if self._epoll is None:
+            self.waitables = list(self._links.values())
+
+    def fileno(self) -> int | None:
+        """Readable while one of those that are watched has something to read."""
+        return self._epoll.fileno() if self._epoll else None
+
+    def ready(self) -> bool:
+        """Whether one of those that are watched has something to read."""
+        fd = self.fileno()
+        return fd is not None and await_descriptors([fd])
+
+    def _watch(self, fd: int) -> bool:
+        """Whether the system watches a descriptor. It forgets one that was closed, though its number may come again."""
+        assert self._epoll is not None
+        try:
+            self._epoll.modify(fd, select.EPOLLIN)
+        except FileNotFoundError:
+            try:
+                self._epoll.register(fd, select.EPOLLIN)
+            except OSError:  # of a file
+                return False
+        except OSError:
+            return False
+        return True
+
 
 _LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within it
 _LOOK_S: Final = 0.05  # at least so long between two looks at the state of the links; none of them is a deadline

@@ -24,11 +24,7 @@ class Task(Protocol):
 
 
 def run(
-    tasks: Sequence[Task],
-    clock: Clock,
-    *,
-    until: float = math.inf,
-    stopped: Callable[[], bool] = lambda: False,
+    tasks: Sequence[Task], clock: Clock, *, until: float = math.inf, stopped: Callable[[], bool] = lambda: False
 ) -> None:
     """Serve all tasks until the clock reads `until`, or until `stopped` says so.
 
