@@ -28,10 +28,10 @@ def encode(frame: Frame) -> bytes:
     """The 9 + 6·n bytes of a frame. Raises ValueError that names the field that does not fit."""
     check(frame)
     n = len(frame.channels)
-    raw = bytearray(_HEAD.pack(_SYNC, VERSION, 3 + 6 * n, frame.sequence, frame.status, n))
+    raw = _HEAD.pack(_SYNC, VERSION, 3 + 6 * n, frame.sequence, frame.status, n)
     for id, zone, d, delta, marked in frame.channels:
-        raw += _CHANNEL.pack(_NO_ID if id is None else id, zone | (MARKED if marked else 0), d, delta)
-    return bytes(raw) + crc16.mcrf4xx(bytes(raw[2:])).to_bytes(2, "little")
+        raw += _CHANNEL.pack(_NO_ID if id is None else id, zone | MARKED if marked else zone, d, delta)
+    return raw + crc16.mcrf4xx(raw[2:]).to_bytes(2, "little")
 
 
 class Decoder(FrameDecoder):

@@ -118,12 +118,13 @@ def check(frame: Frame) -> None:
     _fits("n", len(frame.channels), 1, MAX_CHANNELS)
     for k, channel in enumerate(frame.channels):
         if channel.id is not None:
-            _fits(f"channels[{k}].id", channel.id, 0, 254)
-        _fits(f"channels[{k}].zone", channel.zone, OUTER, INNER)
-        _fits(f"channels[{k}].d", channel.d, -0x8000, 0x7FFF)
-        _fits(f"channels[{k}].delta", channel.delta, -0x8000, 0x7FFF)
+            _fits("id", channel.id, 0, 254, k)
+        _fits("zone", channel.zone, OUTER, INNER, k)
+        _fits("d", channel.d, -0x8000, 0x7FFF, k)
+        _fits("delta", channel.delta, -0x8000, 0x7FFF, k)
 
 
-def _fits(name: str, value: int, low: int, high: int) -> None:
+def _fits(name: str, value: int, low: int, high: int, channel: int | None = None) -> None:
     if not isinstance(value, int) or not low <= value <= high:
+        name = name if channel is None else f"channels[{channel}].{name}"
         raise ValueError(f"{name} is {value!r}, expected an integer {low}…{high}")
