@@ -135,6 +135,7 @@ class StreamLink(Link):
     """
 
     hint = ""  # the cure when this kind of link is lost
+    drained_below = 0  # a chunk of fewer bytes was the last there was; 0: that cannot be told
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -161,6 +162,8 @@ class StreamLink(Link):
                 if not chunk:
                     raise EndOfStream("closed by the far end")
                 data += chunk
+                if len(chunk) < self.drained_below:
+                    break
         except BlockingIOError:
             pass
         except OSError as error:
@@ -208,6 +211,8 @@ class StreamLink(Link):
 
 class FdLink(StreamLink):
     """A stream over a non-blocking file descriptor of a terminal (POSIX)."""
+
+    drained_below = 2048  # a terminal holds 4 kB
 
     def __init__(self, name: str, fd: int) -> None:
         super().__init__(name)
