@@ -123,8 +123,10 @@ class Emulator:
 
     def advance(self, now: float) -> None:
         """Do what is due until `now`."""
-        for vehicle in self._agenda.due(now):
+        due = self._agenda.due(now)
+        for vehicle in due:  # frames first: they are waited for
             self._make_frames(vehicle, now)
+        for vehicle in due:
             self._answer(vehicle, now)
             self._agenda.served(vehicle)
         if now >= self._next_status:

@@ -13,12 +13,23 @@ from arva_hil.emulator.build import receiver
 from arva_hil.emulator.formats import frame_of
 from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.virtual_receiver import PoseSource, VirtualReceiver
-from arva_hil.events import BytesSent, CommandAnswered, Event, FrameMade, FramesRefused, FramesTaken, ReceiverStatus
+from arva_hil.events import (
+    BytesSent,
+    CommandAnswered,
+    Event,
+    FrameMade,
+    FramesLate,
+    FramesRefused,
+    FramesTaken,
+    ReceiverStatus,
+)
 from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
 from arva_hil.field import LocalFrame
 from firmware_proto import Frame, HostForm
 
+_LATE_S: Final = 0.05  # a frame that is made later is late, and
+_OFTEN: Final = 10  # so many more late ones than others are worth saying
 _WORST_BACKLOG_S: Final = 1.0  # frames that are late by more than this are skipped, not sent in a burst
 
 
@@ -123,6 +134,8 @@ class FrameSource:
         self._format = scenario.output_format
         self._start = start
         self._refused = False
+        self._late = 0  # by how many more frames were late than in time
+        self._told_late = False
 
     @property
     def next_due(self) -> float:
@@ -221,6 +234,7 @@ class FrameSource:
         counters.frames += 1
         counters.no_pose += pose is None
         counters.latest_s = max(counters.latest_s, now - t)
+        self._note_late(now, now - t)
         if self.faults:
             frame, sent, outputs = self._send_by(self.faults, frame, t, boot_ms)
         else:
@@ -234,6 +248,13 @@ class FrameSource:
             self.outputs[-1] = self.outputs[-1]._replace(made=made)
         else:
             self._tell(made)
+
+    def _note_late(self, now: float, late_s: float) -> None:
+        """Tell once when more frames are late than in time, and again only after all that was made up for."""
+        self._late = min(self._late + 1, _OFTEN) if late_s > _LATE_S else max(self._late - 1, 0)
+        if self._late == _OFTEN and not self._told_late:
+            self.events.append(FramesLate(now, self._vehicle, self.name, late_s))
+        self._told_late = self._late == _OFTEN or (self._told_late and self._late > 0)
 
     def _restart(self) -> None:
         self._first = self.schedule.number

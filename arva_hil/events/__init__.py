@@ -172,6 +172,12 @@ class FramesRefused(ReceiverEvent):
     """Nobody takes the frames. They are dropped until somebody reads them."""
 
 
+class FramesLate(ReceiverEvent):
+    """Frames are late again and again, the last one by `late_s`: the machine has more to do than it can."""
+
+    late_s: float
+
+
 class FramesTaken(ReceiverEvent):
     """Somebody takes the frames again. `dropped`: how many were dropped so far."""
 

@@ -11,6 +11,7 @@ from one_receiver import Diary
 
 from arva_hil.config import parse
 from arva_hil.emulator.engine import Emulator, ReceiverSetup, VehicleSetup
+from arva_hil.events import FramesLate
 from arva_hil.links import Link, memory
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.packet_reader import PacketReader, Packets
@@ -103,6 +104,32 @@ def test_all_go_on_though_only_one_is_heard() -> None:
     assert set(counts.values()) == {20}
     assert max(made.late_s for made in diary.frames) < 1e-9
     assert all(20 <= session.polls <= 41 for session in sessions[1:])
+
+
+def test_a_vehicle_whose_frames_are_late_again_and_again_is_named_once() -> None:
+    """And again only when they were in time meanwhile; the other one is not named."""
+    sessions = [Session(target_system=n + 1) for n in range(2)]
+    slow = parse("transmitters: [{id: 7, ned: [20, 5, 0]}]\nreceiver: {rate_hz: 0.5}", "test")
+    setups = fleet(sessions, ["a", "b"])
+    setups[1] = VehicleSetup("v1", "b", sessions[1], slow, [ReceiverSetup("r", "v1/r", slow)])
+    emulator, told, now = Emulator(setups, start=0.0), list[tuple[str, float]](), 0.0
+
+    def serve(until: float, every: float) -> None:
+        nonlocal now
+        while now < until:
+            emulator.advance(now)
+            emulator.output()
+            told.extend((e.vehicle, e.late_s) for e in emulator.events() if isinstance(e, FramesLate))
+            now += every
+
+    serve(2.0, 0.01)
+    assert not told
+    serve(6.0, 0.17)  # a machine with too much to do
+    assert [vehicle for vehicle, _ in told] == ["v0"]
+    assert told[0][1] > 0.05
+    serve(9.0, 0.01)
+    serve(15.0, 0.17)
+    assert [vehicle for vehicle, _ in told] == ["v0", "v0"]
 
 
 class Ticking(StepClock):

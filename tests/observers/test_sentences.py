@@ -64,6 +64,11 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "info",
         "command 8 answered: refused, which nobody took",
     ),
+    (
+        events.FramesLate(*RECEIVER, 0.137),
+        "warning",
+        "its frames are late, by 137 ms now: this machine has too much to do; serve fewer vehicles, or lower rate_hz",
+    ),
     (events.FramesRefused(*RECEIVER), "warning", "nobody takes the frames: they are dropped until somebody reads them"),
     (events.FramesTaken(*RECEIVER, 7), "info", "frames are taken; 7 were dropped so far"),
     (events.PoseFound(*RECEIVER), "info", "there is a pose: readings are real from here on"),

@@ -213,6 +213,11 @@ _SENTENCES: Final[dict[type[Event], Callable[[Any], Sentence | None]]] = {
         "it are silent until its GLOBAL_POSITION_INT and ATTITUDE come on one of the links",
     ),
     events.FollowedSystemHeard: lambda e: ("info", f"system {e.system} is heard: transmitters follow it"),
+    events.FramesLate: lambda e: (
+        "warning",
+        f"its frames are late, by {1e3 * e.late_s:.0f} ms now: this machine has too much to do; serve fewer vehicles, "
+        "or lower rate_hz",
+    ),
     events.FramesRefused: lambda e: ("warning", "nobody takes the frames: they are dropped until somebody reads them"),
     events.CommandReceived: _command,
     events.CommandAnswered: _answered,
