@@ -10,7 +10,8 @@ import functools
 import re
 import struct
 from collections.abc import Hashable
-from typing import Any, ClassVar, Final, NamedTuple
+from types import SimpleNamespace
+from typing import Any, Final, NamedTuple
 
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -54,6 +55,11 @@ class Packet(NamedTuple):
 _packet: Final = functools.partial(tuple.__new__, Packet)  # from the tuple of its fields, in a third of the time
 
 
+# The chunk that any parser split last, if all of it was good packets, and these: the built-in vehicle says the same on
+# several links of one process. No attribute of the class: to set one makes Python look up all others of it anew.
+_newest: Final = SimpleNamespace(chunk=b"", packets=())
+
+
 class Parser:
     """Incremental MAVLink splitter; remembers, of each of several senders, the bytes of a packet that is not whole yet.
 
@@ -61,10 +67,6 @@ class Parser:
     is given out), `incompatible` (packets of a later MAVLink, which have to be dropped) and `malformed` (MAVLink 1
     packets too short for their message).
     """
-
-    # The chunk that any parser split last, if all of it was good packets, and these: the built-in vehicle says the same
-    # on several links of one process.
-    _newest: ClassVar[tuple[bytes, tuple[Packet, ...]]] = b"", ()
 
     def __init__(self) -> None:
         self.packets = 0
@@ -82,9 +84,9 @@ class Parser:
         `sender`: who sent it, where several do; bytes of two are never joined. `whole`: no packet of the chunk goes on
         in the next one, as in a record of a log; the head of a packet longer than the chunk is then a false one.
         """
-        if chunk is self._newest[0] and not self._rests:
-            self.packets += len(self._newest[1])
-            return list(self._newest[1])
+        if chunk is _newest.chunk and not self._rests:
+            self.packets += len(_newest.packets)
+            return list(_newest.packets)
         data = self._rests.pop(sender, b"") + chunk if self._rests else chunk
         packets: list[Packet] = []
         at, end, alike = 0, len(data), data is chunk
@@ -124,8 +126,8 @@ class Parser:
         if at < end:
             self._keep(data[at:], sender)
         self.packets += len(packets)
-        if alike:
-            Parser._newest = chunk, tuple(packets)
+        if alike and not whole:
+            _newest.chunk, _newest.packets = chunk, tuple(packets)
         return packets
 
     def cut(self) -> None:
