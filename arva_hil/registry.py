@@ -84,7 +84,7 @@ class Registry:
         entries = self._entries(name)
         if not entries:
             raise self._unknown(name)
-        packages = [_package(entry) for entry in entries]
+        packages = [f"{one.dist.name} {one.dist.version}" if one.dist else one.value for one in entries]
         if len(entries) > 1:
             raise KindError(
                 f"{self.what} {name!r} is in {len(entries)} packages, {' and '.join(packages)}", "uninstall one of them"
@@ -183,10 +183,6 @@ def _has(thing: Any, name: str) -> bool:
     owner = next((cls for cls in thing.__mro__ if name in {*vars(cls), *vars(cls).get("__annotations__", ())}), None)
     abstract = name in getattr(thing, "__abstractmethods__", ())
     return owner is not None and not abstract and not vars(owner).get("_is_protocol", False)
-
-
-def _package(entry: EntryPoint) -> str:
-    return f"{entry.dist.name} {entry.dist.version}" if entry.dist else entry.value
 
 
 def _said(error: BaseException) -> str:

@@ -7,13 +7,10 @@ import dataclasses
 import functools
 import gc
 import itertools
-import platform
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-from arva_hil import __version__
 from arva_hil.cli.live import close_all, live_observers
 from arva_hil.cli.outcome import (
     FAILED,
@@ -28,9 +25,9 @@ from arva_hil.cli.outcome import (
     unexpected_error,
 )
 from arva_hil.cli.page import page_of_run
-from arva_hil.cli.summary import RunCounters, as_dict, summary_lines
+from arva_hil.cli.summary import RunCounters, as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
-from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, parts_of_spec_2, to_dict
+from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, parts_of_spec_2
 from arva_hil.emulator.engine import Emulator, receivers_of
 from arva_hil.errors import KindError
 from arva_hil.events import Event, HeartbeatMissing, StatusReport
@@ -42,7 +39,7 @@ from arva_hil.observers.console.reasons import no_vehicle
 from arva_hil.observers.console.text import Notice
 from arva_hil.observers.record import Recorder, RecordError, RecordLayout
 from arva_hil.registry import OBSERVERS
-from arva_hil.runtime.clock import Clock, RealClock, utc
+from arva_hil.runtime.clock import Clock
 
 
 def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
@@ -157,7 +154,7 @@ class Run:
         self._vehicles = len(chosen.vehicles) or 1
         several = len(names) > 1
         self._layout = RecordLayout(tuple(names), tuple(record_links))
-        self._known = _known(chosen) if options.record else {}
+        self._known = known_at_start(chosen) if options.record else {}
         self._traceback = options.verbose > 0
         self._how = "interrupted"  # the run has ended
         self._recorder: Recorder | None = None
@@ -280,26 +277,3 @@ def _observer(name: str) -> Observer:
     except Exception as error:
         raise UsageError(f"observer {name!r} cannot be created ({type(error).__name__}: {error})") from error
     return observer
-
-
-def _known(chosen: Scenario) -> dict[str, Any]:
-    """The entries of run.json that are known at the start."""
-    import fastcrc
-    import numpy
-    import pymavlink
-    import serial
-    import yaml
-
-    return {
-        "started": utc(RealClock().epoch_us),
-        "command": sys.argv,
-        "scenario": to_dict(chosen),
-        "scenario_source": chosen.source,
-        "seed": chosen.seed,
-        "versions": {
-            "arva-hil": __version__,
-            "python": platform.python_version(),
-            **{library.__name__: library.__version__ for library in (fastcrc, numpy, pymavlink, serial, yaml)},
-            "platform": platform.platform(),
-        },
-    }

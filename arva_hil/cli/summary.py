@@ -1,15 +1,20 @@
-"""The summary of a run: its counters for run.json, and a few lines for a person."""
+"""The summary of a run: the entries of run.json, and a few lines for a person."""
 
 from __future__ import annotations
 
 import dataclasses
+import platform
+import sys
 from collections.abc import Mapping
 from typing import Any, Final, Protocol
 
+from arva_hil import __version__
+from arva_hil.config import Scenario, to_dict
 from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.frame_source import FrameSource
 from arva_hil.observers.record.layout import RecordLayout
+from arva_hil.runtime.clock import RealClock, utc
 from arva_hil.runtime.drivers import Live
 from arva_hil.vehicle.session import Session
 
@@ -41,6 +46,29 @@ class LinkCounters:
             f"{_OF_LINKS.get(name, name)} was lost {losses} ×, and came back {returns} ×"
             for name, (losses, returns) in self._live.losses().items()
         ]
+
+
+def known_at_start(chosen: Scenario) -> dict[str, Any]:
+    """The entries of run.json that are known at the start."""
+    import fastcrc
+    import numpy
+    import pymavlink
+    import serial
+    import yaml
+
+    return {
+        "started": utc(RealClock().epoch_us),
+        "command": sys.argv,
+        "scenario": to_dict(chosen),
+        "scenario_source": chosen.source,
+        "seed": chosen.seed,
+        "versions": {
+            "arva-hil": __version__,
+            "python": platform.python_version(),
+            **{library.__name__: library.__version__ for library in (fastcrc, numpy, pymavlink, serial, yaml)},
+            "platform": platform.platform(),
+        },
+    }
 
 
 def is_one(emulator: Emulator) -> bool:
