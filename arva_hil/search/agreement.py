@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.search import dipole
+from arva_hil.search.drift import fitted
+from arva_hil.search.history import Explanation, History
 from arva_hil.search.strategy import Observation
 
-_STEP_M: Final = 0.4  # flown between two readings that are kept
+_STEP_M: Final = 0.4  # flown between two readings that are kept,
+_STEP_S: Final = 1.0  # or the time
 _DOWNS: Final = (-1.0, 0.5, 2.0, 4.0)  # of the dipole to begin with, below the take-off point, m
 _TURNS: Final = 3  # and its moment's directions: level ones within half a turn, and down; m and −m sound alike
 _ROUNDS: Final = 12
@@ -49,40 +52,64 @@ class Evidence:
     """Remembers the nearest readings of one transmitter, and their places."""
 
     def __init__(self) -> None:
-        self._readings = dipole.Readings()
+        self._history = History()
         self._at = (math.inf, math.inf)
+        self._time_s = -math.inf
         self._lowest = -math.inf  # down
         self._strongest: Observation | None = None
 
     def add(self, o: Observation) -> None:
         """Add a reading, unless it is from the same place as the last one."""
-        usable = o.heard and np.isfinite(o.position).all() and np.isfinite(o.rotation).all()
-        if usable and not math.dist(self._at, o.position[:2]) < _STEP_M:
-            self._at = o.position[:2]
+        if not (np.isfinite(o.position).all() and np.isfinite(o.rotation).all()):
+            return
+        self._history.pose(o)
+        same = math.dist(self._at, o.position[:2]) < _STEP_M and 0 <= o.time_s - self._time_s < _STEP_S
+        if o.heard and not same:
+            self._at, self._time_s = o.position[:2], o.time_s
             self._lowest = max(self._lowest, o.position[2])
             if self._strongest is None or o.d_cm < self._strongest.d_cm:
                 self._strongest = o
-            self._readings.add(o.position, o.rotation, o.d_m, math.radians(o.delta_deg), o.inner)
+            self._history.read(o)
 
     def judge(self, place: tuple[float, float]) -> Judgement | None:
-        """Judge a transmitter at `place` (north, east); None if nothing was heard."""
+        """Judge a transmitter at `place` (north, east); None if nothing was heard.
+
+        It is judged by readings that are as late, or whose places drift as much, as explains them best.
+        """
         o = self._strongest
         if o is None:
             return None
+        seeds = dipole.seeds(o.position, o.bearing, o.d_m)
+        there, _ = _turned(_hypotheses(place), np.full(4 * len(_DOWNS), 0.01), self._history.readings(0.0), 1.0)
+        every = np.concatenate([there.x[np.argsort(there.cost, kind="stable")], seeds])
+        best = self._history.explained(every, 0.0, 0.0)
+        if best.drift_m:
+            return self._drifting(place, best)
+        return self._judged(place, best.readings, np.concatenate([seeds, best.x]))
+
+    def _judged(self, place: tuple[float, float], readings: dipole.Readings, others: Array) -> Judgement:
         x = _hypotheses(place)
         error, damping = 1.0, np.full(len(x), 0.01)
         for _ in range(3):
-            there, damping = _turned(x, damping, self._readings, error)
+            there, damping = _turned(x, damping, readings, error)
             best = int(np.argmin(there.cost))
             x = there.x
-            error = dipole.likely_pose_error(there, best, self._readings, dipole.WIDE)
+            error = dipole.likely_pose_error(there, best, readings, dipole.WIDE)
         down, strength = float(x[best, 2]), float(np.linalg.norm(x[best, 3:])) / dipole.MOMENT
-        free = np.concatenate([x[[best]], dipole.seeds(o.position, o.bearing, o.d_m)])
-        fit, _ = dipole.refine(free, np.full(len(free), 0.01), self._readings, error, _ROUNDS)
+        free = np.concatenate([x[[best]], others])
+        fit, _ = dipole.refine(free, np.full(len(free), 0.01), readings, error, _ROUNDS)
         near = np.hypot(fit.x[:, 0] - place[0], fit.x[:, 1] - place[1]) < _NEAR_M
         here = min(float(there.cost[best]), float(np.min(fit.cost[near], initial=math.inf)))
         better = here - float(np.min(fit.cost))
         return Judgement(error, down - self._lowest, strength, better)
+
+    def _drifting(self, place: tuple[float, float], best: Explanation) -> Judgement:
+        """A place is explained as far as it is within two sigmas of where the transmitter is, or seems to be now."""
+        fit = fitted(best.x[0], best.readings, best.pose_error, best.drift_m, 1)
+        sigma = math.sqrt(np.linalg.eigvalsh(fit.covariance[:2, :2])[1])
+        off = min(math.dist(place, fit.x[:2]), math.dist(place, fit.now[:2]))
+        strength = math.sqrt(float(np.linalg.norm(fit.x[3:])) / dipole.MOMENT)  # where heights drift, it is less known
+        return Judgement(max(0.0, off - 2 * sigma), float(fit.now[2]) - self._lowest, strength, 0.0)
 
 
 def _hypotheses(place: tuple[float, float]) -> Array:

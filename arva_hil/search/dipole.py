@@ -19,7 +19,10 @@ from numpy.typing import NDArray
 
 __all__ = [
     "MOMENT",
+    "RIDGE",
     "SETTLED",
+    "TAIL",
+    "USUAL",
     "WIDE",
     "Fit",
     "Readings",
@@ -36,18 +39,18 @@ Array = NDArray[np.float64]
 MOMENT: Final = 1 / 1.542  # of the reference transmitter: 1/κeq
 _STRENGTH: Final = 0.35  # sigma of the logarithm of a transmitter's strength
 _DEPTH: Final = (0.5, 1.2)  # below the take-off point, and its sigma, m
-_RIDGE: Final = np.diag([1e-4] * 3 + [1e-2] * 3)  # next to nothing of the rest
+RIDGE: Final = np.diag([1e-4] * 3 + [1e-2] * 3)  # next to nothing of the rest
 
 # Variances of a reading, relative to the field or in radians².
 _NOISE: Final = (0.43 / 80.0**3) ** 2  # of the antennas: their bound over 3; times d⁶
 _ROUNDING: Final = (0.01**2, 0.02**2)  # of d, of δ, and of what nobody thought of
 _TILT: Final = 0.03**2  # of the receiver's attitude
 _SILENCE: Final = (50.0, 0.1**2)  # where hearing ends, m, and of that edge
-_TAIL: Final = 9.0  # variances; beyond, a squared error counts for less and less
+TAIL: Final = 9.0  # variances; beyond, a squared error counts for less and less
 
 _POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # sigmas thought possible of the receiver's place, m
 WIDE: Final = np.geomspace(0.03, 10.0, 16)  # of a place that may be wrong
-_USUAL: Final = (0.1, 0.8)  # of such a sigma: its median, and the sigma of its logarithm
+USUAL: Final = (0.1, 0.8)  # of such a sigma: its median, and the sigma of its logarithm
 _MODESTY: Final = 1.6  # a fit makes its own errors look smaller than they are
 
 SETTLED: Final = 0.01  # of a cost: two rounds in a row that gain less are the last
@@ -71,10 +74,13 @@ class Readings:
             np.ones((_MOST, 2), bool),
             np.zeros((_MOST, 2), bool),
             np.ones((_MOST, 2)),
+            np.zeros(_MOST),
         )
         self._show(1)
 
-    def add(self, position: Sequence[float], rotation: Array, d: float, delta: float, inner: bool) -> None:
+    def add(
+        self, position: Sequence[float], rotation: Array, d: float, delta: float, inner: bool, time_s: float = 0.0
+    ) -> None:
         """One more, in place of the weakest when there are too many.
 
         The receiver at `position` NED [m], turned by `rotation` (3, 3) to NED; d in metres, not above 0 when
@@ -87,13 +93,13 @@ class Readings:
         variance = _NOISE * d**6 + (0.0 if heard else _SILENCE[1]) + np.array(_ROUNDING)
         axis = rotation[:, 0] + 1j * rotation[:, 1]
         said = complex(-3 * math.log(d), delta)
-        new = position, axis, said, inner, (heard, heard and not inner), (not heard, False), variance
+        new = position, axis, said, inner, (heard, heard and not inner), (not heard, False), variance, time_s
         for column, value in zip(self._all, new, strict=True):
             column[i] = value
         self._show(max(n, i + 1))
 
     def _show(self, n: int) -> None:
-        at, axis, self.said, self.inner, told, limit, self.variance = (column[:n] for column in self._all)
+        at, axis, self.said, self.inner, told, limit, self.variance, self.time_s = (column[:n] for column in self._all)
         self.at, self.axis = np.ascontiguousarray(at.T), np.ascontiguousarray(axis.T)  # sums over 3 are quick so
         self.told, self.limit = told.ravel(), limit.ravel()
 
@@ -144,14 +150,14 @@ def evaluate(x: Array, o: Readings, pose_error: float) -> Fit:
     variance = (_TILT * hidden[:, 0, :, None] + o.variance).reshape(e.shape)
     total = pose_error**2 * slope + variance
     squared = e**2 / total
-    tail = 1 + squared / _TAIL
-    loss = _TAIL * np.log(tail)
+    tail = 1 + squared / TAIL
+    loss = TAIL * np.log(tail)
     tail[:, :2], loss[:, :2] = 1, squared[:, :2]  # what is known beforehand is no outlier
     used = o.told | (o.limit & (e > 0))
     weight = used / (total * tail)
     cost = 0.5 * np.add.reduce(used * loss + o.told * np.log(total), axis=1)
     weighted = j * weight[:, None]
-    information = weighted @ j.transpose(0, 2, 1) + _RIDGE
+    information = weighted @ j.transpose(0, 2, 1) + RIDGE
     return Fit(x, cost, information, (weighted @ e[:, :, None])[:, :, 0], e, weight, slope, variance)
 
 
@@ -183,9 +189,9 @@ def the_better(old: Fit, new: Fit, better: NDArray[np.bool_]) -> Fit:
 def likely_pose_error(fit: Fit, i: int, o: Readings, errors: Array = _POSE_ERRORS) -> float:
     """Of `errors` of the receiver's place, m, that which makes what was said most likely, were hypothesis i true."""
     total = errors[:, None] ** 2 * fit.slope[i] + fit.variance[i]
-    tail = np.log1p(_MODESTY * fit.error[i] ** 2 / (_TAIL * total))
-    cost = 0.5 * np.add.reduce(o.told * (_TAIL * tail + np.log(total)), axis=1)
-    surprise = 0.5 * (np.log(errors / _USUAL[0]) / _USUAL[1]) ** 2
+    tail = np.log1p(_MODESTY * fit.error[i] ** 2 / (TAIL * total))
+    cost = 0.5 * np.add.reduce(o.told * (TAIL * tail + np.log(total)), axis=1)
+    surprise = 0.5 * (np.log(errors / USUAL[0]) / USUAL[1]) ** 2
     return float(errors[np.argmin(cost + surprise)])
 
 

@@ -1,17 +1,21 @@
 """A search that estimates the place of the transmitter from the field of a dipole, and flies there.
 
 Several hypotheses are kept, with weights from the likelihood of all readings; unlikely ones are dropped. The vehicle
-flies to their average, which separates them. Before it stops, it looks for other hypotheses again.
+flies to their average, which separates them. Before it stops, it looks for other hypotheses again, and listens above
+the place. Readings that are late, and places that drift as those of a GPS, are noticed and taken into account.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from . import dipole
+from .drift import WHITE_M, DriftFit, fitted
+from .history import History
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
 _STEP_M: Final = 0.48  # flown between two readings that are kept,
@@ -19,16 +23,25 @@ _STEP_S: Final = 0.2  # and the time at least
 _FORGET: Final = 12.0  # a hypothesis whose likelihood is e^−12 of the best one's
 _SAME: Final = np.array([0.02] * 3 + [0.1] * 3)  # apart by less: place over distance, and moment
 _MANY: Final = 40
+_FEW: Final = 4  # if the places drift
 _ROUNDS: Final = 2
 _DOUBTS: Final = (4, 4)  # rounds again, before it stops
 _CAUTION: Final = 2.0  # of the covariance: readings are not as independent as the fit believes
 _SURE_M: Final = 0.3  # sigma
 _HERE_M: Final = 0.5
+_ASTRAY_M: Final = 1.5  # so far away it does not listen any more
 _MISFIT_M: Final = 0.6  # a pose error that tells rather of a wrong hypothesis
 _AFRESH: Final = 5  # readings between two looks for other hypotheses
 _LOST: Final = 6  # readings in a row in which nothing was heard
 _TURN_M: Final = 2.5  # first turn of the spiral in which more is learnt
 _GAIN: Final = 1.5  # 1/s
+_LISTEN_S: Final = 6.0  # above the place, before it is told: by then late readings are of that place
+_AVERAGE_M: Final = 0.65  # sigma of a place that drifts: so small it becomes
+_AVERAGE_S: Final = 90.0  # or it listens for so long
+_EXPLAIN_EVERY: Final = 15  # readings between two looks for how late they are,
+_EXPLAIN_LATER: Final = 60  # and when not,
+_ODD_M: Final = 0.3  # when their places seem wrong by so much
+_DRIFT: Final = 0.3  # of a drift: what sigma may be more of the place where it hovers
 
 
 class Estimate:
@@ -38,11 +51,15 @@ class Estimate:
         self._speed = speed
         self._found: Found | None = None
         self._readings = dipole.Readings()
+        self._history = History()
+        self._lag_s, self._drift_m, self._unexplained = 0.0, 0.0, 0
+        self._drifts: list[DriftFit] = []
+        self._listens_s: float | None = None  # since when
         self._strongest: Observation | None = None
         self._last_s = -math.inf
         self._silent = self._age = self._turns = 0
         self._x, self._damping, self._pose_error = np.empty((0, 6)), np.empty(0), 0.1
-        self._share = np.empty(0)
+        self._share, self._places = np.empty(0), np.empty((0, 3))
         self._covariance = np.zeros((2, 2))
         self._sure = False
         self._heading = np.zeros(2)
@@ -56,7 +73,7 @@ class Estimate:
     def belief(self) -> Belief:
         """The hypotheses, the covariance of their average, and where it flies to."""
         (nn, ne), (_, ee) = self._covariance.tolist()
-        every = np.column_stack([self._x[:, :2], self._share]).tolist()
+        every = np.column_stack([self._places[:, :2], self._share]).tolist()
         return Belief(tuple(map(tuple, every)), (nn, ne, ee) if every else None, self._target)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
@@ -64,8 +81,10 @@ class Estimate:
 
     def hear(self, observation: Observation) -> None:
         o = observation
-        soon = 0 <= o.time_s - self._last_s < max(_STEP_S, _STEP_M / self._speed)
-        if self._found or soon or not (np.isfinite(o.position).all() and np.isfinite(o.rotation).all()):
+        if self._found or not (np.isfinite(o.position).all() and np.isfinite(o.rotation).all()):
+            return
+        self._history.pose(o)
+        if 0 <= o.time_s - self._last_s < max(_STEP_S, _STEP_M / self._speed):
             return
         if o.heard and (self._strongest is None or o.d_cm < self._strongest.d_cm):
             self._strongest = o
@@ -74,22 +93,71 @@ class Estimate:
         self._last_s = o.time_s
         self._silent = 0 if o.heard else self._silent + 1
         self._age += 1
-        self._readings.add(o.position, o.rotation, o.d_m, math.radians(o.delta_deg), o.inner)
+        self._history.read(o)
+        at, rotation = self._history.at(o.time_s - self._lag_s)
+        self._readings.add(at, rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s)
         if not len(self._x):
             self._heading = np.array([math.cos(o.bearing), math.sin(o.bearing)])
             self._seed(o)
         elif self._pose_error > _MISFIT_M and self._age > _AFRESH:
             self._seed(self._strongest)
         self._weigh(o, _ROUNDS)
-        if self._arrived(o) and self._age:
-            self._seed(self._strongest)
-            for rounds in _DOUBTS:
-                self._weigh(o, rounds)
-            if self._arrived(o):
-                (nn, ne), (_, ee) = self._covariance.tolist()
-                north, east, down = (self._share @ self._x[:, :3]).tolist()
-                self._found = Found(north, east, down, (nn, ne, ee))
+        self._unexplained += 1
+        odd = not self._drift_m and self._pose_error > _ODD_M
+        if self._unexplained > (_EXPLAIN_EVERY if odd else _EXPLAIN_LATER):
+            self._explain(o)
+        self._listen(o)
         self._steer(o, self._strongest)
+
+    def _listen(self, o: Observation) -> None:
+        """Above the place, listen for a while before it is told."""
+        if not self._arrived(o):
+            off = math.dist(o.position[:2], self._share @ self._places[:, :2])
+            if off > _ASTRAY_M or not (self._sure or self._drifts):
+                self._listens_s = None
+        elif self._listens_s is None:
+            self._doubt(o)
+            self._listens_s = o.time_s if self._arrived(o) else None
+        elif self._heard_enough(o.time_s - self._listens_s):
+            self._doubt(o)
+            if (self._drifts or not self._explain(o)) and self._arrived(o):
+                self._found = self._settled()
+
+    def _heard_enough(self, listened_s: float) -> bool:
+        """Whether it listened long enough, until the drift has averaged out as far as it will."""
+        sigma = float(np.linalg.eigvalsh(self._drifts[0].covariance[:2, :2])[1]) ** 0.5 if self._drifts else 0.0
+        return listened_s >= (_LISTEN_S if sigma < _AVERAGE_M else _AVERAGE_S)
+
+    def _explain(self, o: Observation) -> bool:
+        """Find out how late the readings are, and how their places drift. Whether that is not as it was believed."""
+        self._unexplained = 0
+        best = self._history.explained(self._x[:3], self._lag_s, self._drift_m)
+        if (best.lag_s, best.drift_m) == (self._lag_s, self._drift_m):
+            return False
+        if best.lag_s != self._lag_s or not (best.drift_m and self._drift_m):
+            self._listens_s = None
+        self._lag_s, self._drift_m, self._readings = best.lag_s, best.drift_m, best.readings
+        self._drifts = []
+        self._x, self._damping, self._pose_error = best.x, np.full(len(best.x), 0.01), min(best.pose_error, 1.0)
+        self._weigh(o, _ROUNDS)
+        return True
+
+    def _doubt(self, o: Observation) -> None:
+        """Look for other hypotheses once more."""
+        assert self._strongest is not None
+        if self._drift_m:
+            return
+        self._seed(self._strongest)
+        for rounds in _DOUBTS:
+            self._weigh(o, rounds)
+
+    def _settled(self) -> Found:
+        (nn, ne), (_, ee) = self._covariance.tolist()
+        north, east, down = (self._share @ self._places).tolist()
+        if self._drifts:  # then not where it seems to be now, but where it was all the time
+            north, east, down = self._drifts[0].x[:3].tolist()
+            (nn, ne), (_, ee) = self._drifts[0].covariance[:2, :2].tolist()
+        return Found(north, east, down, (nn, ne, ee))
 
     def _seed(self, o: Observation) -> None:
         new = dipole.seeds(o.position, o.bearing, o.d_m)
@@ -99,6 +167,9 @@ class Estimate:
 
     def _weigh(self, o: Observation, rounds: int) -> None:
         """Fit the hypotheses, and drop unlikely and equal ones."""
+        if self._drift_m:
+            self._weigh_drifting(rounds)
+            return
         fit, damping = dipole.refine(self._x, self._damping, self._readings, self._pose_error, rounds)
         order = np.argsort(fit.cost, kind="stable")
         x, cost = fit.x[order], fit.cost[order] - fit.cost[order[0]]
@@ -110,13 +181,30 @@ class Estimate:
         self._x, self._damping, self._share = x[kept], damping[order], np.exp(-cost[kept])
         self._share /= self._share.sum()
         self._pose_error = dipole.likely_pose_error(fit, int(order[0]), self._readings)
-        off = self._x[:, :2] - self._share @ self._x[:, :2]
-        each = _CAUTION * np.linalg.inv(fit.information[order])[:, :2, :2] + off[:, :, None] * off[:, None]
+        self._places = self._x[:, :3]
+        self._spread(_CAUTION * np.linalg.inv(fit.information[order])[:, :2, :2])
+
+    def _weigh_drifting(self, rounds: int) -> None:
+        """The same, when the places drift: the hypotheses are where they would be in the places reported now."""
+        every = [fitted(x, self._readings, WHITE_M, self._drift_m, rounds) for x in self._x[:_FEW]]
+        best = min(one.cost for one in every)
+        self._drifts = sorted((one for one in every if one.cost - best < _FORGET), key=lambda one: one.cost)
+        self._x, self._places = (np.array(column) for column in zip(*((d.x, d.now) for d in self._drifts), strict=True))
+        self._damping, self._share = np.full(len(self._x), 0.01), np.exp([best - d.cost for d in self._drifts])
+        self._share /= self._share.sum()
+        self._pose_error = WHITE_M
+        self._spread(np.array([d.now_covariance[:2, :2] for d in self._drifts]))
+
+    def _spread(self, each: NDArray[Any]) -> None:
+        """The covariance of the average of the hypotheses, from that of each."""
+        off = self._places[:, :2] - self._share @ self._places[:, :2]
+        each = each + off[:, :, None] * off[:, None]
         self._covariance = np.einsum("k,kij->ij", self._share, each)
-        self._sure = bool(np.linalg.eigvalsh(self._covariance)[1] < _SURE_M**2) and self._pose_error < _MISFIT_M
+        sigma = _SURE_M + _DRIFT * self._drift_m
+        self._sure = bool(np.linalg.eigvalsh(self._covariance)[1] < sigma**2) and self._pose_error < _MISFIT_M
 
     def _arrived(self, o: Observation) -> bool:
-        return self._sure and math.dist(o.position[:2], self._share @ self._x[:, :2]) < _HERE_M
+        return self._sure and math.dist(o.position[:2], self._share @ self._places[:, :2]) < _HERE_M
 
     def _steer(self, o: Observation, strongest: Observation) -> None:
         """Fly to the hypotheses, or after the signal is lost to the best place; there, in a spiral."""
@@ -129,7 +217,7 @@ class Estimate:
         aside = np.array([radius * math.cos(angle), radius * math.sin(angle)])
         goal = strongest.position[:2] + aside
         if self._silent <= _LOST:
-            to = self._x[:, :2] + aside - here
+            to = self._places[:, :2] + aside - here
             distance = np.maximum(np.hypot(to[:, 0], to[:, 1]), 1e-9)
             mean = self._share @ (to / distance[:, None])
             heading = mean + 0.5 * (1 - math.hypot(*mean)) * self._heading  # as before, as far as they disagree

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from world import PAPER, buried, fly
 
+from arva_hil.campaign import trial
+from arva_hil.campaign.plan import draw
+from arva_hil.config.campaign import Random
 from arva_hil.search.estimate import Estimate
 from arva_hil.search.strategy import STILL, Observation
 
@@ -54,6 +59,36 @@ def test_with_a_position_that_is_not_known_well(seed: int) -> None:
     assert 0 < nn < 0.09
     assert 0 < ee < 0.09
     assert nn * ee > ne * ne
+
+
+class Late(Estimate):
+    """Told what was heard some readings ago as if that were now."""
+
+    def __init__(self, speed: float, readings: int) -> None:
+        super().__init__(speed)
+        self._behind = deque[Observation](maxlen=readings + 1)
+
+    def hear(self, observation: Observation) -> None:
+        self._behind.append(observation)
+        then = self._behind[0]
+        super().hear(observation._replace(d_cm=then.d_cm, delta_deg=then.delta_deg, inner=then.inner))
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("late_s", [2, 5])
+def test_readings_that_are_late_are_put_where_they_were_made(late_s: int, seed: int) -> None:
+    transmitter, start = buried(seed)
+    flight = fly(Late(1.0, late_s), transmitter, start=start, height_m=3.0, seed=seed)
+    assert flight.error_m < 1
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_a_position_that_drifts_is_averaged(seed: int) -> None:
+    scenario = replace(draw(Random(50.0, (0.0, 2.0)), seed), seed=seed)
+    result = trial.fly(trial.Trial("estimate", scenario, gps_noise_m=1.0))
+    assert result.outcome == "found"
+    assert result.error_m is not None
+    assert result.error_m < 2.0
 
 
 def test_says_how_deep() -> None:
