@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.search import dipole
-from arva_hil.search.drift import fitted
-from arva_hil.search.history import Explanation, History
+from arva_hil.search.drift import WHITE_M, fitted
+from arva_hil.search.history import EVIDENT, Explanation, History
 from arva_hil.search.strategy import Observation
 
 _STEP_M: Final = 0.4  # flown between two readings that are kept,
@@ -23,6 +23,7 @@ _STEP_S: Final = 1.0  # or the time
 _DOWNS: Final = (-1.0, 0.5, 2.0, 4.0)  # of the dipole to begin with, below the take-off point, m
 _TURNS: Final = 3  # and its moment's directions: level ones within half a turn, and down; m and −m sound alike
 _ROUNDS: Final = 12
+_DRIFT_ROUNDS: Final = (4, 12)  # the weights of outliers change with each: the best of the two
 _NEAR_M: Final = 2.5  # so near to the place is there
 
 _UNEXPLAINED_M: Final = 1.2  # at most
@@ -41,11 +42,15 @@ class Judgement(NamedTuple):
     strength: float  # of the reference transmitter's moment
     better: float  # the logarithm of how much more likely it is somewhere else
 
+    @property
+    def odd(self) -> bool:
+        """No transmitter is so strong or so weak."""
+        return not 1 / _STRONGEST < self.strength < _STRONGEST
+
     def agrees(self, height_m: float) -> bool:
         """It can be true; the receiver was flown at that height."""
         deep = not self.below_m < height_m + _DEEPEST_M
-        odd = not 1 / _STRONGEST < self.strength < _STRONGEST
-        return not (deep or odd) and self.unexplained_m < _UNEXPLAINED_M and self.better < _BETTER
+        return not (deep or self.odd) and self.unexplained_m < _UNEXPLAINED_M and self.better < _BETTER
 
 
 class Evidence:
@@ -82,9 +87,15 @@ class Evidence:
         seeds = dipole.seeds(o.position, o.bearing, o.d_m)
         there, _ = _turned(_hypotheses(place), np.full(4 * len(_DOWNS), 0.01), self._history.readings(0.0), 1.0)
         every = np.concatenate([there.x[np.argsort(there.cost, kind="stable")], seeds])
-        best = self._history.explained(every, 0.0, 0.0)
+        plain, *odd = self._history.explanations(every)
+        best = min([plain, *odd], key=lambda one: one.cost)
+        if plain.cost - best.cost < EVIDENT:
+            best = plain
         if best.drift_m:
-            return self._drifting(place, best)
+            likely = [one for one in odd if one.drift_m and one.cost - best.cost < _BETTER]
+            return min(
+                (self._drifting(there.x, best.cost, one) for one in likely), key=lambda one: (one.odd, one.better)
+            )
         return self._judged(place, best.readings, np.concatenate([seeds, best.x]))
 
     def _judged(self, place: tuple[float, float], readings: dipole.Readings, others: Array) -> Judgement:
@@ -103,13 +114,12 @@ class Evidence:
         better = here - float(np.min(fit.cost))
         return Judgement(error, down - self._lowest, strength, better)
 
-    def _drifting(self, place: tuple[float, float], best: Explanation) -> Judgement:
-        """A place is explained as far as it is within two sigmas of where the transmitter is, or seems to be now."""
-        fit = fitted(best.x[0], best.readings, best.pose_error, best.drift_m, 1)
-        sigma = math.sqrt(np.linalg.eigvalsh(fit.covariance[:2, :2])[1])
-        off = min(math.dist(place, fit.x[:2]), math.dist(place, fit.now[:2]))
+    def _drifting(self, x: Array, least: float, how: Explanation) -> Judgement:
+        """The best of hypotheses at a place, if it drifts so; `least`: the cost without a fixed place."""
+        every = [fitted(one, how.readings, WHITE_M, how.drift_m, n, held=True) for one in x for n in _DRIFT_ROUNDS]
+        fit = min(every, key=lambda one: one.cost)
         strength = math.sqrt(float(np.linalg.norm(fit.x[3:])) / dipole.MOMENT)  # where heights drift, it is less known
-        return Judgement(max(0.0, off - 2 * sigma), float(fit.now[2]) - self._lowest, strength, 0.0)
+        return Judgement(WHITE_M, float(fit.now[2]) - self._lowest, strength, max(0.0, fit.cost - least))
 
 
 def _hypotheses(place: tuple[float, float]) -> Array:

@@ -22,7 +22,7 @@ _NEXT_S: Final = 0.1  # between two poses that are kept
 _MOST: Final = (4096, 192)  # poses, readings
 _ROUNDS: Final = 6
 _FEW: Final = 3  # hypotheses
-_EVIDENT: Final = 16.0  # more likely by e^16
+EVIDENT: Final = 16.0  # more likely by e^16
 _ODD: Final = 4.0  # cost of a lag or a drift
 
 Array = NDArray[np.float64]
@@ -75,9 +75,13 @@ class History:
 
         Without evidence, what was believed is left as it is.
         """
-        every = [self._fitted(x, *how) for how in dict.fromkeys([(lag_s, drift_m), *_EXPLANATIONS])]
+        every = self.explanations(x, lag_s, drift_m)
         best = min(every, key=lambda one: one.cost)
-        return best if every[0].cost - best.cost > _EVIDENT else every[0]
+        return best if every[0].cost - best.cost > EVIDENT else every[0]
+
+    def explanations(self, x: Array, lag_s: float = 0.0, drift_m: float = 0.0) -> list[Explanation]:
+        """All that are tried, this lag and drift first."""
+        return [self._fitted(x, *how) for how in dict.fromkeys([(lag_s, drift_m), *_EXPLANATIONS])]
 
     def _fitted(self, x: Array, lag_s: float, drift_m: float) -> Explanation:
         there, error = self.readings(lag_s), max(0.3, drift_m)
