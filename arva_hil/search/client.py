@@ -237,8 +237,6 @@ class SearchClient:
             self._commander.sticks.throttle = int(throttle)
         self._session.news.emit(Launched(now, str(self._session.vehicle), self._take_over))
 
-    # -- the end -------------------------------------------------------------------------------------------
-
     def _conclude(self) -> None:
         mission = self.mission
         if self._stopping:

@@ -26,6 +26,14 @@ class HeardTransmitter:
     past: deque[Observation] = field(default_factory=lambda: deque(maxlen=_REMEMBERED))
     evidence: Evidence = field(default_factory=Evidence)
 
+    def add(self, observation: Observation) -> None:
+        """Use a new reading of it."""
+        self.last_m, self.last_s = observation.d_m, observation.time_s
+        if self.last_m < self.nearest_m:
+            self.nearest_m, self.nearest_at = self.last_m, observation.position[:2]
+        self.past.append(observation)
+        self.evidence.add(observation)
+
 
 def id_of(id_: int | None) -> int | None:
     """As a frame has it."""

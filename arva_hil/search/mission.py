@@ -230,8 +230,7 @@ class Mission:
 
     def _bounded(self, velocity: Velocity) -> Velocity:
         """The velocity, limited to the planned speed."""
-        speed = math.hypot(*velocity)
-        share = min(1.0, self.plan.speed / speed) if speed > 0 else 0.0
+        share = self.plan.speed / max(math.hypot(*velocity), self.plan.speed)
         return velocity[0] * share, velocity[1] * share
 
     def _away(self, position: Position) -> bool:
@@ -240,18 +239,12 @@ class Mission:
         return not (inside and min(west, 0) - _AWAY_M <= position[1] <= max(east, 0) + _AWAY_M)
 
     def _note(self, id_: int, observation: Observation) -> None:
-        north, east, _ = observation.position
         if id_ not in self.heard:
             if len(self.heard) >= _MOST_HEARD:
                 return
             self.heard[id_] = HeardTransmitter()
-            self._emit(TransmitterHeard(observation.time_s, id_of(id_), observation.d_m, north, east))
-        heard = self.heard[id_]
-        heard.last_m, heard.last_s = observation.d_m, observation.time_s
-        if heard.last_m < heard.nearest_m:
-            heard.nearest_m, heard.nearest_at = heard.last_m, (north, east)
-        heard.past.append(observation)
-        heard.evidence.add(observation)
+            self._emit(TransmitterHeard(observation.time_s, id_of(id_), observation.d_m, *observation.position[:2]))
+        self.heard[id_].add(observation)
 
     def _choose(self, ids: Iterable[int], time_s: float) -> None:
         """Choose the nearest transmitter, with a margin so that noise does not change the choice."""
@@ -290,7 +283,7 @@ class Mission:
             self._beliefs.found(nothing.time_s, id_of(self.target), found, self.sure)
 
     def _agrees(self, heard: HeardTransmitter, found: Found) -> bool:
-        """Whether the readings agree with a transmitter at the place found, with any strategy."""
+        """Whether the readings agree with the place found, with any strategy."""
         judgement = heard.evidence.judge((found.north, found.east))
         return judgement is not None and judgement.agrees(self._keeper.wanted)
 
