@@ -16,6 +16,7 @@ from hypothesis import settings
 TESTS = Path(__file__).parent
 DATA = TESTS / "data"
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the program; else the workers' threads wait for each other
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
 
