@@ -103,7 +103,7 @@ class Estimate:
             self._seed(self._strongest)
         self._weigh(o, _ROUNDS)
         self._unexplained += 1
-        odd = not self._drift_m and self._pose_error > _ODD_M
+        odd = bool(self._drift_m) or self._pose_error > _ODD_M
         if self._unexplained > (_EXPLAIN_EVERY if odd else _EXPLAIN_LATER):
             self._explain(o)
         self._listen(o)
