@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import selectors
+import weakref
 from typing import Any, Final
 
 from arva_hil.links.base import FdLink, Link, LinkError, Opening
@@ -109,6 +110,8 @@ class PtyLink(FdLink):
             if symlink:
                 self._inode = make_symlink(symlink, self.path, self._slave)
                 self.symlink = symlink
+                # once: at the close, or when a signal came before anybody had this link
+                self._unlink = weakref.finalize(self, _remove, symlink, self.path, self._inode)
         except BaseException:  # also a signal, right behind making it
             if target(symlink) == self.path:
                 with contextlib.suppress(OSError):
@@ -173,13 +176,19 @@ class PtyLink(FdLink):
             mark_in_use(slave, self._inode)
 
     def _shut(self) -> None:
-        with contextlib.suppress(OSError):
-            if target(self.symlink) == self.path and os.lstat(self.symlink).st_ino == self._inode:
-                os.unlink(self.symlink)
+        if self.symlink:
+            self._unlink()
         self._selector.close()
         self._closings.close()
         os.close(self._fd)
         os.close(self._slave)
+
+
+def _remove(link: str, path: str, inode: int) -> None:
+    """Remove the symlink `link` if it is still the one with this inode, to `path`."""
+    with contextlib.suppress(OSError):
+        if target(link) == path and os.lstat(link).st_ino == inode:
+            os.unlink(link)
 
 
 def make_symlink(link: str, path: str, slave: int) -> int:

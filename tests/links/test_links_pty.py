@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
 import signal
 import subprocess
@@ -305,3 +306,12 @@ def test_a_signal_right_behind_making_the_symlink_leaves_none(tmp_path: Path, mo
     with pytest.raises(KeyboardInterrupt):
         PtyLink(str(link))
     assert not link.is_symlink()
+
+
+def test_a_link_that_nobody_has_leaves_no_symlink(tmp_path: Path) -> None:
+    path = tmp_path / "arva0"
+    link = PtyLink(str(path))
+    assert path.is_symlink()
+    del link  # a signal came before its owner had it
+    gc.collect()
+    assert not os.path.lexists(path)
