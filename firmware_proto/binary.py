@@ -9,7 +9,7 @@ from typing import Final
 from fastcrc import crc16
 
 from firmware_proto.commands import BINARY_HOST
-from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Format, Frame, FrameDecoder, check
+from firmware_proto.frame import MARKED, MAX_CHANNELS, Channel, Format, Frame, FrameDecoder, Pending, check
 
 VERSION: Final = 1
 MAX_FRAME_BYTES: Final = 9 + 6 * MAX_CHANNELS
@@ -35,7 +35,7 @@ def encode(frame: Frame) -> bytes:
 
 
 class Decoder(FrameDecoder):
-    """Incremental decoder of binary frames. Remembers the incomplete candidate and when its bytes came.
+    """Incremental decoder of binary frames. Remembers the incomplete candidate.
 
     Only the first byte of a false candidate is dropped, so every frame that comes without a pause is delivered, unless
     a false candidate that overlaps it has a correct CRC by chance. A frame is delivered at once. If it is inside a
@@ -45,23 +45,13 @@ class Decoder(FrameDecoder):
 
     def __init__(self) -> None:
         super().__init__()
-        self._tail = b""  # at most MAX_FRAME_BYTES − 1
-        self._arrived: list[float] = []  # one time for each byte of the tail
+        self._pending = Pending()
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
         """The frames completed by `chunk`, or by the end of a false candidate's 100 ms. See FrameDecoder."""
         frames: list[Frame] = []
-        tail, arrived = self._tail, self._arrived
-        while tail and now - arrived[0] >= PAUSE_S:
-            self.dropped += 1
-            at = self._scan(tail, 1, frames)
-            tail, arrived = tail[at:], arrived[at:]
-        if chunk:
-            data = tail + chunk
-            at = self._scan(data, 0, frames)
-            arrived = arrived[at:] + [now] * (len(data) - max(at, len(tail)))
-            tail = data[at:]
-        self._tail, self._arrived = tail, arrived
+        given_up = self._pending.feed(chunk, now, lambda data, at: self._scan(data, at, frames))
+        self.dropped += given_up  # after the scan, which counts too
         return frames
 
     def _scan(self, data: bytes, at: int, frames: list[Frame]) -> int:

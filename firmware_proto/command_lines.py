@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from functools import partial, reduce
-from operator import xor
+from functools import partial
 from typing import Final, TypeVar
 
 from firmware_proto.commands import MAX_VALUES, Answer, Command, HostForm, check_answer, check_command
 from firmware_proto.frame import PAUSE_S
 from firmware_proto.messages import StreamDecoder
+from firmware_proto.sentence import MAX_SENTENCE, ChecksumError, begun, body_of, sentence
 
 T = TypeVar("T", Command, Answer)
-
-_MAX_SENTENCE: Final = 82  # bytes from `$` to the line feed, as in NMEA 0183
-_SENTENCE: Final = re.compile(rb"\$([^$*]{0,76})\*([0-9A-Fa-f]{2})\r?")
 
 
 def encode_command_line(command: Command) -> bytes:
@@ -32,9 +29,9 @@ def encode_answer_line(answer: Answer) -> bytes:
 
 def _sentence(fields: list[str | int]) -> bytes:
     body = ",".join(map(str, fields)).encode()
-    if len(body) + 6 > _MAX_SENTENCE:
-        raise ValueError(f"a sentence of {len(body) + 6} bytes, expected {_MAX_SENTENCE} at most")
-    return b"$%b*%02X\r\n" % (body, reduce(xor, body))
+    if len(body) + 6 > MAX_SENTENCE:
+        raise ValueError(f"a sentence of {len(body) + 6} bytes, expected {MAX_SENTENCE} at most")
+    return sentence(body)
 
 
 class SentenceDecoder(StreamDecoder[T]):
@@ -46,7 +43,7 @@ class SentenceDecoder(StreamDecoder[T]):
     def __init__(self, parse: Callable[[list[str]], T | None]) -> None:
         super().__init__()
         self._parse: Callable[[list[str]], T | None] = parse
-        self._part = b""  # at most _MAX_SENTENCE
+        self._part = b""  # at most MAX_SENTENCE
         self._since = 0.0
 
     def feed(self, chunk: bytes, now: float) -> list[T]:
@@ -61,10 +58,9 @@ class SentenceDecoder(StreamDecoder[T]):
             message = self._message(line)
             if message is not None:
                 found.append(message)
-        start = part.rfind(b"$")
-        self._part = part[start:] if start >= 0 and len(part) - start <= _MAX_SENTENCE else b""
+        self._part = begun(part)
         self.dropped += len(part) - len(self._part)
-        if lines or start > 0 or not old:
+        if lines or len(self._part) < len(part) or not old:
             self._since = now
         return found
 
@@ -79,14 +75,12 @@ class SentenceDecoder(StreamDecoder[T]):
         return message
 
     def _values(self, line: bytes) -> T | None:
-        sentence = _SENTENCE.fullmatch(line)
-        if not sentence:
-            return None
-        body, checksum = sentence.groups()
-        if reduce(xor, body, 0) != int(checksum, 16):
+        try:
+            body = body_of(line)
+        except ChecksumError:
             self.bad_crc += 1
             return None
-        return self._parse(body.decode("latin-1").split(","))
+        return None if body is None else self._parse(body.decode("latin-1").split(","))
 
 
 def _command(fields: list[str]) -> Command | None:

@@ -91,6 +91,36 @@ class FrameDecoder(ABC):
         self._sequence = sequence
 
 
+class Pending:
+    """Remembers the bytes of an incomplete candidate, and when each of them came."""
+
+    def __init__(self) -> None:
+        self._bytes = b""
+        self._arrived: list[float] = []  # one time for each byte
+
+    def __len__(self) -> int:
+        return len(self._bytes)
+
+    def feed(self, chunk: bytes, now: float, scan: Callable[[bytes, int], int]) -> int:
+        """Scan what is there with `chunk`; how many candidates were given up, of which one byte each is dropped.
+
+        `scan`: (bytes, where to begin) → where an incomplete candidate begins, or the end. A candidate that is
+        incomplete 100 ms after its first byte is given up, and the bytes behind its first one are scanned again.
+        """
+        given_up, held, arrived = 0, self._bytes, self._arrived
+        while held and now - arrived[0] >= PAUSE_S:
+            given_up += 1
+            at = scan(held, 1)
+            held, arrived = held[at:], arrived[at:]
+        if chunk:
+            data = held + chunk
+            at = scan(data, 0)
+            arrived = arrived[at:] + [now] * (len(data) - max(at, len(held)))
+            held = data[at:]
+        self._bytes, self._arrived = held, arrived
+        return given_up
+
+
 class Format(NamedTuple):
     """A wire format: its encoder and its decoder.
 

@@ -9,7 +9,7 @@ from typing import Final, Generic, NamedTuple, TypeVar
 
 from fastcrc import crc16
 
-from firmware_proto.frame import PAUSE_S
+from firmware_proto.frame import Pending
 
 T = TypeVar("T")
 
@@ -74,23 +74,13 @@ class MessageDecoder(StreamDecoder[T]):
     def __init__(self, kinds: Mapping[int, Kind[T]]) -> None:
         super().__init__()
         self._kinds = kinds
-        self._tail = b""  # at most MAX_MESSAGE_BYTES − 1
-        self._arrived: list[float] = []  # one time for each byte of the tail
+        self._pending = Pending()
 
     def feed(self, chunk: bytes, now: float) -> list[T]:
         """The messages completed by `chunk`, or by the end of a false candidate's 100 ms. See StreamDecoder."""
         found: list[T] = []
-        tail, arrived = self._tail, self._arrived
-        while tail and now - arrived[0] >= PAUSE_S:
-            self.dropped += 1
-            at = self._scan(tail, 1, found)
-            tail, arrived = tail[at:], arrived[at:]
-        if chunk:
-            data = tail + chunk
-            at = self._scan(data, 0, found)
-            arrived = arrived[at:] + [now] * (len(data) - max(at, len(tail)))
-            tail = data[at:]
-        self._tail, self._arrived = tail, arrived
+        given_up = self._pending.feed(chunk, now, lambda data, at: self._scan(data, at, found))
+        self.dropped += given_up  # after the scan, which counts too
         return found
 
     def _scan(self, data: bytes, at: int, found: list[T]) -> int:

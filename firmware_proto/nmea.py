@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
-from functools import reduce
-from operator import xor
 from typing import Final
 
 from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Format, Frame, FrameDecoder, check
+from firmware_proto.sentence import ChecksumError, begun, body_of, sentence
 
-_MAX_SENTENCE: Final = 82  # bytes from `$` to the line feed, as in NMEA 0183
-_SENTENCE: Final = re.compile(rb"\$([^$*]{0,76})\*([0-9A-Fa-f]{2})\r?")
 _PARVA: Final = re.compile(
     rb"PARVA,(\d{1,3}),(\d{1,3}),(\d{1,2}),(\d{1,2}),(\d{0,3}),(\d{1,3}),(-?\d{1,5}),(-?\d{1,5})"
 )
@@ -25,7 +22,7 @@ def encode_nmea(frame: Frame) -> bytes:
     for slot, (id, zone, d, delta, marked) in enumerate(frame.channels, 1):
         who, where = "" if id is None else id, zone | (MARKED if marked else 0)
         body = f"PARVA,{frame.sequence},{frame.status},{n},{slot},{who},{where},{d},{delta}".encode()
-        sentences.append(b"$%b*%02X\r\n" % (body, reduce(xor, body)))
+        sentences.append(sentence(body))
     return b"".join(sentences)
 
 
@@ -38,7 +35,7 @@ class NmeaDecoder(FrameDecoder):
 
     def __init__(self) -> None:
         super().__init__()
-        self._part = b""  # at most _MAX_SENTENCE
+        self._part = b""  # at most MAX_SENTENCE
         self._head = (0, 0, 0)  # sequence, status, n of the incomplete frame
         self._channels: list[Channel] = []
         self._bytes = 0  # of its sentences so far
@@ -50,8 +47,7 @@ class NmeaDecoder(FrameDecoder):
             self._give_up()
         *lines, part = (self._part + chunk).split(b"\n")
         frames = [frame for line in lines if (frame := self._line(line, now))]
-        start = part.rfind(b"$")
-        self._part = part[start:] if start >= 0 and len(part) - start <= _MAX_SENTENCE else b""
+        self._part = begun(part)
         self.dropped += len(part) - len(self._part)
         return frames
 
@@ -82,14 +78,12 @@ class NmeaDecoder(FrameDecoder):
 
     def _values(self, line: bytes) -> tuple[int, int, int, int, Channel] | None:
         """Sequence, status, n, slot and channel of a valid sentence; None for anything else."""
-        sentence = _SENTENCE.fullmatch(line)
-        if not sentence:
-            return None
-        body, checksum = sentence.groups()
-        if reduce(xor, body, 0) != int(checksum, 16):
+        try:
+            body = body_of(line)
+        except ChecksumError:
             self.bad_crc += 1
             return None
-        fields = _PARVA.fullmatch(body)
+        fields = _PARVA.fullmatch(body or b"")
         if not fields:
             return None
         id = int(fields[5]) if fields[5] else None

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import message_vectors
+from message_vectors import Wire, crc
 
 FILE = Path(__file__).parent.parent / "firmware_proto" / "vectors.json"
 ABOUT = [
@@ -29,18 +30,6 @@ ABOUT = [
     "An empty hex only tells the time. counters: after the last step. dropped: bytes that are in no frame and",
     "no longer awaited; lost: frames missing from the sequence, none where the receiver has restarted.",
 ]
-
-Wire = dict[str, Any]  # a frame as JSON has it
-
-
-def crc(data: bytes) -> int:
-    """CRC-16/MCRF4XX, one bit at a time."""
-    register = 0xFFFF
-    for byte in data:
-        for bit in range(8):
-            carry = (register ^ byte >> bit) & 1
-            register = register >> 1 ^ 0x8408 * carry
-    return register
 
 
 def seal(body: bytes) -> bytes:

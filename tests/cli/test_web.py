@@ -6,7 +6,6 @@ import csv
 import json
 import math
 import re
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,10 +20,10 @@ from arva_hil.observers.web.address import Address
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.state import State
 from arva_hil.receiver import ChannelReading, Pose, Reading
-from arva_hil.runtime.clock import RealClock
-from firmware_proto import MID, Channel, Frame, encode
+from firmware_proto import Channel, Frame, encode
 
 from .far_ends import Autopilot, Program
+from .test_search import Beacon
 
 __all__ = ["browser"]
 
@@ -144,35 +143,19 @@ def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Ta
     assert "place found at" in str(label.get_attribute("aria-label"))
 
 
-class Beacon:
-    """A receiver's wire: ten frames a second, each with another distance."""
+def d_cm(sequence: int) -> int:
+    """The distance in a frame of this number."""
+    return 2000 + 7 * sequence
 
-    def __init__(self) -> None:
-        self.link = PtyLink()
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._speak)
-        self._thread.start()
 
-    def _speak(self) -> None:
-        clock, n = RealClock(), 0
-        while not self._stop.is_set():
-            channels = (Channel(4, MID, self.d_cm(n % 256), 10), Channel(9, MID, 4500, -40))
-            self.link.write(encode(Frame(n % 256, 1, channels)))
-            n += 1
-            clock.wait(n * 0.1)
-
-    @staticmethod
-    def d_cm(sequence: int) -> int:
-        return 2000 + 7 * sequence
-
-    def close(self) -> None:
-        self._stop.set()
-        self._thread.join()
-        self.link.close()
+def each_another(frame: Frame) -> bytes:
+    """The frame with a distance of its own."""
+    first, second = frame.channels
+    return encode(frame._replace(channels=(first._replace(d=d_cm(frame.sequence)), second)))
 
 
 def test_a_search(start: Start, autopilot: Autopilot, keep: Keep, tab: Tab, tmp_path: Path) -> None:
-    beacon = keep(Beacon())
+    beacon = keep(Beacon(each_another))
     program = start(
         *("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, "--dry-run"),
         *(*WEB, "--record", tmp_path / "record"),
@@ -180,14 +163,14 @@ def test_a_search(start: Start, autopilot: Autopilot, keep: Keep, tab: Tab, tmp_
     tab.open(url_of(program))
     tab.shows("#banner", OVER)
     assert program.ends() == 0
-    d_cm = Beacon.d_cm(int(tab.text("#number")))
+    shown = d_cm(int(tab.text("#number")))
     assert tab.rows("#channels tbody tr") == [
-        ["4", f"{d_cm} cm", "+10°", "mid", "–"],
+        ["4", f"{shown} cm", "+10°", "mid", "–"],
         ["9", "4500 cm", "−40°", "mid", "–"],
     ]
     with open(tmp_path / "record" / "search.csv", newline="") as file:
         logged = [int(row["d_cm"]) for row in csv.DictReader(file) if row["d_cm"]]
-    assert abs(d_cm - logged[-1]) <= 7 * 5  # the log has a row for every other frame
+    assert abs(shown - logged[-1]) <= 7 * 5  # the log has a row for every other frame
     assert not tab.page.locator("#truth").is_visible()  # there is none to show
     assert "transmitter 4" in tab.text("#belief")
     assert int(tab.text("#belief").split("hypotheses\n")[1].split("\n")[0]) > 0

@@ -73,9 +73,9 @@ def test_any_stream_is_decoded_as_the_rules_read(pieces, edits, cuts):
     for now, chunk, frames in feed_cut(decoder, mutate(b"".join(pieces), edits), cuts):
         assert list(map(raw_of, frames)) == list(map(meaning, reference.feed(chunk, now)))
         assert (decoder.dropped, decoder.bad_crc) == (reference.dropped, reference.bad_crc)
-        assert decoder._tail == bytes(byte for byte, _ in reference.held)
-        assert decoder._arrived == [at for _, at in reference.held]
-        assert len(decoder._tail) < MAX_FRAME_BYTES
+        assert decoder._pending._bytes == bytes(byte for byte, _ in reference.held)
+        assert decoder._pending._arrived == [at for _, at in reference.held]
+        assert len(decoder._pending) < MAX_FRAME_BYTES
     assert decoder.good == len(reference.frames)
 
 
@@ -228,10 +228,10 @@ def test_work_grows_with_the_bytes_and_no_faster(monkeypatch, pattern, size):
         data = (pattern * (total // len(pattern) + 1))[:total]
         for at in range(0, total, size):
             decoder.feed(data[at : at + size], at * 1e-5)
-            assert len(decoder._tail) < MAX_FRAME_BYTES
-            assert len(decoder._arrived) == len(decoder._tail)
+            assert len(decoder._pending) < MAX_FRAME_BYTES
+            assert len(decoder._pending._arrived) == len(decoder._pending)
         assert decoder.good == 0
-        assert decoder.dropped == total - len(decoder._tail)
+        assert decoder.dropped == total - len(decoder._pending)
         monkeypatch.undo()
         return counting
 
