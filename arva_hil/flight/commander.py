@@ -193,9 +193,8 @@ class Commander(FlightState):
         """Use the packets that the session was fed last. They came after `since`, the time at which the link was last
         read until it was empty; default: now."""
         self._heard_since = now if since is None else since
-        for packet in self._session.own:
-            if packet.msgid in _HEARD and (message := self._session.parser.decode(packet)) is not None:
-                _HEARD[packet.msgid](self, message, now)
+        for msgid, message in self._session.messages(_HEARD):
+            _HEARD[msgid](self, message, now)
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self._session.vehicle is not None

@@ -87,9 +87,8 @@ class Ground:
 
     def hear(self, now: float) -> None:
         """Use the packets that the session was fed last."""
-        for packet in self._session.own:
-            if packet.msgid in _HEARD and (message := self._session.parser.decode(packet)) is not None:
-                _HEARD[packet.msgid](self, message, now)
+        for msgid, message in self._session.messages(_HEARD):
+            _HEARD[msgid](self, message, now)
 
     def height(self, now: float, state: VehicleState) -> Height:
         """The height for the flight. `state`: NED from the take-off point."""

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal
+from collections.abc import Container, Iterator
+from typing import Any, Final, Literal
 
 from arva_hil.field import LocalFrame
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.packet_reader import PacketReader
-from arva_hil.mavlink.signing import Verdict
+from arva_hil.mavlink.signing import Signing, Verdict
 from arva_hil.vehicle.discovery import Identity, Senders, Vehicle, VehicleDiscovery
 from arva_hil.vehicle.navigation import EventQueue, Navigation, Place
 from arva_hil.vehicle.pose_track import ClockMap, PoseTrack, VehicleState
 from arva_hil.vehicle.reasons import NoPose, NoVehicle, SilentStream
 from arva_hil.vehicle.streams import Streams
+
+COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 
 
 class FollowedVehicle:
@@ -21,16 +24,17 @@ class FollowedVehicle:
 
     def __init__(
         self,
-        reader: PacketReader,
         *,
-        target_system: int | None,
-        target_component: int | None,
-        rate_hz: float,
-        passive: bool,
-        component: int,
+        target_system: int | None = None,
+        target_component: int | None = None,
+        rate_hz: float = 50.0,
+        passive: bool = False,
+        component: int = COMPONENT,
+        signing: Signing | None = None,
+        reader: PacketReader | None = None,
     ) -> None:
         self.news = EventQueue()
-        self.reader = reader
+        self.reader = reader = reader or PacketReader(signing)
         self.target_system = target_system
         self.senders = Senders()
         self.encoder = Encoder(target_system or 1, component, signing=reader.signing)
@@ -40,13 +44,16 @@ class FollowedVehicle:
         self.own: list[Packet] = []  # the accepted packets of the vehicle in the last chunk
         self.ignored = 0  # packets of other systems and components, and of senders that only claim to be the vehicle
         self.rate_hz = rate_hz
+        self.next_due = -math.inf
         self._finder = VehicleDiscovery(target_system, target_component)
         self._passive = passive
         self._signing = reader.signing
         self._disbelieved: set[Verdict] = set()
         self._streams: Streams | None = None
         self._identity: Identity | None = None  # of the pinned vehicle
-        self._last_heartbeat = -math.inf
+        self._strangers = Parser()  # for the packets of other senders
+        self._extras: dict[int, float] = {}
+        self._next_heartbeat = self._last_heartbeat = -math.inf
         self._lost = False
         self._interrupted = ""  # why the link is lost
 
@@ -89,6 +96,12 @@ class FollowedVehicle:
         """The vehicle's pose at host time `now` in the NED frame `frame`, None if it is unknown."""
         boot = self.clock.boot(now)
         return None if boot is None else self.track.at(boot, frame)
+
+    def messages(self, wanted: Container[int]) -> Iterator[tuple[int, Any]]:
+        """The vehicle's messages of these kinds in the last chunk: message id and message."""
+        for packet in self.own:
+            if packet.msgid in wanted and (message := self.parser.decode(packet)) is not None:
+                yield packet.msgid, message
 
     def rates(self, now: float) -> dict[str, float]:
         """Measured rates [Hz] of the pose streams."""

@@ -8,31 +8,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from arva_hil.mavlink.codec import dialect
+from arva_hil.vehicle.navigation import is_place
 from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSample
 from arva_hil.vehicle.reasons import NoPose
 from arva_hil.vehicle.session import Session
 
-Vector = tuple[float, float, float]
+_Pose = tuple[PositionSample, AttitudeSample]
 
 _LATER_S: Final = 1e-6  # between messages of one chunk, to keep their order
-_ALTITUDES_M: Final = (-1_000.0, 100_000.0)
 _FASTEST: Final = 1_000.0  # m/s, and rad/s
 _ASKED: Final = {  # by MAV_AUTOPILOT
     dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: dialect.MAVLINK_MSG_ID_SIM_STATE,
     dialect.MAV_AUTOPILOT_PX4: dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
 }
-
-
-class _Told(NamedTuple):
-    """Degrees, degrees, metres AMSL; NED, m/s; body FRD → NED (w, x, y, z); about the body axes, rad/s."""
-
-    place: Vector
-    velocity: Vector
-    quaternion: tuple[float, float, float, float]
-    rates: Vector
 
 
 class SimulatorTruth:
@@ -59,52 +50,51 @@ class SimulatorTruth:
             session.want({self._asked: session.rate_hz})
         if reboots != self._reboots:
             self._reboots, self._newest, self.track = reboots, -math.inf, PoseTrack()
-        for packet in session.own:
-            if packet.msgid in _READERS and (message := session.parser.decode(packet)) is not None:
-                self._take(_READERS[packet.msgid](message), now)
+        for msgid, message in session.messages(_READERS):
+            self._take(message, _READERS[msgid], now)
 
     def lacking(self) -> NoPose:
         """Why there is no true pose."""
         return NoPose("no truth", message=dialect.mavlink_map[self._asked].msgname if self._asked else "")
 
-    def _take(self, told: _Told, now: float) -> None:
+    def _take(self, message: Any, read: Callable[[Any, float], _Pose], now: float) -> None:
         boot = self._session.clock.boot(now)
         if boot is None:
             return
-        if not _is_pose(told):
+        stamp = max(boot, self._newest + _LATER_S)
+        position, attitude = read(message, stamp)
+        if not _is_pose(position, attitude):
             self.refused += 1
             return
-        self._newest = stamp = max(boot, self._newest + _LATER_S)
-        self.track.add_position(PositionSample(stamp, *told.place, told.velocity))
-        self.track.add_attitude(AttitudeSample(stamp, told.quaternion, told.rates))
+        self._newest = stamp
+        self.track.add_position(position)
+        self.track.add_attitude(attitude)
 
 
-def _sim_state(m: Any) -> _Told:
+def _sim_state(m: Any, boot: float) -> _Pose:
     """The pose in a SIM_STATE. Its `lat` and `lon` are not used: they are floats, which is too coarse."""
-    place = m.lat_int * 1e-7, m.lon_int * 1e-7, m.alt
-    return _Told(place, (m.vn, m.ve, m.vd), (m.q1, m.q2, m.q3, m.q4), (m.xgyro, m.ygyro, m.zgyro))
+    position = PositionSample(boot, m.lat_int * 1e-7, m.lon_int * 1e-7, m.alt, (m.vn, m.ve, m.vd))
+    return position, AttitudeSample(boot, (m.q1, m.q2, m.q3, m.q4), (m.xgyro, m.ygyro, m.zgyro))
 
 
-def _hil_state_quaternion(m: Any) -> _Told:
+def _hil_state_quaternion(m: Any, boot: float) -> _Pose:
     """The pose in a HIL_STATE_QUATERNION. The sign of the quaternion has no meaning."""
     velocity = m.vx * 1e-2, m.vy * 1e-2, m.vz * 1e-2
-    w, x, y, z = m.attitude_quaternion
-    place = m.lat * 1e-7, m.lon * 1e-7, m.alt * 1e-3
-    return _Told(place, velocity, (w, x, y, z), (m.rollspeed, m.pitchspeed, m.yawspeed))
+    position = PositionSample(boot, m.lat * 1e-7, m.lon * 1e-7, m.alt * 1e-3, velocity)
+    return position, AttitudeSample(boot, tuple(m.attitude_quaternion), (m.rollspeed, m.pitchspeed, m.yawspeed))
 
 
-_READERS: Final[dict[int, Callable[[Any], _Told]]] = {
+_READERS: Final[dict[int, Callable[[Any, float], _Pose]]] = {
     dialect.MAVLINK_MSG_ID_SIM_STATE: _sim_state,
     dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: _hil_state_quaternion,
 }
 
 
-def _is_pose(told: _Told) -> bool:
+def _is_pose(position: PositionSample, attitude: AttitudeSample) -> bool:
     """Whether all values are valid. Comparisons with NaN are false."""
-    lat, lon, alt = told.place
-    somewhere = (lat, lon) != (0, 0) and abs(lat) <= 90 and abs(lon) <= 180
-    possible = _ALTITUDES_M[0] <= alt <= _ALTITUDES_M[1] and 0.9 < math.hypot(*told.quaternion) < 1.1
-    return somewhere and possible and math.hypot(*told.velocity) < _FASTEST and math.hypot(*told.rates) < _FASTEST
+    _, lat, lon, alt, velocity = position
+    somewhere = (lat, lon) != (0, 0) and is_place((lat, lon, alt)) and math.hypot(*velocity) < _FASTEST
+    return somewhere and 0.9 < math.hypot(*attitude.angles) < 1.1 and math.hypot(*attitude.rates) < _FASTEST
 
 
 _VFR_HUD: Final = dialect.MAVLINK_MSG_ID_VFR_HUD
@@ -126,17 +116,11 @@ class MotorLoad:
 
     def hear(self) -> None:
         """The session has been fed."""
-        for packet in self._session.own:
-            if packet.msgid == _VFR_HUD and (message := self._session.parser.decode(packet)) is not None:
+        for msgid, message in self._session.messages((_VFR_HUD, _SERVO_OUTPUT_RAW)):
+            if msgid == _VFR_HUD:
                 self._has_throttle = True
                 self.load = min(1.0, message.throttle / 100)
-            elif packet.msgid == _SERVO_OUTPUT_RAW and not self._has_throttle:
-                self._take_outputs(self._session.parser.decode(packet))
-
-    def _take_outputs(self, message: object) -> None:
-        if message is None or getattr(message, "port", 0) != 0:
-            return
-        pulses = [getattr(message, f"servo{n}_raw") for n in range(1, 5)]
-        shares = [(us - _LOWEST_US) / (_HIGHEST_US - _LOWEST_US) for us in pulses if us]
-        if shares:
-            self.load = max(0.0, min(1.0, sum(shares) / len(shares)))
+            elif not self._has_throttle and getattr(message, "port", 0) == 0:
+                pulses = filter(None, (message.servo1_raw, message.servo2_raw, message.servo3_raw, message.servo4_raw))
+                if shares := [(us - _LOWEST_US) / (_HIGHEST_US - _LOWEST_US) for us in pulses]:
+                    self.load = max(0.0, min(1.0, sum(shares) / len(shares)))

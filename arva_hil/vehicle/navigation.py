@@ -178,7 +178,7 @@ class Navigation:
             self.unpositioned += 1
             return
         place, velocity = place_of(message)
-        if not _is_place(place):
+        if not is_place(place):
             self.refused += 1
             return
         judgement = self._place.judge(place, now)
@@ -207,7 +207,7 @@ class Navigation:
 
     def _on_home(self, message: Any) -> None:
         home = message.latitude / 1e7, message.longitude / 1e7, message.altitude / 1e3
-        if _is_place(home) and home[:2] != (0, 0):
+        if is_place(home) and home[:2] != (0, 0):
             self.home = home
         else:
             self.refused += 1
@@ -229,7 +229,8 @@ def is_zero(message: Any) -> bool:
     return bool(message.id == _POSITION and message.lat == message.lon == 0)
 
 
-def _is_place(place: Place) -> bool:
+def is_place(place: Place) -> bool:
+    """Whether the values are possible. Comparisons with NaN are false."""
     lat, lon, alt = place
     return abs(lat) <= 90 and abs(lon) <= 180 and _ALTITUDES_M[0] <= alt <= _ALTITUDES_M[1]
 

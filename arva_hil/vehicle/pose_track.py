@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Protocol, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -150,12 +150,7 @@ class VehicleState:
     age_s: float
 
 
-class _Stamped(Protocol):
-    @property
-    def boot(self) -> float: ...
-
-
-S = TypeVar("S", bound=_Stamped)
+S = TypeVar("S", PositionSample, AttitudeSample)
 
 
 class PoseTrack:

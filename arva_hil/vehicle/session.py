@@ -17,14 +17,13 @@ from arva_hil.events.vehicles import (
     VehicleLost,
     VehicleRebooted,
 )
-from arva_hil.mavlink.codec import Packet, Parser, dialect
-from arva_hil.mavlink.packet_reader import PacketReader, Packets
-from arva_hil.mavlink.signing import Signing, Verdict
+from arva_hil.mavlink.codec import Packet, dialect
+from arva_hil.mavlink.packet_reader import Packets
+from arva_hil.mavlink.signing import Verdict
 from arva_hil.vehicle.discovery import Identity, Vehicle
 from arva_hil.vehicle.followed import FollowedVehicle
 from arva_hil.vehicle.streams import Streams
 
-COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 _HEARTBEAT_S: Final = 1.0
 _LOST_S: Final = 5.0  # without a heartbeat
 _GAP_S: Final = 2.5  # between heartbeats: a vehicle that was away for so long may have forgotten the requests
@@ -52,31 +51,6 @@ class Session(FollowedVehicle):
     Packets of other systems change nothing. Of several senders on the link only `senders.vehicle` is accepted. After it
     has been silent for 3 s, another sender with the vehicle's ids may take its place.
     """
-
-    def __init__(
-        self,
-        *,
-        target_system: int | None = None,
-        target_component: int | None = None,
-        rate_hz: float = 50.0,
-        passive: bool = False,
-        component: int = COMPONENT,
-        signing: Signing | None = None,
-        reader: PacketReader | None = None,
-    ) -> None:
-        super().__init__(
-            reader or PacketReader(signing),
-            target_system=target_system,
-            target_component=target_component,
-            rate_hz=rate_hz,
-            passive=passive,
-            component=component,
-        )
-        self.next_due = -math.inf
-        self._wanted = self.navigation.handles | {_ACK}
-        self._strangers = Parser()  # for the packets of other senders
-        self._extras: dict[int, float] = {}
-        self._next_heartbeat = -math.inf
 
     # -- bytes in ------------------------------------------------------------------------------------------
 
@@ -178,7 +152,7 @@ class Session(FollowedVehicle):
     def _take_all(self, packets: Packets, now: float, sender: Hashable) -> None:
         for packet, why in packets.doubted:
             self._disbelieve(packet, why, now)
-        own, wanted, decode = self.own, self._wanted, self.reader.parser.decode
+        own, wanted, decode = self.own, self.navigation.handles, self.reader.parser.decode
         for packet in packets.believed:
             vehicle, msgid = self.vehicle, packet.msgid
             if vehicle is None or msgid == _HEARTBEAT:
@@ -191,7 +165,7 @@ class Session(FollowedVehicle):
                 self.ignored += 1
             else:
                 own.append(packet)
-                if msgid in wanted and (message := decode(packet)) is not None:
+                if (msgid in wanted or msgid == _ACK) and (message := decode(packet)) is not None:
                     self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)
         if sender is not None and self.own:
             self.senders.hear(sender, now)

@@ -23,6 +23,8 @@ _PATIENCE: Final = 3  # requests with one command without effect, before the oth
 _SLOWEST_HZ: Final = 4.0
 
 _SET_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+_POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+_ATTITUDES: Final = (dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
 
 
 class Request(NamedTuple):
@@ -41,8 +43,7 @@ class Stream:
     """One stream: what was received, and how it was requested."""
 
     name: str
-    request: int  # the message id to request
-    ids: frozenset[int]  # the message ids that can be used
+    ids: tuple[int, ...]  # the message ids that can be used; the first one is requested
     group: int  # the MAV_DATA_STREAM it belongs to
     want_hz: float
     asked: Request = _NOT_ASKED  # the last one that was answered or timed out
@@ -86,20 +87,8 @@ class Streams:
         self._next_ask = 0.0  # when to check the next stream
         self.home_wanted = True
         self.wanted = [
-            Stream(
-                "GLOBAL_POSITION_INT",
-                dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
-                frozenset({dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT}),
-                dialect.MAV_DATA_STREAM_POSITION,
-                rate_hz,
-            ),
-            Stream(
-                "ATTITUDE",
-                dialect.MAVLINK_MSG_ID_ATTITUDE,
-                frozenset({dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION}),
-                dialect.MAV_DATA_STREAM_EXTRA1,
-                rate_hz,
-            ),
+            Stream("GLOBAL_POSITION_INT", (_POSITION,), dialect.MAV_DATA_STREAM_POSITION, rate_hz),
+            Stream("ATTITUDE", _ATTITUDES, dialect.MAV_DATA_STREAM_EXTRA1, rate_hz),
         ]
         self.extras: list[Stream] = []
         self._seen: dict[int, deque[float]] = {}
@@ -108,10 +97,10 @@ class Streams:
     def want(self, extras: Mapping[int, float]) -> None:
         """Request these streams too: message id → Hz."""
         for msgid, rate_hz in extras.items():
-            self.extras.append(Stream(f"message {msgid}", msgid, frozenset({msgid}), 0, rate_hz, needed=False))
+            self.extras.append(Stream(f"message {msgid}", (msgid,), 0, rate_hz, needed=False))
         self._all, self._next_ask = self.wanted + self.extras, 0.0
         self._seen = {msgid: times for stream in self._all for msgid, times in stream.seen.items()}
-        self.extra_ids = frozenset(stream.request for stream in self.extras)
+        self.extra_ids = frozenset(stream.ids[0] for stream in self.extras)
 
     def note(self, msgid: int, now: float) -> None:
         """A message of a stream came from the vehicle."""
@@ -188,20 +177,17 @@ class Streams:
         stream.refused = not stream.needed and stream.tries >= _PATIENCE  # this is the last time
         if stream.by_group:
             stream.asked = Request("REQUEST_DATA_STREAM", stream.want_hz)
-            return dialect.MAVLink_request_data_stream_message(
-                system, component, stream.group, round(stream.want_hz), 1
-            )
+            every_hz = round(stream.want_hz)
+            return dialect.MAVLink_request_data_stream_message(system, component, stream.group, every_hz, 1)
         self._pending = (stream, now)
-        interval_us = 1e6 / stream.want_hz
-        return command(system, component, _SET_INTERVAL, stream.request, interval_us)
+        return command(system, component, _SET_INTERVAL, stream.ids[0], 1e6 / stream.want_hz)
 
     def _ask_home(self, system: int, component: int) -> Any:
         """Request the home position with REQUEST_MESSAGE and the older GET_HOME_POSITION, in turn."""
         self._home_asks += 1
-        if self._home_asks % 2:
-            home = dialect.MAVLINK_MSG_ID_HOME_POSITION
-            return command(system, component, dialect.MAV_CMD_REQUEST_MESSAGE, home)
-        return command(system, component, dialect.MAV_CMD_GET_HOME_POSITION)
+        if not self._home_asks % 2:
+            return command(system, component, dialect.MAV_CMD_GET_HOME_POSITION)
+        return command(system, component, dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HOME_POSITION)
 
     def _change_kind(self, stream: Stream, now: float) -> None:
         stream.by_group = not stream.by_group

@@ -38,7 +38,8 @@ from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay
 from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import COMPONENT, Session
+from arva_hil.vehicle.followed import COMPONENT
+from arva_hil.vehicle.session import Session
 from firmware_proto import INTERFERENCE, SELF_TEST_FAULT, Decoder, Frame
 
 ROOT = Path(__file__).parents[2]
