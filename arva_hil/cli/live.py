@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 
-from arva_hil.cli.live_options import FOXGLOVE
+from arva_hil.cli.arguments.shared import FOXGLOVE
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario

@@ -1,4 +1,4 @@
-"""Options: groups that commands share, their environment variables, and the values that they accept."""
+"""Options: their environment variables, and converters for the values that they accept."""
 
 from __future__ import annotations
 
@@ -9,17 +9,13 @@ import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final, NoReturn
+from typing import Any, Final, NoReturn
 
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import show
-from arva_hil.config import FRAMES_HZ, LARGEST_SEED
-from arva_hil.errors import KindError
-from arva_hil.links import AddressError, parse
-from arva_hil.registry import FORMATS, OBSERVERS, Registry
-
-if TYPE_CHECKING:
-    from arva_hil.config import Fault
+from arva_hil.errors import ArvaError
+from arva_hil.links import parse
+from arva_hil.registry import Registry
 
 DEFAULT_AUTOPILOT: Final = "udpin:127.0.0.1:14550"
 PREFIX: Final = "ARVA_HIL_"
@@ -36,15 +32,38 @@ class CommandParser(argparse.ArgumentParser):
         self._given: Sequence[str] = ()
         self.tells_sources = False  # whether the result has `sources`: where each option was given
 
-    def option(self, *flags: str, **kwargs: Any) -> None:
-        """`add_argument` for an option that has an environment variable too."""
-        action = self.add_argument(*flags, **kwargs)
-        self._environment[PREFIX + action.dest.upper()] = action
+    def option(
+        self,
+        names: str,
+        help: str,
+        convert: Callable[[str], Any] | None = None,
+        default: Any = None,
+        *,
+        environment: bool = True,
+        **more: Any,
+    ) -> None:
+        """Add an option. `names`: its flags and the word for its value, e.g. "--rate HZ"; without a word it is a flag.
 
-    def typed(self, flag: str, **kwargs: Any) -> None:
-        """`add_argument` for a flag without an environment variable, so that a forgotten one cannot set it."""
-        self.add_argument(flag, **kwargs)
-        self.typed_only.append(flag)
+        `convert`: makes the value of a text; ValueError or ArvaError say what is wrong with it. A default that is a
+        number or a word is added to the help, if that does not tell it. `environment`: whether there is a variable too;
+        a forgotten variable cannot set an option without one. `const`: the value of the option alone. `more`: see
+        `add_argument`.
+        """
+        words = names.split()
+        flags = [word for word in words if word.startswith("-")]
+        if "const" in more:
+            more["nargs"] = "?"
+        if len(flags) < len(words):
+            more["metavar"], more["type"] = words[-1], convert
+        elif not more.keys() & {"choices", "action"}:
+            more["action"], default = "store_true", False
+        if "default" not in help and isinstance(default, int | float | str) and "action" not in more:
+            help += f"; default {default if isinstance(default, str) else f'{default:g}'}"
+        action = self.add_argument(*flags, default=default, help=help, **more)
+        if environment:
+            self._environment[PREFIX + action.dest.upper()] = action
+        else:
+            self.typed_only += flags
 
     @property
     def arguments(self) -> Sequence[argparse.Action]:
@@ -94,6 +113,12 @@ class CommandParser(argparse.ArgumentParser):
             raise UsageError(f"{name}={value}: {error.message}") from None
         return [f"{flag}={one}" for one in values]
 
+    def _get_value(self, action: argparse.Action, text: str) -> Any:
+        try:
+            return action.type(text) if callable(action.type) else text
+        except (ValueError, ArvaError) as error:
+            raise argparse.ArgumentError(action, str(error)) from None
+
     def _print_message(self, message: str, file: object = None) -> None:
         """Print the help on stdout. argparse itself hides an error of stdout."""
         for line in message.splitlines():
@@ -124,7 +149,8 @@ def number(low: float, high: float, unit: str = "") -> Callable[[str], float]:
     def convert(text: str) -> float:
         value = float(text) if re.fullmatch(_NUMBER, text) else math.nan
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text!r}: expected a number{unit} {_range(low, high)}")
+            span = f"of at least {low:g}" if high == math.inf else f"{low:g}…{high:g}"
+            raise ValueError(f"{text!r}: expected a number{unit} {span}")
         return value
 
     return convert
@@ -136,14 +162,27 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     def convert(text: str) -> int:
         value = int(text) if re.fullmatch("[-+]?[0-9]{1,19}", text) else low - 1
         if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text!r}: expected a whole number {low}…{high}")
+            raise ValueError(f"{text!r}: expected a whole number {low}…{high}")
         return value
 
     return convert
 
 
-def _range(low: float, high: float) -> str:
-    return f"of at least {low:g}" if high == math.inf else f"{low:g}…{high:g}"
+def numbers(expected: str, *ranges: tuple[float, float], optional: int = 0) -> Callable[[str], tuple[float, ...]]:
+    """A converter for numbers with commas between them, each in its range. The last `optional` may be left out: 0."""
+
+    def convert(text: str) -> tuple[float, ...]:
+        try:
+            values = tuple(map(float, text.split(",")))
+        except ValueError:
+            values = ()
+        if optional and len(values) == len(ranges) - optional:
+            values += (0.0,) * optional
+        if len(values) != len(ranges) or not all(a <= v <= b for v, (a, b) in zip(values, ranges, strict=True)):
+            raise ValueError(f"{text!r}: expected {expected}")
+        return values
+
+    return convert
 
 
 def speed(text: str) -> float:
@@ -151,23 +190,10 @@ def speed(text: str) -> float:
     return math.inf if text == "max" else number(0.01, 1000)(text)
 
 
-def address(text: str) -> str:
+def link(text: str) -> str:
     """A converter that accepts only connection strings."""
-    try:
-        parse(text)
-    except (AddressError, KindError) as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    parse(text)
     return text
-
-
-def fault(text: str) -> Fault | None:
-    """A converter for a fault; `none` is None."""
-    from arva_hil.config import parse_fault  # slow to import
-
-    try:
-        return None if text == "none" else parse_fault(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def kind(registry: Registry, without: Collection[str] = ()) -> Callable[[str], str]:
@@ -176,105 +202,9 @@ def kind(registry: Registry, without: Collection[str] = ()) -> Callable[[str], s
     def convert(text: str) -> str:
         usual = [name for name in registry if name not in without]
         if text in without:
-            raise argparse.ArgumentTypeError(f"{text!r}: expected {', '.join(usual)} or one of another package")
-        try:
-            if text not in usual:
-                registry[text]
-        except KindError as error:
-            raise argparse.ArgumentTypeError(str(error)) from None
+            raise ValueError(f"{text!r}: expected {', '.join(usual)} or one of another package")
+        if text not in usual:
+            registry[text]
         return text
 
     return convert
-
-
-def add_format(parser: CommandParser, *, default: str | None = None, without: Collection[str] = ()) -> None:
-    """The format of frames; without a default the scenario's."""
-    names = ", ".join(name for name in FORMATS if name not in without)
-    usual = default or "the scenario's"
-    parser.option(
-        "--format",
-        type=kind(FORMATS, without),
-        default=default,
-        metavar="NAME",
-        help=f"format of the frames: {names}; default {usual}",
-    )
-
-
-def add_scenario(parser: CommandParser) -> None:
-    """Options of what is emulated."""
-    parser.option(
-        "--scenario",
-        metavar="FILE",
-        help="scenario (YAML), or builtin:NAME; default: one transmitter 20 m N, 5 m E of home",
-    )
-    add_format(parser)
-    parser.option("--rate", type=number(*FRAMES_HZ, " of Hz"), metavar="HZ", help="frames per second, 0.1…50")
-    parser.option("--seed", type=whole(0, LARGEST_SEED), metavar="N", help="seed of the noise and the faults")
-    parser.option(
-        "--fault",
-        type=fault,
-        action="append",
-        metavar="NAME=VALUE@FROM-UNTIL",
-        help="add a fault, e.g. drop=0.02@10-60, in seconds from the start; `none` removes all faults before it",
-    )
-
-
-def add_autopilot(parser: CommandParser) -> None:
-    """Options of the autopilot's side."""
-    parser.option(
-        "--autopilot",
-        "--master",
-        type=address,
-        metavar="URL",
-        help=f"link to the autopilot; default: the one on USB, else {DEFAULT_AUTOPILOT}",
-    )
-    parser.option(
-        "--stream-rate",
-        type=number(1, 200, " of Hz"),
-        default=50.0,
-        metavar="HZ",
-        help="rate of position and attitude to request; default 50",
-    )
-
-
-def add_target(parser: CommandParser) -> None:
-    """Options that choose the vehicle to follow."""
-    parser.option("--target-system", type=whole(1, 255), metavar="N", help="follow only this MAVLink system id")
-    parser.option("--target-component", type=whole(1, 255), metavar="N", help="… and component id; default 1")
-
-
-def add_signing(parser: CommandParser) -> None:
-    """MAVLink 2 signing."""
-    parser.option(
-        "--signing-key",
-        metavar="FILE",
-        help="sign packets, and accept only packets signed with the same key; the file contains 64 hexadecimal digits "
-        "or a passphrase as in MAVProxy and QGroundControl, and only its owner may read it",
-    )
-
-
-def add_max_age(parser: CommandParser) -> None:
-    """How old a pose may be."""
-    parser.option(
-        "--max-age", type=number(0.05, 60, " of s"), default=2.0, metavar="S", help="do not use older poses; default 2"
-    )
-
-
-def add_duration(parser: CommandParser) -> None:
-    """The time to run."""
-    seconds = number(0.001, math.inf, " of s")
-    parser.option("--duration", type=seconds, default=math.inf, metavar="S", help="end after this long")
-
-
-def add_common(parser: CommandParser) -> None:
-    """Options of nearly every command."""
-    parser.option("--record", metavar="DIR", help="record packets, frames and readings in the folder DIR")
-    parser.option("--json", action="store_true", help="print a JSON object for each frame and event on stdout")
-    parser.option(
-        "--observer",
-        type=kind(OBSERVERS),
-        action="append",
-        metavar="NAME",
-        help="add an observer of an installed package, which gets every event",
-    )
-    parser.option("-v", "--verbose", action="count", default=0, help="print a line for every frame")

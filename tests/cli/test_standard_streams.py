@@ -112,7 +112,7 @@ def test_an_option_of_another_command_is_none_to_speak_of(
 
 def test_a_variable_for_what_has_to_be_typed_is_named() -> None:
     parser = CommandParser(prog="x")
-    parser.typed("--yes", action="store_true")
+    parser.option("--yes", "", environment=False)
     assert main.unknown_variables({"ARVA_HIL_YES": "1"}, parser, ["check"]) == [
         "ARVA_HIL_YES is not read: type --yes each time"
     ]

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from arva_hil.cli.live_options import foxglove
+from arva_hil.cli.arguments.shared import foxglove
 from arva_hil.config import DEFAULT
 from arva_hil.events import DatumSet
 from arva_hil.messages.live import LiveMessages
