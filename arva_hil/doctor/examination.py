@@ -19,7 +19,7 @@ from arva_hil.links import Address, Link, LinkEnded, LinkError, Sender
 from arva_hil.links.processes import far_program, holders, unread
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import RESULTS, Packet, dialect
-from arva_hil.observers.console.sentences import stream as stream_words
+from arva_hil.observers.console.sentences import sentence
 from arva_hil.runtime.clock import Clock
 from arva_hil.vehicle.discovery import is_autopilot, short_name
 from arva_hil.vehicle.session import Session
@@ -117,8 +117,8 @@ class AutopilotProbe:
         if self.session.vehicle:
             self.followed_at = min(self.followed_at, now)
         for event in self.session.take_events():
-            if isinstance(event, StreamEvent):
-                self._said[event.stream] = stream_words(event)
+            if isinstance(event, StreamEvent) and (said := sentence(event)):
+                self._said[event.stream] = said.text.removeprefix(event.stream).lstrip(": ")
 
     def _on_heartbeat(self, packet: Packet, now: float) -> None:
         message = self.session.parser.decode(packet)
