@@ -12,8 +12,6 @@ import numpy as np
 
 from arva_hil.field.arrays import Array
 
-__all__ = ["BLOCK", "field_parts", "fill_field"]
-
 BLOCK: Final = 4096  # points
 _NEAREST_M: Final = 0.01  # as of `dipole.field_of`
 _SQUARES: Final = (1e-200, 1e200)  # of distances: outside, they lose their digits or are no numbers

@@ -16,8 +16,6 @@ from arva_hil.field.blocks import fill_field
 from arva_hil.field.keying import Keying
 from arva_hil.field.medium import AIR, Medium
 
-__all__ = ["Transmitters", "dipole_field", "field_of"]
-
 NEAREST_M: Final = 0.01  # a receiver closer than this reads as if it were this far: the field stays finite
 
 _MANY: Final = 300  # numbers: from so many on, blocks are quicker

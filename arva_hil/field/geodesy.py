@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike
 
 from arva_hil.field.arrays import Array, floats, vector
 
-__all__ = ["LocalFrame", "to_ecef"]
-
 _A = 6378137.0  # semi-major axis
 _F = 1 / 298.257223563  # flattening
 _B = _A * (1 - _F)

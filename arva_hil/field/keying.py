@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 
 from arva_hil.field.arrays import Array
 
-__all__ = ["CARRIER_HZ", "KEYING_CLASSES", "Keying", "KeyingClass", "Pulses", "draw_keying", "outside_norm"]
-
 CARRIER_HZ: Final = 457_000.0
 JITTER_S: Final = 0.2e-3  # assumption
 DRIFT_PPM: Final = 20.0  # assumption

@@ -14,8 +14,6 @@ import numpy as np
 from arva_hil.field.arrays import Array
 from arva_hil.field.keying import CARRIER_HZ
 
-__all__ = ["AIR", "DipoleKind", "Medium", "skin_depth_m"]
-
 DipoleKind = Literal["static", "full"]
 
 _LIGHT_M_S: Final = 299_792_458.0

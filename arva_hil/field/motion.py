@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from arva_hil.field.dipole import Transmitters
 
-__all__ = ["Following", "MovingTransmitters", "Waypoints"]
-
 Array = NDArray[np.float64]
 PoseOf = Callable[[int], tuple[Array, Array] | None]
 """System id → position (3,) NED, metres, and body → NED (3, 3) of that vehicle now; None: it is not heard."""

@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.field.rotation import to_matrix
 
-__all__ = ["Mount"]
-
 Array = NDArray[np.float64]
 
 

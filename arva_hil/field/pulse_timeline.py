@@ -7,8 +7,6 @@ from typing import Final, NamedTuple
 
 from arva_hil.field.keying import Keying
 
-__all__ = ["Pulse", "PulseTimeline", "SentPulse"]
-
 _STRETCH_PULSES: Final = 128  # made at a time, about
 
 

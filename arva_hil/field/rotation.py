@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.field.quaternion import NO_ROTATION, matrix
 
-__all__ = ["from_euler", "from_rotation_vector", "multiply", "slerp", "to_euler", "to_matrix"]
-
 Array = NDArray[np.float64]
 
 

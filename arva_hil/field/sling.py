@@ -10,8 +10,6 @@ import numpy as np
 
 from arva_hil.field.arrays import Array
 
-__all__ = ["Sling"]
-
 _G_M_S2: Final = 9.81
 _STEEPEST: Final = 0.9  # the rope's horizontal part, of its length: the linear law is none for larger swings
 _LONGEST_S: Final = 5.0  # behind a gap as long as this it hangs at rest

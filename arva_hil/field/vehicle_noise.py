@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["VehicleNoise"]
-
 Point = tuple[float, float, float]
 
 _AT_M: Final = 0.5  # where a motor's noise is given; makers ask for as much between a receiver and electronics

@@ -11,8 +11,6 @@ from arva_hil.receiver.reading import Zone
 from arva_hil.receiver.separation import Vector
 from arva_hil.receiver.track import Shown
 
-__all__ = ["Display"]
-
 _LARGEST_CM: Final = 9900
 
 

@@ -15,8 +15,6 @@ from arva_hil.receiver.pulsed_options import PulsedOptions
 from arva_hil.receiver.receiver_model import Impairment, Look, ReceiverSettings
 from arva_hil.receiver.separation import Vector
 
-__all__ = ["Listening", "NoiseDraws"]
-
 _IDLE_S: Final = 1.0  # a look is never longer than this after the one before
 _FLOOR_RANGE_M: Final = 80.0  # the noise that a receiver is made for is the reference transmitter's field from there
 _BATCH: Final = 256

@@ -19,8 +19,6 @@ from arva_hil.field.medium import AIR
 from arva_hil.receiver.noise import NoiseSource, noise_bound
 from arva_hil.receiver.paper import INNER_M, MID_M, Antennas, outputs, receive, rounded
 
-__all__ = ["Readings", "readings"]
-
 _NEAR = 1.0001  # a field so much weaker than at the inner zone's edge is looked at closely all the same
 
 Ints = NDArray[np.int64]

@@ -10,8 +10,6 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NoiseKind", "NoiseSource", "draw_noise", "noise_bound"]
-
 Array = NDArray[np.float64]
 NoiseKind = Literal["uniform", "gaussian", "off"]
 

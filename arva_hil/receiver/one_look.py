@@ -13,8 +13,6 @@ from typing import Final
 
 from arva_hil.field.dipole import NEAREST_M, Dipole
 
-__all__ = ["FEW", "Heard", "Vector", "output", "signals"]
-
 FEW: Final = 24  # transmitters: with more, arrays are quicker
 
 _SMALLEST: Final = 1e-200  # of a field: d is finite where there is none

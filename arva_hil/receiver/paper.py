@@ -16,17 +16,6 @@ from arva_hil.receiver.one_look import FEW, output, signals
 from arva_hil.receiver.reading import ChannelReading, Reading, Zone
 from arva_hil.receiver.receiver_model import Answer, Impairment, Look, Pose, ReceiverSettings
 
-__all__ = [
-    "INNER_M",
-    "MID_M",
-    "Antennas",
-    "PaperReceiver",
-    "distance",
-    "outputs",
-    "receive",
-    "rounded",
-]
-
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 

@@ -19,8 +19,6 @@ from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
 from arva_hil.receiver.separation import Vector, separate
 from arva_hil.receiver.slots import Slots
 
-__all__ = ["PulsedReceiver", "VectorReceiver"]
-
 _MOVED_M: Final = 1.0  # less is no motion
 
 

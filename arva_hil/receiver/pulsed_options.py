@@ -13,8 +13,6 @@ from annotated_types import Ge, Gt, Le
 
 from arva_hil.receiver.paper import distance
 
-__all__ = ["PulsedOptions"]
-
 _REFERENCE_M: Final = 10.0  # the norm's distance
 _NA_PER_UA: Final = 1e3
 

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
-__all__ = ["ChannelReading", "PulseReading", "Reading", "Zone", "with_true_ranges"]
-
 
 class Zone(IntEnum):
     """The zone of a transmitter. OUTER, in which it is not heard, is false."""

@@ -15,8 +15,6 @@ from arva_hil.field.arrays import Array, vector
 from arva_hil.field.dipole import Transmitters
 from arva_hil.receiver.reading import Reading
 
-__all__ = ["Answer", "Impairment", "Look", "Pose", "ReceiverModel", "ReceiverSettings"]
-
 
 @dataclass(frozen=True, slots=True)
 class Pose:

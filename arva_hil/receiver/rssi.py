@@ -17,8 +17,6 @@ from arva_hil.receiver.reading import ChannelReading, PulseReading, Reading, Zon
 from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
 from arva_hil.receiver.separation import Vector
 
-__all__ = ["RssiReceiver"]
-
 _HOLD_S: Final = 1.5
 
 

@@ -16,8 +16,6 @@ from typing import Final, NamedTuple
 from arva_hil.field.keying import Keying
 from arva_hil.field.pulse_timeline import SentPulse
 
-__all__ = ["Event", "Vector", "separate"]
-
 Vector = tuple[float, float, float]
 """A signal at the three antennas, signed."""
 

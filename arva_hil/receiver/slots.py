@@ -9,8 +9,6 @@ from arva_hil.receiver.listening import Listening
 from arva_hil.receiver.reading import ChannelReading, PulseReading, Zone
 from arva_hil.receiver.track import Marks, Reach, Track
 
-__all__ = ["Slots"]
-
 _REACH: Final = Reach()
 
 

@@ -12,8 +12,6 @@ from typing import Final
 
 from arva_hil.receiver.separation import Event, Vector
 
-__all__ = ["Mark", "Marks", "Reach", "Shown", "Track"]
-
 _GATE_S: Final = 3e-3
 _GATE_HZ: Final = 10.0
 _PERIODS_S: Final = (0.4, 2.0)  # in which two pulses are taken for a rhythm

@@ -17,22 +17,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = [
-    "MOMENT",
-    "RIDGE",
-    "SETTLED",
-    "TAIL",
-    "USUAL",
-    "WIDE",
-    "Fit",
-    "Readings",
-    "evaluate",
-    "likely_pose_error",
-    "refine",
-    "seeds",
-    "the_better",
-]
-
 Array = NDArray[np.float64]
 
 # Known beforehand.

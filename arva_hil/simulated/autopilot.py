@@ -11,8 +11,6 @@ from typing import Final, NamedTuple
 
 from arva_hil.simulated.multirotor import CONTACT_M, STEP_US, Multirotor, Vector
 
-__all__ = ["Mode", "SetPoint", "SimulatedAutopilot"]
-
 _TIMEOUT: Final = 3_000_000 // STEP_US  # GUID_TIMEOUT, in steps
 _RESTED: Final = 1_000_000 // STEP_US  # on the ground for so long is landed
 _IDLE: Final = 10_000_000 // STEP_US  # DISARM_DELAY

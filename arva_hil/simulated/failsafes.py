@@ -10,8 +10,6 @@ from typing import Final, NamedTuple
 from arva_hil.mavlink.codec import dialect
 from arva_hil.simulated.autopilot import Mode
 
-__all__ = ["FAILSAFES", "Failsafe"]
-
 
 class Failsafe(NamedTuple):
     """What the vehicle says, and the mode it changes to when it is armed. `empty`: its battery is."""

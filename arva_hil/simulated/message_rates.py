@@ -8,8 +8,6 @@ from typing import Final
 from arva_hil.mavlink.codec import dialect
 from arva_hil.simulated.messages import BUILDERS
 
-__all__ = ["MessageRates"]
-
 _HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _HEARTBEAT_US: Final = 1_000_000
 _SHORTEST_US: Final = 3000

@@ -14,8 +14,6 @@ from arva_hil.simulated.autopilot import Mode, SetPoint, SimulatedAutopilot
 from arva_hil.simulated.multirotor import Motion, Multirotor, Vector
 from arva_hil.simulated.position import Home
 
-__all__ = ["BUILDERS", "SENSORS", "VehicleReport", "read_set_point"]
-
 Message = Any  # pymavlink's generated classes carry no types
 
 _RANGE_CM: Final = 4000

@@ -17,8 +17,6 @@ from typing import Final, NamedTuple
 
 from arva_hil.field.quaternion import Quaternion, from_euler
 
-__all__ = ["CONTACT_M", "STEP_US", "Motion", "Multirotor", "Vector"]
-
 Vector = tuple[float, float, float]
 
 STEP_US: Final = 10_000

@@ -9,8 +9,6 @@ from typing import Final
 from arva_hil.mavlink.codec import dialect
 from arva_hil.simulated.autopilot import Mode, SimulatedAutopilot
 
-__all__ = ["ACCEPTED", "DENIED", "FAILED", "ORDERS", "UNSUPPORTED", "Params", "set_mode", "whole"]
-
 Params = tuple[float, ...]  # of a command, seven
 
 ACCEPTED: Final[int] = dialect.MAV_RESULT_ACCEPTED

@@ -6,8 +6,6 @@ from typing import Any, Final
 
 from arva_hil.mavlink.codec import dialect
 
-__all__ = ["every_value", "value_asked_for"]
-
 Message = Any  # pymavlink's generated classes carry no types
 
 _VALUES: Final = {"FS_THR_ENABLE": 1, "FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "GUID_TIMEOUT": 3, "RCMAP_THROTTLE": 3}

@@ -9,8 +9,6 @@ from typing import Final
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.simulated.multirotor import Vector
 
-__all__ = ["Home", "PositionError"]
-
 _NODE_US: Final = 1_000_000
 _REMEMBERED: Final = math.exp(-_NODE_US / 30e6)  # of the raw error after a second
 _SLOW: Final = math.exp(-_NODE_US / 5e6)  # of the smoothed one

@@ -22,8 +22,6 @@ from arva_hil.simulated.orders import ACCEPTED, DENIED, FAILED, ORDERS, UNSUPPOR
 from arva_hil.simulated.parameters import every_value, value_asked_for
 from arva_hil.simulated.position import Home, PositionError
 
-__all__ = ["SimulatedVehicle", "Truth"]
-
 Message = Any  # pymavlink's generated classes carry no types
 
 _COMPONENT: Final = dialect.MAV_COMP_ID_AUTOPILOT1
