@@ -61,16 +61,14 @@ class FollowedSystem:
 
     def pose(self, t: float, frame: LocalFrame) -> tuple[Array, Array] | None:
         """Position (3,) NED in `frame`, metres, and body → NED (3, 3) at `t`; None when it is not heard."""
-        boot = self._navigation.clock.boot(t)
-        state = None if boot is None else self._navigation.track.at(boot, frame)
+        state = self._navigation.track.at(self._navigation.clock.boot(t), frame)
         if state is None or state.age_s > _SILENT_S:
             return None
         return state.position, rotation.to_matrix(state.attitude)
 
     def known_at(self, t: float) -> bool:
-        """What there is to know of its pose at `t` is known."""
-        boot = self._navigation.clock.boot(t)
-        return boot is None or self._newest is None or self._newest >= boot
+        """Whether no later message can change its pose at `t`."""
+        return self._navigation.track.is_known(self._navigation.clock.boot(t))
 
     def look(self, now: float) -> Event | None:
         """That it has fallen silent, or is heard again; None when nothing has changed."""
@@ -170,6 +168,7 @@ class EmulatedVehicle:
 
     @property
     def known(self) -> bool:
+        """Whether the vehicle was found."""
         return self.session.vehicle is not None
 
     @property
@@ -184,21 +183,29 @@ class EmulatedVehicle:
             self._motors.hear()
 
     def load(self) -> float:
+        """The load of its motors now, 0…1."""
         return self._motors.load if self._motors else 0.0
 
     def boot(self, t: float) -> float | None:
+        """The time `t` on the vehicle's clock [s]."""
         return self.session.clock.boot(t)
 
     def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
+        """The true and the reported state at `t`, NED from the datum; None: not known.
+
+        Both are the same object if the report counts as the truth.
+        """
         if (frame := self.datum.frame) is None:
             return None, None
         reported = self.session.state_at(t, frame)
         return self.true_state.at(t, frame, reported), reported
 
-    def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    def pose_of(self, system: int, t: float) -> tuple[Array, Array] | None:
+        """Position (3,) NED from the datum [m] and body → NED (3, 3) of another vehicle; None: it is not heard."""
         return self._followed.pose(system, t, self.datum.frame) if self.datum.frame else None
 
     def lacking(self) -> NoPose:
+        """Why there is no pose."""
         if self.datum.frame is None and self.session.track.newest is not None:
             return NoPose("no home")
         return self.true_state.lacking() or self.session.why_no_pose()

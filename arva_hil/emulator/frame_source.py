@@ -6,13 +6,13 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import receiver
 from arva_hil.emulator.formats import frame_of
 from arva_hil.emulator.host_commands import HostCommands
-from arva_hil.emulator.virtual_receiver import PoseSource, VirtualReceiver
+from arva_hil.emulator.virtual_receiver import VirtualReceiver
 from arva_hil.events import (
     BytesSent,
     CommandAnswered,
@@ -27,6 +27,9 @@ from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
 from arva_hil.field import LocalFrame
 from firmware_proto import Frame, HostForm
+
+if TYPE_CHECKING:
+    from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 
 _LATE_S: Final = 0.05  # a frame that is made later is late, and
 _OFTEN: Final = 10  # so many more late ones than others are worth saying
@@ -147,7 +150,7 @@ class FrameSource:
         """The datum is there now."""
         self.receiver.place(frame, scenario)
 
-    def advance(self, now: float, vehicle: PoseSource, *, live: bool, ready: Callable[[float], bool]) -> None:
+    def advance(self, now: float, vehicle: EmulatedVehicle, *, live: bool, ready: Callable[[float], bool]) -> None:
         """Look and make frames at the instants that have come and are `ready`, and release what a fault has held up
         until now.
 
@@ -217,7 +220,7 @@ class FrameSource:
         outputs, self.outputs = self.outputs, []
         return outputs
 
-    def _make(self, t: float, now: float, vehicle: PoseSource) -> None:
+    def _make(self, t: float, now: float, vehicle: EmulatedVehicle) -> None:
         number, instant_s = self.schedule.number, t - self._start
         if self.faults:
             self.faults.begin(number, instant_s)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import replace
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -70,50 +70,29 @@ class PoseError:
         return before + (steps - number) * (after - before)
 
 
-class TrueState(Protocol):
-    """Times are seconds on the driver's clock."""
+class TrueState:
+    """The true state of a session's vehicle: what it reports. Times are seconds on the driver's clock."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
 
     def hear(self, now: float) -> None:
         """The session has been fed."""
 
     def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
         """The true state at `t` in the NED frame `frame`; `reported`: what the vehicle reports for that instant."""
-
-    def known_at(self, t: float) -> bool:
-        """What there is to know of it at `t` is known."""
-
-    def lacking(self) -> NoPose | None:
-        """Why there is none; None when that is because the vehicle reports none."""
-
-
-def true_state(scenario: Scenario, session: Session, start: float) -> TrueState:
-    """As the scenario has it. `start`: of the run."""
-    if scenario.pose == "truth":
-        return _BySimulator(session)
-    error = scenario.navigation_error
-    return _WithError(error, scenario.seed, session, start) if error else _AsReported(session)
-
-
-class _AsReported:
-    """The report counts as the truth."""
-
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def hear(self, now: float) -> None: ...
-
-    def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
         return reported
 
     def known_at(self, t: float) -> bool:
-        boot, newest = self._session.clock.boot(t), self._session.track.newest
-        return boot is None or newest is None or newest >= boot
+        """Whether no later message can change the state at `t`."""
+        return self._session.track.is_known(self._session.clock.boot(t))
 
     def lacking(self) -> NoPose | None:
+        """Why there is no true state; None if the reason is that the vehicle reports no state."""
         return None
 
 
-class _WithError(_AsReported):
+class _WithError(TrueState):
     """The truth is the report and an error. What is reported is `latency_s` old: the truth is what will be reported."""
 
     def __init__(self, error: NavigationError, seed: int, session: Session, start: float) -> None:
@@ -133,21 +112,29 @@ class _WithError(_AsReported):
         return super().known_at(t + self._latency_s)
 
 
-class _BySimulator:
+class _BySimulator(TrueState):
+    """The truth is what the vehicle's simulator says."""
+
     def __init__(self, session: Session) -> None:
-        self._session = session
+        super().__init__(session)
         self._truth = SimulatorTruth(session)
 
     def hear(self, now: float) -> None:
         self._truth.hear(now)
 
     def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
-        boot = self._session.clock.boot(t)
-        return None if boot is None else self._truth.track.at(boot, frame)
+        return self._truth.track.at(self._session.clock.boot(t), frame)
 
     def known_at(self, t: float) -> bool:
-        boot, newest = self._session.clock.boot(t), self._truth.track.newest
-        return boot is None or newest is None or newest >= boot
+        return self._truth.track.is_known(self._session.clock.boot(t))
 
     def lacking(self) -> NoPose | None:
         return None if self._session.track.newest is None else self._truth.lacking()
+
+
+def true_state(scenario: Scenario, session: Session, start: float) -> TrueState:
+    """The true state according to the scenario. `start`: of the run."""
+    if scenario.pose == "truth":
+        return _BySimulator(session)
+    error = scenario.navigation_error
+    return _WithError(error, scenario.seed, session, start) if error else TrueState(session)

@@ -4,50 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import mount, moving_transmitters, sling, vehicle_noise
-from arva_hil.emulator.datum import Datum
 from arva_hil.events import Event, PoseFound, PoseLost, PoseMissing, TooFar
 from arva_hil.field import LocalFrame, Transmitters
 from arva_hil.receiver import Impairment, Look, Pose, Reading, ReceiverModel
 from arva_hil.vehicle.pose_track import VehicleState
-from arva_hil.vehicle.reasons import NoPose
+
+if TYPE_CHECKING:
+    from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 
 _BLIND_S: Final = 8.0  # with a vehicle but without a pose, before that is worth an event
 _START_S: Final = math.nextafter(0.0, -1.0)  # no look is earlier than the run
-
-
-class PoseSource(Protocol):
-    """The vehicle as its receivers know it. `t`: seconds on the driver's clock."""
-
-    datum: Datum
-
-    def boot(self, t: float) -> float | None:
-        """The instant `t` on the vehicle's clock [s]."""
-
-    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
-        """Where the vehicle truly is at `t`, and where it reports to be, NED from the datum; None: not known.
-
-        The same object where the report counts as the truth.
-        """
-
-    def load(self) -> float:
-        """How hard its motors work now, 0…1."""
-
-    def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        """Position (3,) NED from the datum and body → NED (3, 3) of another vehicle; None: it is not heard."""
-
-    @property
-    def known(self) -> bool:
-        """There is a vehicle."""
-
-    def lacking(self) -> NoPose:
-        """Why there is no pose."""
 
 
 class Seen(NamedTuple):
@@ -104,7 +76,7 @@ class VirtualReceiver:
             raise ValueError(f"the receiver's model looks at {self._next_look_s:g} s, not later than {after_s:g} s")
         self.next_due = frame if self._next_look_s == frame_s else self._start + self._next_look_s
 
-    def look(self, now: float, vehicle: PoseSource) -> tuple[bool, list[Event]]:
+    def look(self, now: float, vehicle: EmulatedVehicle) -> tuple[bool, list[Event]]:
         """Look as planned, at the instant `next_due`: whether a frame is wanted at once, and what to tell at `now`."""
         t, self._look_s = self.next_due, self._next_look_s
         state, reported = vehicle.states(t)
@@ -118,7 +90,7 @@ class VirtualReceiver:
         self.seen = Seen(t, pose, reported_pose, state.age_s if state else None, there)
         return bool(self._model.look(Look(self._look_s, pose, there, impairment=self._deafened(vehicle)))), events
 
-    def show(self, t: float, now: float, vehicle: PoseSource) -> tuple[Reading, Sequence[Event]]:
+    def show(self, t: float, now: float, vehicle: EmulatedVehicle) -> tuple[Reading, Sequence[Event]]:
         """What it says at `t`, and what there is to tell of it at `now`."""
         reading = self._model.show(t - self._start)
         pose, datum = self.seen.pose, vehicle.datum
@@ -130,7 +102,7 @@ class VirtualReceiver:
         """How old at `t` the pose is that the newest reading rests on."""
         return None if self.seen.age_s is None else self.seen.age_s + (t - self.seen.t)
 
-    def _deafened(self, vehicle: PoseSource) -> Impairment | None:
+    def _deafened(self, vehicle: EmulatedVehicle) -> Impairment | None:
         """What the vehicle does to it."""
         noise = self._vehicle_noise
         return Impairment(noise_na_m=noise.sigma_na_m(self._place, vehicle.load())) if noise else None
@@ -155,7 +127,9 @@ class VirtualReceiver:
     def _is_fresh(self, state: VehicleState | None) -> bool:
         return state is not None and state.age_s <= self._max_age_s
 
-    def _pose_events(self, fresh: bool, state: VehicleState | None, now: float, vehicle: PoseSource) -> list[Event]:
+    def _pose_events(
+        self, fresh: bool, state: VehicleState | None, now: float, vehicle: EmulatedVehicle
+    ) -> list[Event]:
         """One event when the pose is lost or does not come, one when it is there."""
         about = now, *self._about
         if fresh != self._had_pose:

@@ -94,8 +94,7 @@ class FollowedVehicle:
 
     def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
         """The vehicle's pose at host time `now` in the NED frame `frame`, None if it is unknown."""
-        boot = self.clock.boot(now)
-        return None if boot is None else self.track.at(boot, frame)
+        return self.track.at(self.clock.boot(now), frame)
 
     def messages(self, wanted: Container[int]) -> Iterator[tuple[int, Any]]:
         """The vehicle's messages of these kinds in the last chunk: message id and message."""

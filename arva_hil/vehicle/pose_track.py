@@ -192,8 +192,15 @@ class PoseTrack:
         """The newest position."""
         return self._positions[-1] if self._positions else None
 
-    def at(self, boot: float, frame: LocalFrame) -> VehicleState | None:
-        """The pose at boot time `boot` [s] in the NED frame `frame`; None if position or attitude is unknown."""
+    def is_known(self, boot: float | None) -> bool:
+        """Whether no later sample can change the pose at boot time `boot` [s]; true before the first sample."""
+        newest = self.newest
+        return boot is None or newest is None or newest >= boot
+
+    def at(self, boot: float | None, frame: LocalFrame) -> VehicleState | None:
+        """The pose at boot time `boot` [s] in the NED frame `frame`; None if it is not known."""
+        if boot is None:
+            return None
         position = _around(self._positions, boot)
         attitude = _around(self._attitudes, boot)
         if position is None or attitude is None:
