@@ -73,33 +73,13 @@ def multiply(a: ArrayLike, b: ArrayLike) -> Array:
     )
 
 
-def slerp(q0: ArrayLike, q1: ArrayLike, u: ArrayLike) -> Array:
-    """From q0 (u = 0) to q1 (u = 1) the shortest way at a constant rate, (..., 4); u has the shape (...)."""
-    q0, q1, u = _unit(q0), _unit(q1), np.asarray(u, float)[..., None]
-    q1 = np.where(np.sum(q0 * q1, axis=-1, keepdims=True) < 0, -q1, q1)
-    turn = 2 * np.arctan2(_length(q1 - q0), _length(q1 + q0)) / np.pi  # 0 … 0.5: sinc never reaches 0
-    return _unit((1 - u) * np.sinc((1 - u) * turn) * q0 + u * np.sinc(u * turn) * q1)
-
-
-def from_rotation_vector(v: ArrayLike) -> Array:
-    """Quaternion (..., 4) of a turn by ‖v‖ radians about v (..., 3); v = 0 is no turn."""
-    v = np.asarray(v, float)
-    angle = _length(v)
-    return np.concatenate([np.cos(angle / 2), v / 2 * np.sinc(angle / (2 * np.pi))], axis=-1)
-
-
 def _stack(*parts: Array) -> Array:
     return np.stack(np.broadcast_arrays(*parts), axis=-1)
 
 
-def _length(v: Array) -> Array:
-    length: Array = np.sqrt(np.add.reduce(v * v, axis=-1, keepdims=True))
-    return length
-
-
 def _unit(q: ArrayLike) -> Array:
     q = np.asarray(q, float)
-    length = _length(q)
+    length = np.sqrt(np.add.reduce(q * q, axis=-1, keepdims=True))
     if not ((length > 0) & (length < np.inf)).all():
         raise ValueError(NO_ROTATION)
     return q / length
