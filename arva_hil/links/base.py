@@ -6,9 +6,10 @@ import contextlib
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Hashable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from arva_hil.errors import ArvaError
+from arva_hil.links.url import show
 from arva_hil.runtime.clock import Clock, await_descriptors
 
 Sender = Hashable  # one of several senders on a link; None if the link has only one
@@ -66,6 +67,7 @@ class Link(ABC):
     renewals: int = 0
     returns: int = 0
     why: str = ""
+    _open: bool = True
 
     @property
     def away(self) -> bool:
@@ -109,6 +111,10 @@ class Link(ABC):
         self.renewals += 1
         self.returns += lasting
 
+    def _check_open(self) -> None:
+        if not self._open:
+            raise LinkError(self.name, "is closed")
+
     def fileno(self) -> int | None:
         """A descriptor to wait on; None if there is none, and `ready` must be polled."""
         return None
@@ -117,6 +123,39 @@ class Link(ABC):
         """Whether `read` would return bytes or raise an error."""
         fd = self.fileno()
         return fd is not None and await_descriptors([fd])
+
+
+class SeveralSenders(Link):
+    """A link on which several senders may be heard. Remembers the `peer`, the one that `follow` has set."""
+
+    peer: Any = None
+    _others: Collection[Any] | None = None  # receivers of writes while there is no peer; None: every sender
+    _pinned: bool = False
+
+    def read(self) -> bytes:
+        return b"".join([data for _, data in self.receive()])
+
+    def follow(self, peer: Sender, others: Collection[Sender] = ()) -> None:
+        if self._pinned:
+            return
+        self._others = others
+        if peer == self.peer:
+            return
+        if self.peer is not None:
+            self._gone(LinkError(self.name, f"lost: {show(*self.peer[:2])} is silent"))
+        self.peer = peer
+        if self.away:
+            self._renewed()
+
+    def pin(self) -> None:
+        self._pinned = True
+
+    def _hears(self, sender: Any) -> bool:
+        """Whether a sender that is not the peer is read. Counts it if there is a peer."""
+        if self.peer is not None:
+            self.strangers += 1
+            self.stranger = self.stranger or show(*sender[:2])
+        return not self._pinned
 
 
 CHUNK: Final = 65536  # bytes asked of the system at a time
@@ -140,7 +179,6 @@ class StreamLink(Link):
     def __init__(self, name: str) -> None:
         self.name = name
         self._rest = b""
-        self._open = True
 
     @abstractmethod
     def _receive(self) -> bytes: ...
@@ -200,10 +238,6 @@ class StreamLink(Link):
             return self._send(data)
         except BlockingIOError:
             return 0
-
-    def _check_open(self) -> None:
-        if not self._open:
-            raise LinkError(self.name, "is closed")
 
     def _lost(self, error: OSError) -> LinkError:
         return LinkError(self.name, f"lost: {error.strerror or error}", self.hint)

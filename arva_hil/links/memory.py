@@ -15,7 +15,6 @@ class MemoryLink(Link):
         self._capacity = capacity
         self._inbox: deque[bytes] = deque()
         self._far: MemoryLink = self
-        self._open = True
 
     def read(self) -> bytes:
         self._check_open()
@@ -44,10 +43,6 @@ class MemoryLink(Link):
 
     def ready(self) -> bool:
         return self._open and (bool(self._inbox) or not self._far._open)
-
-    def _check_open(self) -> None:
-        if not self._open:
-            raise LinkError(self.name, "is closed")
 
 
 def pair(capacity: int | None = None) -> tuple[MemoryLink, MemoryLink]:

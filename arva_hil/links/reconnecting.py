@@ -7,6 +7,7 @@ import math
 import socket
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from functools import partial
 from typing import Final
 
@@ -56,11 +57,10 @@ class ReconnectingLink(Link):
         self._sought = sought
         self._start = start
         self._wanted = wanted
-        self._attempt: OpeningAttempt | None = None
+        self._attempt: Future[Link] | None = None
         self._pause = _FIRST_PAUSE_S
         self._next_try = clock.now() + self._pause if self._awaited else math.inf
         self._since = -math.inf
-        self._open = True
         self._waker, self._wake = socket.socketpair()  # to wait on while there is no link
         self._wake.setblocking(False)
 
@@ -83,7 +83,7 @@ class ReconnectingLink(Link):
             self._lose(error)
             return b""
         if data and self.away:
-            self._last()
+            self.returns += 1
         return data
 
     def write(self, data: bytes) -> bool:
@@ -103,7 +103,7 @@ class ReconnectingLink(Link):
         if self._link:
             self._link.close()
         if self._attempt:
-            self._attempt.abandon()
+            self._attempt.add_done_callback(_close_link)
         self._waker.close()
         self._wake.close()
 
@@ -115,17 +115,16 @@ class ReconnectingLink(Link):
     def ready(self) -> bool:
         if self._link:
             return self._open and self._link.ready()
-        return self._open and self._attempt is not None and self._attempt.finished
+        return self._open and self._attempt is not None and self._attempt.done()
 
     def _current(self) -> Link | None:
         """The link, after a try to open it again if it is away."""
-        if not self._open:
-            raise LinkError(self.name, "is closed")
+        self._check_open()
         now = self._clock.now()
         if self._link is None:
             self._try(now)
         elif self.away and now - self._since >= _LASTING_S:
-            self._last()
+            self.returns += 1
         return self._link
 
     def _lose(self, error: LinkError) -> None:
@@ -149,9 +148,9 @@ class ReconnectingLink(Link):
         if self._attempt is None:
             if now < self._next_try:
                 return
-            self._attempt = OpeningAttempt(self._opener, self._wake)
-            self._start(self._attempt.run)
-        if not self._attempt.finished:
+            self._attempt = Future()
+            self._start(partial(self._open_again, self._attempt))
+        if not self._attempt.done():
             return
         attempt, self._attempt = self._attempt, None
         self._waker.recv(1)
@@ -167,48 +166,21 @@ class ReconnectingLink(Link):
             self._awaited = False
             self._renewed(lasting=False)
 
-    def _last(self) -> None:
-        self.returns += 1
-
-
-class OpeningAttempt:
-    """One try to open a link. Remembers the result, and closes the link if the try is abandoned."""
-
-    def __init__(self, opener: Callable[[], Link], wake: socket.socket) -> None:
-        self.finished = False
-        self._opener = opener
-        self._wake = wake
-        self._lock = threading.Lock()
-        self._abandoned = False
-        self._link: Link | None = None
-        self._error: Exception | None = None
-
-    def run(self) -> None:
+    def _open_again(self, attempt: Future[Link]) -> None:
+        """Open the link on a thread."""
         try:
-            link = self._opener()
+            settle = partial(attempt.set_result, self._opener())
         except Exception as error:
-            self._error = error
-        else:
-            with self._lock:
-                self._link = link
-                if self._abandoned:
-                    link.close()
+            settle = partial(attempt.set_exception, error)
         with contextlib.suppress(OSError):  # it is closed if nobody waits
             self._wake.send(b"!")
-        self.finished = True
+        settle()
 
-    def result(self) -> Link:
-        """The link. Raises the opener's error."""
-        if self._error:
-            raise self._error
-        assert self._link is not None
-        return self._link
 
-    def abandon(self) -> None:
-        with self._lock:
-            self._abandoned = True
-            if self._link:
-                self._link.close()
+def _close_link(attempt: Future[Link]) -> None:
+    """Close a link that was opened too late."""
+    if attempt.exception() is None:
+        attempt.result().close()
 
 
 def open_reconnecting(

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 
 from arva_hil.links.base import CHUNK, Absent, Link, LinkError, Opening, StreamLink
 from arva_hil.links.processes import listeners
-from arva_hil.links.url import Address
+from arva_hil.links.url import Address, show
 
 CONNECT_S: Final = 5.0  # time-out of the first try to connect
 BRIEF_S: Final = 0.5  # time-out of each later try
@@ -92,10 +92,6 @@ def set_up(sock: socket.socket, *, answered: bool) -> None:
     for name, value in {**_KEEP_ALIVE, "TCP_USER_TIMEOUT": _ANSWER_MS if answered else _TAKE_MS}.items():
         if hasattr(socket, name):
             sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
-
-
-def show(host: str, port: int) -> str:
-    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def resolve(name: str, host: str, port: int, kind: int) -> tuple[int, Any]:

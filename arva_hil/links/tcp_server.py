@@ -5,18 +5,18 @@ from __future__ import annotations
 import selectors
 import socket
 from collections.abc import Collection
-from typing import Any, Final
+from typing import Final
 
-from arva_hil.links.base import EndOfStream, Link, LinkError, Opening, Sender
-from arva_hil.links.tcp import SocketLink, listen_error, resolve, set_up, show
-from arva_hil.links.url import Address
+from arva_hil.links.base import EndOfStream, Link, LinkError, Opening, Sender, SeveralSenders
+from arva_hil.links.tcp import SocketLink, listen_error, resolve, set_up
+from arva_hil.links.url import Address, show
 from arva_hil.runtime.clock import Clock, RealClock
 
 MOST_CLIENTS: Final = 8  # further clients wait until there is room
 FULL_S: Final = 10.0  # a client that accepts no waiting bytes for this long is dropped
 
 
-class TcpServerLink(Link):
+class TcpServerLink(SeveralSenders):
     """Listens at `host:port` for clients, 8 at most. Each client is a sender, see `receive`.
 
     Until `follow` sets the peer, all clients are read, and each gets every write that it has room for. A client that
@@ -47,10 +47,6 @@ class TcpServerLink(Link):
         self._clock = clock or RealClock()
         self._answered = answered
         self._clients: dict[Sender, _Client] = {}  # in the order of their last bytes, or of their connection
-        self._peer: Sender = None
-        self._others: Collection[Sender] | None = None  # receivers of writes while there is no peer; None: all clients
-        self._pinned = False
-        self._open = True
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
 
@@ -61,21 +57,18 @@ class TcpServerLink(Link):
     def ready(self) -> bool:
         return self._open and bool(self._selector.select(0))
 
-    def read(self) -> bytes:
-        return b"".join([data for _, data in self.receive()])
-
     def receive(self) -> list[tuple[Sender, bytes]]:
         self._check_open()
         self._accept()
         came = [(sender, data) for sender in list(self._clients) if (data := self._hear(sender))]
-        return sorted(came, key=lambda each: each[0] != self._peer) if len(came) > 1 else came
+        return sorted(came, key=lambda each: each[0] != self.peer) if len(came) > 1 else came
 
     def write(self, data: bytes) -> bool:
         self._check_open()
         self._accept()
         taken = False
         for sender, client in list(self._clients.items()):
-            if self._others is None or sender == self._peer or (self._peer is None and sender in self._others):
+            if self._others is None or sender == self.peer or (self.peer is None and sender in self._others):
                 try:
                     taken = client.write(data) or taken
                 except LinkError as error:
@@ -87,19 +80,7 @@ class TcpServerLink(Link):
         return taken
 
     def follow(self, peer: Sender, others: Collection[Sender] = ()) -> None:
-        if self._pinned:
-            return
-        self._others = others
-        if peer == self._peer or peer not in self._clients:
-            return
-        if self._peer is not None:
-            self._gone(LinkError(self.name, f"lost: {_shown(self._peer)} is silent"))
-        self._peer = peer
-        if self.away:
-            self._renewed()
-
-    def pin(self) -> None:
-        self._pinned = True
+        super().follow(peer if peer in self._clients else self.peer, others)
 
     def close(self) -> None:
         if self._open:
@@ -126,13 +107,7 @@ class TcpServerLink(Link):
             return b""
         client.spoke = True
         self._clients[sender] = self._clients.pop(sender)
-        if sender != self._peer:
-            if self._peer is not None:
-                self.strangers += 1
-                self.stranger = self.stranger or _shown(sender)
-            if self._pinned:
-                return b""
-        return data
+        return data if sender == self.peer or self._hears(sender) else b""
 
     def _accept(self) -> None:
         while room := len(self._clients) < MOST_CLIENTS or self._dispensable() is not None:
@@ -167,7 +142,7 @@ class TcpServerLink(Link):
             return mute[0]
         if self._others is None:
             return None
-        return next((s for s in self._clients if s != self._peer and s not in self._others), None)
+        return next((s for s in self._clients if s != self.peer and s not in self._others), None)
 
     def _leave(self, sender: Sender, why: LinkError) -> None:
         """Close a client, and forget the unsent rest of its last write."""
@@ -175,17 +150,13 @@ class TcpServerLink(Link):
         if not client.mute:
             self._selector.unregister(client.sock)
         client.close()
-        was_peer = sender == self._peer
+        was_peer = sender == self.peer
         if was_peer:
-            self._peer = None
+            self.peer = None
             if self._pinned:
                 raise LinkError(self.name, why.what)
         if was_peer if self._others is not None else not self._clients:
             self._gone(LinkError(self.name, f"{why.what}, waiting for the next client"))
-
-    def _check_open(self) -> None:
-        if not self._open:
-            raise LinkError(self.name, "is closed")
 
 
 class _Client(SocketLink):
@@ -208,7 +179,3 @@ class _Client(SocketLink):
         sent = super()._send(data)
         self._took = self._took or sent > 0
         return sent
-
-
-def _shown(sender: Any) -> str:
-    return show(*sender[:2])

@@ -4,21 +4,43 @@ from __future__ import annotations
 
 import errno
 import socket
-from collections.abc import Collection, Iterator
+from abc import abstractmethod
+from collections.abc import Iterator
 from typing import Any, Final
 
-from arva_hil.links.base import AT_ONCE, CHUNK, Link, LinkError, Opening, Sender
-from arva_hil.links.tcp import listen_error, resolve, show
-from arva_hil.links.url import Address
+from arva_hil.links.base import AT_ONCE, CHUNK, Link, LinkError, Opening, Sender, SeveralSenders
+from arva_hil.links.tcp import listen_error, resolve
+from arva_hil.links.url import Address, show
 
 _MOST_SENDERS: Final = 8  # that get each write while there is no peer
 
 
 class _UdpLink(Link):
-    def __init__(self, name: str, sock: socket.socket) -> None:
-        self.name = name
-        self._socket = sock
-        sock.setblocking(False)
+    scheme: str
+
+    @classmethod
+    def open(cls, address: Address, how: Opening) -> Link:
+        """See `Link`."""
+        return cls(address.host, address.port)
+
+    def __init__(self, host: str, port: int) -> None:
+        self.name = f"{self.scheme}:{show(host, port)}"
+        family, address = resolve(self.name, host, port, socket.SOCK_DGRAM)
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        try:
+            self._attach(address)
+        except OSError as error:
+            self._socket.close()
+            raise self._refused(error, port) from error
+
+    @abstractmethod
+    def _attach(self, address: Any) -> None:
+        """Connect or bind the socket."""
+
+    @abstractmethod
+    def _refused(self, error: OSError, port: int) -> LinkError:
+        """Why `_attach` was not possible."""
 
     def fileno(self) -> int | None:
         fd = self._socket.fileno()
@@ -77,24 +99,16 @@ class UdpOutLink(_UdpLink):
     Raises LinkError if the host is unknown or there is no route to it.
     """
 
-    @classmethod
-    def open(cls, address: Address, how: Opening) -> Link:
-        """See `Link`."""
-        return cls(address.host, address.port)
+    scheme = "udpout"
 
-    def __init__(self, host: str, port: int) -> None:
-        name = f"udpout:{show(host, port)}"
-        family, address = resolve(name, host, port, socket.SOCK_DGRAM)
-        sock = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            sock.connect(address)
-        except OSError as error:
-            sock.close()
-            raise LinkError(name, f"cannot be reached: {error.strerror}") from error
-        super().__init__(name, sock)
+    def _attach(self, address: Any) -> None:
+        self._socket.connect(address)
+
+    def _refused(self, error: OSError, port: int) -> LinkError:
+        return LinkError(self.name, f"cannot be reached: {error.strerror}")
 
 
-class UdpInLink(_UdpLink):
+class UdpInLink(SeveralSenders, _UdpLink):
     """Listens at `host:port`. Each address that sends there is a sender, see `receive`.
 
     Until `follow` sets the peer, all senders are read, and writes go to the 8 senders heard last. After that writes go
@@ -103,29 +117,19 @@ class UdpInLink(_UdpLink):
     Raises LinkError if it cannot listen at the address.
     """
 
-    @classmethod
-    def open(cls, address: Address, how: Opening) -> Link:
-        """See `Link`."""
-        return cls(address.host, address.port)
+    scheme = "udpin"
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
-        name = f"udpin:{show(host, port)}"
-        family, address = resolve(name, host, port, socket.SOCK_DGRAM)
-        sock = socket.socket(family, socket.SOCK_DGRAM)
-        try:
-            sock.bind(address)
-        except OSError as error:
-            sock.close()
-            raise listen_error(name, error, port, "udp") from error
-        self.port: int = sock.getsockname()[1]
-        self.peer: Any = None
+        super().__init__(host, port)
+        self.port: int = self._socket.getsockname()[1]
+        self.name = f"udpin:{show(host, self.port)}"
         self._senders: dict[Any, None] = {}  # in the order in which they were heard
-        self._others: Collection[Any] | None = None  # receivers of writes while there is no peer; None: every sender
-        self._pinned = False
-        super().__init__(f"udpin:{show(host, self.port)}", sock)
 
-    def read(self) -> bytes:
-        return b"".join([data for _, data in self.receive()])
+    def _attach(self, address: Any) -> None:
+        self._socket.bind(address)
+
+    def _refused(self, error: OSError, port: int) -> LinkError:
+        return listen_error(self.name, error, port, "udp")
 
     def receive(self) -> list[tuple[Sender, bytes]]:
         by_sender: dict[Any, list[bytes]] = {}
@@ -137,31 +141,13 @@ class UdpInLink(_UdpLink):
             by_sender = {self.peer: by_sender.pop(self.peer), **by_sender}
         return [(sender, b"".join(datagrams)) for sender, datagrams in by_sender.items()]
 
-    def follow(self, peer: Sender, others: Collection[Sender] = ()) -> None:
-        if self._pinned:
-            return
-        self._others = others
-        if peer == self.peer:
-            return
-        if self.peer is not None:
-            self._gone(LinkError(self.name, f"lost: {show(*self.peer[:2])} is silent"))
-            self._renewed()
-        self.peer = peer
-
-    def pin(self) -> None:
-        self._pinned = True
-
     def _hears(self, sender: Any) -> bool:
-        """Whether a sender that is not the peer is read. Counts or remembers it."""
-        if self.peer is not None:
-            self.strangers += 1
-            self.stranger = self.stranger or show(*sender[:2])
-        elif self._others is None:
+        if self.peer is None and self._others is None:
             self._senders.pop(sender, None)
             self._senders[sender] = None
             if len(self._senders) > _MOST_SENDERS:
                 del self._senders[next(iter(self._senders))]
-        return not self._pinned
+        return super()._hears(sender)
 
     def _transmit(self, data: bytes) -> None:
         if self.peer is not None:

@@ -47,7 +47,7 @@ class Address(NamedTuple):
 
     def __str__(self) -> str:
         if self.kind in _USUAL_PORT:
-            return f"{self.kind}:{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
+            return f"{self.kind}:{show(self.host, self.port)}"
         if self.kind == "serial":
             return self.path + (f",{self.baud}" if self.baud else "")
         if self.kind == "pty":
@@ -57,6 +57,11 @@ class Address(NamedTuple):
         if self.kind not in _KINDS:
             return f"{self.kind}:{self.path}"
         return "-" if self.kind == "stdout" else self.path
+
+
+def show(host: str, port: int) -> str:
+    """A host and a port as in a connection string."""
+    return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
 def parse(text: str) -> Address:
