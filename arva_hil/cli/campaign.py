@@ -30,22 +30,15 @@ _LIVE_S: Final = 0.1  # between updates on a terminal
 def main(options: argparse.Namespace) -> int:
     from arva_hil.campaign import results
     from arva_hil.campaign.plan import trials
-    from arva_hil.config import ScenarioError
     from arva_hil.config.campaign import load_plan
 
-    try:
-        plan = load_plan(options.plan)
-    except ScenarioError as error:
-        raise UsageError(*error.problems) from None
+    plan = load_plan(options.plan)
     if options.dry_run:
         return _list(trials(plan), as_json=options.json)
     every = list(trials(plan))
     folder = Path(options.out or f"{Path(options.plan).stem}-results")
-    try:
-        with results.opened(folder) as kept:
-            return _campaign(options, plan, every, kept)
-    except results.ResultsError as error:
-        raise UsageError(error) from None
+    with results.opened(folder) as kept:
+        return _campaign(options, plan, every, kept)
 
 
 def _list(every: Iterable[Planned], *, as_json: bool) -> int:

@@ -27,11 +27,11 @@ from arva_hil.cli.outcome import (
 from arva_hil.cli.page import page_of_run
 from arva_hil.cli.summary import RunCounters, as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
-from arva_hil.config import DEFAULT, Fault, Scenario, ScenarioError, load, misfit, parts_of_spec_2
+from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, parts_of_spec_2
 from arva_hil.emulator.engine import Emulator, receivers_of
 from arva_hil.errors import KindError
 from arva_hil.events import Event, HeartbeatMissing, StatusReport
-from arva_hil.links import AddressError, Link, LinkEnded, LinkError, open_link
+from arva_hil.links import Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import ReaderGone, open_stdout
 from arva_hil.observers.audience import Audience, Observer
 from arva_hil.observers.console import Lines, Printer, as_json, plain
@@ -47,10 +47,7 @@ def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
 
     `fleet`: the command supports `vehicles` in the scenario, whose receivers have their own rate, format and seed.
     """
-    try:
-        base = load(options.scenario) if options.scenario else DEFAULT
-    except ScenarioError as error:
-        raise UsageError(*error.problems) from None
+    base = load(options.scenario) if options.scenario else DEFAULT
     if base.vehicles and not fleet:
         raise UsageError(f"{base.source}: vehicles: this command does not support that part of spec 2 yet")
     if base.vehicles:
@@ -114,11 +111,9 @@ def describe(chosen: Scenario) -> list[str]:
 
 
 def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_link, **options: bool) -> Link:
-    """Open a link. Prints a line if a `patient` link is not there yet. Raises UsageError and Failure."""
+    """Open a link. Prints a line if a `patient` link is not there yet. Raises AddressError and Failure."""
     try:
         link = opener(address, clock=clock, **options)
-    except AddressError as error:
-        raise UsageError(error) from None
     except LinkError as error:
         raise Failure(NO_LINK, error) from None
     if link.away:
@@ -161,12 +156,7 @@ class Run:
         self._record_failed = False
         self._now = 0.0  # when the newest event was
         if options.record:
-            try:
-                self._recorder = Recorder(
-                    Path(options.record), epoch_us, self._known, patient=patient, layout=self._layout
-                )
-            except RecordError as error:
-                raise UsageError(error) from None
+            self._recorder = Recorder(Path(options.record), epoch_us, self._known, patient=patient, layout=self._layout)
         self._plug_ins += live_observers(options, chosen, epoch_us)
         self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
         render = functools.partial(as_json, named=several) if options.json else plain if lines else None
@@ -272,8 +262,8 @@ def _observer(name: str) -> Observer:
     """Make an observer that the command line names. Raises UsageError."""
     try:
         observer: Observer = OBSERVERS[name]()
-    except KindError as error:
-        raise UsageError(error) from None
+    except KindError:
+        raise
     except Exception as error:
         raise UsageError(f"observer {name!r} cannot be created ({type(error).__name__}: {error})") from error
     return observer

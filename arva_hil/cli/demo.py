@@ -20,7 +20,7 @@ from arva_hil.cli.terminal import tell
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
 from arva_hil.observers.record.layout import FILES
-from arva_hil.observers.record.search_log import SEARCH_FILES
+from arva_hil.observers.record.search_log import SEARCH_FILES, SearchLog, refuse_search
 from arva_hil.observers.web.address import Address
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime.clock import Clock, RealClock, StepClock, utc
@@ -95,7 +95,7 @@ def main(options: argparse.Namespace) -> int:
     if not options.record:
         options.record = str(new_folder())
         tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")
-    search_report.refuse_log(Path(options.record))  # before the emulator begins its record in this folder
+    refuse_search(Path(options.record))  # before the emulator begins its record in this folder
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
@@ -103,7 +103,7 @@ def main(options: argparse.Namespace) -> int:
         surroundings = stack.enter_context(
             common.Run(options, chosen, clock.epoch_us, live=not options.headless, kind="demo")
         )
-        log = search_report.open_log(Path(options.record))
+        log = SearchLog(Path(options.record))
         start = clock.now()
         loop = ClosedLoop(
             chosen,

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
-from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
 
 from arva_hil.cli.outcome import OK, UsageError
 from arva_hil.cli.recorded import loaded, needing, output
-from arva_hil.cli.terminal import binary_stdout, tell
-from arva_hil.recordings import Recording
 from arva_hil.registry import EXPORTS
 
 
@@ -22,20 +17,9 @@ def main(options: argparse.Namespace) -> int:
     with needing(name, f"--format {name}"):
         write = EXPORTS[name]
     recording = loaded(options.run)
-    with needing(name, f"--format {name}"), _opened(recording, options.out) as out:
+    with needing(name, f"--format {name}"), output(options.out, recording) as out:
         write(recording, out)
     return OK
-
-
-@contextlib.contextmanager
-def _opened(recording: Recording, name: str) -> Iterator[BinaryIO]:
-    if name == "-":
-        with binary_stdout() as out:
-            yield out
-        return
-    with output(Path(name), recording) as out:
-        yield out
-    tell(f"written: {name}")
 
 
 def _by_suffix(name: str) -> str:

@@ -6,7 +6,6 @@ import argparse
 from collections.abc import Callable, Sequence
 
 from arva_hil.cli.arguments.shared import FOXGLOVE
-from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario
 from arva_hil.observers.audience import Observer
@@ -14,7 +13,7 @@ from arva_hil.observers.console.text import Notice
 
 
 def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch_us: int) -> list[Observer]:
-    """Those of --foxglove and --ros2; each has a `close`. Says where they are. Raises UsageError.
+    """Those of --foxglove and --ros2; each has a `close`. Says where they are. Raises FoxgloveError, Ros2Error.
 
     `scenario`: of the run, None for a search. `epoch_us`: microseconds since 1970 at the loop's time 0.
     """
@@ -27,12 +26,9 @@ def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch
         return LiveMessages(scenario, epoch_us, searches=hasattr(options, "strategy"))
 
     if options.foxglove:
-        from arva_hil.observers.foxglove import FoxgloveError, FoxgloveServer
+        from arva_hil.observers.foxglove import FoxgloveServer
 
-        try:
-            server = FoxgloveServer(messages(), options.foxglove)
-        except FoxgloveError as error:
-            raise UsageError(error) from None
+        server = FoxgloveServer(messages(), options.foxglove)
         taken = f" (port {options.foxglove.port} is taken)" if options.foxglove.port not in (0, server.port) else ""
         tell(f"messages for Foxglove: {server.url}{taken}")
         if options.foxglove.host != FOXGLOVE.host:
@@ -41,12 +37,9 @@ def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch
             )
         observers.append(server)
     if options.ros2:
-        from arva_hil.observers.ros2 import Ros2Error, Ros2Publisher
+        from arva_hil.observers.ros2 import Ros2Publisher
 
-        try:
-            publisher = Ros2Publisher(messages())
-        except Ros2Error as error:
-            raise UsageError(error) from None
+        publisher = Ros2Publisher(messages())
         tell("messages in ROS 2: ros2 topic list")
         for package in publisher.missing:
             cure = "build tools/ros2/arva_msgs with colcon, and source it" if package == "arva_msgs" else "install it"

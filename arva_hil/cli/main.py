@@ -29,7 +29,7 @@ from arva_hil.cli.outcome import (
     unexpected_error,
 )
 from arva_hil.cli.terminal import ReaderGone, StdoutError, abandon, flush, refuse_closed, reserve, show, tell
-from arva_hil.errors import KindError
+from arva_hil.errors import ArvaError
 
 OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4")  # the simulators of tests/sitl
 
@@ -123,23 +123,18 @@ def _guarded(arguments: list[str]) -> int:
             code = _command(arguments)
             flush()
         return code
-    except Failure as failure:
-        first, *rest = failure.lines
-        for line in (f"arva-hil: {first}", *rest):
-            tell(line)
-        return failure.code
-    except KindError as error:
-        tell(f"arva-hil: {error}")
-        return USAGE
+    except KeyboardInterrupt:
+        return INTERRUPTED
     except ReaderGone:
         abandon(sys.stdout)
         return NO_READER
-    except StdoutError as error:
-        tell(f"arva-hil: {error}")
-        abandon(sys.stdout)
-        return FAILED
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    except ArvaError as error:
+        first, *rest = error.lines if isinstance(error, Failure) else getattr(error, "problems", ()) or [error]
+        for line in (f"arva-hil: {first}", *rest):
+            tell(line)
+        if isinstance(error, StdoutError):
+            abandon(sys.stdout)
+        return error.code if isinstance(error, Failure) else USAGE
     except Exception as error:
         if {"-v", "-vv", "--verbose"} & set(arguments):
             for line in traceback_lines(error):

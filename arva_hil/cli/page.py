@@ -7,11 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from arva_hil.cli.outcome import UsageError
 from arva_hil.config import Scenario
 from arva_hil.observers.web.address import DEFAULT_HOST, Address
 from arva_hil.observers.web.page import WebPage
-from arva_hil.observers.web.server import WebError
 from arva_hil.observers.web.state import State
 
 _LOCAL: Final = ("127.", "localhost", "::1")
@@ -21,7 +19,7 @@ _POSE: Final = ("GLOBAL_POSITION_INT", "ATTITUDE")
 def page_of_run(
     kind: str, options: argparse.Namespace, chosen: Scenario, say: Callable[[str], None], *, named: bool
 ) -> WebPage | None:
-    """The page of a run with a scenario, None if none is wanted. Raises UsageError if it cannot be served.
+    """The page of a run with a scenario, None if none is wanted. Raises WebError if it cannot be served.
 
     `say` is told its address. `named`: there are several receivers.
     """
@@ -43,13 +41,10 @@ def page_of_run(
 
 
 def open_page(wanted: Address | str | None, state: Callable[[], State], say: Callable[[str], None]) -> WebPage | None:
-    """The page at an address, None for none and "off". Raises UsageError if it cannot be served. `say`: see above."""
+    """The page at an address, None for none and "off". Raises WebError if it cannot be served. `say`: see above."""
     if not isinstance(wanted, Address):
         return None
-    try:
-        page = WebPage(wanted, state())
-    except WebError as error:
-        raise UsageError(error) from None
+    page = WebPage(wanted, state())
     for line in said_of(page.address, wanted):
         say(line)
     return page

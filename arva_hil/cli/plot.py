@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 from pathlib import Path
 
 from arva_hil.cli.outcome import OK, UsageError
-from arva_hil.cli.recorded import loaded, make_folder, needing, output
-from arva_hil.cli.terminal import tell
+from arva_hil.cli.recorded import loaded, make_folder, needing, write
 from arva_hil.pictures.run import pictures, sheets
 from arva_hil.pictures.style import FORMATS, Format
-from arva_hil.recordings import Recording, RecordingError
 
 
 def main(options: argparse.Namespace) -> int:
@@ -24,27 +21,16 @@ def main(options: argparse.Namespace) -> int:
     if not sheet:
         make_folder(out)
     with needing("plots", "plot"):
-        try:
-            if sheet:
-                drawn = [(_named(out, receiver), data) for receiver, data in sheets(recording, format)]
-            else:
-                drawn = [
-                    (_named(out / f"{name}.{format}", receiver), data)
-                    for receiver, name, data in pictures(recording, format)
-                ]
-        except RecordingError as error:
-            raise UsageError(error) from None
-    _write(recording, drawn)
+        if sheet:
+            drawn = [(_named(out, receiver), data) for receiver, data in sheets(recording, format)]
+        else:
+            every = pictures(recording, format)
+            drawn = [(_named(out / f"{name}.{format}", receiver), data) for receiver, name, data in every]
+    for path, data in drawn:
+        write(path, data, recording)
     return OK
 
 
 def _named(path: Path, receiver: str) -> Path:
     """The file of a receiver's picture: with one receiver the path itself."""
     return path.with_name(f"{receiver.replace('/', '-')}-{path.name}") if receiver else path
-
-
-def _write(recording: Recording, drawn: Iterable[tuple[Path, bytes]]) -> None:
-    for path, data in drawn:
-        with output(path, recording) as out:
-            out.write(data)
-        tell(f"written: {path}")

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from arva_hil.cli.outcome import OK, UsageError
-from arva_hil.cli.recorded import make_folder, needing, output
-from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.config import DEFAULT, Scenario, ScenarioError, load
+from arva_hil.cli.outcome import OK
+from arva_hil.cli.recorded import make_folder, needing, write
+from arva_hil.cli.terminal import show, show_json
+from arva_hil.config import DEFAULT, Scenario, load
 from arva_hil.emulator.engine import scenario_of
 from arva_hil.pictures.range_test import drawn
 from arva_hil.range_test.data_sheet import DataSheet, as_dict, lines, measured, table
@@ -39,10 +39,7 @@ def main(options: argparse.Namespace) -> int:
 
 def _receivers(options: argparse.Namespace) -> list[tuple[str, Scenario]]:
     """Each receiver of the scenario with its name, "" if it is the only one."""
-    try:
-        chosen = load(options.scenario) if options.scenario else DEFAULT
-    except ScenarioError as error:
-        raise UsageError(*error.problems) from None
+    chosen = load(options.scenario) if options.scenario else DEFAULT
     if options.seed is not None:
         chosen = replace(chosen, seed=options.seed)
     every = [
@@ -63,6 +60,4 @@ def _write(folder: Path, sheets: Sequence[DataSheet]) -> None:
         "range-test.png": drawn(sheets),
     }
     for name, data in files.items():
-        with output(folder / name) as out:
-            out.write(data)
-        tell(f"written: {folder / name}")
+        write(folder / name, data)

@@ -9,28 +9,31 @@ from typing import BinaryIO
 
 from arva_hil import files
 from arva_hil.cli.outcome import FAILED, Failure, UsageError
-from arva_hil.cli.terminal import tell
-from arva_hil.recordings import Recording, RecordingError, is_record, load
-
-__all__ = ["is_record", "loaded", "make_folder", "needing", "output"]
+from arva_hil.cli.terminal import binary_stdout, tell
+from arva_hil.recordings import Recording, load
 
 
 def loaded(folder: str) -> Recording:
-    """The record in a folder, its notes told. Raises UsageError."""
+    """The record in a folder, its notes told. Raises UsageError and RecordingError."""
     if not folder:
         raise UsageError("the record's name is empty: write the folder that --record has written")
-    try:
-        recording = load(Path(folder))
-    except RecordingError as error:
-        raise UsageError(error) from None
+    recording = load(Path(folder))
     for note in recording.notes:
         tell(f"note: {note}")
     return recording
 
 
 @contextlib.contextmanager
-def output(path: Path, *recordings: Recording) -> Iterator[BinaryIO]:
-    """A file that replaces `path` when it is whole. Raises UsageError for one of the records' own, and Failure."""
+def output(name: str, *recordings: Recording) -> Iterator[BinaryIO]:
+    """A file that replaces the one of this name when it is whole; stdout for "-". Says that it is written.
+
+    Raises UsageError for one of the records' own files, and Failure.
+    """
+    if name == "-":
+        with binary_stdout() as out:
+            yield out
+        return
+    path = Path(name)
     own = [recording.folder / name for recording in recordings for name in recording.files]
     if any(path.exists() and one.exists() and path.samefile(one) for one in own):
         raise UsageError(f"{path}: this is a file of the record itself: name another one")
@@ -39,6 +42,13 @@ def output(path: Path, *recordings: Recording) -> Iterator[BinaryIO]:
             yield out
     except OSError as error:
         raise Failure(FAILED, f"{path}: cannot be written: {error.strerror or error}") from None
+    tell(f"written: {path}")
+
+
+def write(path: Path, data: bytes, *recordings: Recording) -> None:
+    """Replace a file as a whole, as `output` does."""
+    with output(str(path), *recordings) as out:
+        out.write(data)
 
 
 def make_folder(folder: Path) -> None:

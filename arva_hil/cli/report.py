@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Final
 
-from arva_hil.cli.outcome import OK, UsageError
-from arva_hil.cli.recorded import is_record, loaded, output
-from arva_hil.cli.terminal import binary_stdout, tell
-from arva_hil.recordings import RecordingError
+from arva_hil.cli.outcome import OK
+from arva_hil.cli.recorded import loaded, output
+from arva_hil.cli.terminal import tell
+from arva_hil.recordings import is_record
 from arva_hil.report.page import page
 
 _MOST: Final = 12  # runs on a page
@@ -17,18 +17,9 @@ _MOST: Final = 12  # runs on a page
 
 def main(options: argparse.Namespace) -> int:
     recordings = [loaded(name) for name in _folders(options.run, options.other)]
-    try:
-        text = page(recordings).encode()
-    except RecordingError as error:
-        raise UsageError(error) from None
-    if options.out == "-":
-        with binary_stdout() as out:
-            out.write(text)
-        return OK
-    path = Path(options.out or Path(options.run) / "report.html")
-    with output(path, *recordings) as file:
-        file.write(text)
-    tell(f"written: {path}")
+    text = page(recordings).encode()
+    with output(options.out or str(Path(options.run) / "report.html"), *recordings) as out:
+        out.write(text)
     return OK
 
 

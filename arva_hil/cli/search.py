@@ -17,7 +17,7 @@ from arva_hil.cli.live import close_all, live_observers
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, SignalGuard, UsageError
 from arva_hil.cli.page import open_page
 from arva_hil.cli.run_links import check_ground_station, signing
-from arva_hil.cli.search_report import as_dict, close_log, open_log, result, would_order
+from arva_hil.cli.search_report import as_dict, close_log, result, would_order
 from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there
 from arva_hil.events import Event
 from arva_hil.events.searches import SetPointPlanned, WouldOrder
@@ -86,7 +86,7 @@ def main(options: argparse.Namespace) -> int:
             stack.enter_context(closing(common.open_or_fail(url, clock, opener, patient=True)))
             for url, opener in ((options.autopilot, on_the_ground), (options.receiver, open_reconnecting))
         )
-        log = open_log(Path(options.record)) if options.record else None
+        log = SearchLog(Path(options.record)) if options.record else None
         printer = Printer(sys.stderr)
         printer.say(f"autopilot: {autopilot.name}, receiver: {receiver.name}")
         printer.say(f"strategy {options.strategy}; {way}")

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any, Final
 
 from arva_hil import __version__
-from arva_hil.cli.outcome import UsageError
 from arva_hil.events import Event
 from arva_hil.observers.record import RecordError
-from arva_hil.observers.record.search_log import TRACK, SearchLog, refuse_search
+from arva_hil.observers.record.search_log import TRACK, SearchLog
 from arva_hil.pictures.search import Track, draw_search
 from arva_hil.runtime.clock import utc
 from arva_hil.search.heard import NO_ID
@@ -19,21 +17,6 @@ from arva_hil.search.mission import FOUND
 from arva_hil.search.outcome import Outcome
 
 PICTURE: Final = "search.png"
-
-
-def refuse_log(folder: Path) -> None:
-    """Raise UsageError when a log could not be opened there, for it would be written over another."""
-    try:
-        refuse_search(folder)
-    except RecordError as error:
-        raise UsageError(error) from None
-
-
-def open_log(folder: Path) -> SearchLog:
-    try:
-        return SearchLog(folder)
-    except RecordError as error:
-        raise UsageError(error) from None
 
 
 def close_log(

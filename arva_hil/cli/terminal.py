@@ -14,8 +14,7 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
-from arva_hil.cli.outcome import UsageError
-from arva_hil.errors import ArvaError
+from arva_hil.cli.outcome import FAILED, Failure, UsageError
 from arva_hil.safe_text import columns_of, one_line, wrapped
 
 if TYPE_CHECKING:
@@ -59,8 +58,11 @@ def abandon(stream: object) -> None:
         os.close(nowhere)
 
 
-class StdoutError(ArvaError):
+class StdoutError(Failure):
     """Standard output cannot be written, e.g. its disk is full."""
+
+    def __init__(self, error: OSError) -> None:
+        super().__init__(FAILED, f"stdout: {error}")
 
 
 class ReaderGone(StdoutError):
@@ -100,9 +102,9 @@ def binary_stdout() -> Iterator[BinaryIO]:
         yield sys.stdout.buffer
         sys.stdout.buffer.flush()
     except BrokenPipeError as error:
-        raise ReaderGone(f"stdout: {error}") from None
+        raise ReaderGone(error) from None
     except OSError as error:
-        raise StdoutError(f"stdout: {error}") from None
+        raise StdoutError(error) from None
 
 
 def flush() -> None:
@@ -114,9 +116,9 @@ def _print(text: str, end: str = "\n") -> None:
     try:
         print(text, end=end, flush=True)
     except BrokenPipeError as error:
-        raise ReaderGone(f"stdout: {error}") from None
+        raise ReaderGone(error) from None
     except OSError as error:
-        raise StdoutError(f"stdout: {error}") from None
+        raise StdoutError(error) from None
 
 
 _FORM: Final = "{percentage:3.0f} % |{bar}| {n_fmt} of {total_fmt}{unit}, {remaining} left"

@@ -17,8 +17,8 @@ from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError
 from arva_hil.cli.page import said_of
 from arva_hil.cli.terminal import tell
 from arva_hil.observers.web.address import Address
-from arva_hil.observers.web.server import Server, WebError
-from arva_hil.recordings import Recording, RecordingError, load
+from arva_hil.observers.web.server import Server
+from arva_hil.recordings import Recording, load
 from arva_hil.runtime.clock import RealClock
 from arva_hil.viewer import RecordedState
 
@@ -54,14 +54,11 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording:
             raise UsageError(f"{options.record_or_log}: cannot be replayed")
     elif options.scenario:
         raise UsageError("--scenario: a record has its own: it is for a log, LOG.tlog")
-    try:
-        return load(folder)
-    except RecordingError as error:
-        raise UsageError(error) from None
+    return load(folder)
 
 
 def _serve(address: Address, state: RecordedState) -> Server:
-    """The page of a record; every request says which time it wants to see. Raises UsageError."""
+    """The page of a record; every request says which time it wants to see. Raises WebError."""
     lock = threading.Lock()
 
     def state_json(query: Mapping[str, str]) -> bytes:
@@ -74,10 +71,7 @@ def _serve(address: Address, state: RecordedState) -> Server:
         with lock:
             return state.field()
 
-    try:
-        return Server(address, {"/state.json": state_json, "/field.json": field_json})
-    except WebError as error:
-        raise UsageError(error) from None
+    return Server(address, {"/state.json": state_json, "/field.json": field_json})
 
 
 def _seconds(text: str) -> float:
