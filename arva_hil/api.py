@@ -8,10 +8,9 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 
 from arva_hil.config import Scenario, load
-from arva_hil.emulator.emulated_vehicle import one_vehicle
-from arva_hil.emulator.engine import Emulator, recorded_vehicles, vehicle_setups
+from arva_hil.emulator.engine import Emulator
 from arva_hil.events import Event, FrameMade, HeartbeatMissing
-from arva_hil.fleet_links import FleetSides, fleet_sides
+from arva_hil.fleet_links import FleetSides, fleet_sides, live_vehicles, vehicles_in_log
 from arva_hil.links import Link, LinkError, open_link
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.tlog import read_tlog
@@ -23,9 +22,6 @@ from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime import drivers
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
-from arva_hil.vehicle.session import Session
-
-__all__ = ["load_scenario", "replay", "run_live"]
 
 
 def load_scenario(path: str | os.PathLike[str]) -> Scenario:
@@ -75,18 +71,9 @@ def run_live(
 
         readers = {name: PacketReader() for name in sides.autopilots}
 
-        def session(link: str, system: int | None) -> Session:
-            return Session(
-                target_system=system, target_component=target_component, rate_hz=stream_hz, reader=readers[link]
-            )
-
         autopilots = {name: opened(address, answered=True) for name, address in sides.autopilots.items()}
         ports = {name: opened(address) for name, address in sides.ports.items()}
-        if scenario.vehicles:
-            link_of = sides.of_vehicle
-            vehicles = vehicle_setups(scenario, lambda v: link_of[v.name], lambda v: session(link_of[v.name], v.system))
-        else:
-            vehicles = [one_vehicle(scenario, session("autopilot", target_system))]
+        vehicles = live_vehicles(scenario, sides, readers, target_system, target_component, stream_hz)
         start = clock.now()
         emulator = Emulator(vehicles, start=start, timeout_s=min(timeout_s, duration_s), max_age_s=max_age_s)
         live = drivers.Live(emulator, autopilots, ports, Audience([watcher]))
@@ -113,10 +100,7 @@ def replay(
     """
     if scenario.vehicles:
         _check_own(scenario, port, target_system)
-        vehicles = recorded_vehicles(scenario, os.fspath(log), "autopilot", target_component=target_component)
-    else:
-        session = Session(target_system=target_system, target_component=target_component, passive=True)
-        vehicles = [one_vehicle(scenario, session)]
+    vehicles = vehicles_in_log(scenario, os.fspath(log), target_system, target_component)
     frames: list[FrameMade] = []
 
     def keep(event: Event) -> None:

@@ -1,23 +1,56 @@
-"""The links of a scenario that names its vehicles, each once, and whether they fit together."""
+"""The links of a run and its vehicles; of a scenario that names its vehicles each link once."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from arva_hil.config import Scenario
-from arva_hil.emulator.engine import check_systems, sink_name
+from arva_hil.emulator.emulated_vehicle import VehicleSetup, one_vehicle
+from arva_hil.emulator.engine import check_systems, recorded_vehicles, sink_name, vehicle_setups
 from arva_hil.links import Address, AddressError, parse
 from arva_hil.links.url import place
+from arva_hil.mavlink.packet_reader import PacketReader
+from arva_hil.vehicle.session import Session
 
 
 class FleetSides(NamedTuple):
-    """`autopilots`: connection strings of the links, by the engine's names for them; `of_vehicle`: the name of each
-    vehicle's link; `ports`: connection strings by the engine's names for receivers' ports.
+    """`autopilots`: connection strings of the links, by the engine's names for them; `of_vehicle`: the name of the link
+    of each vehicle that the scenario names; `ports`: connection strings by the engine's names for receivers' ports.
     """
 
     autopilots: dict[str, str]
     of_vehicle: dict[str, str]
     ports: dict[str, str]
+
+
+def live_vehicles(
+    chosen: Scenario,
+    sides: FleetSides,
+    readers: Mapping[str, PacketReader],
+    system: int | None,
+    component: int | None,
+    rate_hz: float,
+) -> list[VehicleSetup]:
+    """The vehicles of a live run, each followed by the reader of its link. For the rest see `Session`.
+
+    `system`: of the vehicle if the scenario names none.
+    """
+
+    def session(link: str, system: int | None) -> Session:
+        return Session(target_system=system, target_component=component, rate_hz=rate_hz, reader=readers[link])
+
+    if not chosen.vehicles:
+        return [one_vehicle(chosen, session("autopilot", system))]
+    link_of = sides.of_vehicle
+    return vehicle_setups(chosen, lambda v: link_of[v.name], lambda v: session(link_of[v.name], v.system))
+
+
+def vehicles_in_log(chosen: Scenario, log: str, system: int | None, component: int | None) -> list[VehicleSetup]:
+    """The vehicles of a replay, on the link "autopilot". Raises ValueError if they cannot be told apart there."""
+    if chosen.vehicles:
+        return recorded_vehicles(chosen, log, "autopilot", target_component=component)
+    return [one_vehicle(chosen, Session(target_system=system, target_component=component, passive=True))]
 
 
 def ports_of(chosen: Scenario) -> dict[str, str]:

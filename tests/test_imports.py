@@ -96,7 +96,13 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.safe_text",
         "firmware_proto",
     },
-    "arva_hil/fleet_links.py": {"arva_hil.config", "arva_hil.emulator.engine", "arva_hil.links"},
+    "arva_hil/fleet_links.py": {
+        "arva_hil.config",
+        "arva_hil.emulator",
+        "arva_hil.links",
+        "arva_hil.mavlink.packet_reader",
+        "arva_hil.vehicle.session",
+    },
     "arva_hil/viewer.py": {
         "arva_hil.events",
         "arva_hil.field",

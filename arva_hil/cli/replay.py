@@ -15,9 +15,10 @@ from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.run_links import refuse_own
 from arva_hil.cli.terminal import bar, tell
 from arva_hil.config import Scenario
-from arva_hil.emulator.emulated_vehicle import VehicleSetup, one_vehicle
-from arva_hil.emulator.engine import Emulator, receivers_of, recorded_vehicles
+from arva_hil.emulator.emulated_vehicle import VehicleSetup
+from arva_hil.emulator.engine import Emulator, receivers_of
 from arva_hil.events import LogClockSet, LogLayout
+from arva_hil.fleet_links import vehicles_in_log
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.links.tlog import TlogReader, read_tlog
@@ -26,10 +27,8 @@ from arva_hil.links.tlog_timeline import Record, Timeline
 from arva_hil.observers.audience import Audience
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay
-from arva_hil.vehicle.session import Session
 
 _BAR_STEP_BYTES = 1 << 16
-_LINK = "autopilot"
 
 
 def main(options: argparse.Namespace) -> int:
@@ -82,7 +81,7 @@ def main(options: argparse.Namespace) -> int:
             replay(
                 emulator,
                 records,
-                _LINK,
+                "autopilot",
                 lambda output: out.write(output.data),
                 surroundings.audience,
                 clock=clock,
@@ -94,21 +93,20 @@ def main(options: argparse.Namespace) -> int:
 
 def _vehicles(options: argparse.Namespace, chosen: Scenario) -> list[VehicleSetup]:
     """The vehicles in the log. Raises UsageError if the scenario's cannot be told apart there."""
-    if not chosen.vehicles:
-        session = Session(target_system=options.target_system, target_component=options.target_component, passive=True)
-        return [one_vehicle(chosen, session)]
-    refuse_own(options, chosen)
-    receivers = len(receivers_of(chosen))
-    if options.out and receivers > 1:
-        raise UsageError(
-            f"--out {options.out}: {chosen.source} has {receivers} receivers: "
-            "--record DIR writes the frames of each into a file of its own"
-        )
+    if chosen.vehicles:
+        refuse_own(options, chosen)
+        receivers = len(receivers_of(chosen))
+        if options.out and receivers > 1:
+            raise UsageError(
+                f"--out {options.out}: {chosen.source} has {receivers} receivers: "
+                "--record DIR writes the frames of each into a file of its own"
+            )
     try:
-        vehicles = recorded_vehicles(chosen, options.log, _LINK, target_component=options.target_component)
+        vehicles = vehicles_in_log(chosen, options.log, options.target_system, options.target_component)
     except ValueError as error:
         raise UsageError(error) from None
-    tell(f"all vehicles of {chosen.source} are sought in {options.log}; its ports are not opened")
+    if chosen.vehicles:
+        tell(f"all vehicles of {chosen.source} are sought in {options.log}; its ports are not opened")
     return vehicles
 
 

@@ -80,7 +80,9 @@ def refuse_own(options: argparse.Namespace, chosen: Scenario) -> None:
 
 
 def chosen_sides(options: argparse.Namespace, chosen: Scenario) -> FleetSides:
-    """The links of a scenario with vehicles. Raises UsageError if options or addresses do not fit together."""
+    """The links of a run. Raises UsageError if options or addresses do not fit together."""
+    if not chosen.vehicles:
+        return _one_vehicle(options, chosen.output_format)
     refuse_own(options, chosen)
     named = all(vehicle.autopilot for vehicle in chosen.vehicles)
     if options.autopilot and named:
@@ -92,6 +94,20 @@ def chosen_sides(options: argparse.Namespace, chosen: Scenario) -> FleetSides:
         return fleet_sides(chosen, usual, json=options.json)
     except ValueError as error:
         raise UsageError(error) from None
+
+
+def _one_vehicle(options: argparse.Namespace, form: str) -> FleetSides:
+    over_mavlink = form in MAVLINK_FORMATS
+    if not over_mavlink and not options.port:
+        raise UsageError(
+            "--port is missing: name the port for the frames, e.g. --port /dev/ttyUSB0, --port pty, "
+            "or --format tunnel to send them inside MAVLink"
+        )
+    if options.json and options.port == "-":
+        raise UsageError("--json and --port - both want stdout: choose one")
+    check_sides(options.autopilot, options.port, form)
+    autopilot = options.autopilot or choose_autopilot(options.port)
+    return FleetSides({"autopilot": autopilot}, {}, {} if over_mavlink else {"port": options.port})
 
 
 _LARGEST: Final = 4096  # bytes
