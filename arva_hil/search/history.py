@@ -24,6 +24,7 @@ _ROUNDS: Final = 6
 _FEW: Final = 3  # hypotheses
 EVIDENT: Final = 16.0  # more likely by e^16
 _ODD: Final = 4.0  # cost of a lag or a drift
+_FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift
 
 Array = NDArray[np.float64]
 
@@ -80,8 +81,11 @@ class History:
         return best if every[0].cost - best.cost > EVIDENT else every[0]
 
     def explanations(self, x: Array, lag_s: float = 0.0, drift_m: float = 0.0) -> list[Explanation]:
-        """All that are tried, this lag and drift first."""
-        return [self._fitted(x, *how) for how in dict.fromkeys([(lag_s, drift_m), *_EXPLANATIONS])]
+        """All that are tried, this lag and drift first. Where readings in time and in place fit, no other is."""
+        first = self._fitted(x, lag_s, drift_m)
+        if not (lag_s or drift_m) and first.pose_error < _FITS_M:
+            return [first]
+        return [first, *(self._fitted(x, *how) for how in _EXPLANATIONS if how != (lag_s, drift_m))]
 
     def _fitted(self, x: Array, lag_s: float, drift_m: float) -> Explanation:
         there, error = self.readings(lag_s), max(0.3, drift_m)
