@@ -19,7 +19,13 @@ ROOMS = {  # a room → what of ours it may import
     "arva_hil/field": {"arva_hil.field"},
     "arva_hil/receiver": {"arva_hil.field", "arva_hil.receiver"},
     "arva_hil/mavlink": {"arva_hil.mavlink"},
-    "arva_hil/config": {"arva_hil.lazy_names", "arva_hil.config", "arva_hil.field.keying"},
+    "arva_hil/config": {
+        "arva_hil.lazy_names",
+        "arva_hil.config",
+        "arva_hil.field.geodesy",
+        "arva_hil.field.keying",
+        "arva_hil.field.terrain",
+    },
     "arva_hil/events": {
         "arva_hil.events",
         "arva_hil.field",

@@ -93,12 +93,15 @@ def describe(chosen: Scenario) -> list[str]:
             what = f"{r.receiver.rate_hz:g} Hz, {r.output_format}, seed {r.seed}"
             lines.append(f"  receiver {vehicle.name}/{r.name}: {what}")
     for t in chosen.transmitters:
+        below = None if t.depth_m is None else f"{t.depth_m:g} m below the ground"
         if t.ned is not None:
             north, east, down = t.ned
             of = "home" if chosen.datum == "home" else "the datum"
-            lines.append(f"  transmitter {t.id}: {north:g} m north, {east:g} m east, {down:g} m down of {of}")
+            of = f"of {of}, {below}" if below else f"{down:g} m down of {of}"
+            lines.append(f"  transmitter {t.id}: {north:g} m north, {east:g} m east{' ' if below else ', '}{of}")
         elif t.lla is not None:
-            lines.append(f"  transmitter {t.id}: {t.lla.lat:.7f}, {t.lla.lon:.7f}, {t.lla.alt:g} m AMSL")
+            height = below or f"{t.lla.alt:g} m AMSL"
+            lines.append(f"  transmitter {t.id}: {t.lla.lat:.7f}, {t.lla.lon:.7f}, {height}")
         elif t.path is not None:
             lines.append(f"  transmitter {t.id}: on a path of {len(t.path.points_ned)} points, then {t.path.end}")
         elif t.follows is not None:

@@ -19,7 +19,7 @@ from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 SPEC: Final = 1
 MOST_TRIALS: Final = 200_000
 _MOST_VALUES: Final = 100_000  # of one axis
-_NOT_FLOWN: Final = ("navigation_error", "follows", "vehicles")  # one vehicle, whose errors are `gps_noise_m`
+_NOT_FLOWN: Final = ("navigation_error", "follows", "vehicles", "terrain")  # one vehicle, above flat ground
 _DEPTH: Final = Number(-100, 100, unit="m")
 
 

@@ -141,8 +141,8 @@ _T = TypeVar("_T")
 _LARGEST_FILE: Final = 1 << 20  # bytes
 
 
-def read_text(path: str | os.PathLike[str], what: str) -> str:
-    """What is in a file of at most 1 MiB. Raises ScenarioError when it cannot be read; `what` was expected."""
+def read_text(path: str | os.PathLike[str], what: str, largest: int = _LARGEST_FILE) -> str:
+    """The text of a file of at most `largest` bytes. Raises ScenarioError if it cannot be read; `what` was expected."""
     source = os.fspath(path)
     if not source:
         raise ScenarioError([Problem("''", 1, 1, "an empty name", what)])
@@ -150,12 +150,12 @@ def read_text(path: str | os.PathLike[str], what: str) -> str:
         with open(source, "rb", opener=open_at_once) as file:
             if file.isatty():  # which would wait for somebody to type
                 raise ValueError("a terminal")
-            data = file.read(_LARGEST_FILE + 1)
+            data = file.read(largest + 1)
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise ScenarioError([Problem(source, 1, 1, why, what)]) from error
-    if len(data) > _LARGEST_FILE:
-        raise ScenarioError([Problem(source, 1, 1, "more than 1 MiB", what)])
+    if len(data) > largest:
+        raise ScenarioError([Problem(source, 1, 1, f"more than {largest >> 20} MiB", what)])
     try:
         return data.decode()
     except UnicodeDecodeError as error:

@@ -17,6 +17,7 @@ from arva_hil.config.faults import Fault, FaultItem, misfit
 from arva_hil.config.profiles import located, take_over
 from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.tables import Help, NotAKey, Since, TableOf, duplicates, items_of, keys, table, valid_value
+from arva_hil.config.terrain import Terrain, find_beside, ground_conflicts
 from arva_hil.config.transmitter import Lla, MediumOptions, Transmitter
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, vehicle_conflicts
 from arva_hil.registry import FORMATS
@@ -85,6 +86,7 @@ class Scenario:
         Help("without it one, the command line's"),
     ] = ()
     medium: Annotated[MediumOptions | None, Since(2), Help("what lies between; without it air")] = None
+    terrain: Annotated[Any, Terrain(), Since(2), Help("the ground: an ESRI ASCII grid, or the autopilot's data")] = None
 
     def __post_init__(self, spec: int, output: OutputOptions | None) -> None:
         if output is not None:
@@ -100,6 +102,7 @@ class Scenario:
         transmitters = [(("transmitters", at), one) for at, one in items_of(holder, "transmitters")]
         yield from duplicates(Transmitter, transmitters, "id", "id")
         yield from vehicle_conflicts(holder)
+        yield from ground_conflicts(cls, holder)
         in_file = isinstance(holder, Mapping)
         errs = "navigation_error" in holder if in_file else holder.navigation_error is not None
         if valid_value(cls, holder, "pose") == "truth" and errs:
@@ -151,6 +154,7 @@ def _read(top: nodes.Value, source: str) -> Scenario:
     if isinstance(top, nodes.Mapping):
         if nodes.spec_of(top) > 1:
             problems += _take_profiles(top, source)
+            find_beside(top, source)
         _inherit(top)
     try:
         scenario: Scenario = TableOf(Scenario).read(top)
@@ -207,6 +211,8 @@ def parts_of_spec_2(scenario: Scenario) -> dict[str, bool]:
         "follows": any(t.follows for t in scenario.transmitters),
         "keying": any(t.keying for t in scenario.transmitters),
         "medium": scenario.medium is not None,
+        "terrain": scenario.terrain is not None,
+        "depth_m": any(t.depth_m is not None for t in scenario.transmitters),
         "sling": scenario.receiver.mount.sling is not None,
         "vehicle_noise": scenario.receiver.vehicle_noise is not None,
         "model": scenario.receiver.model != "paper",

@@ -203,9 +203,26 @@ class Transmitter:
     path: Annotated[Path | None, Since(2), Help("where it is when")] = None
     follows: Annotated[Follows | None, Since(2), Help("which vehicle carries it")] = None
     keying: Annotated[KeyingOptions | None, Since(2), Help("when it sends; only receivers of pulses care")] = None
+    depth_m: Annotated[
+        float | None, Number(-100, 100, unit="m"), Since(2), Help("below the ground there; its place has the height 0")
+    ] = None
     profile: InitVar[
         Annotated[str | None, PROFILE, Since(2), Help("a file whose keys it takes over, or builtin:NAME")]
     ] = field(default=None, kw_only=True)
+
+    @classmethod
+    def conflicts(cls, holder: Any) -> Iterator[Violation]:
+        if valid_value(cls, holder, "depth_m") is None:
+            return
+        expected = "0 as its height beside depth_m, which counts from the ground"
+        for key in "enu", "ned", "lla":
+            place = valid_value(cls, holder, key)
+            height = place.alt if isinstance(place, Lla) else place[2] if place else 0.0
+            if height:
+                yield Violation(expected, f"{height:g}", path=(key, 2))
+        for key in "path", "follows":
+            if valid_value(cls, holder, key) is not None:
+                yield Violation("enu, ned or lla beside depth_m", key, path=(key,), at_key=True)
 
     def __post_init__(self, enu: Triple | None, profile: str | None) -> None:
         if sum(place is not None for place in (enu, self.ned, self.lla, self.path, self.follows)) != 1:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil import config
+from arva_hil.emulator.ground import Ground, LatLon
 from arva_hil.field import Following, LocalFrame, Mount, MovingTransmitters, Transmitters, Waypoints, keying, rotation
 from arva_hil.field.medium import AIR, Medium, skin_depth_m
 from arva_hil.field.sling import Sling
@@ -20,23 +22,34 @@ from arva_hil.registry import RECEIVERS
 _NORM_NA_M: Final = 80.0  # EN 282: a set has to hear as weak a field
 
 
-def transmitters(scenario: config.Scenario, frame: LocalFrame) -> Transmitters:
-    """The scenario's transmitters in the NED frame `frame`, those that move where they begin."""
-    every = scenario.transmitters
+def transmitters(
+    scenario: config.Scenario, frame: LocalFrame, heights: Mapping[LatLon, float] | None = None
+) -> Transmitters:
+    """The scenario's transmitters in the NED frame `frame`, those that move where they begin.
+
+    Those with a depth are below the `Ground` of `heights`; where it is not known they are unplaced.
+    """
+    every, ground = scenario.transmitters, Ground(scenario, frame, heights)
+    places = [(_place(t, frame), None) if t.depth_m is None else ground.place(t) for t in every]
+    lost = np.array([down is not None and math.isnan(down) for _, down in places])
+    strengths = np.array([t.strength * _strength(t) for t in every])
     return Transmitters(
         tuple(t.id for t in every),
-        np.array([_place(t, frame) for t in every]),
+        np.where(lost[:, None], 0.0, np.array([place for place, _ in places])),
         np.array([rotation.to_matrix(_quaternion(t.attitude)) for t in every]),
-        np.array([t.strength * _strength(t) for t in every]),
+        np.where(lost, 0.0, strengths),
+        frozenset(t.id for t, silent in zip(every, lost, strict=True) if silent),
         keyings=tuple(_keying(t, scenario.seed) for t in every),
-        medium=_medium(scenario.medium),
+        medium=_medium(scenario.medium, [down for _, down in places]),
     )
 
 
-def moving_transmitters(scenario: config.Scenario, frame: LocalFrame) -> MovingTransmitters:
+def moving_transmitters(
+    scenario: config.Scenario, frame: LocalFrame, heights: Mapping[LatLon, float] | None = None
+) -> MovingTransmitters:
     """The same at any time."""
     motions = {index: motion for index, t in enumerate(scenario.transmitters) if (motion := _motion(t))}
-    return MovingTransmitters(transmitters(scenario, frame), motions)
+    return MovingTransmitters(transmitters(scenario, frame, heights), motions)
 
 
 def mount(scenario: config.Scenario) -> Mount:
@@ -94,11 +107,13 @@ def _keying(transmitter: config.Transmitter, seed: int) -> keying.Keying:
     return replace(drawn, battery=options.battery, battery_life_s=3600 * options.battery_life_h, **given)
 
 
-def _medium(options: config.MediumOptions | None) -> Medium:
+def _medium(options: config.MediumOptions | None, ground: Sequence[float | None]) -> Medium:
+    """`ground`: down, at each transmitter with a depth: snow begins there."""
     if options is None:
         return AIR
     depth_m = skin_depth_m(options.snow_conductivity_s_m, options.snow_permittivity)
-    return Medium(options.dipole, depth_m, options.surface_m)
+    surface = np.array([options.surface_m if down is None else down for down in ground])
+    return Medium(options.dipole, depth_m, np.nan_to_num(surface))
 
 
 def _quaternion(degrees: tuple[float, float, float]) -> NDArray[np.float64]:

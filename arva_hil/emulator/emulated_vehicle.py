@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.config import Scenario
+from arva_hil.emulator.burial import Burial
 from arva_hil.emulator.datum import Datum
 from arva_hil.emulator.formats import encoder, host_form
 from arva_hil.emulator.frame_source import FrameSource
@@ -162,9 +163,9 @@ class EmulatedVehicle:
         noisy = any(receiver.scenario.receiver.vehicle_noise for receiver in setup.receivers)
         self._motors = MotorLoad(setup.session) if noisy else None
         self._followed = followed
-        self._scenario = setup.scenario
+        self._burial = Burial(setup.scenario, setup.session, self.sources)
         if self.datum.frame:
-            self._place()
+            self._burial.place(self.datum.frame)
 
     @property
     def known(self) -> bool:
@@ -181,6 +182,11 @@ class EmulatedVehicle:
         self.true_state.hear(now)
         if self._motors:
             self._motors.hear()
+        self._burial.hear(now)
+
+    def poll(self, now: float) -> bytes:
+        """What it is asked now."""
+        return self.session.poll(now) + self._burial.poll(now)
 
     def load(self) -> float:
         """The load of its motors now, 0…1."""
@@ -213,18 +219,14 @@ class EmulatedVehicle:
     def place(self, now: float) -> Event:
         """The datum is another one: so are the places of the transmitters."""
         change = self.datum.changes[-1]
-        self._place()
+        if self.datum.frame:
+            self._burial.place(self.datum.frame)
         return DatumSet(now, self.name, *change.lat_lon_alt, change.why)
 
     def status(self, now: float) -> VehicleStatus:
         session, receivers = self.session, [source.status() for source in self.sources]
         label = session.vehicle.short if session.vehicle else ""
         return VehicleStatus(self.name, label, session.rates(now), receivers, tuple(session.counts().items()))
-
-    def _place(self) -> None:
-        assert self.datum.frame is not None
-        for source in self.sources:  # all hear the same transmitters
-            source.place(self.datum.frame, self._scenario)
 
 
 class SharedLink:

@@ -198,10 +198,9 @@ class Emulator:
 
     def _answer(self, vehicle: EmulatedVehicle, now: float) -> None:
         """What the vehicle is asked for, and what there is to tell of it."""
-        session = vehicle.session
-        if out := session.poll(now):
+        if out := vehicle.poll(now):
             self._outputs.append(Output(vehicle.link, out, now))
-        self._events += session.take_events()
+        self._events += vehicle.session.take_events()
         if now - self._start > self._timeout_s:
             self._tell_missing(vehicle, now)
 

@@ -25,7 +25,7 @@ from arva_hil.events import (
 )
 from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
-from arva_hil.field import LocalFrame
+from arva_hil.field import MovingTransmitters
 from firmware_proto import Frame, HostForm
 
 if TYPE_CHECKING:
@@ -146,9 +146,9 @@ class FrameSource:
         due = min(self.schedule.deadline, self.receiver.next_due)
         return min(due, self.faults.outbox.next_due) if self.faults else due
 
-    def place(self, frame: LocalFrame, scenario: Scenario) -> None:
-        """The datum is there now."""
-        self.receiver.place(frame, scenario)
+    def place(self, transmitters: MovingTransmitters) -> None:
+        """The transmitters are there now."""
+        self.receiver.place(transmitters)
 
     def advance(self, now: float, vehicle: EmulatedVehicle, *, live: bool, ready: Callable[[float], bool]) -> None:
         """Look and make frames at the instants that have come and are `ready`, and release what a fault has held up

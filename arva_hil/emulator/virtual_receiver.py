@@ -11,7 +11,7 @@ import numpy as np
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import mount, moving_transmitters, sling, vehicle_noise
 from arva_hil.events import Event, PoseFound, PoseLost, PoseMissing, TooFar
-from arva_hil.field import LocalFrame, Transmitters
+from arva_hil.field import LocalFrame, MovingTransmitters, Transmitters
 from arva_hil.receiver import Impairment, Look, Pose, Reading, ReceiverModel
 from arva_hil.vehicle.pose_track import VehicleState
 
@@ -59,9 +59,9 @@ class VirtualReceiver:
         self._had_pose = False
         self._blind_since: float | None = None
 
-    def place(self, frame: LocalFrame, scenario: Scenario) -> None:
-        """The datum is there now."""
-        self._transmitters = moving_transmitters(scenario, frame)
+    def place(self, transmitters: MovingTransmitters) -> None:
+        """The transmitters are there now."""
+        self._transmitters = transmitters
 
     def plan(self, frame: float, not_before: float = -math.inf) -> None:
         """Set when it looks next, its next frame being due at `frame`; looks earlier than `not_before` are left out.

@@ -234,6 +234,20 @@ class DatumSet(VehicleEvent):
     reason: str
 
 
+class GroundMissing(VehicleEvent):
+    """Transmitters with a depth are silent, because nobody has told the height of the ground there.
+
+    `ids`: theirs; `terrain`: the file of the grid, or "autopilot".
+    """
+
+    ids: Sequence[int]
+    terrain: str
+
+
+class GroundFound(VehicleEvent):
+    """The autopilot has told the height of the ground at every transmitter with a depth."""
+
+
 class HeartbeatMissing(VehicleEvent):
     """No autopilot was heard in time. `heard`: what was heard instead."""
 

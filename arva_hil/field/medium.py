@@ -38,7 +38,7 @@ def skin_depth_m(conductivity_s_m: float, permittivity: float = 1.0) -> float:
 @dataclass(frozen=True, slots=True)
 class Medium:
     """`dipole`: the static dipole field, or with its induction and radiation terms. `snow_skin_depth_m`: of what
-    covers a transmitter; `surface_m`: its surface, down from the datum.
+    covers a transmitter; `surface_m`: its surface, down from the datum, one for all or (M,) of each.
 
     The loss is that of the way straight up: exp(−depth / skin depth). The phase between the radial and the transverse
     part of the full field, 11° at 60 m, is left out.
@@ -46,7 +46,7 @@ class Medium:
 
     dipole: DipoleKind = "static"
     snow_skin_depth_m: float = math.inf
-    surface_m: float = 0.0
+    surface_m: float | Array = 0.0
 
     def __post_init__(self) -> None:
         if not self.snow_skin_depth_m > 0:

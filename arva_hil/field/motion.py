@@ -58,13 +58,18 @@ class MovingTransmitters:
         self._rest = rest
         self._motions = motions
 
+    @property
+    def unplaced(self) -> frozenset[int]:
+        """The ids of those at rest whose place is not known."""
+        return self._rest.unplaced
+
     def at(self, time_s: float, pose_of: PoseOf) -> Transmitters:
         """The transmitters at `time_s`, seconds from the start of the run. Those of unheard vehicles are silent."""
         rest = self._rest
         if not self._motions:
             return rest
         positions, rotations, strengths = rest.positions.copy(), rest.rotations.copy(), rest.strengths.copy()
-        unplaced = set()
+        unplaced = set(rest.unplaced)
         for index, motion in self._motions.items():
             if isinstance(motion, Waypoints):
                 positions[index] = motion.at(time_s)

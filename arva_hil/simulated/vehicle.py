@@ -255,6 +255,12 @@ class SimulatedVehicle:
             boot_ns = (self._now - self._boot_at) * 1000
             self._send(dialect.MAVLink_timesync_message(boot_ns, message.ts1))
 
+    def _on_terrain_check(self, message: Message, _: Packet) -> None:
+        """Its ground is flat."""
+        alt_m = self._home.alt_m
+        height = -self._pilot.motion.down
+        self._send(dialect.MAVLink_terrain_report_message(message.lat, message.lon, 30, alt_m, height, 0, 1))
+
     def _on_parameter(self, message: Message, _: Packet) -> None:
         for answer in value_asked_for(message):
             self._send(answer)
@@ -280,6 +286,7 @@ _HANDLERS: Final = {
     dialect.MAVLINK_MSG_ID_SET_MODE: SimulatedVehicle._on_set_mode,
     dialect.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: SimulatedVehicle._on_data_stream,
     dialect.MAVLINK_MSG_ID_TIMESYNC: SimulatedVehicle._on_timesync,
+    dialect.MAVLINK_MSG_ID_TERRAIN_CHECK: SimulatedVehicle._on_terrain_check,
     dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ: SimulatedVehicle._on_parameter,
     dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: SimulatedVehicle._on_parameter_list,
     dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: SimulatedVehicle._on_mission_list,

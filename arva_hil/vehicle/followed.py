@@ -92,6 +92,11 @@ class FollowedVehicle:
         """Whether the heartbeat of the vehicle has stopped."""
         return self._lost
 
+    @property
+    def reachable(self) -> bool:
+        """Whether something can be sent to the vehicle."""
+        return self.vehicle is not None and not (self._lost or self._passive or self._interrupted)
+
     def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
         """The vehicle's pose at host time `now` in the NED frame `frame`, None if it is unknown."""
         return self.track.at(self.clock.boot(now), frame)

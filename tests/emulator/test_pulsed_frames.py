@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from arva_hil.config import KeyingOptions, ReceiverOptions, Scenario, Transmitter, parse
-from arva_hil.emulator.build import transmitters
+from arva_hil.emulator.build import moving_transmitters, transmitters
 from arva_hil.emulator.engine import vehicle_setups
 from arva_hil.events import FrameMade
 from arva_hil.field import LocalFrame
@@ -73,7 +73,7 @@ def test_all_receivers_of_a_scenario_hear_the_same_pulses_and_each_its_own_noise
     ends = []
     for receiver in setup.receivers:
         of = source(receiver.scenario)
-        of.place(LocalFrame(*PLACE), setup.scenario)  # as the engine does
+        of.place(moving_transmitters(setup.scenario, LocalFrame(*PLACE)))  # as the engine does
         pulses = [one.reading.channels[0].pulse for one in frames(of, START + 12.0)]
         ends.append([(pulse.time_s, pulse.signal_na_m) for pulse in pulses if pulse])
     (front, rear) = ends

@@ -93,6 +93,23 @@ SENTENCES: list[tuple[Event, str, str]] = [
         f"the vehicle is 2.5 km from the datum and 2.4 km from the nearest transmitter, too far to hear it: {CURE}",
     ),
     (
+        events.GroundMissing(*VEHICLE, [3], "autopilot"),
+        "warning",
+        "the ground is not known at these transmitters, which are silent: 3. The autopilot has not told it yet: its "
+        "terrain data must be switched on and there",
+    ),
+    (
+        events.GroundMissing(*VEHICLE, [3, 4], "a.asc"),
+        "warning",
+        "the ground is not known at these transmitters, which are silent: 3 4. a.asc has no height there or at the "
+        "datum: is it of this place?",
+    ),
+    (
+        events.GroundFound(*VEHICLE),
+        "info",
+        "the autopilot has told where the ground is: no transmitter waits for it",
+    ),
+    (
         events.DatumSet(*VEHICLE, 46.5, 11.35, 1800.0, "home has moved"),
         "info",
         "datum: 46.5000000, 11.3500000, 1800.00 m AMSL (home has moved)",

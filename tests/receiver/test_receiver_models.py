@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from arva_hil.config import MountOptions, Noise, ReceiverOptions, Scenario, Transmitter, parse_fault
+from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.datum import Datum
 from arva_hil.emulator.frame_source import FrameSource
 from arva_hil.events import FrameMade
@@ -88,7 +89,7 @@ def source(scenario: Scenario, *, start: float = START) -> FrameSource:
     made = FrameSource(
         "vehicle", "receiver", "port", scenario, lambda frame, boot_ms: encode(frame), start=start, max_age_s=2.0
     )
-    made.place(LocalFrame(*PLACE), scenario)
+    made.place(moving_transmitters(scenario, LocalFrame(*PLACE)))
     return made
 
 

@@ -103,6 +103,12 @@ _POSE_LOST: Final = {  # by whether there was one before
     True: "warning: no pose: frames say no signal until there is one (the newest is {age_s:.1f} s old)",
     False: "warning: no pose: frames say no signal until there is one ({lacking:no_pose})",
 }
+_NO_GROUND: Final = {  # by whether the autopilot is asked for it
+    True: "warning: the ground is not known at these transmitters, which are silent:{ids:values}. The autopilot has "
+    "not told it yet: its terrain data must be switched on and there",
+    False: "warning: the ground is not known at these transmitters, which are silent:{ids:values}. {terrain} has no "
+    "height there or at the datum: is it of this place?",
+}
 _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or what chooses one of several
     events.ObserverFailed: "error: {observer} has failed and is switched off: {error}",
     events.LinkLost: "warning: {reason}",
@@ -129,6 +135,8 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     events.TooFar: "warning: the vehicle is {from_datum_m:km} from the datum and {nearest_m:km} from the nearest "
     "transmitter, too far to hear it: {fixed:datum_cure}",
     events.DatumSet: "datum: {lat:.7f}, {lon:.7f}, {alt:.2f} m AMSL{reason: ({reason})|}",
+    events.GroundMissing: lambda e: _NO_GROUND[e.terrain == "autopilot"],
+    events.GroundFound: "the autopilot has told where the ground is: no transmitter waits for it",
     events.HeartbeatMissing: "warning: {heard:no_vehicle}; still waiting",
     vehicles.VehicleFound: "vehicle {label}, MAVLink {version}{signed:, signed|}",
     vehicles.SignaturesUnchecked: "warning: its packets are signed. They are not checked, and it may refuse unsigned "

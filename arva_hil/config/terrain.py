@@ -1,0 +1,154 @@
+"""The terrain of a scenario: an ESRI ASCII grid of heights, as GDAL and others write it, or the autopilot's data."""
+
+import functools
+import math
+import os
+from array import array
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Final
+
+from arva_hil.config import nodes
+from arva_hil.config.constraints import FLOAT, Constraint
+from arva_hil.config.errors import Problem, ScenarioError, Violation, short, wrong
+from arva_hil.config.tables import items_of, valid_value
+from arva_hil.config.transmitter import Transmitter
+
+if TYPE_CHECKING:
+    from arva_hil.field.terrain import TerrainGrid
+
+AUTOPILOT: Final = "autopilot"
+_WHAT: Final = "an ESRI ASCII grid"
+_LARGEST: Final = 16 << 20  # bytes
+_MOST: Final = 10_000  # rows, columns
+_HEADER: Final = ("ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "nodata_value")
+
+
+class Terrain(Constraint):
+    """The name of a file, from the scenario's folder, or `autopilot`; in Python also a `TerrainGrid`."""
+
+    def __str__(self) -> str:
+        return "a file of heights, or autopilot"
+
+    def read(self, value: Any) -> "TerrainGrid | str":
+        from arva_hil.field.terrain import TerrainGrid  # slow to import
+
+        if isinstance(value, TerrainGrid):
+            return value
+        if not isinstance(value, str) or not value:
+            raise wrong(str(self))
+        if value == AUTOPILOT:
+            return AUTOPILOT
+        try:
+            return load_grid(str(value))
+        except ScenarioError as error:
+            (problem,) = error.problems
+            found = f"{problem.source}:{problem.line}:{problem.column}: {problem.found}"
+            raise wrong(problem.expected, found) from None
+
+    def plain(self, value: Any, spec: int) -> str:
+        return value if isinstance(value, str) else str(value.source)
+
+    def json(self) -> dict[str, Any]:
+        return {"type": "string", "minLength": 1}
+
+
+def find_beside(top: nodes.Mapping, source: str) -> None:
+    """Have the terrain of a scenario looked for from the folder of its file `source`."""
+    name = top.get("terrain")
+    if isinstance(name, nodes.Scalar) and name and name != AUTOPILOT:
+        node = name.node
+        path = os.path.join(os.path.dirname(source), name)
+        top["terrain"] = nodes.Scalar(type(node)(node.tag, path, node.start_mark, node.end_mark), name.spec)
+
+
+def ground_conflicts(cls: Any, holder: Any) -> Iterator[Violation]:
+    """Places of a scenario, or of a file's mapping, at which its grid has no height, as far as they are known."""
+    grid, datum = (valid_value(cls, holder, name) for name in ("terrain", "datum"))
+    if grid is None or grid == AUTOPILOT or datum is None:
+        return
+    from arva_hil.field.geodesy import LocalFrame  # slow to import
+
+    at_home = datum == "home"
+    if not at_home and grid.height(datum.lat, datum.lon) is None:
+        found = f"{grid.source}, which has no height at the datum"
+        yield Violation("a terrain around the datum", found, path=("terrain",))
+        return
+    frame = None if at_home else LocalFrame(datum.lat, datum.lon, datum.alt)
+    for at, one in items_of(holder, "transmitters"):
+        keys = ("depth_m", "ned", "lla", "enu") if isinstance(one, nodes.Mapping) else ("depth_m", "ned", "lla")
+        depth_m, ned, lla, *enu = (valid_value(Transmitter, one, key) for key in keys)
+        if any(enu):
+            ned = enu[0][1], enu[0][0], 0.0
+        if depth_m is None or (lla is None and (ned is None or frame is None)):
+            continue
+        place = (lla.lat, lla.lon) if lla else [float(value) for value in frame.lla(ned)[:2]]  # type: ignore[union-attr]
+        if grid.height(*place) is None:
+            found = f"a transmitter outside of {grid.source}, or over a hole of it"
+            yield Violation("a place with a height", found, path=("transmitters", at))
+
+
+def load_grid(path: str) -> "TerrainGrid":
+    """The grid in a file. Raises ScenarioError with the first mistake."""
+    try:
+        of = os.stat(path)
+    except (OSError, ValueError):
+        return parse_grid(_text(path), path)  # which says why not
+    return _loaded(path, of.st_mtime_ns, of.st_size)
+
+
+@functools.lru_cache(maxsize=4)
+def _loaded(path: str, *version: int) -> "TerrainGrid":
+    return parse_grid(_text(path), path)
+
+
+def _text(path: str) -> str:
+    from arva_hil.config.reading import read_text  # slow to import
+
+    return read_text(path, _WHAT, _LARGEST)
+
+
+def parse_grid(text: str, source: str) -> "TerrainGrid":
+    """The grid in a text; `source` names it. Raises ScenarioError with the first mistake."""
+    from arva_hil.field.terrain import TerrainGrid  # slow to import
+
+    def fail(line: int, found: str, expected: str) -> ScenarioError:
+        return ScenarioError([Problem(source, line, 1, found, expected)])
+
+    lines = text.split("\n")
+    head: dict[str, float] = {}
+    number = 0
+    while number < len(lines) and (words := lines[number].split()) and words[0][:1].isalpha():
+        key = words[0].lower()
+        if key not in _HEADER or key in head or len(words) != 2 or not FLOAT.fullmatch(words[1]):
+            raise fail(number + 1, repr(short(lines[number].strip())), f"{_WHAT}: {', '.join(_HEADER)}, each a number")
+        head[key] = float(words[1])
+        number += 1
+    for name, other in ("ncols", ""), ("nrows", ""), ("cellsize", ""), ("xllcorner", "x"), ("yllcorner", "y"):
+        if name not in head and not (other and f"{other}llcenter" in head):
+            raise fail(number + 1, f"no {name}", f"{_WHAT}: a header with {name}")
+    rows, columns, cell = (head[name] for name in ("nrows", "ncols", "cellsize"))
+    if not (2 <= min(rows, columns) <= max(rows, columns) <= _MOST and rows == int(rows) and columns == int(columns)):
+        raise fail(1, f"{columns:g} columns, {rows:g} rows", f"2 to {_MOST} of each")
+    west, south = (head.get(f"{axis}llcenter", head.get(f"{axis}llcorner", 0.0) + cell / 2) for axis in "xy")
+    if not (0 < cell <= 1 and -180 <= west <= 180 and -90 <= south <= south + (rows - 1) * cell <= 90):
+        found = f"an origin of {west:g}, {south:g}, cells of {cell:g}"
+        raise fail(1, found, "degrees of WGS-84 (gdalwarp -t_srs EPSG:4326)")
+    heights = array("d")
+    hole = head.get("nodata_value", -9999.0)
+    for row in range(int(rows)):
+        line = lines[number + row] if number + row < len(lines) else ""
+        try:
+            metres = [float(word) for word in line.split()]
+        except ValueError:
+            raise fail(number + row + 1, repr(short(line.strip())), "heights in metres") from None
+        if len(metres) != columns:
+            raise fail(number + row + 1, f"{len(metres)} heights", f"{columns:g} in a row, {rows:g} rows")
+        if not all(-500 <= one <= 9000 or one == hole for one in metres):
+            raise fail(
+                number + row + 1, "a height of no place on Earth", f"-500 to 9000 m AMSL, or {hole:g} for a hole"
+            )
+        heights.extend(math.nan if one == hole else one for one in metres)
+    if any(map(str.strip, lines[number + int(rows) :])):
+        raise fail(number + int(rows) + 1, "more heights", f"{rows:g} rows, as nrows says")
+    north = south + (rows - 1) * cell
+    return TerrainGrid(os.path.abspath(source), north, west, cell, int(rows), int(columns), heights.tobytes())

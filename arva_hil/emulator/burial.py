@@ -1,0 +1,64 @@
+"""The transmitters of one vehicle, put where they are: by its datum, and by what is known of the ground."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from arva_hil.config import Scenario
+from arva_hil.emulator.build import moving_transmitters
+from arva_hil.emulator.frame_source import FrameSource
+from arva_hil.emulator.ground import ground_places
+from arva_hil.events import GroundFound, GroundMissing
+from arva_hil.field import LocalFrame
+from arva_hil.vehicle.session import Session
+from arva_hil.vehicle.terrain_questions import TerrainQuestions
+
+_ANSWER_S: Final = 10.0  # for the autopilot to tell the ground, before its silence is worth an event
+
+
+class Burial:
+    """Remembers which transmitters are silent because the ground above them is not known, and asks for it if it is the
+    autopilot that knows. All `sources` hear the same transmitters.
+    """
+
+    def __init__(self, scenario: Scenario, session: Session, sources: Sequence[FrameSource]) -> None:
+        self._scenario = scenario
+        self._news = session.news
+        self._sources = sources
+        self._questions = TerrainQuestions(session) if scenario.terrain == "autopilot" else None
+        self._frame: LocalFrame | None = None
+        self._unplaced: frozenset[int] = frozenset()
+        self._tell_at: float | None = None
+
+    def place(self, frame: LocalFrame) -> None:
+        """The datum is there now."""
+        self._frame, self._tell_at = frame, None
+        if self._questions:
+            self._questions.ask(ground_places(self._scenario, frame))
+        self._put(frame)
+
+    def hear(self, now: float) -> None:
+        """The session has been fed."""
+        if self._questions and self._questions.hear() and self._frame:
+            self._put(self._frame)
+            self._news.emit(GroundFound(now, self._news.name))
+
+    def poll(self, now: float) -> bytes:
+        """What to ask the autopilot now."""
+        if not self._unplaced:
+            return b""
+        if self._tell_at is None:
+            self._tell_at = now + (_ANSWER_S if self._questions else 0.0)
+        if now >= self._tell_at:
+            self._tell_at = math.inf  # once for each datum
+            terrain = getattr(self._scenario.terrain, "source", "autopilot")
+            self._news.emit(GroundMissing(now, self._news.name, sorted(self._unplaced), terrain))
+        return self._questions.poll(now) if self._questions else b""
+
+    def _put(self, frame: LocalFrame) -> None:
+        there = moving_transmitters(self._scenario, frame, self._questions.heights if self._questions else None)
+        self._unplaced = there.unplaced
+        for source in self._sources:
+            source.place(there)
