@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import ClassVar, Final, Self
 
 import numpy as np
 
 from arva_hil.field.dipole import Transmitters
 from arva_hil.field.keying import KEYING_CLASSES, Keying, draw_keying
 from arva_hil.field.pulse_timeline import PulseTimeline, SentPulse
+from arva_hil.receiver.display import Display
 from arva_hil.receiver.noise import noise_bound
 from arva_hil.receiver.pulsed_options import PulsedOptions
 from arva_hil.receiver.receiver_model import Impairment, Look, ReceiverSettings
@@ -120,6 +121,26 @@ class Listening:
             return signal
         x, y, z = (max(-limit, min(limit, value)) for value in signal)
         return x, y, z
+
+
+class ListeningReceiver:
+    """The common part of the `ReceiverModel`s that listen to pulses: they look at the end of each pulse."""
+
+    Options: ClassVar[type[PulsedOptions]] = PulsedOptions
+
+    def __init__(self, settings: ReceiverSettings, options: PulsedOptions, seed: int) -> None:
+        self._options = options
+        self._display = Display(options, settings.kappa_eq)
+        self._listening = Listening(settings, options, seed)
+
+    @classmethod
+    def from_settings(cls, settings: ReceiverSettings, seed: int) -> Self:
+        """See `ReceiverModel`."""
+        return cls(settings, settings.options, seed)
+
+    def next_look(self, after_s: float, frame_s: float) -> float:
+        """See `ReceiverModel`: when a pulse ends."""
+        return self._listening.next_look(after_s)
 
 
 def _keyings(there: Transmitters) -> tuple[Keying, ...]:

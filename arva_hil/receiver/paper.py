@@ -14,7 +14,7 @@ from arva_hil.field.medium import AIR
 from arva_hil.receiver.noise import NoiseKind, NoiseSource, noise_bound
 from arva_hil.receiver.one_look import FEW, output, signals
 from arva_hil.receiver.reading import ChannelReading, Reading, Zone
-from arva_hil.receiver.receiver_model import Answer, Impairment, Look, Pose, ReceiverSettings
+from arva_hil.receiver.receiver_model import Answer, Commands, Impairment, Look, Pose, ReceiverSettings, obey
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -22,9 +22,7 @@ Ints = NDArray[np.int64]
 INNER_M: Final = 3.0
 MID_M: Final = 50.0
 _FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
-_REFERENCE_NA_M: Final = (
-    2e6 * math.pi
-)  # of a field of 1, where the reference transmitter has 1 µA/m on its axis at 10 m
+_REFERENCE_NA_M: Final = 2e6 * math.pi  # of a field of 1, if the reference transmitter has 1 µA/m on its axis at 10 m
 _AT_INNER: Final = 0.9999 / INNER_M**3  # 1/m³: a field that is weaker, with eq. 6's factor, is not in the inner zone
 _Heard = tuple[int, int, int, int]  # d in cm, id, δ in degrees, zone: what is heard, in the order of slots
 
@@ -166,15 +164,14 @@ class PaperReceiver:
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
         """See `ReceiverModel`."""
-        if name == "restart" and not values:
-            self._start()
-            return Answer.DONE
-        obey = {"mark": self._mark, "unmark": self._unmark, "select": self._select, "channels": self._set_channels}
-        if name not in (*obey, "restart"):
-            return Answer.UNKNOWN
-        if name not in obey or len(values) > 1 or not all(float(value).is_integer() for value in values):
-            return Answer.REFUSED
-        return Answer.DONE if obey[name](*map(int, values)) else Answer.REFUSED
+        commands: Commands = {
+            "mark": (range(1, 2), self._mark),
+            "unmark": (range(2), self._unmark),
+            "select": (range(2), self._select),
+            "channels": (range(1, 2), self._set_channels),
+            "restart": (range(1), self._start),
+        }
+        return obey(commands, name, values)
 
     def _hear(self, look: Look, pose: Pose, w: list[list[float]]) -> tuple[list[_Heard], dict[int, float]]:
         """All that it hears, and the true ranges of all transmitters, by id."""
@@ -220,8 +217,8 @@ class PaperReceiver:
     def _hears(self, id_: int | None) -> bool:
         return any(id_ == heard for _, heard, _, _ in self._heard)
 
-    def _mark(self, id_: int | None = None) -> bool:
-        if id_ is None or not self._hears(id_):
+    def _mark(self, id_: int) -> bool:
+        if not self._hears(id_):
             return False
         self._marked.add(id_)
         self._selected = None if self._selected == id_ else self._selected
@@ -239,7 +236,7 @@ class PaperReceiver:
         self._selected = id_
         return True
 
-    def _set_channels(self, count: int = 0) -> bool:
+    def _set_channels(self, count: int) -> bool:
         if not 1 <= count <= 16:
             return False
         self._empty = self._empty_slots(count)

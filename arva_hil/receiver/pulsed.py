@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from random import Random
-from typing import Annotated, ClassVar, Final, Self
+from typing import Annotated, ClassVar, Final
 
 from annotated_types import Gt
 
 from arva_hil.field.pulse_timeline import SentPulse
-from arva_hil.receiver.display import Display
-from arva_hil.receiver.listening import Listening
+from arva_hil.receiver.listening import ListeningReceiver
 from arva_hil.receiver.pulsed_options import Frames, PulsedOptions, Steps
-from arva_hil.receiver.reading import ChannelReading, Reading, with_true_ranges
-from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
+from arva_hil.receiver.reading import Reading, with_true_ranges
+from arva_hil.receiver.receiver_model import Answer, Commands, Look, ReceiverSettings, obey
 from arva_hil.receiver.separation import Vector, separate
 from arva_hil.receiver.slots import Slots
 
 _MOVED_M: Final = 1.0  # less is no motion
 
 
-class PulsedReceiver:
+class PulsedReceiver(ListeningReceiver):
     """A `ReceiverModel` that looks at the end of each pulse, and follows the rhythm of every transmitter that it hears.
 
     Remembers the pulses to come, slots and marks, since when it has not moved, and whether it went back to sending.
@@ -31,28 +30,16 @@ class PulsedReceiver:
     `scan`; `restart`; `search` after it went back to sending.
     """
 
-    Options: ClassVar[type[PulsedOptions]] = PulsedOptions
     _MEASURES: ClassVar[bool] = False
 
     def __init__(self, settings: ReceiverSettings, options: PulsedOptions, seed: int) -> None:
-        self._options = options
-        self._display = Display(options, settings.kappa_eq)
-        self._listening = Listening(settings, options, seed)
+        super().__init__(settings, options, seed)
         self._slots = Slots(
             self._listening, settings.channels, settings.no_signal, options.mark_within_m, self._MEASURES
         )
         self._random = Random(seed)
         self._shown: tuple[float, Reading] | None = None  # until when it holds
         self._switch_on(0.0)
-
-    @classmethod
-    def from_settings(cls, settings: ReceiverSettings, seed: int) -> Self:
-        """See `ReceiverModel`."""
-        return cls(settings, settings.options, seed)
-
-    def next_look(self, after_s: float, frame_s: float) -> float:
-        """See `ReceiverModel`: when a pulse ends."""
-        return self._listening.next_look(after_s)
 
     def look(self, look: Look) -> bool:
         """See `ReceiverModel`. It asks for a frame when a slot has changed and `frames: pulses` is set."""
@@ -73,21 +60,15 @@ class PulsedReceiver:
         """See `ReceiverModel`."""
         if self._shown is None or time_s >= self._shown[0]:
             slots, more, until_s = self._slots.shown(time_s)
-            reading = Reading(
-                self._channels(slots),
-                self._listening.interference,
-                more,
-                self._slots.overlapping,
-                self.searching,
-                self._failed,
-            )
-            self._shown = until_s, reading
+            channels = with_true_ranges(slots, self._listening.ranges())
+            disturbed = self._listening.interference, more, self._slots.overlapping
+            self._shown = until_s, Reading(channels, *disturbed, self.searching, self._failed)
         return self._shown[1]
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
         """See `ReceiverModel`."""
-        slots = self._slots
-        obey: dict[str, tuple[range, Callable[..., bool | None]]] = {  # how many values each may have
+        slots, self._shown = self._slots, None
+        commands: Commands = {
             "mark": (range(1, 2), lambda id_: slots.mark(time_s, id_)),
             "unmark": (range(2), lambda id_=None: slots.unmark(time_s, id_)),
             "select": (range(2), lambda id_=None: slots.select(time_s, id_)),
@@ -96,13 +77,7 @@ class PulsedReceiver:
             "restart": (range(1), lambda: self._switch_on(time_s)),
             "search": (range(1), self._search),
         }
-        if name not in obey:
-            return Answer.UNKNOWN
-        counts, do = obey[name]
-        if len(values) not in counts or not all(float(value).is_integer() for value in values):
-            return Answer.REFUSED
-        self._shown = None
-        return Answer.REFUSED if do(*map(int, values)) is False else Answer.DONE
+        return obey(commands, name, values)
 
     def _switch_on(self, time_s: float) -> None:
         self._slots.restart()
@@ -128,9 +103,6 @@ class PulsedReceiver:
         if track := self._slots.track(index):
             track.miss(end_s, signals is not None and (event is None or event.touched))
         return False
-
-    def _channels(self, slots: Sequence[ChannelReading]) -> tuple[ChannelReading, ...]:
-        return with_true_ranges(slots, self._listening.ranges())
 
     def _note_motion(self, look: Look) -> None:
         """Without motion for long, it sends instead of searching."""

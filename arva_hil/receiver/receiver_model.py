@@ -6,7 +6,7 @@ Times are seconds from the start of the run; poses and places NED, metres, from 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, Protocol
@@ -75,6 +75,20 @@ class Answer(Enum):
     DONE = "done"
     REFUSED = "refused"  # it knows the command, and cannot do it now or not with these values
     UNKNOWN = "unknown"
+
+
+Commands = Mapping[str, tuple[range, Callable[..., bool | None]]]
+"""Commands by name: how many values each may have, and a function of these values as integers, False for a refusal."""
+
+
+def obey(commands: Commands, name: str, values: Sequence[float]) -> Answer:
+    """Handle a command. It is refused too if it has another number of values, or one that is not whole."""
+    if name not in commands:
+        return Answer.UNKNOWN
+    counts, do = commands[name]
+    if len(values) not in counts or not all(float(value).is_integer() for value in values):
+        return Answer.REFUSED
+    return Answer.REFUSED if do(*map(int, values)) is False else Answer.DONE
 
 
 class NoiseSettings(Protocol):

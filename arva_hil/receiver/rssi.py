@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, Literal, Self
+from typing import Annotated, Final, Literal
 
 from annotated_types import Gt
 
 from arva_hil.field.pulse_timeline import SentPulse
-from arva_hil.receiver.display import Display
-from arva_hil.receiver.listening import Listening
+from arva_hil.receiver.listening import ListeningReceiver
 from arva_hil.receiver.pulsed_options import Frames, PulsedOptions, Steps
 from arva_hil.receiver.reading import ChannelReading, PulseReading, Reading, Zone, with_true_ranges
-from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings
+from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings, obey
 from arva_hil.receiver.separation import Vector
 
 _HOLD_S: Final = 1.5
@@ -31,31 +30,21 @@ class RssiOptions(PulsedOptions):
     full_scale_na_m: Annotated[float, Gt(0), "the signal that is 0 dBFS [nA/m]"] = 1e6
 
 
-class RssiReceiver:
+class RssiReceiver(ListeningReceiver):
     """A `ReceiverModel` with one channel: the strength of the newest pulse, of whichever transmitter, for 1.5 s.
 
     It does not tell transmitters apart: what is on at the same time adds up in power. It takes no commands but
     `restart`. Remembers the pulses to come and the newest one.
     """
 
-    Options: ClassVar[type[RssiOptions]] = RssiOptions
+    Options = RssiOptions
+    _options: RssiOptions
 
     def __init__(self, settings: ReceiverSettings, options: RssiOptions, seed: int) -> None:
-        self._options = options
-        self._display = Display(options, settings.kappa_eq)
-        self._listening = Listening(settings, options, seed)
-        self._listens_s = options.start_s
+        super().__init__(settings, options, seed)
         self._empty = ChannelReading(None, Zone.OUTER, *settings.no_signal, None)
         self._newest: ChannelReading | None = None
-
-    @classmethod
-    def from_settings(cls, settings: ReceiverSettings, seed: int) -> Self:
-        """See `ReceiverModel`."""
-        return cls(settings, settings.options, seed)
-
-    def next_look(self, after_s: float, frame_s: float) -> float:
-        """See `ReceiverModel`: when a pulse ends."""
-        return self._listening.next_look(after_s)
+        self._restart(0.0)
 
     def look(self, look: Look) -> bool:
         """See `ReceiverModel`. It asks for a frame with each pulse, unless `frames: rate` is set."""
@@ -73,12 +62,10 @@ class RssiReceiver:
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
         """See `ReceiverModel`."""
-        if name != "restart":
-            return Answer.UNKNOWN
-        if values:
-            return Answer.REFUSED
+        return obey({"restart": (range(1), lambda: self._restart(time_s))}, name, values)
+
+    def _restart(self, time_s: float) -> None:
         self._listens_s, self._newest = time_s + self._options.start_s, None
-        return Answer.DONE
 
     def _hear(self, sent: SentPulse, signals: list[Vector] | None) -> bool:
         """One pulse; whether it is above the threshold."""

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 from arva_hil.receiver.listening import Listening
 from arva_hil.receiver.reading import ChannelReading, PulseReading, Zone
-from arva_hil.receiver.track import Marks, Reach, Track
-
-_REACH: Final = Reach()
+from arva_hil.receiver.track import Mark, Track
 
 
 class Slots:
@@ -37,7 +34,7 @@ class Slots:
     def forget(self) -> None:
         """Forget all transmitters, marks and choices."""
         self._selected: int | None = None
-        self._marks = Marks()
+        self._lost: list[Mark] = []  # marks
         self._tracks: dict[int, Track] = {}  # by the transmitter's index
 
     def scan(self) -> None:
@@ -49,7 +46,7 @@ class Slots:
     def track(self, index: int, make: bool = False) -> Track | None:
         """The track of a transmitter."""
         if make and index not in self._tracks:
-            self._tracks[index] = Track(_REACH, self._marks)
+            self._tracks[index] = Track(self._lost)
         return self._tracks.get(index)
 
     @property
@@ -90,7 +87,7 @@ class Slots:
         if id_ is None:
             for every in self._tracks.values():
                 every.marked = False
-            self._marks.lost.clear()
+            self._lost.clear()
             return True
         track = self._heard(time_s, id_)
         if track is None or not track.marked or not self._near(track):

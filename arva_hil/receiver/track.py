@@ -7,8 +7,8 @@ carrier to 10 Hz. Missed pulses blank the slot, then drop it; a mark is lost lat
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 from arva_hil.receiver.separation import Event, Vector
 
@@ -16,15 +16,7 @@ _GATE_S: Final = 3e-3
 _GATE_HZ: Final = 10.0
 _PERIODS_S: Final = (0.4, 2.0)  # in which two pulses are taken for a rhythm
 _SMOOTHING: Final = 0.5  # of the period
-
-
-@dataclass(frozen=True, slots=True)
-class Reach:
-    """How many periods without a pulse it takes until a slot is blank, dropped, and its mark lost. Assumptions."""
-
-    hold: float = 1.5
-    drop: float = 5.5
-    forget: float = 8.5
+_HOLD, _DROP, _FORGET = 1.5, 5.5, 8.5  # assumed: periods without a pulse until a slot is blank, dropped, unmarked
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,52 +29,28 @@ class Shown:
     signal_na_m: Vector
 
 
-@dataclass(frozen=True, slots=True)
-class Mark:
+class Mark(NamedTuple):
     """What a receiver knows of a marked transmitter that it has lost."""
 
     period_s: float
     carrier_hz: float
-
-    def fits(self, period_s: float, carrier_hz: float) -> bool:
-        """Whether a transmitter that is heard anew may be it."""
-        return abs(self.period_s - period_s) <= _GATE_S and abs(self.carrier_hz - carrier_hz) <= _GATE_HZ
-
-
-@dataclass
-class Marks:
-    """Remembers the marks of transmitters that are lost."""
-
-    lost: list[Mark] = field(default_factory=list)
-
-    def lose(self, mark: Mark) -> None:
-        self.lost.append(mark)
-
-    def found(self, period_s: float, carrier_hz: float) -> bool:
-        """Whether a transmitter heard anew gets one of them back."""
-        for mark in self.lost:
-            if mark.fits(period_s, carrier_hz):
-                self.lost.remove(mark)
-                return True
-        return False
 
 
 class Track:
     """Remembers one transmitter's last pulse, its rhythm, what it gave, and whether it is marked.
 
     `shown`: of the last pulse in step, None while there is no slot. `heard_s`: the end of that pulse. `touched`: the
-    newest pulse was disturbed by another transmitter's.
+    newest pulse was disturbed by another transmitter's. `lost`: the marks of all transmitters that were lost.
     """
 
-    def __init__(self, reach: Reach, marks: Marks) -> None:
+    def __init__(self, lost: list[Mark]) -> None:
         self.shown: Shown | None = None
         self.heard_s = -math.inf
         self.period_s = 1.0
         self.carrier_hz = math.nan
         self.marked = False
         self.touched = False
-        self._reach = reach
-        self._marks = marks
+        self._lost = lost
         self._start_s = -math.inf  # of the last pulse in step, or of a first one
 
     def hear(self, event: Event, end_s: float, shown: Shown) -> bool:
@@ -109,24 +77,24 @@ class Track:
         if time_s < self.drops_s:
             return
         self.shown = None
-        if time_s >= self.heard_s + self._reach.forget * self.period_s:
+        if time_s >= self.heard_s + _FORGET * self.period_s:
             self.lose_mark()
 
     def lose_mark(self) -> None:
-        """From here on it is one that somebody may get who is heard anew."""
+        """From now on a transmitter that is heard anew may get the mark."""
         if self.marked:
             self.marked = False
-            self._marks.lose(Mark(self.period_s, self.carrier_hz))
+            self._lost.append(Mark(self.period_s, self.carrier_hz))
 
     @property
     def blank_s(self) -> float:
         """From when on there is nothing to show."""
-        return self.heard_s + self._reach.hold * self.period_s
+        return self.heard_s + _HOLD * self.period_s
 
     @property
     def drops_s(self) -> float:
         """From when on it has no slot."""
-        return self.heard_s + self._reach.drop * self.period_s
+        return self.heard_s + _DROP * self.period_s
 
     def _open(self, event: Event, end_s: float, shown: Shown) -> bool:
         """The second pulse of a rhythm opens a slot; else it may be the first of one."""
@@ -134,7 +102,11 @@ class Track:
         if not _PERIODS_S[0] <= period_s <= _PERIODS_S[1]:
             self._start_s = event.start_s
             return False
-        self.marked = self.marked or self._marks.found(period_s, event.carrier_hz)
+        for mark in self._lost if not self.marked else ():
+            if abs(mark.period_s - period_s) <= _GATE_S and abs(mark.carrier_hz - event.carrier_hz) <= _GATE_HZ:
+                self._lost.remove(mark)
+                self.marked = True
+                break
         self.period_s, self.carrier_hz = period_s, event.carrier_hz
         self._take(event, end_s, shown)
         return True
