@@ -78,7 +78,7 @@ class Authority:
             self._question = 0
 
     def doubt(self, now: float) -> None:
-        """Earlier reports do not count any more."""
+        """There was a gap: earlier reports do not count any more, and no order is sent before a later one."""
         self._question = secrets.randbits(62) | 1
         self._next_question = self._since = now
         self._news_s = -math.inf
@@ -94,7 +94,7 @@ class Authority:
 
     @property
     def settled(self) -> bool:
-        """Whether the reports count."""
+        """Whether the reports count: it is known who controls the vehicle."""
         return self._news_s > -math.inf
 
     def fresh(self, now: float) -> bool:

@@ -61,12 +61,12 @@ class Commander(FlightState):
         assert self._session.vehicle is not None
         self._modes = modes_of(self._session.vehicle)
         place, home = self._session.track.last_position, self._session.home
-        if place is None or home is None or self._authority.mode == -1 or not self._turn(now, place):
+        if place is None or home is None or self.authority.mode == -1 or not self._turn(now, place):
             raise ValueError("its pose, its home or its mode is not known")
         self.origin = place._replace(alt=home[2])
         self.sticks.mark()
         self._borrowing = True
-        self._authority.borrow()
+        self.authority.borrow()
         self._enter(Phase.FLYING, now, self._modes.steer)
         self._next_order = now + _FLOWING_S
 
@@ -104,11 +104,11 @@ class Commander(FlightState):
             self._advance(now)
         if not self.phase.active:
             return b""
-        question = self._authority.question(now)
+        question = self.authority.question(now)
         messages = [question] if question else []
         if question:
-            self._offered.append(self._authority.asked)
-        if self._authority.settled and not self._authority.usurped and not self._session.doubtful:
+            self._offered.append(self.authority.asked)
+        if self.authority.settled and not self.authority.usurped and not self._session.doubtful:
             messages += self._due(now)
         return b"".join(map(self._session.encoder.pack, messages))
 
@@ -120,9 +120,9 @@ class Commander(FlightState):
 
     def _advance(self, now: float) -> None:
         """Change to the next phase if this one has ended, or has taken too long."""
-        late, in_mode = now - self._since, self._authority.in_mode
+        late, in_mode = now - self._since, self.authority.in_mode
         self._borrowing = self._borrowing and not in_mode
-        if self._authority.silent(now):
+        if self.authority.silent(now):
             self._lose(f"the vehicle has not said its mode for {authority.SILENT_S:g} s")
         elif self.phase is Phase.CLIMBING and self._climbed:
             self._enter(Phase.FLYING, now, self._modes.steer)
@@ -150,7 +150,7 @@ class Commander(FlightState):
             order, again = self._order()
             if order is None:
                 self._next_order = now + again
-            elif self._authority.fresh(now):
+            elif self.authority.fresh(now):
                 self._offered.append(partial(self._ordered, order, again))
                 messages.append(order)
         return messages
@@ -179,13 +179,13 @@ class Commander(FlightState):
             return None if risen else modes.to_take_off(vehicle, self._take_off_m, self.origin.alt), _REPEAT_S
         if self.phase is Phase.DISARMING:
             return command(*to, _ARM, 0), _REPEAT_S
-        if self.phase is Phase.ARMING and self._authority.in_mode:
+        if self.phase is Phase.ARMING and self.authority.in_mode:
             return (command(*to, _ARM, 1), _ARM_AGAIN_S) if self.ready else (None, 0.0)
-        if self._authority.in_mode or (self.phase is Phase.YIELDING and not self.sticks.throttle_in_middle):
+        if self.authority.in_mode or (self.phase is Phase.YIELDING and not self.sticks.throttle_in_middle):
             return None, 0.0
         if self.phase is Phase.LANDING:
             return command(*to, dialect.MAV_CMD_NAV_LAND), _REPEAT_S
-        return modes.to_set(vehicle, self._authority.wanted), _REPEAT_S
+        return modes.to_set(vehicle, self.authority.wanted), _REPEAT_S
 
     # -- what the vehicle says -----------------------------------------------------------------------------
 
@@ -200,7 +200,7 @@ class Commander(FlightState):
         assert self._session.vehicle is not None
         if message.autopilot != self._session.vehicle.autopilot:
             return
-        self._authority.hear(message.custom_mode, self._heard_since, now)
+        self.authority.hear(message.custom_mode, self._heard_since, now)
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         mode = self._modes.name(message.custom_mode)
         if not self.phase.active:
@@ -212,7 +212,7 @@ class Commander(FlightState):
             self.phase = Phase.ENDED
         elif self.phase is Phase.DISARMING:
             self._watch_mode(now)
-        elif self.phase is Phase.ARMING and armed and not self._authority.in_mode:
+        elif self.phase is Phase.ARMING and armed and not self.authority.in_mode:
             self._lose(f"somebody else has armed it, in {mode}", handed_over=True)
         elif self.phase is not Phase.ARMING and not armed:
             self._lose("; ".join(filter(None, [f"it was disarmed; the mode is {mode}", self._reasons()])))
@@ -226,12 +226,12 @@ class Commander(FlightState):
 
         PX4 changes its mode when it disarms after a landing. The heartbeat shows that this was not the pilot.
         """
-        self._authority.hear(message.custom_mode, self._heard_since, now)
+        self.authority.hear(message.custom_mode, self._heard_since, now)
         if self.phase.active and self.phase is not Phase.LANDING:
             self._watch_mode(now)
 
     def _on_timesync(self, message: Any, now: float) -> None:
-        self._authority.hear_answer(message)
+        self.authority.hear_answer(message)
 
     def _on_ack(self, message: Any, now: float) -> None:
         taken = self._session.answers_us(message) and self._complaints.hear_ack(message)
@@ -239,8 +239,7 @@ class Commander(FlightState):
             self._next_order = now + _TAKE_OFF_AGAIN_S
 
     def _on_text(self, message: Any, now: float) -> None:
-        self._complaints.hear_text(message)
-        for text in self._complaints.take_texts():
+        if text := self._complaints.hear_text(message):
             self._news.emit(AutopilotText(now, self._news.name, text))
 
     def _on_status(self, message: Any, now: float) -> None:

@@ -16,17 +16,17 @@ _MOST_RECENT: Final = 4
 
 
 class StatusTexts:
-    """Remembers the last few different texts in `recent`, and those that were not taken yet.
+    """Remembers the last few different texts in `recent`, and the chunks of texts that are not complete.
 
     The chunks of several texts may be mixed; "…" stands for a lost chunk.
     """
 
     def __init__(self) -> None:
         self.recent: list[str] = []
-        self._new: list[str] = []
         self._open: dict[int, list[str]] = {}  # chunks by the text's id
 
-    def add(self, message: Any) -> None:
+    def add(self, message: Any) -> str:
+        """Use a STATUSTEXT. Returns the text that it completes if it is new, otherwise ""."""
         parts = self._open.pop(message.id, [])
         if message.chunk_seq == 0:
             parts = []
@@ -37,16 +37,12 @@ class StatusTexts:
             if len(self._open) >= _MOST_OPEN:
                 self._open.clear()
             self._open[message.id] = parts
-            return
+            return ""
         text = "".join(parts).strip()
-        if text and text not in self.recent:
-            self.recent = [*self.recent[1 - _MOST_RECENT :], text]
-            self._new.append(text)
-
-    def take(self) -> list[str]:
-        """The texts since the last call."""
-        new, self._new = self._new, []
-        return new
+        if not text or text in self.recent:
+            return ""
+        self.recent = [*self.recent[1 - _MOST_RECENT :], text]
+        return text
 
 
 def unwell(message: Any) -> list[str]:
@@ -83,9 +79,9 @@ class Complaints:
         self.refused_result = RESULTS.get(message.result, f"result {message.result}").removeprefix("MAV_RESULT_")
         return False
 
-    def hear_text(self, message: Any) -> None:
-        if message.severity <= dialect.MAV_SEVERITY_WARNING:
-            self._texts.add(message)
+    def hear_text(self, message: Any) -> str:
+        """Use a STATUSTEXT. Returns its text if it is a new warning, otherwise ""."""
+        return self._texts.add(message) if message.severity <= dialect.MAV_SEVERITY_WARNING else ""
 
     def hear_status(self, message: Any) -> None:
         self._unwell = unwell(message)
@@ -101,10 +97,6 @@ class Complaints:
         said = f"not healthy: {', '.join(self._unwell)}" if status and self._unwell else ""
         answer = f"{self.refused_order}: {self.refused_result}" if self.refused_order else ""
         return "; ".join(filter(None, [answer, *self._texts.recent, said]))
-
-    def take_texts(self) -> list[str]:
-        """The texts since the last call, each once."""
-        return self._texts.take()
 
 
 _LAST_S: Final = 5.0  # that a report is valid: the vehicle may have been restarted, or be another one

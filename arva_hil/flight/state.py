@@ -39,30 +39,22 @@ class Phase(Enum):
     @property
     def to_do(self) -> str:
         """What the vehicle does in this phase, as a verb."""
-        return _TO_DO[self]
+        return _PHASES[self][0]
 
     def limit_s(self, metres: float) -> float:
         """The longest duration of the phase [s], with this many metres to climb or to descend."""
-        fixed, each_metre = _LIMITS[self]
+        _, fixed, each_metre = _PHASES[self]
         return fixed + each_metre * max(metres, 0.0)
 
 
-_TO_DO: Final = {
-    Phase.ARMING: "arm",
-    Phase.CLIMBING: "take off",
-    Phase.FLYING: "follow velocities",
-    Phase.LANDING: "land",
-    Phase.DISARMING: "disarm",
-    Phase.HOLDING: "hover",
-    Phase.YIELDING: "go to LOITER",
-}
-_LIMITS: Final = {  # s, and s per metre
-    Phase.CLIMBING: (30.0, 1.0),
-    Phase.FLYING: (10.0, 0.0),  # until it follows velocities
-    Phase.LANDING: (90.0, 2.0),
-    Phase.DISARMING: (10.0, 0.0),
-    Phase.HOLDING: (5.0, 0.0),
-    Phase.YIELDING: (60.0, 0.0),
+_PHASES: Final = {  # what the vehicle has to do, and the time for it: s, and s per metre
+    Phase.ARMING: ("arm", math.inf, 0.0),
+    Phase.CLIMBING: ("take off", 30.0, 1.0),
+    Phase.FLYING: ("follow velocities", 10.0, 0.0),
+    Phase.LANDING: ("land", 90.0, 2.0),
+    Phase.DISARMING: ("disarm", 10.0, 0.0),
+    Phase.HOLDING: ("hover", 5.0, 0.0),
+    Phase.YIELDING: ("go to LOITER", 60.0, 0.0),
 }
 
 
@@ -122,12 +114,12 @@ class FlightState:
         self.origin: PositionSample | None = None
         self.sticks = Sticks()
         self.battery = Battery()
+        self.authority = Authority()
         self._session = session
         self._take_off_m = take_off_m
         self._modes = ARDUCOPTER  # until the launch
         self._yaw = 0.0
         self._borrowing = False  # it is still in the mode of a take-over, and does not follow us yet
-        self._authority = Authority()
         self._since = 0.0  # of this phase
         self._limit_s = math.inf  # of this phase
         self._next_order = -math.inf
@@ -142,24 +134,10 @@ class FlightState:
         if self.phase is not Phase.ENDED:
             self.phase = Phase.LOST
 
-    def doubt(self, now: float) -> None:
-        """There was a gap: send no order before a later report shows the mode that was ordered."""
-        self._authority.doubt(now)
-
-    @property
-    def mode(self) -> int:
-        """The custom mode reported last; -1 before the first report."""
-        return self._authority.mode
-
-    @property
-    def settled(self) -> bool:
-        """Whether it is known who controls the vehicle."""
-        return self._authority.settled
-
     @property
     def lands_by_itself(self) -> bool:
         """Whether it is in the mode that lands."""
-        return self._authority.wanted == self._modes.land and self._authority.in_mode
+        return self.authority.wanted == self._modes.land and self.authority.in_mode
 
     @property
     def height(self) -> float:
@@ -191,7 +169,7 @@ class FlightState:
         self._limit_s = phase.limit_s(metres) if limit_s is None else limit_s
         self._next_order, self._ordered_s = -math.inf, math.inf
         self._complaints.begin(keep_texts=phase is Phase.ARMING)
-        self._authority.want(wanted, ours=phase not in (Phase.ARMING, Phase.DISARMING))
+        self.authority.want(wanted, ours=phase not in (Phase.ARMING, Phase.DISARMING))
 
     def _leave_alone(self, why: str) -> bool:
         """End a take-over before the vehicle follows us, for any reason: no order has to be undone."""
@@ -224,9 +202,9 @@ class FlightState:
         PX4 arms in hold, and may be in it until it has risen. It does not return to hold by itself, because the height
         of its take-off is larger than the one at which it is ordered to follow set-points.
         """
-        name, in_mode = self._modes.name(self._authority.mode), self._authority.in_mode
+        name, in_mode = self._modes.name(self.authority.mode), self.authority.in_mode
         risen = self.phase is Phase.CLIMBING and self.height > RISEN_M
-        if self._authority.usurped or (risen and not in_mode):
+        if self.authority.usurped or (risen and not in_mode):
             stalled = self._pace.stalled_s(now) if self._modes.px4 else 0.0
             why = f"the mode is {name}: the pilot or a failsafe has taken over"
             self._lose(why + (_STALLED.format(stalled) if stalled else ""), handed_over=True)

@@ -90,7 +90,7 @@ class Flight:
             self.origin = origin.frame
             self._session.news.emit(take_off_point(now, self.origin))
         phase, state, velocity = self._commander.phase, self._state(now), STAY
-        if not self._commander.settled:
+        if not self._commander.authority.settled:
             return
         if state is None:
             self._fly_blind(now)

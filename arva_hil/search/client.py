@@ -174,7 +174,7 @@ class SearchClient:
     def _begin_anew(self, now: float, gap_s: float) -> None:
         """After a gap without reading, all that is known is old."""
         self._session.skip(now)
-        self._commander.doubt(now)
+        self._commander.authority.doubt(now)
         self._preflight.restart()
         self._flight.skip(gap_s)
         self._receiver.skip(now)
@@ -219,7 +219,7 @@ class SearchClient:
             return
         verdict = self._preflight.look(now)
         if verdict is True and self._dry_run:
-            verdict = self._dry_run.step(now, self._commander.mode) or False
+            verdict = self._dry_run.step(now, self._commander.authority.mode) or False
         if verdict is True:
             self._launch(now)
         elif verdict:

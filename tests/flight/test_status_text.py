@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import pytest
@@ -12,6 +13,12 @@ from arva_hil.flight.complaints import StatusTexts, unwell
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 
 WORDS = st.text("abc :_-", min_size=1, max_size=170).filter(lambda text: text == text.strip())
+
+
+def said_by(messages: Iterable[Any]) -> list[str]:
+    """The texts that these messages complete."""
+    texts = StatusTexts()
+    return [text for message in messages if (text := texts.add(message))]
 
 
 def chunks(text: str, id_: int) -> list[Any]:
@@ -27,46 +34,32 @@ def chunks(text: str, id_: int) -> list[Any]:
 
 @given(st.lists(WORDS, min_size=1, max_size=4, unique=True), st.randoms())
 def test_chunks_of_several_texts_may_come_mixed(said: list[str], random: Any) -> None:
-    texts = StatusTexts()
     waiting = [chunks(text, id_) for id_, text in enumerate(said, 1)]
+    mixed = []
     while waiting:
-        chosen = random.choice(waiting)
-        texts.add(chosen.pop(0))
+        mixed.append(random.choice(waiting).pop(0))
         waiting = [rest for rest in waiting if rest]
-    assert sorted(texts.take()) == sorted(said)
-    assert texts.take() == []
+    assert sorted(said_by(mixed)) == sorted(said)
 
 
 def test_a_short_text_comes_at_once_and_only_once() -> None:
-    texts = StatusTexts()
-    for id_ in (0, 0, 5):
-        texts.add(chunks("PreArm: no", id_)[0])
-    assert texts.take() == ["PreArm: no"]
+    assert said_by(chunks("PreArm: no", id_)[0] for id_ in (0, 0, 5)) == ["PreArm: no"]
 
 
 def test_the_last_four_are_remembered() -> None:
     texts = StatusTexts()
-    for n in range(9):
-        texts.add(chunks(f"text {n}", 0)[0])
+    assert all(texts.add(chunks(f"text {n}", 0)[0]) for n in range(9))
     assert texts.recent == ["text 5", "text 6", "text 7", "text 8"]
-    assert len(texts.take()) == 9
 
 
 @pytest.mark.parametrize(("lost", "text"), [(0, "…" + "b" * 50 + "c"), (1, "a" * 50 + "…c")])
 def test_a_lost_chunk_is_marked(lost: int, text: str) -> None:
-    texts = StatusTexts()
-    for seq, chunk in enumerate(chunks("a" * 50 + "b" * 50 + "c", 3)):
-        if seq != lost:
-            texts.add(chunk)
-    assert texts.take() == [text]
+    came = [chunk for seq, chunk in enumerate(chunks("a" * 50 + "b" * 50 + "c", 3)) if seq != lost]
+    assert said_by(came) == [text]
 
 
 def test_a_text_without_its_end_is_not_mixed_with_the_next_of_its_number() -> None:
-    texts = StatusTexts()
-    texts.add(chunks("a" * 60, 3)[0])
-    for chunk in chunks("b" * 60, 3):
-        texts.add(chunk)
-    assert texts.take() == ["b" * 60]
+    assert said_by([chunks("a" * 60, 3)[0], *chunks("b" * 60, 3)]) == ["b" * 60]
 
 
 def test_texts_without_an_end_do_not_pile_up() -> None:
@@ -74,16 +67,11 @@ def test_texts_without_an_end_do_not_pile_up() -> None:
     for id_ in range(1, 1000):
         texts.add(chunks("a" * 60, id_)[0])
     assert len(texts._open) < 20
-    for chunk in chunks("b" * 60, 2000):
-        texts.add(chunk)
-    assert texts.take() == ["b" * 60]
+    assert [texts.add(chunk) for chunk in chunks("b" * 60, 2000)] == ["", "b" * 60]
 
 
 def test_an_empty_text_is_none() -> None:
-    texts = StatusTexts()
-    texts.add(chunks("", 0)[0])
-    texts.add(chunks("   ", 1)[0])
-    assert texts.take() == []
+    assert said_by([chunks("", 0)[0], chunks("   ", 1)[0]]) == []
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,7 @@ def test_what_stands_on_the_ground_is_not_armed() -> None:
 def test_the_pilot_has_the_last_word_from_the_first_moment_on(make: Callable[..., Any]) -> None:
     world = taking_over(airborne(make))
     world.reach("flying")
-    world.until(lambda: world.client._commander._authority.in_mode)
+    world.until(lambda: world.client._commander.authority.in_mode)
     world.pilot(POSITION if isinstance(world.vehicle, Px4) else Mode.LOITER)
     kind, how = world.end()
     assert kind == "failed"
