@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -82,33 +82,10 @@ class FollowedSystem:
         )
 
 
-class FollowedSystems:
-    """Remembers every system that a transmitter of these scenarios follows."""
-
-    def __init__(self, scenarios: Iterable[Scenario], start: float) -> None:
-        followed = (t.follows.system for scenario in scenarios for t in scenario.transmitters if t.follows)
-        self._by_id = {system: FollowedSystem(system, start) for system in followed}
-
-    def __bool__(self) -> bool:
-        return bool(self._by_id)
-
-    def hear(self, packets: Sequence[Packet], now: float) -> None:
-        """What was believed of a link's packets, whoever sent them."""
-        for packet in packets:
-            if (followed := self._by_id.get(packet.system)) is not None:
-                followed.hear(packet, now)
-
-    def pose(self, system: int, t: float, frame: LocalFrame) -> tuple[Array, Array] | None:
-        """See `FollowedSystem.pose`."""
-        return self._by_id[system].pose(t, frame)
-
-    def known_at(self, t: float) -> bool:
-        """See `FollowedSystem.known_at`, of all of them."""
-        return all(followed.known_at(t) for followed in self._by_id.values())
-
-    def look(self, now: float) -> list[Event]:
-        """See `FollowedSystem.look`."""
-        return [event for followed in self._by_id.values() if (event := followed.look(now))]
+def followed_systems(scenarios: Iterable[Scenario], start: float) -> dict[int, FollowedSystem]:
+    """Every system that a transmitter of these scenarios follows, by system id."""
+    followed = (t.follows.system for scenario in scenarios for t in scenario.transmitters if t.follows)
+    return {system: FollowedSystem(system, start) for system in followed}
 
 
 @dataclass(frozen=True)
@@ -140,7 +117,9 @@ def one_vehicle(scenario: Scenario, session: Session, *, link: str = "autopilot"
 class EmulatedVehicle:
     """Remembers one vehicle's datum and receivers; the session has the rest."""
 
-    def __init__(self, setup: VehicleSetup, followed: FollowedSystems, *, start: float, max_age_s: float) -> None:
+    def __init__(
+        self, setup: VehicleSetup, followed: Mapping[int, FollowedSystem], *, start: float, max_age_s: float
+    ) -> None:
         self.name = setup.session.news.name = setup.name
         self.link = setup.link
         self.session = setup.session
@@ -208,7 +187,7 @@ class EmulatedVehicle:
 
     def pose_of(self, system: int, t: float) -> tuple[Array, Array] | None:
         """Position (3,) NED from the datum [m] and body → NED (3, 3) of another vehicle; None: it is not heard."""
-        return self._followed.pose(system, t, self.datum.frame) if self.datum.frame else None
+        return self._followed[system].pose(t, self.datum.frame) if self.datum.frame else None
 
     def lacking(self) -> NoPose:
         """Why there is no pose."""

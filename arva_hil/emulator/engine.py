@@ -21,7 +21,13 @@ from typing import Final
 from arva_hil.config import ReceiverConfig, Scenario, VehicleConfig
 from arva_hil.emulator.agenda import Agenda
 from arva_hil.emulator.datum import MOVE_DATUM
-from arva_hil.emulator.emulated_vehicle import EmulatedVehicle, FollowedSystems, ReceiverSetup, SharedLink, VehicleSetup
+from arva_hil.emulator.emulated_vehicle import (
+    EmulatedVehicle,
+    ReceiverSetup,
+    SharedLink,
+    VehicleSetup,
+    followed_systems,
+)
 from arva_hil.emulator.frame_source import FrameSource, Output
 from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.events import Event, HeartbeatMissing, PacketsReceived, StatusReport
@@ -51,7 +57,7 @@ class Emulator:
         tell_packets: bool = False,
     ) -> None:
         scenarios = (receiver.scenario for setup in vehicles for receiver in setup.receivers)
-        self._followed = FollowedSystems(scenarios, start)
+        self._followed = followed_systems(scenarios, start)
         self.vehicles = [EmulatedVehicle(setup, self._followed, start=start, max_age_s=max_age_s) for setup in vehicles]
         self._vehicle_of = {source: vehicle for vehicle in self.vehicles for source in vehicle.sources}
         self._on_link: dict[str, list[EmulatedVehicle]] = {}
@@ -91,7 +97,9 @@ class Emulator:
             packets: Sequence[Packet] = vehicles[0].session.feed(data, now, sender, whole=whole)
         else:
             read = vehicles[0].session.reader.read(data, now, sender, whole=whole)
-            self._followed.hear(read.believed, now)
+            for packet in read.believed if self._followed else ():
+                if (followed := self._followed.get(packet.system)) is not None:
+                    followed.hear(packet, now)
             if link in self._shared:
                 vehicles, packets = self._shared[link].hear(read, now, sender)
             else:
@@ -133,7 +141,7 @@ class Emulator:
             self._next_status = now + _STATUS_S
             for vehicle in self.vehicles if now - self._start > self._timeout_s else ():
                 self._tell_missing(vehicle, now)
-            self._events += self._followed.look(now)
+            self._events += [event for followed in self._followed.values() if (event := followed.look(now))]
             self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
 
     def finish(self, now: float) -> None:
@@ -187,8 +195,8 @@ class Emulator:
     def _ready(self, vehicle: EmulatedVehicle, now: float) -> Callable[[float], bool]:
         if not self._look_ahead_s:
             return lambda t: True
-        every = (vehicle.true_state, self._followed)
-        return lambda t: now - t >= self._look_ahead_s or all(one.known_at(t) for one in every)
+        known = [vehicle.true_state.known_at, *(followed.known_at for followed in self._followed.values())]
+        return lambda t: now - t >= self._look_ahead_s or all(known_at(t) for known_at in known)
 
     def _collect(self, source: FrameSource) -> None:
         if source.outputs:

@@ -98,12 +98,8 @@ def _tunnel(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
     return [dialect.MAVLink_tunnel_message(vehicle.system, vehicle.component, TUNNEL_TYPE, len(payload), padded)]
 
 
-def _named_int(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
-    return [dialect.MAVLink_named_value_int_message(boot_ms, name, value) for name, value in named_values(frame)]
-
-
-def _named_float(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
-    return [dialect.MAVLink_named_value_float_message(boot_ms, name, value) for name, value in named_values(frame)]
+def _named(message: Callable[[int, bytes, int], Any], frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
+    return [message(boot_ms, name, value) for name, value in named_values(frame)]
 
 
 def named_values(frame: Frame) -> Iterator[tuple[bytes, int]]:
@@ -225,6 +221,8 @@ def _zone(d: int, delta: int) -> int:
 
 
 TUNNEL: Final = MavlinkFormat(_tunnel, partial(MavlinkDecoder, "tunnel"), numbered=True)
-NAMED: Final = MavlinkFormat(_named_int, partial(MavlinkDecoder, "named"))
-NAMED_FLOAT: Final = MavlinkFormat(_named_float, partial(MavlinkDecoder, "named_float"))
+NAMED: Final = MavlinkFormat(partial(_named, dialect.MAVLink_named_value_int_message), partial(MavlinkDecoder, "named"))
+NAMED_FLOAT: Final = MavlinkFormat(
+    partial(_named, dialect.MAVLink_named_value_float_message), partial(MavlinkDecoder, "named_float")
+)
 DEBUG_VECT: Final = MavlinkFormat(_debug_vect, partial(MavlinkDecoder, "debug_vect"))

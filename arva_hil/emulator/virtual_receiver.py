@@ -82,10 +82,9 @@ class VirtualReceiver:
         state, reported = vehicle.states(t)
         fresh = self._is_fresh(state)
         events = self._pose_events(fresh, state, now, vehicle)
-        pose = self._true_pose(state) if fresh else None
-        reported_pose = pose
+        pose = reported_pose = self._pose(state, swings=True)
         if reported is not state:
-            reported_pose = self._pose(reported) if self._is_fresh(reported) else None
+            reported_pose = self._pose(reported, swings=False)
         there = self._transmitters.at(self._look_s, lambda system: vehicle.pose_of(system, t))
         self.seen = Seen(t, pose, reported_pose, state.age_s if state else None, there)
         return bool(self._model.look(Look(self._look_s, pose, there, impairment=self._deafened(vehicle)))), events
@@ -107,22 +106,16 @@ class VirtualReceiver:
         noise = self._vehicle_noise
         return Impairment(noise_na_m=noise.sigma_na_m(self._place, vehicle.load())) if noise else None
 
-    def _true_pose(self, state: VehicleState | None) -> Pose | None:
-        """Where it is, swinging if it hangs on a rope."""
-        if state is None:
+    def _pose(self, state: VehicleState | None, *, swings: bool) -> Pose | None:
+        """Its pose on a vehicle in this state, None if that is unknown or too old. `swings`: if it hangs on a rope."""
+        if state is None or not self._is_fresh(state):
             return None
         position, rotation = self._mount.pose(state.position, state.attitude)
-        if self._sling:
+        if self._sling and swings:
             position, rotation = self._sling.hang(self._look_s, position, state.velocity, rotation)
+        elif self._sling:
+            position = position + np.array([0.0, 0.0, self._sling.length_m])
         return Pose(position, rotation)
-
-    def _pose(self, state: VehicleState | None) -> Pose | None:
-        """Where it would be without a swing."""
-        if state is None:
-            return None
-        position, rotation = self._mount.pose(state.position, state.attitude)
-        down = np.array([0.0, 0.0, self._sling.length_m]) if self._sling else 0.0
-        return Pose(position + down, rotation)
 
     def _is_fresh(self, state: VehicleState | None) -> bool:
         return state is not None and state.age_s <= self._max_age_s

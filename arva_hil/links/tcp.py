@@ -16,11 +16,8 @@ _LATE_PORTS: Final = (5762, 5763)
 _SITL: Final = "ArduPilot's simulator listens there only once a client is connected to 5760"
 _ANSWER_MS: Final = 5000  # an `answered` connection is lost if bytes are not acknowledged in this time
 _TAKE_MS: Final = 10_000  # the same for other connections
-_KEEP_ALIVE: Final = {
-    "TCP_KEEPIDLE": 5,
-    "TCP_KEEPINTVL": 1,
-    "TCP_KEEPCNT": 5,
-}  # seconds of silence, seconds between probes, number of probes
+# Seconds of silence before the first probe, seconds between probes, number of probes.
+_KEEP_ALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 5}
 
 
 class SocketLink(StreamLink):

@@ -10,13 +10,7 @@ from arva_hil.errors import ArvaError
 from arva_hil.registry import LINKS
 
 _LOOPBACK: Final = "127.0.0.1"
-_NETWORK: Final[dict[str, str]] = {
-    "udpin": "udpin",
-    "udpout": "udpout",
-    "tcp": "tcp",
-    "tcpout": "tcp",
-    "tcpin": "tcpin",
-}
+_NETWORK: Final = {"udpin": "udpin", "udpout": "udpout", "tcp": "tcp", "tcpout": "tcp", "tcpin": "tcpin"}
 _KINDS: Final = {*_NETWORK.values(), "serial", "pyserial", "pty", "tlog", "stdout"}  # with spellings of their own
 _USUAL_PORT: Final[dict[str, int]] = {"udpin": 14550, "udpout": 14550, "tcp": 5760, "tcpin": 5760}
 # Patterns are compiled when they are first used: it would take a third of this package's import time.

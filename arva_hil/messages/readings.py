@@ -18,32 +18,19 @@ from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
 from arva_hil.field import LocalFrame, MovingTransmitters, Transmitters
 from arva_hil.field.dipole import field_of
 from arva_hil.messages import frames, markers
+from arva_hil.messages import types as ros
 from arva_hil.messages.diagnostics import diagnostics
 from arva_hil.messages.message import Message
 from arva_hil.messages.names import DIAGNOSTICS, MAP, TF, names_of
 from arva_hil.messages.publication import Publication, header, stamp_of
-from arva_hil.messages.types import (
-    Arva,
-    ArvaData,
-    DiagnosticArray,
-    Header,
-    Marker,
-    MarkerArray,
-    NavSatFix,
-    NavSatStatus,
-    PoseStamped,
-    TFMessage,
-    TransformStamped,
-    Vector3,
-)
 from arva_hil.receiver import Pose
 from arva_hil.receiver.reading import ChannelReading
 
 _EMPTY: Final = -1  # the id of an empty slot
-_NOWHERE: Final = Vector3(0.0, 0.0, 0.0)
+_NOWHERE: Final = ros.Vector3(0.0, 0.0, 0.0)
 _SHAPES_S: Final = 0.2  # shapes are not drawn anew sooner
 _STATUS_S: Final = 1.0
-_FIX: Final = NavSatStatus(0, 1)  # a fix, of GPS
+_FIX: Final = ros.NavSatStatus(0, 1)  # a fix, of GPS
 _UNKNOWN: Final = (0.0,) * 9
 
 
@@ -119,39 +106,39 @@ class RunMessages:
         directions = _directions(taken.pose, there)
         own, world = header(stamp, names.frame), header(stamp, names.map)
         slots = [_slot(channel, directions) for channel in taken.channels]
-        made = [Publication(names.arva, stamp, Arva(own, slots))]
+        made = [Publication(names.arva, stamp, ros.Arva(own, slots))]
         transforms = []
         if taken.pose is not None:
             pose = frames.pose(taken.pose.position, taken.pose.rotation)
-            made.append(Publication(names.pose, stamp, PoseStamped(world, pose)))
-            transforms.append(TransformStamped(world, names.frame, frames.transform(pose)))
+            made.append(Publication(names.pose, stamp, ros.PoseStamped(world, pose)))
+            transforms.append(ros.TransformStamped(world, names.frame, frames.transform(pose)))
             if datum := self._datums.get(taken.vehicle):
                 lat, lon, alt = map(float, datum.lla(taken.pose.position))
-                made.append(Publication(names.fix, stamp, NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0)))
+                made.append(Publication(names.fix, stamp, ros.NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0)))
         if taken.reported is not None and taken.reported is not taken.pose:
             reported = frames.pose(taken.reported.position, taken.reported.rotation)
-            made.append(Publication(names.reported_pose, stamp, PoseStamped(world, reported)))
+            made.append(Publication(names.reported_pose, stamp, ros.PoseStamped(world, reported)))
         if self._may_draw(key, stamp):
             if names.map != MAP and self.world and (datum := self._datums.get(taken.vehicle)):
                 there_is = frames.between(self.world, datum)
-                transforms.append(TransformStamped(header(stamp, MAP), names.map, there_is))
+                transforms.append(ros.TransformStamped(header(stamp, MAP), names.map, there_is))
             shapes = self._arrows_of(key, own, slots)
             for id_, place, rotation in _placed(there):
                 pose = frames.pose(place, rotation)
                 shapes += markers.transmitter(world, id_, pose)
-                transforms.append(TransformStamped(world, f"{names.transmitter}{id_}", frames.transform(pose)))
-            made.append(Publication(names.visualization, stamp, MarkerArray(shapes)))
+                transforms.append(ros.TransformStamped(world, f"{names.transmitter}{id_}", frames.transform(pose)))
+            made.append(Publication(names.visualization, stamp, ros.MarkerArray(shapes)))
         if transforms:
-            made.insert(0, Publication(TF, stamp, TFMessage(transforms)))
+            made.insert(0, Publication(TF, stamp, ros.TFMessage(transforms)))
         return made
 
     @property
     def topics(self) -> dict[str, type[Message]]:
         """All topics that there may be, with their messages."""
-        topics: dict[str, type[Message]] = {TF: TFMessage, DIAGNOSTICS: DiagnosticArray}
+        topics: dict[str, type[Message]] = {TF: ros.TFMessage, DIAGNOSTICS: ros.DiagnosticArray}
         for names in self._names.values():
-            topics |= {names.arva: Arva, names.pose: PoseStamped, names.fix: NavSatFix}
-            topics |= {names.reported_pose: PoseStamped, names.visualization: MarkerArray}
+            topics |= {names.arva: ros.Arva, names.pose: ros.PoseStamped, names.fix: ros.NavSatFix}
+            topics |= {names.reported_pose: ros.PoseStamped, names.visualization: ros.MarkerArray}
         return topics
 
     def _of_status(self, report: StatusReport) -> list[Publication]:
@@ -165,7 +152,7 @@ class RunMessages:
         there = self._there.get(taken.vehicle)
         return None if there is None else there.at(taken.instant_s, lambda system: None)
 
-    def _arrows_of(self, key: tuple[str, str], own: Header, slots: Sequence[ArvaData]) -> list[Marker]:
+    def _arrows_of(self, key: tuple[str, str], own: ros.Header, slots: Sequence[ros.ArvaData]) -> list[ros.Marker]:
         """An arrow for each slot that has a direction; those that have none any more are removed."""
         shown = {n: slot for n, slot in enumerate(slots, 1) if markers.is_direction(slot.direction)}
         gone = sorted(self._arrows.get(key, frozenset()) - shown.keys())
@@ -188,7 +175,7 @@ def _placed(there: Transmitters | None) -> list[tuple[int, NDArray[np.float64], 
     return [one for one in every if one[0] not in there.unplaced]
 
 
-def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, Vector3]:
+def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, ros.Vector3]:
     """The field at the receiver by transmitter, FLU."""
     if pose is None or there is None or not there.ids:
         return {}
@@ -197,7 +184,7 @@ def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, Vect
     return {id_: frames.body_vector(frd) for id_, frd in every if id_ not in there.unplaced}
 
 
-def _slot(channel: ChannelReading, directions: dict[int, Vector3]) -> ArvaData:
+def _slot(channel: ChannelReading, directions: dict[int, ros.Vector3]) -> ros.ArvaData:
     id_ = _EMPTY if channel.id is None else channel.id
     direction = directions.get(id_, _NOWHERE) if channel.zone else _NOWHERE  # a blank one hears nothing now
-    return ArvaData(id_, float(channel.d_cm), direction, channel.delta_deg, int(channel.zone))
+    return ros.ArvaData(id_, float(channel.d_cm), direction, channel.delta_deg, int(channel.zone))

@@ -13,22 +13,10 @@ from arva_hil.events import Event
 from arva_hil.events.searches import BeliefChanged, FrameHeard, PlaceFound, TakeOffPoint
 from arva_hil.field import LocalFrame, rotation
 from arva_hil.messages import frames, markers
+from arva_hil.messages import types as ros
 from arva_hil.messages.message import Message
 from arva_hil.messages.names import MAP, TF
 from arva_hil.messages.publication import Publication, header, stamp_of
-from arva_hil.messages.types import (
-    Arva,
-    ArvaData,
-    Header,
-    Marker,
-    MarkerArray,
-    NavSatFix,
-    NavSatStatus,
-    PoseStamped,
-    TFMessage,
-    TransformStamped,
-    Vector3,
-)
 from firmware_proto import MID, Channel
 
 TAKE_OFF: Final = "takeoff"
@@ -39,12 +27,12 @@ FIX: Final = "/search/fix"
 FOUND: Final = "/search/found"
 VISUALIZATION: Final = "/search/visualization"
 TOPICS: Final[Mapping[str, type[Message]]] = {
-    TF: TFMessage,
-    ARVA: Arva,
-    POSE: PoseStamped,
-    FIX: NavSatFix,
-    FOUND: NavSatFix,
-    VISUALIZATION: MarkerArray,
+    TF: ros.TFMessage,
+    ARVA: ros.Arva,
+    POSE: ros.PoseStamped,
+    FIX: ros.NavSatFix,
+    FOUND: ros.NavSatFix,
+    VISUALIZATION: ros.MarkerArray,
 }
 
 _EMPTY, _NO_ID = -1, -2
@@ -84,21 +72,21 @@ class SearchMessages:
 
     def _heard(self, event: FrameHeard, stamp: int, world: LocalFrame | None) -> list[Publication]:
         own, ground = header(stamp, RECEIVER), header(stamp, TAKE_OFF)
-        made = [Publication(ARVA, stamp, Arva(own, [_slot(channel) for channel in event.frame.channels]))]
+        made = [Publication(ARVA, stamp, ros.Arva(own, [_slot(channel) for channel in event.frame.channels]))]
         transforms = []
         if event.position is not None and event.heading_deg is not None:
             level = rotation.to_matrix(rotation.from_euler(0.0, 0.0, math.radians(event.heading_deg)))
             pose = frames.pose(event.position, level)
-            made.append(Publication(POSE, stamp, PoseStamped(ground, pose)))
-            transforms.append(TransformStamped(ground, RECEIVER, frames.transform(pose)))
+            made.append(Publication(POSE, stamp, ros.PoseStamped(ground, pose)))
+            transforms.append(ros.TransformStamped(ground, RECEIVER, frames.transform(pose)))
             if self._origin:
                 made.append(Publication(FIX, stamp, self._fix(own, event.position, None)))
         if world and self._origin:
             there = frames.between(world, self._origin)
-            transforms.append(TransformStamped(header(stamp, MAP), TAKE_OFF, there))
-        return [Publication(TF, stamp, TFMessage(transforms)), *made] if transforms else made
+            transforms.append(ros.TransformStamped(header(stamp, MAP), TAKE_OFF, there))
+        return [Publication(TF, stamp, ros.TFMessage(transforms)), *made] if transforms else made
 
-    def _believed(self, event: BeliefChanged, ground: Header) -> list[Marker]:
+    def _believed(self, event: BeliefChanged, ground: ros.Header) -> list[ros.Marker]:
         every = event.hypotheses
         shapes = [
             markers.sphere(ground, "hypotheses", n, frames.point((north, east, 0.0)), _HYPOTHESIS_M * share**0.5, 0.6)
@@ -128,23 +116,23 @@ class SearchMessages:
             made.append(Publication(FOUND, stamp, self._fix(ground, place, found.covariance)))
         return made
 
-    def _shapes(self, stamp: int, shapes: list[Marker]) -> Publication:
-        return Publication(VISUALIZATION, stamp, MarkerArray(shapes))
+    def _shapes(self, stamp: int, shapes: list[ros.Marker]) -> Publication:
+        return Publication(VISUALIZATION, stamp, ros.MarkerArray(shapes))
 
     def _fix(
-        self, of: Header, place: tuple[float, float, float], covariance: tuple[float, float, float] | None
-    ) -> NavSatFix:
+        self, of: ros.Header, place: tuple[float, float, float], covariance: tuple[float, float, float] | None
+    ) -> ros.NavSatFix:
         assert self._origin is not None
         lat, lon, alt = map(float, self._origin.lla(place))
         nn, ne, ee = covariance or (0.0, 0.0, 0.0)
         known = (ee, ne, 0.0, ne, nn, 0.0, 0.0, 0.0, _HEIGHT_VARIANCE if covariance else 0.0)
-        return NavSatFix(of, NavSatStatus(0, 1), lat, lon, alt, known, 3 if covariance else 0)
+        return ros.NavSatFix(of, ros.NavSatStatus(0, 1), lat, lon, alt, known, 3 if covariance else 0)
 
 
-def _slot(channel: Channel) -> ArvaData:
+def _slot(channel: Channel) -> ros.ArvaData:
     """A slot as it was read. Its direction is that of δ, of length 1."""
     id_ = _EMPTY if not channel.valid else _NO_ID if channel.id is None else channel.id
     delta = math.radians(channel.delta)
     known = channel.valid and channel.zone == MID
-    direction = Vector3(math.cos(delta), -math.sin(delta), 0.0) if known else Vector3(0.0, 0.0, 0.0)
-    return ArvaData(id_, float(channel.d), direction, channel.delta, int(channel.zone))
+    direction = ros.Vector3(math.cos(delta), -math.sin(delta), 0.0) if known else ros.Vector3(0.0, 0.0, 0.0)
+    return ros.ArvaData(id_, float(channel.d), direction, channel.delta, int(channel.zone))

@@ -12,16 +12,13 @@ _VALUES: Final = {"FS_THR_ENABLE": 1, "FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "GUI
 _NAMES: Final = list(_VALUES)
 
 
-def value_asked_for(message: Message) -> list[Message]:
-    """What answers a PARAM_REQUEST_READ, by name or by index: nothing for one that there is not."""
+def values_requested(message: Message) -> list[Message]:
+    """The answers to a PARAM_REQUEST_LIST, or to a PARAM_REQUEST_READ by name or index; none if it does not exist."""
+    if type(message).id == dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
+        return [_value(index) for index in range(len(_NAMES))]
     if message.param_index == -1 and message.param_id in _VALUES:
         return [_value(_NAMES.index(message.param_id))]
     return [_value(message.param_index)] if 0 <= message.param_index < len(_NAMES) else []
-
-
-def every_value() -> list[Message]:
-    """What answers a PARAM_REQUEST_LIST."""
-    return [_value(index) for index in range(len(_NAMES))]
 
 
 def _value(index: int) -> Message:

@@ -19,7 +19,7 @@ from arva_hil.simulated.message_rates import MessageRates
 from arva_hil.simulated.messages import BUILDERS, SENSORS, VehicleReport, read_set_point
 from arva_hil.simulated.multirotor import STEP_US, Vector
 from arva_hil.simulated.orders import ACCEPTED, DENIED, FAILED, ORDERS, UNSUPPORTED, Params, set_mode, whole
-from arva_hil.simulated.parameters import every_value, value_asked_for
+from arva_hil.simulated.parameters import values_requested
 from arva_hil.simulated.position import Home, PositionError
 
 Message = Any  # pymavlink's generated classes carry no types
@@ -262,11 +262,7 @@ class SimulatedVehicle:
         self._send(dialect.MAVLink_terrain_report_message(message.lat, message.lon, 30, alt_m, height, 0, 1))
 
     def _on_parameter(self, message: Message, _: Packet) -> None:
-        for answer in value_asked_for(message):
-            self._send(answer)
-
-    def _on_parameter_list(self, _: Message, __: Packet) -> None:
-        for value in every_value():
+        for value in values_requested(message):
             self._send(value)
 
     def _on_mission_list(self, message: Message, packet: Packet) -> None:
@@ -288,7 +284,7 @@ _HANDLERS: Final = {
     dialect.MAVLINK_MSG_ID_TIMESYNC: SimulatedVehicle._on_timesync,
     dialect.MAVLINK_MSG_ID_TERRAIN_CHECK: SimulatedVehicle._on_terrain_check,
     dialect.MAVLINK_MSG_ID_PARAM_REQUEST_READ: SimulatedVehicle._on_parameter,
-    dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: SimulatedVehicle._on_parameter_list,
+    dialect.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: SimulatedVehicle._on_parameter,
     dialect.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: SimulatedVehicle._on_mission_list,
     dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: SimulatedVehicle._on_set_point,
 }
