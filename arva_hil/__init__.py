@@ -60,52 +60,14 @@ _MODULES: Final = {
     "vehicle.session": "Session",
 }
 
-__all__ = [
-    "Address",
-    "AddressError",
-    "Answer",
-    "Antennas",
-    "ArvaError",
-    "ChannelReading",
-    "Emulator",
-    "Event",
-    "FaultKind",
-    "Found",
-    "FrameMade",
-    "KindError",
-    "Link",
-    "LinkEnded",
-    "LinkError",
-    "LocalFrame",
-    "Look",
-    "Number",
-    "Observation",
-    "Observer",
-    "Opening",
-    "Output",
-    "PaperReceiver",
-    "Pose",
-    "Reading",
-    "ReceiverModel",
-    "ReceiverSettings",
-    "ReceiverSetup",
-    "RecordError",
-    "Scenario",
-    "ScenarioError",
-    "Session",
-    "SimulatedVehicle",
-    "Strategy",
-    "Transmitters",
-    "UnknownKindError",
-    "VehicleSetup",
-    "Whole",
-    "Zone",
-    "dipole_field",
-    "load_scenario",
-    "one_vehicle",
-    "replay",
-    "run_live",
-]
+__all__ = ["FaultKind", "Number", "Scenario", "ScenarioError", "Whole", "load_scenario", "replay", "run_live"]
+__all__ += ["Emulator", "Output", "ReceiverSetup", "VehicleSetup", "one_vehicle"]
+__all__ += ["ArvaError", "Event", "FrameMade", "KindError", "UnknownKindError"]
+__all__ += ["LocalFrame", "Transmitters", "dipole_field"]
+__all__ += ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "Observer", "Opening", "RecordError"]
+__all__ += ["Answer", "Antennas", "ChannelReading", "Look", "PaperReceiver", "Pose", "Reading", "Zone"]
+__all__ += ["ReceiverModel", "ReceiverSettings"]
+__all__ += ["Found", "Observation", "Session", "SimulatedVehicle", "Strategy"]
 
 __getattr__ = lazy_names(__name__, _MODULES)
 

@@ -29,9 +29,6 @@ class ObserverFailed(Event):
     error: str
 
 
-# -- links -------------------------------------------------------------------------------------------------
-
-
 class LinkEvent(Event):
     """`link`: the link's name in the engine."""
 
@@ -91,9 +88,6 @@ class LogClockSet(Event):
     log: str
 
 
-# -- systems that transmitters follow ----------------------------------------------------------------------
-
-
 class FollowedSystemSilent(Event):
     """No pose of MAVLink system `system` is heard on any link. Transmitters that follow it are silent.
 
@@ -108,9 +102,6 @@ class FollowedSystemHeard(Event):
     """The pose of the system is heard. Transmitters follow it from here on."""
 
     system: int
-
-
-# -- receivers ---------------------------------------------------------------------------------------------
 
 
 class ReceiverEvent(Event):
@@ -211,9 +202,6 @@ class TooFar(ReceiverEvent):
     from_datum_m: float
     nearest_m: float
     fixed: bool
-
-
-# -- vehicles ----------------------------------------------------------------------------------------------
 
 
 class VehicleEvent(Event):

@@ -19,9 +19,6 @@ class SearchEvent(Event):
     """`time_s` is on the clock of the program that searches."""
 
 
-# -- on the ground -----------------------------------------------------------------------------------------
-
-
 class WaitingFor(SearchEvent):
     """The search waits for `what` before it launches the vehicle."""
 
@@ -98,9 +95,6 @@ class Launched(SearchEvent):
 
     label: str
     take_over: bool
-
-
-# -- in the air --------------------------------------------------------------------------------------------
 
 
 class SearchBegun(SearchEvent):

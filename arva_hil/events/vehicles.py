@@ -92,9 +92,6 @@ class StreamAskedOtherwise(StreamEvent):
     wanted_hz: float
 
 
-# -- while it is commanded ---------------------------------------------------------------------------------
-
-
 class AutopilotText(VehicleEvent):
     """A whole STATUSTEXT of severity warning or worse."""
 
