@@ -9,12 +9,11 @@ from typing import Final
 
 from arva_hil.cli import common
 from arva_hil.cli.listen import SAMPLE_BYTES, guess_format
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, SignalGuard, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json
-from arva_hil.links import Link, LinkError
+from arva_hil.links import Link
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.clock import Clock, RealClock
-from arva_hil.runtime.loop import run
 from firmware_proto import Answer, Command, HostForm
 from firmware_proto.commands import DONE
 
@@ -30,16 +29,12 @@ def main(options: argparse.Namespace) -> int:
         asking = Asking(command, form)
     except ValueError as error:
         raise UsageError(f"{options.name}: {error}") from None
-    clock, guard = RealClock(), SignalGuard()
-    with closing(common.open_or_fail(options.port, clock)) as link, guard:
+    clock = RealClock()
+    with closing(common.open_or_fail(options.port, clock)) as link:
         asking.links = [link]
-        try:
-            done = lambda: asking.answer is not None or guard.caught is not None  # noqa: E731
-            run([asking], clock, until=options.timeout, stopped=done)
-        except LinkError as error:
-            raise Failure(FAILED, error) from None
+        interrupted = common.attend([asking], clock, until=options.timeout, over=lambda: asking.answer is not None)
     if asking.answer is None:
-        if guard.caught:
+        if interrupted:
             return INTERRUPTED
         why = _doubt(asking.sample, options.format) if asking.sent else "the port does not take the command"
         raise Failure(FAILED, f"{options.port}: no answer in {options.timeout:g} s: {why}")

@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import gc
 import itertools
+import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -25,7 +26,7 @@ from arva_hil.cli.outcome import (
     unexpected_error,
 )
 from arva_hil.cli.page import page_of_run
-from arva_hil.cli.summary import RunCounters, as_dict, known_at_start, summary_lines
+from arva_hil.cli.summary import NO_COUNTERS, RunCounters, as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
 from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, parts_of_spec_2
 from arva_hil.emulator.engine import Emulator, receivers_of
@@ -40,6 +41,7 @@ from arva_hil.observers.console.text import Notice
 from arva_hil.observers.record import Recorder, RecordError, RecordLayout
 from arva_hil.registry import OBSERVERS
 from arva_hil.runtime.clock import Clock
+from arva_hil.runtime.loop import Task, run
 
 
 def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
@@ -122,6 +124,18 @@ def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_
     if link.away:
         tell(f"waiting for {link.why}")
     return link
+
+
+def attend(
+    tasks: Sequence[Task], clock: Clock, *, until: float = math.inf, over: Callable[[], bool] = lambda: False
+) -> bool:
+    """Serve tasks until `over()` is true, or a signal comes; returns whether it was a signal. Raises Failure."""
+    with SignalGuard() as guard:
+        try:
+            run(tasks, clock, until=until, stopped=lambda: guard.caught is not None or over())
+        except LinkError as error:
+            raise Failure(FAILED, error) from None
+    return guard.caught is not None
 
 
 class Run:
@@ -211,7 +225,7 @@ class Run:
     def _none_appeared(self) -> bool:
         return len(self._missing) == self._vehicles
 
-    def drive(self, emulator: Emulator, loop: Callable[[], None], links: RunCounters | None = None) -> int:
+    def drive(self, emulator: Emulator, loop: Callable[[], None], links: RunCounters = NO_COUNTERS) -> int:
         """Run `loop` until it ends, fails or a signal comes. Writes record and summary; returns the exit code."""
         failure = None
         gc.freeze()  # otherwise the garbage collector visits all objects of the start-up, which takes 20 ms
@@ -235,7 +249,7 @@ class Run:
         self._guard.ending = True
         return self._finish(emulator, failure, links)
 
-    def _finish(self, emulator: Emulator, failure: Failure | None, links: RunCounters | None) -> int:
+    def _finish(self, emulator: Emulator, failure: Failure | None, links: RunCounters) -> int:
         caught = self._guard.caught
         self.printer.settle(StatusReport(self._now, [vehicle.status(self._now) for vehicle in emulator.vehicles]))
         if self._lines and (why := self._lines.close()) and not failure and not caught:

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
 
@@ -17,7 +18,7 @@ from arva_hil.cli.terminal import show_json, show_marked, tell
 from arva_hil.doctor import diagnosis, port_diagnosis
 from arva_hil.doctor.examination import AutopilotProbe, PortProbe
 from arva_hil.doctor.port_diagnosis import held
-from arva_hil.doctor.values import Finding, Position
+from arva_hil.doctor.values import Finding
 from arva_hil.emulator.formats import encoder
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.processes import accepted, far_program
@@ -45,7 +46,7 @@ def main(options: argparse.Namespace) -> int:
     report, guard, clock = FindingsReport(as_json=options.json), SignalGuard(), RealClock()
     with ExitStack() as stack, guard:
         key = signing(options.signing_key, clock.epoch_us, stack, link=1)  # `run` may go on at the same time
-        Doctor(options, address, report, clock, stack, lambda: guard.caught is not None, key).examine()
+        Doctor(options, parse(address), report, clock, stack, lambda: guard.caught is not None, key).examine()
     return INTERRUPTED if guard.caught else diagnosis.exit_code(report.findings)
 
 
@@ -70,219 +71,198 @@ class FindingsReport:
         show_marked(mark, line, paint=paint, further=_FOUND_AT)
 
 
+@dataclass
 class Doctor:
-    """One examination. Remembers both links and what was found. `stack` closes the links."""
+    """One examination of the links. Remembers them, and the right values of options that were wrong. `stack` closes
+    the links.
+    """
 
-    def __init__(
-        self,
-        options: argparse.Namespace,
-        address: str,
-        report: FindingsReport,
-        clock: Clock,
-        stack: ExitStack,
-        stopped: Callable[[], bool],
-        key: Signing | None,
-    ) -> None:
-        self._options = options
-        self._report = report
-        self._clock = clock
-        self._stack = stack
-        self._stopped = stopped
-        self._key = key
-        self._address = address
-        self._autopilot = parse(address)
-        self._out: Link | None = None
-        self._port_probe: PortProbe | None = None
-        self._right: dict[str, str | None] = {}  # right values of options that were wrong, by name
+    options: argparse.Namespace
+    autopilot: Address
+    report: FindingsReport
+    clock: Clock
+    stack: ExitStack
+    stopped: Callable[[], bool]
+    key: Signing | None
+    out: Link | None = None
+    port_probe: PortProbe | None = None
+    right: dict[str, str | None] = field(default_factory=dict)
 
     def examine(self) -> None:
         """Examine everything and print the verdict, unless it is stopped."""
         self._say_autopilot()
-        link = self._open(self._autopilot, "link", answered=True)
-        self._out = self._open_port()
+        link = self._open(self.autopilot, "link", answered=True)
+        self.out = self._open_port()
         probe = self._listen(link)
-        if probe and not self._stopped():
+        if probe and not self.stopped():
             probe = self._judge_packets(probe) or probe
-        if probe and not self._stopped() and probe.known:
+        if probe and not self.stopped() and probe.known:
             self._judge_vehicle(probe)
-        if self._stopped():
+        if self.stopped():
             return
-        if self._port_probe:
-            traffic = self._port_probe.traffic()
-            self._report.add(port_diagnosis.frames(traffic, self._options.format))
-            self._report.add(port_diagnosis.reader(traffic))
-        usb = [port.device for port in _candidates(self._autopilot) if port.usb and port.device != self._options.port]
-        if self._right.get("port") and len(usb) == 1:
-            self._right["port"] = usb[0]
-        command = next_command(self._options, str(self._autopilot), usb, self._right)
-        self._report.add(diagnosis.verdict(self._report.findings, command))
-
-    # -- opening ---------------------------------------------------------------------------------------------
+        if self.port_probe:
+            traffic = self.port_probe.traffic()
+            self.report.add(port_diagnosis.frames(traffic, self.options.format))
+            self.report.add(port_diagnosis.reader(traffic))
+        usb = [port.device for port in _candidates(self.autopilot) if port.usb and port.device != self.options.port]
+        if self.right.get("port") and len(usb) == 1:
+            self.right["port"] = usb[0]
+        command = next_command(self.options, str(self.autopilot), usb, self.right)
+        self.report.add(diagnosis.verdict(self.report.findings, command))
 
     def _say_autopilot(self) -> None:
-        if self._options.autopilot:
-            why = "as asked" if self._autopilot.kind != "tlog" else "a log, played in real time; it answers no requests"
-        elif self._address == DEFAULT_AUTOPILOT:
+        if self.options.autopilot:
+            why = "as asked" if self.autopilot.kind != "tlog" else "a log, played in real time; it answers no requests"
+        elif str(self.autopilot) == DEFAULT_AUTOPILOT:
             why = "the usual port of ground stations, because there is no autopilot on USB"
         else:
             named = {port.device: port.description or port.usb for port in list_ports()}
-            why = f"on USB: {named.get(self._address, '')}"
-        self._report.add(Finding("autopilot", "ok", f"{self._address}, {why}"))
+            why = f"on USB: {named.get(str(self.autopilot), '')}"
+        self.report.add(Finding("autopilot", "ok", f"{self.options.autopilot or self.autopilot}, {why}"))
 
     def _open(self, address: Address, check: str, *, answered: bool = False) -> Link | None:
         """Open a link, and add a finding; None if it cannot be opened."""
         far = far_program(address.path) if check == "port" and address.kind == "serial" else ""
         if finding := held(check, str(address), far):
-            self._report.add(finding)
+            self.report.add(finding)
             return None
         try:
-            link = self._stack.enter_context(closing(open_link(address, clock=self._clock, answered=answered)))
+            link = self.stack.enter_context(closing(open_link(address, clock=self.clock, answered=answered)))
         except LinkError as error:
             ours = held(check, error.link, error.what)
-            self._report.add(ours or Finding(check, "fail", f"{error.link}: {error.what}", error.hint))
+            self.report.add(ours or Finding(check, "fail", f"{error.link}: {error.what}", error.hint))
             if not ours and not any(cause in error.what for cause in _STAYS):
-                self._right["port" if check == "port" else "autopilot"] = "URL"
+                self.right["port" if check == "port" else "autopilot"] = "URL"
             return None
-        self._report.add(Finding(check, "ok", f"{link.name} is open"))
+        self.report.add(Finding(check, "ok", f"{link.name} is open"))
         return link
 
     def _open_port(self) -> Link | None:
-        if self._options.port:
-            return self._open(parse(self._options.port), "port")
-        if self._options.format not in MAVLINK_FORMATS:
-            ports = _candidates(self._autopilot)
-            usb = [port.device for port in ports if port.usb]
-            self._report.add(port_diagnosis.no_port([port.device for port in ports], usb))
+        if self.options.port:
+            return self._open(parse(self.options.port), "port")
+        if self.options.format not in MAVLINK_FORMATS:
+            self.report.add(port_diagnosis.no_port(_candidates(self.autopilot)))
         return None
-
-    # -- listening -------------------------------------------------------------------------------------------
 
     def _session(self) -> Session:
         return Session(
-            target_system=self._options.target_system,
-            target_component=self._options.target_component,
-            rate_hz=self._options.stream_rate,
-            passive=self._autopilot.kind == "tlog",
-            signing=self._key,
+            target_system=self.options.target_system,
+            target_component=self.options.target_component,
+            rate_hz=self.options.stream_rate,
+            passive=self.autopilot.kind == "tlog",
+            signing=self.key,
         )
 
     def _listen(self, link: Link | None) -> AutopilotProbe | None:
         """Read the autopilot's link and send frames, for the time of --listen."""
-        probe = AutopilotProbe(link, self._session(), self._clock.now(), self._first_bytes) if link else None
-        if port_probe := self._new_port_probe(probe, link):
-            self._port_probe = port_probe
-        if tasks := [task for task in (probe, self._port_probe) if task]:
-            tell(f"listening for {self._options.listen:g} s")
+
+        def first(after_s: float) -> None:
+            self.report.add(Finding("bytes", "ok", f"the first came after {after_s:.1f} s"))
+
+        probe = AutopilotProbe(link, self._session(), self.clock.now(), first) if link else None
+        self.port_probe = self._new_port_probe(probe, link) or self.port_probe
+        if tasks := [task for task in (probe, self.port_probe) if task]:
+            tell(f"listening for {self.options.listen:g} s")
             self._attend(tasks, probe)
         return probe
 
     def _new_port_probe(self, probe: AutopilotProbe | None, link: Link | None) -> PortProbe | None:
         """A probe that sends frames; None if there is one already, or if there is no link for it."""
-        over_mavlink = self._options.format in MAVLINK_FORMATS
-        out = link if over_mavlink else self._out
-        if out is None or (self._port_probe and not over_mavlink):
+        over_mavlink = self.options.format in MAVLINK_FORMATS
+        out = link if over_mavlink else self.out
+        if out is None or (self.port_probe and not over_mavlink):
             return None
         session = probe.session if probe else self._session()
-        address = None if over_mavlink else parse(self._options.port)
-        return PortProbe(encoder(self._options.format, session), out, address, self._clock.now())
+        address = None if over_mavlink else parse(self.options.port)
+        return PortProbe(encoder(self.options.format, session), out, address, self.clock.now())
 
     def _attend(self, tasks: Sequence[AutopilotProbe | PortProbe], probe: AutopilotProbe | None) -> None:
         """Run both probes for as long as asked. A vehicle that is found late gets time to answer."""
-        seconds, start = self._options.listen, self._clock.now()
+        seconds, start = self.options.listen, self.clock.now()
 
         def enough() -> bool:
             late = probe.followed_at + min(seconds, _ANSWER_S) if probe and probe.session.vehicle else start
-            return (probe is not None and probe.over) or self._clock.now() >= max(start + seconds, late)
+            return (probe is not None and probe.over) or self.clock.now() >= max(start + seconds, late)
 
-        run(tasks, self._clock, stopped=lambda: self._stopped() or enough())
-
-    def _first_bytes(self, after_s: float) -> None:
-        self._report.add(Finding("bytes", "ok", f"the first came after {after_s:.1f} s"))
+        run(tasks, self.clock, stopped=lambda: self.stopped() or enough())
 
     def _judge_packets(self, probe: AutopilotProbe, *, again: bool = False) -> AutopilotProbe | None:
         """Judge bytes and packets, and try other baud rates. Returns the probe at the rate that brings packets."""
-        now, session = self._clock.now(), probe.session
+        now, session = self.clock.now(), probe.session
         if not session.reader.bytes:
-            taken = accepted(self._autopilot.port) if self._autopilot.kind == "tcp" and self._autopilot.port else None
-            self._report.add(
-                diagnosis.silence(self._autopilot.kind, now - probe.start, refused=probe.refused, accepted=taken)
+            taken = accepted(self.autopilot.port) if self.autopilot.kind == "tcp" and self.autopilot.port else None
+            self.report.add(
+                diagnosis.silence(self.autopilot.kind, now - probe.start, refused=probe.refused, accepted=taken)
             )
             if taken is False:
-                self._right["autopilot"] = "URL"
+                self.right["autopilot"] = "URL"
         if probe.lost:
-            self._report.add(Finding("link", "fail", probe.lost))
+            self.report.add(Finding("link", "fail", probe.lost))
         if not session.reader.bytes:
             return None
         if probe.known:
             traffic = probe.traffic(now)
-            self._report.add(diagnosis.packets(traffic))
-            self._report.add(signatures := diagnosis.signing(traffic))
+            self.report.add(diagnosis.packets(traffic))
+            self.report.add(signatures := diagnosis.signing(traffic))
             if signatures.state == "fail":
-                self._right["signing_key"] = "FILE"
-            self._report.add(diagnosis.other_senders(*probe.other_senders))
+                self.right["signing_key"] = "FILE"
+            self.report.add(diagnosis.other_senders(*probe.other_senders))
             return None
-        self._report.add(diagnosis.garbage(self._autopilot.kind, session.reader.bytes, bytes(probe.sample)))
-        if self._autopilot.kind != "serial" or probe.lost or again:
+        self.report.add(diagnosis.garbage(self.autopilot.kind, session.reader.bytes, bytes(probe.sample)))
+        if self.autopilot.kind != "serial" or probe.lost or again:
             return None
         probe.close()
         found = self._sweep()
-        if self._stopped() or found is None:
+        if self.stopped() or found is None:
             return None
-        self._autopilot = self._autopilot._replace(baud=found)
-        link = self._open(self._autopilot, "link", answered=True)
+        self.autopilot = self.autopilot._replace(baud=found)
+        link = self._open(self.autopilot, "link", answered=True)
         if link is None:
             return None
         heard = self._listen(link)
-        if heard and not self._stopped():
+        if heard and not self.stopped():
             self._judge_packets(heard, again=True)
         return heard
 
     def _sweep(self) -> int | None:
         """Try other baud rates; returns the one at which packets come, or None."""
-        asked = self._autopilot.baud or 115200
+        asked = self.autopilot.baud or 115200
         rates = [asked, *(baud for baud in BAUDS if baud != asked)]
         found = None
-        each = min(_TRY_S, self._options.listen)
+        each = min(_TRY_S, self.options.listen)
         tell(f"trying other baud rates, {each:g} s each")
         for baud in rates[1:]:
             with suppress(LinkError):  # a rate that this adapter does not know
-                with closing(open_link(self._autopilot._replace(baud=baud), clock=self._clock)) as link:
-                    probe = AutopilotProbe(link, self._session(), self._clock.now())
-                    self._try(probe, each)
+                with closing(open_link(self.autopilot._replace(baud=baud), clock=self.clock)) as link:
+                    probe = AutopilotProbe(link, self._session(), self.clock.now())
+                    over = lambda probe=probe: self.stopped() or probe.over or probe.known > 0  # noqa: E731
+                    run([probe], self.clock, until=probe.start + each, stopped=over)
                 if probe.known:
                     found = baud
-            if found or self._stopped():
+            if found or self.stopped():
                 break
-        if not self._stopped():
-            self._report.add(diagnosis.baud(self._autopilot.path, rates, found))
+        if not self.stopped():
+            self.report.add(diagnosis.baud(self.autopilot.path, rates, found))
         return found
 
-    def _try(self, probe: AutopilotProbe, seconds: float) -> None:
-        until = self._clock.now() + seconds
-        run([probe], self._clock, until=until, stopped=lambda: self._stopped() or probe.over or probe.known > 0)
-
-    # -- the vehicle -----------------------------------------------------------------------------------------
-
     def _judge_vehicle(self, probe: AutopilotProbe) -> None:
-        now, session = self._clock.now(), probe.session
-        vehicle = session.vehicle
+        now, session, vehicle = self.clock.now(), probe.session, probe.session.vehicle
         if vehicle is None and any((session.disbelieved_signatures() or {}).values()):
             return
         followed = (vehicle.system, vehicle.component) if vehicle else None
-        target = (self._options.target_system, self._options.target_component)
-        add = self._report.add
+        target, add = (self.options.target_system, self.options.target_component), self.report.add
         add(diagnosis.heartbeat(probe.sources(), followed, target))
         if vehicle is None:
-            self._right |= diagnosis.target(probe.sources())
+            self.right |= diagnosis.target(probe.sources())
             return
-        streams = probe.streams(now, self._options.stream_rate, recorded=self._autopilot.kind == "tlog")
+        streams = probe.streams(now, self.options.stream_rate, recorded=self.autopilot.kind == "tlog")
         for stream in streams:
             add(diagnosis.stream(stream))
         if (slow := diagnosis.slowest(streams)) is not None:
-            self._right["stream_rate"] = str(slow)
+            self.right["stream_rate"] = str(slow)
         last = session.track.last_position
         place = (last.lat, last.lon, last.alt) if last else None
-        add(diagnosis.position(Position(place, session.navigation.unpositioned, session.navigation.refused, probe.fix)))
+        add(diagnosis.position(place, session.navigation.unpositioned, session.navigation.refused, probe.fix))
         add(diagnosis.home(session.home, armed=vehicle.armed))
         state = session.state_at(now, last.frame) if last else None
         add(diagnosis.pose(state.age_s if state else None))

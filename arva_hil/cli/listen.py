@@ -8,18 +8,18 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, SignalGuard, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
-from arva_hil.links import AddressError, Link, LinkError, parse
+from arva_hil.links import AddressError, Link, parse
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.observers.console import text
 from arva_hil.registry import FORMATS, MAVLINK_FORMATS, MEASURED_FORMATS
 from arva_hil.runtime.clock import Clock, RealClock
-from arva_hil.runtime.loop import run
 from arva_hil.vehicle.session import heartbeat
 from firmware_proto import Frame, FrameDecoder
 from firmware_proto.frame import PAUSE_S
@@ -45,17 +45,19 @@ def _frames(sample: bytes, name: str) -> int:
 
 
 _WATCHDOG_S: Final = 2.0  # after this time without a frame, consumers report that the receiver does not work
-
 _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the first
 
 
 def main(options: argparse.Namespace) -> int:
     decoder = FORMATS[options.format].decoder()
     hello = Encoder(1, _COMPONENT) if options.format in MAVLINK_FORMATS else None
-    listener = Listener(decoder, hello, options.format, as_json=options.json, count=options.count)
+    listener = Listener(decoder, hello, options.format, options.json, options.count)
     path = Path(options.url)
     if os.path.isfile(path) and path.suffix != ".tlog":
-        listener.take(_contents(path), 0.0)
+        try:
+            listener.take(path.read_bytes(), 0.0)
+        except OSError as error:
+            raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
         listener.finish()
         return listener.verdict()
     try:
@@ -64,97 +66,87 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError(f"{error}; there is no file of that name either" if options.url else error) from None
     if os.path.isdir(path):
         raise UsageError(f"{path}: is a directory: write the file in it, e.g. {path / 'frames.bin'}")
-    clock, guard = RealClock(), SignalGuard()
+    clock = RealClock()
     if options.url == "-":
         while not listener.enough and (chunk := os.read(sys.stdin.fileno(), 4096)):
             listener.take(chunk, clock.now())
         listener.finish()
         return listener.verdict()
-    with closing(common.open_or_fail(options.url, clock)) as link, guard:
+    with closing(common.open_or_fail(options.url, clock)) as link:
         tell(f"listening at {link.name}")
         listener.links = [link]
         try:
-            done = lambda: listener.enough or guard.caught is not None  # noqa: E731
-            run([listener], clock, until=options.duration, stopped=done)
-        except LinkError as error:
+            interrupted = common.attend([listener], clock, until=options.duration, over=lambda: listener.enough)
+        finally:
             listener.finish()
-            raise Failure(FAILED, error) from None
-    listener.finish()
-    return INTERRUPTED if guard.caught else listener.verdict()
+    return INTERRUPTED if interrupted else listener.verdict()
 
 
+@dataclass
 class Listener:
-    """A consumer. Remembers its decoder, the number of frames, the time of the last one, and the first bytes.
+    """A consumer. Remembers its decoder, how many frames are `left` to print, and the first bytes.
 
     Over MAVLink it sends a heartbeat each second with `hello`: autopilots forward nothing to a silent link.
     """
 
-    def __init__(
-        self, decoder: FrameDecoder, hello: Encoder | None, format: str, *, as_json: bool, count: float
-    ) -> None:
-        self.links: Sequence[Link] = []
-        self.enough = False
-        self._decoder = decoder
-        self._format = format
-        self._sample = b""  # the first bytes, until there is a frame
-        self._as_json = as_json
-        self._left = count
-        self._alive_until = _WATCHDOG_S
-        self._hello = hello
-        self._next_hello = 0.0
+    decoder: FrameDecoder
+    hello: Encoder | None
+    format: str
+    as_json: bool
+    left: float
+    links: Sequence[Link] = ()
+    sample: bytes = b""  # the first bytes, until there is a frame
+    alive_until: float = _WATCHDOG_S
+    next_hello: float = 0.0
+
+    @property
+    def enough(self) -> bool:
+        return self.left <= 0
 
     def service(self, clock: Clock) -> float:
         """Print the frames that came; warn once if none come any more."""
         now = clock.now()
         for link in self.links:
             self.take(link.read(), now)
-        if self._hello and now >= self._next_hello:
-            self._next_hello = now + 1.0
+        if self.hello and now >= self.next_hello:
+            self.next_hello = now + 1.0
             for link in self.links:
-                link.write(self._hello.pack(heartbeat()))
-        if now > self._alive_until:
-            self._alive_until = math.inf
-            tell(f"no frame for {_WATCHDOG_S:g} s" + (f": {self._doubt()}" if self._sample else ""))
+                link.write(self.hello.pack(heartbeat()))
+        if now > self.alive_until:
+            self.alive_until = math.inf
+            tell(f"no frame for {_WATCHDOG_S:g} s" + (f": {self._doubt()}" if self.sample else ""))
         return now + PAUSE_S
 
     def take(self, chunk: bytes, now: float) -> None:
         """Decode and print."""
-        frames = self._decoder.feed(chunk, now)
-        if not self._decoder.good:
-            self._sample += chunk[: SAMPLE_BYTES - len(self._sample)]
-        elif self._sample:
-            self._sample = b""
+        frames = self.decoder.feed(chunk, now)
+        if not self.decoder.good:
+            self.sample += chunk[: SAMPLE_BYTES - len(self.sample)]
+        elif self.sample:
+            self.sample = b""
         for frame in frames:
-            if self._left > 0:
+            if self.left > 0:
                 self._show(frame)
-            self._left -= 1
-            self._alive_until = now + _WATCHDOG_S
-        self.enough = self._left <= 0
+            self.left -= 1
+            self.alive_until = now + _WATCHDOG_S
 
     def finish(self) -> None:
         """Print the frames that are complete at the end of the stream, and a summary."""
         self.take(b"", math.inf)
-        d = self._decoder
+        d = self.decoder
         tell(f"{d.good} frames, {d.lost} lost, {d.bad_crc} bad checksums, {d.dropped} bytes dropped")
 
     def verdict(self) -> int:
         """The exit code. Raises Failure if bytes came, but no frame."""
-        if self._sample:
+        if self.sample:
             raise Failure(FAILED, self._doubt())
         return OK
 
     def _doubt(self) -> str:
-        return f"no {self._format} frame in {len(self._sample)} bytes: {guess_format(self._sample, self._format)}"
+        return f"no {self.format} frame in {len(self.sample)} bytes: {guess_format(self.sample, self.format)}"
 
     def _show(self, frame: Frame) -> None:
-        if self._as_json:
+        if self.as_json:
             show_json(text.frame_json(frame))
         else:
             show(f"{frame.sequence:3d}  {text.reading(frame.channels)}")
-
-
-def _contents(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None

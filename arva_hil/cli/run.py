@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
 from arva_hil.cli.run_links import chosen_sides, signing
-from arva_hil.cli.summary import LinkCounters
+from arva_hil.cli.summary import RunCounters, lost_links
 from arva_hil.cli.terminal import tell
 from arva_hil.emulator.engine import Emulator
 from arva_hil.fleet_links import live_vehicles
@@ -74,4 +74,4 @@ def main(options: argparse.Namespace) -> int:
             with closing(watchdog):
                 run([live, watchdog], clock, until=until, stopped=surroundings.stopped)
 
-        return surroundings.drive(emulator, loop, LinkCounters(live))
+        return surroundings.drive(emulator, loop, RunCounters(live.counts, lambda: lost_links(live)))

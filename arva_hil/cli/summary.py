@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import platform
 import sys
-from collections.abc import Mapping
-from typing import Any, Final, Protocol
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
 
 from arva_hil import __version__
 from arva_hil.config import Scenario, to_dict
@@ -21,31 +21,22 @@ from arva_hil.vehicle.session import Session
 _OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
 
 
-class RunCounters(Protocol):
-    """Counters of a run's links."""
+class RunCounters(NamedTuple):
+    """Counters of a run's links: for run.json, and in lines for a person."""
 
-    def counts(self) -> Mapping[str, int]:
-        """For run.json."""
-
-    def summary_lines(self) -> list[str]:
-        """For a person."""
+    counts: Callable[[], Mapping[str, int]] = dict
+    lines: Callable[[], list[str]] = list
 
 
-class LinkCounters:
-    """Counters of the links of a live run."""
+NO_COUNTERS: Final = RunCounters()
 
-    def __init__(self, live: Live) -> None:
-        self._live = live
 
-    def counts(self) -> dict[str, int]:
-        return self._live.counts()
-
-    def summary_lines(self) -> list[str]:
-        """A line for each link that was lost."""
-        return [
-            f"{_OF_LINKS.get(name, name)} was lost {losses} ×, and came back {returns} ×"
-            for name, (losses, returns) in self._live.losses().items()
-        ]
+def lost_links(live: Live) -> list[str]:
+    """A line for each link that was lost."""
+    return [
+        f"{_OF_LINKS.get(name, name)} was lost {losses} ×, and came back {returns} ×"
+        for name, (losses, returns) in live.losses().items()
+    ]
 
 
 def known_at_start(chosen: Scenario) -> dict[str, Any]:
@@ -76,9 +67,9 @@ def is_one(emulator: Emulator) -> bool:
     return sum(len(vehicle.sources) for vehicle in emulator.vehicles) == 1
 
 
-def as_dict(emulator: Emulator, links: RunCounters | None, layout: RecordLayout) -> dict[str, Any]:
+def as_dict(emulator: Emulator, links: RunCounters, layout: RecordLayout) -> dict[str, Any]:
     """The entries of run.json for vehicles, receivers and links at the end."""
-    counts = dict(links.counts() if links else {})
+    counts = dict(links.counts())
     if is_one(emulator):
         (vehicle,) = emulator.vehicles
         return _vehicle(vehicle) | {"counters": counters(emulator) | counts}
@@ -118,7 +109,7 @@ def counters(emulator: Emulator) -> dict[str, Any]:
     return {**_receiver(source), **vehicle.session.counts(), "faults": source.fault_counts()}
 
 
-def summary_lines(emulator: Emulator, links: RunCounters | None) -> list[str]:
+def summary_lines(emulator: Emulator, links: RunCounters) -> list[str]:
     """The summary for a person."""
     one, lines = is_one(emulator), list[str]()
     for vehicle in emulator.vehicles:
@@ -127,7 +118,7 @@ def summary_lines(emulator: Emulator, links: RunCounters | None) -> list[str]:
             lines.append(of + _frames(source))
             lines += [of + line for line in _mishaps(source)]
         lines += [line if one else f"{vehicle.name}: {line}" for line in _heard(vehicle.session)]
-    return lines + (links.summary_lines() if links else [])
+    return lines + links.lines()
 
 
 def _frames(source: FrameSource) -> str:

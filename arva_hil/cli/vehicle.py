@@ -6,13 +6,12 @@ import argparse
 from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, SignalGuard, UsageError
+from arva_hil.cli.outcome import INTERRUPTED, OK, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.field import LocalFrame
-from arva_hil.links import LinkError
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.runtime.clock import Clock, RealClock
-from arva_hil.runtime.loop import Task, run
+from arva_hil.runtime.loop import Task
 from arva_hil.simulated.failsafes import FAILSAFES
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
@@ -27,8 +26,8 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError(f"--link {again}: named twice")
     if options.system + options.count - 1 > 250:
         raise UsageError(f"--system {options.system} --count {options.count}: ids go up to 250")
-    clock, guard = RealClock(), SignalGuard()
-    with ExitStack() as stack, guard:
+    clock = RealClock()
+    with ExitStack() as stack:
         links = [
             stack.enter_context(closing(common.open_or_fail(url, clock, open_reconnecting))) for url in options.link
         ]
@@ -52,11 +51,7 @@ def main(options: argparse.Namespace) -> int:
         for link in links:
             tell(f"link: {link.name}")
         tasks: list[Task] = [Simulator(vehicles, links), *logs]
-        try:
-            run(tasks, clock, until=options.duration, stopped=lambda: guard.caught is not None)
-        except LinkError as error:
-            raise Failure(FAILED, error) from None
-    return INTERRUPTED if guard.caught else OK
+        return INTERRUPTED if common.attend(tasks, clock, until=options.duration) else OK
 
 
 class _Log:

@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
-from arva_hil.doctor.values import Finding, Position, Source, StreamRate, Traffic
+from arva_hil.doctor.values import Finding, Source, StreamRate, Traffic
 
 ENOUGH: Final = 0.7  # of the rate asked for; below it the session asks again
 MAX_AGE_S: Final = 2.0  # of a pose, as `run` has it
@@ -67,9 +67,6 @@ def rate(times: Sequence[float], now: float, window_s: float = 2.0) -> float:
     """Messages per second in the last `window_s` [s]; 0 if there are fewer than two."""
     recent = [t for t in times if t > now - window_s]
     return (len(recent) - 1) / (now - recent[0]) if len(recent) > 1 and now > recent[0] else 0.0
-
-
-# -- the autopilot's link ------------------------------------------------------------------------------------
 
 
 def silence(kind: str, seconds: float, *, refused: bool = False, accepted: bool | None = None) -> Finding:
@@ -187,14 +184,8 @@ def target(sources: Sequence[Source]) -> dict[str, str | None]:
 
 def _choose(pilots: Sequence[Source]) -> str:
     """The options that name each of the autopilots."""
-    each = [
-        f"--target-system {s.system}" + (f" --target-component {s.component}" if s.component != 1 else "")
-        for s in pilots
-    ]
-    return " or ".join(each)
-
-
-# -- the pose ------------------------------------------------------------------------------------------------
+    component = {s: f" --target-component {s.component}" if s.component != 1 else "" for s in pilots}
+    return " or ".join(f"--target-system {s.system}{component[s]}" for s in pilots)
 
 
 def stream(s: StreamRate) -> Finding:
@@ -221,15 +212,17 @@ def slowest(streams: Sequence[StreamRate]) -> int | None:
     return max(1, round(min(slow))) if slow else None
 
 
-def position(p: Position) -> Finding:
-    """Whether the vehicle knows where it is."""
-    fix = f", {p.fix}" if p.fix else ""
-    if p.place:
-        return Finding("position", "ok", _lla(p.place) + fix)
-    if p.zeros:
-        return Finding("position", "fail", f"all zeros in {p.zeros} messages: no GPS fix yet{fix}", _FIX_CURE)
-    if p.refused:
-        found = f"out of range in {p.refused} messages{fix}"
+def position(place: tuple[float, float, float] | None, zeros: int, refused: int, fix: str = "") -> Finding:
+    """Whether the vehicle knows where it is: degrees, degrees, metres AMSL. `zeros`, `refused`: messages with no
+    position, with an impossible one; `fix`: what GPS_RAW_INT says, if it comes.
+    """
+    fix = fix and f", {fix}"
+    if place:
+        return Finding("position", "ok", _lla(place) + fix)
+    if zeros:
+        return Finding("position", "fail", f"all zeros in {zeros} messages: no GPS fix yet{fix}", _FIX_CURE)
+    if refused:
+        found = f"out of range in {refused} messages{fix}"
         return Finding("position", "fail", found, "is the estimator healthy? reboot the autopilot")
     return Finding("position", "fail", f"unknown: no GLOBAL_POSITION_INT came{fix}", _FIX_CURE)
 
@@ -271,9 +264,6 @@ def clock(lags_s: Sequence[float], reboots: int) -> Finding:
 
 def _lla(place: tuple[float, float, float]) -> str:
     return "{:.7f}, {:.7f}, {:.1f} m AMSL".format(*place)
-
-
-# -- the result ----------------------------------------------------------------------------------------------
 
 
 def exit_code(findings: Sequence[Finding]) -> int:

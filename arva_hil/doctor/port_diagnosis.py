@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from arva_hil.doctor.values import Finding, PortTraffic
+from arva_hil.links.serial_ports import SerialPort
 
 _OURS: Final = re.compile(
     r"(?:(?P<pid>\d+) \()?[^,()]*?(?:-m arva_hil|\barva-hil) (?P<command>run|demo|search|replay|vehicle|campaign|-)"
@@ -28,10 +29,11 @@ def held(check: str, link: str, what: str) -> Finding | None:
     )
 
 
-def no_port(candidates: Sequence[str], usb: Sequence[str]) -> Finding:
-    """No port was named, and only the autopilot's link is examined. `usb`: the `candidates` on USB."""
-    there = f"free: {', '.join(candidates[:6])}" if candidates else "no serial port is free for it"
-    cures = [*(f"--port {device}" for device in usb[:1]), "--port pty", "or --format tunnel"]
+def no_port(candidates: Sequence[SerialPort]) -> Finding:
+    """No port was named, and only the autopilot's link is examined. `candidates`: those that are free."""
+    names = ", ".join(port.device for port in candidates[:6])
+    there = f"free: {names}" if candidates else "no serial port is free for it"
+    cures = [*[f"--port {port.device}" for port in candidates if port.usb][:1], "--port pty", "or --format tunnel"]
     return Finding("port", "note", f"none was named; {there}", ", ".join(cures))
 
 

@@ -64,16 +64,6 @@ class StreamRate:
 
 
 @dataclass(frozen=True, slots=True)
-class Position:
-    """`place`: degrees, degrees, metres AMSL. `zeros`, `refused`: messages with no position, with an impossible one."""
-
-    place: tuple[float, float, float] | None
-    zeros: int
-    refused: int
-    fix: str = ""  # what GPS_RAW_INT says, if it comes
-
-
-@dataclass(frozen=True, slots=True)
 class PortTraffic:
     """Traffic on the port. `kind`: a link's, or mavlink; `seen`: programs at the other end; `unread`: bytes there."""
 

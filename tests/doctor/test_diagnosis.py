@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from arva_hil.doctor import diagnosis, port_diagnosis
-from arva_hil.doctor.values import Finding, PortTraffic, Position, Source, StreamRate, Traffic
+from arva_hil.doctor.values import Finding, PortTraffic, Source, StreamRate, Traffic
+from arva_hil.links.serial_ports import SerialPort
 
 PILOT = Source(1, 1, "ardupilotmega quadrotor", True, 6, 1.0)
 OTHER = Source(2, 1, "px4 quadrotor", True, 6, 1.0)
@@ -216,15 +218,15 @@ def test_a_log_is_not_measured_by_what_nobody_asked_of_it() -> None:
 @pytest.mark.parametrize(
     ("position", "state", "found"),
     [
-        (Position(PLACE, 3, 0), "ok", "46.0123000, 7.7456000, 1650.0 m AMSL"),
-        (Position(PLACE, 0, 0, "GPS 3d_fix, 9 satellites"), "ok", "AMSL, GPS 3d_fix, 9 satellites"),
-        (Position(None, 3, 0, "GPS no_fix, 2 satellites"), "fail", "all zeros in 3 messages: no GPS fix yet, GPS no_f"),
-        (Position(None, 0, 4), "fail", "out of range in 4 messages"),
-        (Position(None, 0, 0), "fail", "unknown: no GLOBAL_POSITION_INT came"),
+        ((PLACE, 3, 0), "ok", "46.0123000, 7.7456000, 1650.0 m AMSL"),
+        ((PLACE, 0, 0, "GPS 3d_fix, 9 satellites"), "ok", "AMSL, GPS 3d_fix, 9 satellites"),
+        ((None, 3, 0, "GPS no_fix, 2 satellites"), "fail", "all zeros in 3 messages: no GPS fix yet, GPS no_f"),
+        ((None, 0, 4), "fail", "out of range in 4 messages"),
+        ((None, 0, 0), "fail", "unknown: no GLOBAL_POSITION_INT came"),
     ],
 )
-def test_position(position: Position, state: str, found: str) -> None:
-    finding = diagnosis.position(position)
+def test_position(position: tuple[Any, ...], state: str, found: str) -> None:
+    finding = diagnosis.position(*position)
     assert (finding.check, finding.state) == ("position", state)
     assert found in finding.found
     assert bool(finding.cure) == (state == "fail")
@@ -277,13 +279,13 @@ def test_rate(times: list[float], now: float, hz: float) -> None:
 
 
 def test_no_port_lists_the_candidates() -> None:
-    finding = port_diagnosis.no_port(["/dev/ttyS0", "/dev/ttyUSB3"], ["/dev/ttyUSB3"])
+    finding = port_diagnosis.no_port([SerialPort("/dev/ttyS0"), SerialPort("/dev/ttyUSB3", vid=1, pid=2)])
     assert finding[:3] == ("port", "note", "none was named; free: /dev/ttyS0, /dev/ttyUSB3")
     assert finding.cure == "--port /dev/ttyUSB3, --port pty, or --format tunnel"
 
 
 def test_no_port_is_proposed_that_is_not_there() -> None:
-    assert port_diagnosis.no_port([], []) == (
+    assert port_diagnosis.no_port([]) == (
         "port", "note", "none was named; no serial port is free for it", "--port pty, or --format tunnel",
     )  # fmt: skip
 
