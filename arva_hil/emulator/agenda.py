@@ -1,4 +1,4 @@
-"""Which of many vehicles have something to do now. The cost does not grow with the number of those that have not."""
+"""The vehicles that are due. The cost does not depend on the number of those that are not."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 
 
 class Agenda:
-    """Remembers when each vehicle wants to be served, and which ones must be served whatever the time is.
+    """Remembers when each vehicle is due, and which ones have to be served next at any time.
 
-    A vehicle that is alone is always served. Times are seconds on the driver's clock.
+    A single vehicle is always served. Times are seconds on the driver's clock.
     """
 
     def __init__(self, vehicles: Sequence[EmulatedVehicle]) -> None:
         self._vehicles = vehicles
         self._number = {vehicle: number for number, vehicle in enumerate(vehicles)}
         self._dues = [math.inf] * len(vehicles)
-        self._heap: list[tuple[float, int]] = []  # some of these are out of date: they differ from `_dues`
+        self._heap: list[tuple[float, int]] = []  # entries that differ from `_dues` are out of date
         self._called = set(range(len(vehicles)))
 
     def call(self, vehicle: EmulatedVehicle) -> None:
-        """Something has come for a vehicle: it is served the next time."""
+        """Something arrived for a vehicle: serve it next time."""
         self._called.add(self._number[vehicle])
 
     def due(self, now: float) -> Sequence[EmulatedVehicle]:
-        """The vehicles to serve at `now`, in their order. Hand each back to `served`."""
+        """The vehicles to serve at `now`, in their order. Call `served` for each of them."""
         if len(self._vehicles) == 1:
             return self._vehicles
         heap, called = self._heap, self._called
@@ -40,11 +40,11 @@ class Agenda:
         return [self._vehicles[number] for number in sorted(called)]
 
     def served(self, vehicle: EmulatedVehicle) -> None:
-        """A vehicle has been served until now."""
+        """A vehicle has been served."""
         self._note(self._number[vehicle])
 
     def first(self) -> float:
-        """When the first of them wants to be served."""
+        """The time at which the first vehicle is due."""
         if len(self._vehicles) == 1:
             return self._vehicles[0].next_due
         for number in self._called:

@@ -1,4 +1,4 @@
-"""The scenario as the model wants it: degrees to radians, places to NED, keys to arguments."""
+"""Makes transmitters, mount and receiver of a scenario: degrees to radians, positions to NED, keys to arguments."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from arva_hil.field.vehicle_noise import VehicleNoise
 from arva_hil.receiver import ReceiverModel
 from arva_hil.registry import RECEIVERS
 
-_NORM_NA_M: Final = 80.0  # EN 282: a set has to hear as weak a field
+_NORM_NA_M: Final = 80.0  # EN 282: a set must hear a field of this strength
 
 
 def transmitters(
@@ -47,13 +47,13 @@ def transmitters(
 def moving_transmitters(
     scenario: config.Scenario, frame: LocalFrame, heights: Mapping[LatLon, float] | None = None
 ) -> MovingTransmitters:
-    """The same at any time."""
+    """The scenario's transmitters at any time, in the NED frame `frame`."""
     motions = {index: motion for index, t in enumerate(scenario.transmitters) if (motion := _motion(t))}
     return MovingTransmitters(transmitters(scenario, frame, heights), motions)
 
 
 def mount(scenario: config.Scenario) -> Mount:
-    """Where the scenario's receiver sits on its vehicle."""
+    """Position and attitude of the scenario's receiver on its vehicle."""
     m = scenario.receiver.mount
     return Mount(m.position, _quaternion(m.attitude))
 
@@ -65,19 +65,19 @@ def receiver(scenario: config.Scenario) -> ReceiverModel:
 
 
 def sling(scenario: config.Scenario) -> Sling | None:
-    """The rope on which it hangs there."""
+    """The rope under the vehicle on which the receiver hangs; None if it is mounted."""
     options = scenario.receiver.mount.sling
     return Sling(options.length_m, options.damping) if options else None
 
 
 def vehicle_noise(scenario: config.Scenario) -> VehicleNoise | None:
-    """What the motors add to the scenario's receiver."""
+    """The motors' noise at the scenario's receiver; None if there is none."""
     options = scenario.receiver.vehicle_noise
     return VehicleNoise(options.motors, options.motor_na_m, options.line_na_m) if options else None
 
 
 def outside_norm(scenario: config.Scenario) -> list[str]:
-    """What of the scenario's transmitters and receivers no set of the norm does, one sentence each, with the limit."""
+    """One sentence for each value of a transmitter or receiver that is outside the norm, with the norm's limit."""
     remarks = [
         f"transmitter {t.id}: {what}"
         for t in scenario.transmitters
@@ -93,13 +93,13 @@ def outside_norm(scenario: config.Scenario) -> list[str]:
 
 
 def _strength(transmitter: config.Transmitter) -> float:
-    """What its class adds to its own."""
+    """The strength of its class."""
     options = transmitter.keying
     return keying.KEYING_CLASSES[options.kind].strength if options else 1.0
 
 
 def _keying(transmitter: config.Transmitter, seed: int) -> keying.Keying:
-    """One of its class, with what is given."""
+    """A set of its class, with the values of the scenario."""
     options = transmitter.keying or config.KeyingOptions()
     drawn = keying.draw_keying(keying.KEYING_CLASSES[options.kind], seed, transmitter.id, options.temperature_c)
     names = "period_s", "pulse_s", "phase_s", "jitter_s", "carrier_hz", "leak_db", "from_s"
@@ -121,7 +121,7 @@ def _quaternion(degrees: tuple[float, float, float]) -> NDArray[np.float64]:
 
 
 def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float]:
-    """NED, metres; of one that follows a vehicle the origin, which nobody asks for."""
+    """NED [m]; the origin for one that follows a vehicle, where it is not used."""
     if transmitter.ned is not None:
         return transmitter.ned
     if transmitter.path is not None:
@@ -131,7 +131,7 @@ def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float
 
 
 def _motion(transmitter: config.Transmitter) -> Waypoints | Following | None:
-    """How it moves, None for one at rest."""
+    """How it moves; None: it is at rest."""
     if (path := transmitter.path) is not None:
         points = np.array(path.points_ned)
         return Waypoints(points[:, 0], points[:, 1:], path.end)

@@ -1,4 +1,4 @@
-"""Where the scenario's origin lies."""
+"""The datum: the place of the scenario's origin."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.receiver import Reading
 from arva_hil.vehicle.session import Session
 
-HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position serves
-_FAR_M: Final = 1000.0  # with every transmitter so far away, something is wrong
+HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position is used instead
+_FAR_M: Final = 1000.0  # if every transmitter is farther away, something is wrong
 
 MOVE_DATUM: Final = frozenset(  # messages after which to look again
     {dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_HOME_POSITION, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT}
 )
-_SAME_PLACE_M: Final = 100.0  # nobody hears from here what is there
+_SAME_PLACE_M: Final = 100.0  # nothing is heard at this distance
 _ARMING_S: Final = 2.0
 
 Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
 
 
-class Change(NamedTuple):
-    """The datum lies at `lat_lon_alt` from `time_s` of the run on; `why` it moved there, "" for the first one."""
+class DatumChange(NamedTuple):
+    """From `time_s` of the run the datum is at `lat_lon_alt`. `why` it was moved; "" for the first one."""
 
     time_s: float
     lat_lon_alt: Place
@@ -35,46 +35,46 @@ class Change(NamedTuple):
 
 
 class Datum:
-    """Remembers where the scenario's origin lies, and where it lay before.
+    """Remembers the present and the earlier places of the scenario's origin.
 
-    A fixed one stays. `home` is the vehicle's home, and follows it until the vehicle arms: autopilots move it by a
-    metre while they settle. While it is armed the datum stays: transmitters do not jump in flight. After a landing a
-    new home is a new datum: at once when it is more than 100 m away or the vehicle has rebooted, else when it arms
-    again, because PX4 has its home wherever it has landed, beside the transmitter that it has found.
+    A fixed datum stays. `datum: home` follows the vehicle's home until the vehicle arms, because autopilots move their
+    home by a metre at first. While the vehicle is armed the datum stays: transmitters do not jump in flight. A new home
+    after a landing is a new datum: at once if it is more than 100 m away or the vehicle has rebooted, otherwise when it
+    arms again, because PX4 sets its home wherever it lands, also beside the transmitter that was found.
 
-    Without a HOME_POSITION the first valid position serves after 5 s. It gives way to a home, and is taken anew when
-    the vehicle has rebooted or its position has jumped, because it then came from elsewhere or from before the
-    estimator knew. That, too, only while the vehicle is disarmed.
+    Without a HOME_POSITION the first valid position is used after 5 s. A home replaces it. A later position replaces it
+    if the vehicle has rebooted or its position has jumped, because the first one was wrong then. Both only while the
+    vehicle is disarmed.
 
-    `start`: when the run began, on the clock of `update` [s].
+    `start`: of the run, on the clock of `update` [s].
     """
 
     def __init__(self, scenario: Scenario, start: float = 0.0) -> None:
         fixed = scenario.datum
         self.lla: Place | None = None
         self.frame: LocalFrame | None = None
-        self.changes: list[Change] = []
+        self.changes: list[DatumChange] = []
         self._start = start
         self.fixed = fixed != "home"
         self._flown: Place | None = None
         self._armed_at: float | None = None
         self._has_landed = False  # and has not rebooted since
         self._reboots = 0
-        self._provisional = False  # a position, and no home
+        self._provisional = False  # it is a position, not a home
         self._first_position_at: float | None = None
-        self._taken_in = (0, 0)  # so many reboots and jumps after the first, when a position was taken
-        self._near: Place | None = None  # a home that has waited for the vehicle to arm
+        self._taken_in = (0, 0)  # the number of reboots and jumps when a position was used
+        self._near: Place | None = None  # a home that is used when the vehicle arms
         self._far_said = False
         if fixed != "home":
             self._take((fixed.lat, fixed.lon, fixed.alt), start, "")
 
     @property
     def of_the_flight(self) -> Place | None:
-        """Where it lay when the vehicle was armed the last time, or lies now if it never was."""
+        """The datum when the vehicle was last armed; the present one if it was never armed."""
         return self._flown or self.lla
 
     def update(self, session: Session, now: float) -> bool:
-        """Look again; True when the datum has changed."""
+        """Move the datum if necessary. Returns whether it has changed."""
         if self.fixed:
             return False
         if session.navigation.reboots != self._reboots:
@@ -88,7 +88,7 @@ class Datum:
         elif not armed and self._armed_at is not None:
             self._armed_at = None
             self._has_landed = True
-        # autopilots set their home when they arm, and may say so a little later
+        # autopilots set their home when they arm, and may send it a little later
         arming = self._armed_at is not None and now - self._armed_at <= _ARMING_S
         if armed and self.lla and not (self._has_landed and arming):
             return False
@@ -98,10 +98,10 @@ class Datum:
         return changed
 
     def far(self, position: NDArray[np.float64], reading: Reading) -> tuple[float, float] | None:
-        """Once for each place of the datum: that no transmitter can be heard from here; mostly None.
+        """The distances [m] of the datum (horizontally) and of the nearest transmitter, if none can be heard from here.
 
-        `position` (3,): of the receiver, NED from the datum, metres; `reading`: what is read there. Gives back how far
-        the datum is, horizontally, and the nearest transmitter, metres.
+        Returned once for each place of the datum, otherwise None. `position` (3,): of the receiver, NED from the datum,
+        metres; `reading`: its reading there.
         """
         nearest = reading.channels[0]
         away_m = nearest.true_range_m or 0.0
@@ -121,13 +121,13 @@ class Datum:
         return self._take(home, now, "a new home after landing" if self._has_landed else why)
 
     def _is_near(self, home: Place) -> bool:
-        """Whether it is at the same place as the datum; looked at once for each home, because this is asked often."""
+        """Whether a home is at the same place as the datum. Calculated once for each home."""
         if home != self._near and self.frame and np.linalg.norm(self.frame.ned(*home)) <= _SAME_PLACE_M:
             self._near = home
         return home == self._near
 
     def _take_position(self, session: Session, now: float) -> bool:
-        """Without a home: the first position there is, once a home had the time to come."""
+        """Without a home: use the first position, after a time in which a home could have come."""
         first, life = session.track.first_position, (self._reboots, session.navigation.jumps)
         if first is None:
             self._first_position_at = None
@@ -142,10 +142,10 @@ class Datum:
         return self._take((first.lat, first.lon, first.alt), now, why)
 
     def _take(self, place: Place, now: float, why: str) -> bool:
-        """Have it there; whether it was elsewhere, and then `why`."""
+        """Move the datum. Returns whether it was elsewhere before."""
         if place == self.lla:
             return False
-        self.changes.append(Change(now - self._start, place, why if self.lla else ""))
+        self.changes.append(DatumChange(now - self._start, place, why if self.lla else ""))
         self._far_said, self._near = False, None
         self.lla = place
         self.frame = LocalFrame(*place)

@@ -1,4 +1,4 @@
-"""One vehicle as the engine has it: its setup, state and receivers; systems that transmitters follow; shared links."""
+"""One vehicle of the engine with its receivers; systems that transmitters follow; links that vehicles share."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _POSES: Final = frozenset({_POSITION, dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.M
 
 
 class FollowedSystem:
-    """Remembers where one system says that it is, by the component that has told a position first."""
+    """Remembers the pose of one system, from the messages of the first component that sent a position."""
 
     def __init__(self, system: int, start: float) -> None:
         self.system = system
@@ -47,7 +47,7 @@ class FollowedSystem:
         self._was_heard = False
 
     def hear(self, packet: Packet, now: float) -> None:
-        """One of its packets."""
+        """Use one of its packets."""
         if packet.msgid not in _POSES or (message := self._parser.decode(packet)) is None:
             return
         if self._component is None and packet.msgid == _POSITION:
@@ -61,7 +61,7 @@ class FollowedSystem:
         self._newest = newest
 
     def pose(self, t: float, frame: LocalFrame) -> tuple[Array, Array] | None:
-        """Position (3,) NED in `frame`, metres, and body → NED (3, 3) at `t`; None when it is not heard."""
+        """Position (3,) NED in `frame` [m] and body → NED (3, 3) at `t`; None if it is not heard."""
         state = self._navigation.track.at(self._navigation.clock.boot(t), frame)
         if state is None or state.age_s > _SILENT_S:
             return None
@@ -72,7 +72,7 @@ class FollowedSystem:
         return self._navigation.track.is_known(self._navigation.clock.boot(t))
 
     def look(self, now: float) -> Event | None:
-        """That it has fallen silent, or is heard again; None when nothing has changed."""
+        """The event if it is not heard any more or is heard again, otherwise None."""
         silent = now - self._heard_at > _SILENT_S
         if silent == self._silent:
             return None
@@ -90,7 +90,7 @@ def followed_systems(scenarios: Iterable[Scenario], start: float) -> dict[int, F
 
 @dataclass(frozen=True)
 class ReceiverSetup:
-    """One receiver: its name, the link that takes its frames (the autopilot's own, if the format needs that)."""
+    """One receiver. `sink`: the link for its frames; for formats inside MAVLink, the autopilot's own."""
 
     name: str
     sink: str
@@ -99,7 +99,7 @@ class ReceiverSetup:
 
 @dataclass(frozen=True)
 class VehicleSetup:
-    """One vehicle: its name, the link on which it is heard, the session that follows it there, and its receivers."""
+    """One vehicle with its receivers. `link`: the link on which it is heard; `session`: follows it there."""
 
     name: str
     link: str
@@ -109,13 +109,13 @@ class VehicleSetup:
 
 
 def one_vehicle(scenario: Scenario, session: Session, *, link: str = "autopilot", sink: str = "port") -> VehicleSetup:
-    """One vehicle with one receiver, as in a scenario that names none. Formats over MAVLink have no sink but `link`."""
+    """One vehicle with one receiver, for a scenario without `vehicles`. Formats inside MAVLink do not use `sink`."""
     sink = link if scenario.output_format in MAVLINK_FORMATS else sink
     return VehicleSetup("vehicle", link, session, scenario, [ReceiverSetup("receiver", sink, scenario)])
 
 
 class EmulatedVehicle:
-    """Remembers one vehicle's datum and receivers; the session has the rest."""
+    """Remembers one vehicle's datum and receivers. Its session remembers the rest."""
 
     def __init__(
         self, setup: VehicleSetup, followed: Mapping[int, FollowedSystem], *, start: float, max_age_s: float
@@ -153,7 +153,7 @@ class EmulatedVehicle:
 
     @property
     def next_due(self) -> float:
-        """When there is something to do [s]."""
+        """The time at which there is something to do [s]."""
         return min([self.session.next_due, *[source.next_due for source in self.sources]])
 
     def hear(self, now: float) -> None:
@@ -196,7 +196,7 @@ class EmulatedVehicle:
         return self.true_state.lacking() or self.session.why_no_pose()
 
     def place(self, now: float) -> Event:
-        """The datum is another one: so are the places of the transmitters."""
+        """The datum has changed: move the transmitters. Returns the event."""
         change = self.datum.changes[-1]
         if self.datum.frame:
             self._burial.place(self.datum.frame)
@@ -209,7 +209,7 @@ class EmulatedVehicle:
 
 
 class SharedLink:
-    """Remembers its vehicles, and to whom what is said to them goes. `senders`: all of theirs."""
+    """Remembers the vehicles on one link. `senders`: all that may be one of them, to which outputs go."""
 
     def __init__(self, vehicles: Sequence[EmulatedVehicle]) -> None:
         self.senders: Sequence[Hashable] = ()
@@ -220,9 +220,9 @@ class SharedLink:
     def hear(
         self, packets: Packets, now: float, sender: Hashable
     ) -> tuple[Sequence[EmulatedVehicle], Sequence[Packet]]:
-        """Give each vehicle its packets, and all vehicles those of other systems.
+        """Give each vehicle its own packets, and all vehicles the packets of other systems.
 
-        Returns the vehicles that were given some; and all packets, if they may be of one of these vehicles.
+        Returns the vehicles that got packets; and all packets, if they may come from one of these vehicles.
         """
         systems = {packet.system for packet in packets.every}
         numbers: Sequence[int] = range(len(self._vehicles))

@@ -1,14 +1,14 @@
-"""The emulator: bytes and time in; bytes, deadlines and events out. It opens, waits for and prints nothing.
+"""The emulator: bytes and time in; bytes, deadlines and events out. It opens no link, does not wait, prints nothing.
 
 Any number of vehicles on any number of links, each with any number of receivers. A driver calls
 
-    receive(link, data, now)    bytes of a link; link_lost and link_back say what became of it
-    advance(now)                everything that is due until now
-    output()                    what to write; the driver says by `written` what was taken
-    events()                    what happened
-    next_deadline()             when it wants to be called again
+    receive(link, data, now)    bytes from a link; link_lost and link_back for its state
+    advance(now)                does everything that is due until now
+    output()                    what to write; the driver then calls `written` for each
+    events()                    what has happened
+    next_deadline()             when to call `advance` again
 
-in the shape of h11 and aioquic. `arva_hil.runtime.drivers` has three of them.
+like h11 and aioquic. `arva_hil.runtime.drivers` has three of them.
 """
 
 from __future__ import annotations
@@ -39,11 +39,12 @@ _STATUS_S: Final = 0.25
 
 
 class Emulator:
-    """Remembers its vehicles and what there is to write and to tell. Times are seconds of the driver's clock.
+    """Remembers its vehicles, the outputs and the events. Times are seconds on the driver's clock.
 
-    `start`: the instant of the first frames. `timeout_s`: without a heartbeat, before that is an event.
-    `look_ahead_s`: how long a frame waits for the pose behind its instant, so that it can be interpolated; 0 is live:
-    a frame is made at its instant, from what is known then. `tell_packets`: every chunk is an event, for a record.
+    `start`: the instant of the first frames. `timeout_s`: without a heartbeat, until there is an event. `max_age_s`: an
+    older pose is not used. `look_ahead_s`: how long a frame waits for a pose after its instant, so that its pose can be
+    interpolated; 0 for live: a frame is made at its instant, with what is known then. `tell_packets`: make an event for
+    every chunk, for a record.
     """
 
     def __init__(
@@ -83,9 +84,9 @@ class Emulator:
     # -- in ------------------------------------------------------------------------------------------------
 
     def receive(self, link: str, data: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> None:
-        """Bytes of an autopilot's link, or of a receiver's port, received at `now`.
+        """Use bytes that were received at `now` from an autopilot's link or from a receiver's port.
 
-        `sender`: which of several on the link they came from. `whole`: no packet goes on in the next bytes.
+        `sender`: one of several on the link. `whole`: no packet continues in the next bytes.
         """
         if link not in self._on_link:
             for vehicle, commands in self._hosts.get(link, ()):
@@ -116,14 +117,14 @@ class Emulator:
                     break
 
     def link_lost(self, link: str, why: str, now: float) -> None:
-        """A link is lost: nothing can be sent there, and silence is nobody's fault, until `link_back`."""
+        """A link is lost: until `link_back` nothing can be sent there, and silence does not count."""
         self._lost.add(link)
         for vehicle in self._on_link.get(link, ()):
             vehicle.session.interrupt(why)
             self._agenda.call(vehicle)
 
     def link_back(self, link: str, now: float) -> None:
-        """The link is a new one, to vehicles that may have rebooted."""
+        """The link is back. Its vehicles may have rebooted."""
         self._lost.discard(link)
         for vehicle in self._on_link.get(link, ()):
             vehicle.session.resume(now)
@@ -132,7 +133,7 @@ class Emulator:
     def advance(self, now: float) -> None:
         """Do what is due until `now`."""
         due = self._agenda.due(now)
-        for vehicle in due:  # frames first: they are waited for
+        for vehicle in due:  # frames first: they are urgent
             self._make_frames(vehicle, now)
         for vehicle in due:
             self._answer(vehicle, now)
@@ -145,7 +146,7 @@ class Emulator:
             self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
 
     def finish(self, now: float) -> None:
-        """Nothing more will come: make the frames that still wait for it, release what faults hold up."""
+        """Nothing more will come: make the frames that waited for it, and send what faults have delayed."""
         self.advance(now)
         for vehicle in self.vehicles:
             self._make_frames(vehicle, now, last=True)
@@ -154,23 +155,23 @@ class Emulator:
     # -- out -----------------------------------------------------------------------------------------------
 
     def next_deadline(self) -> float:
-        """When to call `advance` again at the latest."""
+        """The latest time for the next call of `advance`."""
         return min(self._next_status, self._agenda.first())
 
     def output(self) -> list[Output]:
-        """What is to be written, in this order. Each has to be handed back to `written`."""
+        """The outputs to write, in this order. Call `written` for each of them."""
         outputs, self._outputs = self._outputs, []
         return outputs
 
     def addressees(self, link: str) -> tuple[Hashable, Sequence[Hashable]]:
-        """To whom outputs on a link go: the one sender there is, or else several."""
+        """The receivers of outputs on a link: the vehicle's sender; or, if it is None, these senders."""
         if link in self._shared:
             return None, self._shared[link].senders
         senders = self._on_link[link][0].session.senders
         return senders.vehicle, senders.candidates
 
     def written(self, output: Output, taken: bool, now: float) -> None:
-        """Whether the link took all of an output."""
+        """An output was written. `taken`: the link has accepted all of it."""
         source = output.source
         if source is not None:
             known = self._vehicle_of[source].known
@@ -178,7 +179,7 @@ class Emulator:
             self._collect(source)
 
     def events(self) -> list[Event]:
-        """What has happened since the last call, in this order."""
+        """The events since the last call, in their order."""
         events, self._events = self._events, []
         return events
 
@@ -187,7 +188,7 @@ class Emulator:
     def _make_frames(self, vehicle: EmulatedVehicle, now: float, *, last: bool = False) -> None:
         for source in vehicle.sources:
             if source.next_due <= now:
-                ready = self._ready(vehicle, math.inf if last else now)  # the last ones wait for nothing
+                ready = self._ready(vehicle, math.inf if last else now)  # the last frames do not wait
                 source.advance(now, vehicle, live=not self._look_ahead_s, ready=ready)
             source.obey(now)
             self._collect(source)
@@ -205,7 +206,7 @@ class Emulator:
             self._events += source.take_events()
 
     def _answer(self, vehicle: EmulatedVehicle, now: float) -> None:
-        """What the vehicle is asked for, and what there is to tell of it."""
+        """Send requests to the vehicle, and collect its events."""
         if out := vehicle.poll(now):
             self._outputs.append(Output(vehicle.link, out, now))
         self._events += vehicle.session.take_events()
@@ -219,14 +220,14 @@ class Emulator:
 
 
 def scenario_of(scenario: Scenario, receiver: ReceiverConfig) -> Scenario:
-    """The scenario as one of its receivers has it: its own mount, rate, format and seed, and no other vehicles."""
+    """The scenario of one of its receivers: with its mount, rate, format and seed, and without vehicles."""
     return replace(
         scenario, receiver=receiver.receiver, output_format=receiver.output_format, seed=receiver.seed, vehicles=()
     )
 
 
 def receivers_of(scenario: Scenario) -> list[tuple[str, str]]:
-    """The names of all receivers, each with its vehicle's."""
+    """The names of all receivers: (vehicle, receiver)."""
     return [(vehicle.name, receiver.name) for vehicle in scenario.vehicles for receiver in vehicle.receivers]
 
 
@@ -238,10 +239,10 @@ def sink_name(vehicle: VehicleConfig, receiver: ReceiverConfig) -> str:
 def vehicle_setups(
     scenario: Scenario, link_of: Callable[[VehicleConfig], str], session_of: Callable[[VehicleConfig], Session]
 ) -> list[VehicleSetup]:
-    """Every vehicle of a scenario with `vehicles`.
+    """The setups of the vehicles of a scenario with `vehicles`.
 
-    `link_of`: the engine's name of a vehicle's link; `session_of`: who follows it there. Sessions of one link need the
-    same reader. Frames of a receiver without a port go over the vehicle's link.
+    `link_of`: gives the engine's name of a vehicle's link; `session_of`: its session. Sessions on one link need the
+    same reader. Frames of a receiver without a port are sent over the vehicle's link.
     """
     return [
         VehicleSetup(
@@ -273,9 +274,9 @@ def check_systems(source: str, link: str, vehicles: Sequence[VehicleConfig]) -> 
 def recorded_vehicles(
     scenario: Scenario, log: str, link: str, *, target_component: int | None = None
 ) -> list[VehicleSetup]:
-    """Every vehicle of a scenario with `vehicles`, all of them in one log, for a replay: told apart by their systems.
+    """The setups for a replay of one log with all vehicles of a scenario. They differ by their system ids.
 
-    `log`: its name, for a person; `link`: the engine's. Raises ValueError if they cannot be told apart.
+    `log`: its name for a person; `link`: the engine's name. Raises ValueError if vehicles have the same system id.
     """
     check_systems(scenario.source, log, scenario.vehicles)
     reader = PacketReader()

@@ -1,4 +1,4 @@
-"""A reading becomes a frame, the frame bytes on a wire or messages on the autopilot's own link."""
+"""From a reading to a frame, and from a frame to bytes for a port or to messages on the autopilot's own link."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ _SILENCE_S: Final = 1.0  # longer than any link takes from one value of a frame 
 
 
 class MavlinkFormat(NamedTuple):
-    """A format inside MAVLink: `encode` makes messages of a frame, its instant in ms on the vehicle's clock, and the
-    vehicle; `decoder` and `numbered` as in `firmware_proto.Format`."""
+    """A format inside MAVLink. `encode`: (frame, its instant in ms on the vehicle's clock, vehicle) → messages.
+
+    `decoder` and `numbered` as in `firmware_proto.Format`.
+    """
 
     encode: Callable[[Frame, int, Vehicle], Sequence[Any]]
     decoder: Callable[[], FrameDecoder]
@@ -31,9 +33,9 @@ class MavlinkFormat(NamedTuple):
 
 
 def frame_of(reading: Reading, sequence: int, time_s: float = 0.0, measured: str = "") -> Frame:
-    """A reading as the frame that carries it; always marked as synthetic.
+    """The frame for a reading. It is always marked as synthetic.
 
-    `measured`: the format, if it carries what the antennas measured; `time_s`: of the frame, from the start of the run.
+    `measured`: the format; some carry what the antennas measured. `time_s`: of the frame, from the start of the run.
     """
     status = firmware_proto.SYNTHETIC
     status |= firmware_proto.INTERFERENCE if reading.interference else 0
@@ -61,7 +63,7 @@ def _vector(c: ChannelReading, time_s: float) -> VectorChannel:
 
 
 def _level(c: ChannelReading, time_s: float) -> LevelChannel:
-    """A receiver that has no full scale of its own says decibels of 1 nA/m."""
+    """The level of a receiver without a full scale of its own is in decibels relative to 1 nA/m."""
     who = c.id, int(c.zone), c.marked
     if (pulse := c.pulse) is None:
         return LevelChannel(*who)
@@ -72,9 +74,9 @@ def _level(c: ChannelReading, time_s: float) -> LevelChannel:
 
 
 def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:
-    """(frame, its instant in ms on the vehicle's clock) → its bytes in a format.
+    """The encoder of a format: (frame, its instant in ms on the vehicle's clock) → bytes.
 
-    Inside MAVLink they are b"" while there is no vehicle. Raises KindError for a format that there is not.
+    Formats inside MAVLink give b"" while there is no vehicle. Raises KindError for an unknown format.
     """
     encode = FORMATS[format].encode
     if format not in MAVLINK_FORMATS:
@@ -88,7 +90,7 @@ def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:
 
 
 def host_form(format: str) -> HostForm | None:
-    """How commands look on a port of a format; None if none can come. Raises KindError like `encoder`."""
+    """How commands are encoded on a port of a format; None if there are none. Raises KindError like `encoder`."""
     return getattr(FORMATS[format], "host", None)
 
 
@@ -103,7 +105,7 @@ def _named(message: Callable[[int, bytes, int], Any], frame: Frame, boot_ms: int
 
 
 def named_values(frame: Frame) -> Iterator[tuple[bytes, int]]:
-    """The valid channels, and always channel 1: names of 10 bytes at most, and integers that a float holds."""
+    """Name and value of each valid channel and of channel 1. Names of 10 bytes at most; a float can hold the values."""
     for slot, channel in enumerate(frame.channels, 1):
         if slot > 1 and not channel.valid:
             continue
@@ -113,7 +115,7 @@ def named_values(frame: Frame) -> Iterator[tuple[bytes, int]]:
 
 
 def _debug_vect(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
-    """Two vectors of two channels each; d goes into the unsigned time_usec as two's complement."""
+    """Two vectors of two channels each. The unsigned time_usec holds d as two's complement."""
     pairs = [(c.d, c.delta) for c in frame.channels[:4]]
     pairs += [(-1, -1)] * (4 - len(pairs))
     (d1, a1), (d2, a2), (d3, a3), (d4, a4) = pairs
@@ -124,10 +126,11 @@ def _debug_vect(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
 
 
 class MavlinkDecoder(FrameDecoder):
-    """What formats inside MAVLink send, read back into frames; messages of every system count. `now` is not needed.
+    """Reads frames of formats inside MAVLink, from all systems.
 
-    Only `tunnel` carries sequence and status: frames of the others are numbered as they come. A frame of named values
-    ends where the next begins, or when no more of its values came for 1 s; an empty `feed` tells the time.
+    Only `tunnel` carries sequence and status: frames of the others are numbered in the order in which they come. A
+    frame of named values ends when the next one begins, or if no more of its values came for 1 s; an empty `feed` is
+    enough for that.
     """
 
     def __init__(self, format: str) -> None:
@@ -141,8 +144,8 @@ class MavlinkDecoder(FrameDecoder):
         }[format]
         self._frames: list[Frame] = []
         self._binary = firmware_proto.Decoder()
-        self._values: dict[str, int] = {}  # of the frame that is not whole
-        self._since = 0.0  # and when the last one came
+        self._values: dict[str, int] = {}  # of the frame that is not complete
+        self._since = 0.0  # the time of the last one
         self._slots: list[Channel] = []
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
@@ -203,7 +206,7 @@ class MavlinkDecoder(FrameDecoder):
             self._slots = []
 
     def _deliver(self, channels: list[Channel]) -> None:
-        """A frame, unless no receiver can have said it: this link is everybody's."""
+        """Deliver a frame if it is valid. Anybody can send on this link."""
         frame = Frame(self.good % 256, firmware_proto.SYNTHETIC, tuple(channels))
         try:
             check(frame)
@@ -214,7 +217,7 @@ class MavlinkDecoder(FrameDecoder):
 
 
 def _zone(d: int, delta: int) -> int:
-    """The zone that a distance and an angle leave to conclude."""
+    """The zone, concluded from distance and angle."""
     if d < 0:
         return firmware_proto.OUTER
     return firmware_proto.INNER if d <= 300 and delta == 0 else firmware_proto.MID

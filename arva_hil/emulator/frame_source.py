@@ -1,4 +1,4 @@
-"""One receiver of one vehicle: its looks and frames in the order of time, and what becomes of each frame."""
+"""One receiver of one vehicle: its looks and frames in the order of time, and the result of each frame."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ from firmware_proto import Frame, HostForm
 if TYPE_CHECKING:
     from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 
-_LATE_S: Final = 0.05  # a frame that is made later is late, and
-_OFTEN: Final = 10  # so many more late ones than others are worth saying
-_WORST_BACKLOG_S: Final = 1.0  # frames that are late by more than this are skipped, not sent in a burst
+_LATE_S: Final = 0.05  # a frame that is made later than this is late
+_OFTEN: Final = 10  # late frames more than others, until there is an event
+_WORST_BACKLOG_S: Final = 1.0  # frames later than this are skipped, not sent in a burst
 
 
 class Schedule:
     """Absolute deadlines: n / rate after `start`, each up to `jitter_s` late. Lateness never adds up.
 
-    From a frame on that was brought forward, the deadlines are counted anew.
+    After a frame that was brought forward, the deadlines are counted from that frame.
     """
 
     def __init__(self, start: float, rate_hz: float, jitter_s: float, seed: int) -> None:
@@ -66,25 +66,25 @@ class Schedule:
 
 @dataclass
 class Counters:
-    """What became of every frame: frames + duplicated = delivered + damaged + withheld + dropped + waiting."""
+    """The results of all frames: frames + duplicated = delivered + damaged + withheld + dropped + waiting."""
 
     frames: int = 0
     duplicated: int = 0  # copies that a fault added
-    delivered: int = 0  # gone, whole
-    damaged: int = 0  # gone, but not as it was made
-    withheld: int = 0  # kept from going by a fault
-    dropped: int = 0  # nobody took it
-    waiting: int = 0  # held up by a fault, not gone yet
-    no_pose: int = 0  # said no signal because the pose was unknown or too old
-    skipped: int = 0  # not made because the loop was held up for more than a second
+    delivered: int = 0  # sent, undamaged
+    damaged: int = 0  # sent, but changed by a fault
+    withheld: int = 0  # not sent because of a fault
+    dropped: int = 0  # the link did not accept it
+    waiting: int = 0  # delayed by a fault, not sent yet
+    no_pose: int = 0  # without a signal because the pose was unknown or too old
+    skipped: int = 0  # not made because the loop was blocked for more than a second
     latest_s: float = 0.0  # the worst lateness
 
 
 class Output(NamedTuple):
-    """Bytes for the link `sink`, to be written at `due` [s] or later. The driver hands it back to `Emulator.written`.
+    """Bytes for the link `sink`, to be written at `due` [s] or later. Then the driver calls `Emulator.written`.
 
-    `source`: whose frame or answer it is, None for messages to an autopilot. `whole`: its frame is in it, undamaged.
-    `made`: the frame that is sent once this is taken. `answer`: it is this answer to a command, and no frame.
+    `source`: of the frame or answer, None for messages to an autopilot. `whole`: the frame in it is undamaged. `made`:
+    the frame that is sent when this is accepted. `answer`: it is this answer to a command, not a frame.
     """
 
     sink: str
@@ -97,11 +97,11 @@ class Output(NamedTuple):
 
 
 class FrameSource:
-    """Remembers one receiver and its schedule, what waits to be sent and what became of all that was.
+    """Remembers one receiver and its schedule, the outputs that wait, and the counters of all frames.
 
-    `name`: of the receiver, `sink`: of the link that takes its frames. `encode`: (frame, its instant in ms on the
-    vehicle's clock) → bytes, b"" while there is nobody to send them to. `host`: how commands look on the port, None if
-    none can come. `max_age_s`: a pose older than this is none.
+    `name`: of the receiver, `sink`: of the link for its frames. `encode`: (frame, its instant in ms on the vehicle's
+    clock) → bytes, b"" if it cannot be sent to anybody. `host`: how commands are encoded on the port, None if there are
+    none. `max_age_s`: an older pose is not used.
     """
 
     def __init__(
@@ -137,24 +137,23 @@ class FrameSource:
         self._format = scenario.output_format
         self._start = start
         self._refused = False
-        self._late = 0  # by how many more frames were late than in time
+        self._late = 0  # late frames minus those in time
         self._told_late = False
 
     @property
     def next_due(self) -> float:
-        """When there is something to do."""
+        """The time at which there is something to do."""
         due = min(self.schedule.deadline, self.receiver.next_due)
         return min(due, self.faults.outbox.next_due) if self.faults else due
 
     def place(self, transmitters: MovingTransmitters) -> None:
-        """The transmitters are there now."""
+        """The datum has changed: these are the transmitters now."""
         self.receiver.place(transmitters)
 
     def advance(self, now: float, vehicle: EmulatedVehicle, *, live: bool, ready: Callable[[float], bool]) -> None:
-        """Look and make frames at the instants that have come and are `ready`, and release what a fault has held up
-        until now.
+        """Look and make frames at the instants until `now` that are `ready`, and send what faults have delayed.
 
-        `live`: a frame that is made after its instant is late by that much, and too late a frame is skipped.
+        `live`: a frame made after its instant is late, and skipped if it is too late.
         """
         schedule, receiver = self.schedule, self.receiver
         while (t := min(receiver.next_due, schedule.deadline)) <= now and ready(t):
@@ -176,7 +175,7 @@ class FrameSource:
         self._release(min(now, schedule.deadline))
 
     def obey(self, now: float) -> None:
-        """Obey the commands that came, once what is due until `now` is done, and answer if no frame is due soon."""
+        """Execute the commands that came, after all that is due until `now`; answer if no frame is due soon."""
         if self.commands:
             self.events += self.commands.advance(now)
             next_frame = min(self.schedule.deadline, self.faults.outbox.next_due if self.faults else math.inf)
@@ -184,7 +183,7 @@ class FrameSource:
                 self.outputs.append(Output(self.sink, data, now, self, answer=answer))
 
     def written(self, output: Output, taken: bool, now: float, *, lost: bool, vehicle_known: bool) -> None:
-        """Whether the link took an output. `lost`: it is lost, which is news of its own."""
+        """An output was written. `taken`: the link has accepted it. `lost`: the link is lost: it has its own event."""
         if output.answer is not None:
             assert self.commands is not None
             self.commands.counters.answers_dropped += not taken
@@ -204,7 +203,7 @@ class FrameSource:
             self._tell(output.made if taken else replace(output.made, sent=False))
 
     def fault_counts(self) -> dict[str, dict[str, int]]:
-        """How many frames met each fault, by its name, and how many bytes it hit."""
+        """For each fault by name: how many frames and how many bytes it changed."""
         return self.faults.counts() if self.faults else {}
 
     def status(self) -> ReceiverStatus:
@@ -253,7 +252,7 @@ class FrameSource:
             self._tell(made)
 
     def _note_late(self, now: float, late_s: float) -> None:
-        """Tell once when more frames are late than in time, and again only after all that was made up for."""
+        """Make an event if most frames are late, and the next one only after as many were in time."""
         self._late = min(self._late + 1, _OFTEN) if late_s > _LATE_S else max(self._late - 1, 0)
         if self._late == _OFTEN and not self._told_late:
             self.events.append(FramesLate(now, self._vehicle, self.name, late_s))
@@ -267,7 +266,7 @@ class FrameSource:
         self.events.append(made)
 
     def _send_by(self, faults: Faults, frame: Frame, t: float, boot_ms: int) -> tuple[Frame, int, int]:
-        """As the faults have it: what the frame says, how many copies go or will go, how many outputs it made now."""
+        """Apply the faults. Returns the changed frame, how many copies are sent, and how many outputs were made now."""
         self._release(t)
         said, copies = faults.send(frame, t, boot_ms, self._encode)
         self.counters.withheld += not copies
@@ -276,7 +275,7 @@ class FrameSource:
         return said, copies, self._release(t) if copies else 0
 
     def _release(self, until: float) -> int:
-        """Send what faults have held up until then; how many outputs that made."""
+        """Send what faults have delayed until then. Returns how many outputs were made."""
         made = 0
         if self.faults:
             outbox = self.faults.outbox
@@ -286,7 +285,7 @@ class FrameSource:
         return made
 
     def _put(self, queued: QueuedFrame, due: float) -> int:
-        """One output, or none while there is nobody to send it to."""
+        """Make an output if it can be sent to somebody. Returns how many were made."""
         data = self._encode(queued.frame, queued.boot_ms) if queued.data is None else queued.data
         if not data:
             self.counters.dropped += 1

@@ -1,4 +1,4 @@
-"""Commands that the host sends to a receiver's port: read, handed to the model, answered between the frames."""
+"""Commands that the host sends to a receiver's port: they are given to the model, and answered between frames."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from firmware_proto.commands import BUSY, CHANNELS, DONE, IDENTIFY, REFUSED, RES
 
 Obey = Callable[[float, str, Sequence[float]], ModelAnswer]
 
-_MOST_BYTES: Final = 4096  # of one read that are looked at: a flood must not hold up the frames
-_RATE_HZ: Final = 20.0  # commands that are obeyed, in the long run; as many are answered "busy"
-_BURST: Final = 10  # of either at once
-_CLEAR_S: Final = 0.01  # no answer this shortly before a frame; the longest takes 8 ms at 115200 baud
+_MOST_BYTES: Final = 4096  # used of one read: a flood must not delay the frames
+_RATE_HZ: Final = 20.0  # commands executed per second on average; as many are answered with "busy"
+_BURST: Final = 10  # more commands at once
+_CLEAR_S: Final = 0.01  # no answer in this time before a frame; the longest takes 8 ms at 115200 baud
 
 
 @dataclass
 class CommandCounters:
-    """What became of the commands: commands = done + refused + unknown + busy + unanswered."""
+    """The results of the commands: commands = done + refused + unknown + busy + unanswered."""
 
-    commands: int = 0  # whole ones that came
+    commands: int = 0  # complete ones
     done: int = 0
     refused: int = 0
     unknown: int = 0
-    busy: int = 0  # not obeyed, because too many came
-    unanswered: int = 0  # not even answered, because far too many came
-    answers_dropped: int = 0  # nobody took them
-    bytes_dropped: int = 0  # that came in no command
+    busy: int = 0  # not executed, because too many came
+    unanswered: int = 0  # not answered either, because far too many came
+    answers_dropped: int = 0  # the link did not accept them
+    bytes_dropped: int = 0  # that belong to no command
 
 
-class Allowance:
-    """So many a second in the long run, and `burst` at once."""
+class RateLimit:
+    """Allows `rate_hz` commands per second on average, and `burst` at once."""
 
     def __init__(self, rate_hz: float, burst: int) -> None:
         self._rate_hz = rate_hz
@@ -57,10 +57,11 @@ class Allowance:
 
 
 class HostCommands:
-    """Remembers what came of a receiver's host and is not obeyed yet, and the answers that are not sent yet.
+    """Remembers the commands of a receiver's host that are not executed yet, and the answers that are not sent yet.
 
-    `vehicle`, `name`: for its events. `form`: how commands look on this port. `obey`: the model's; `restart`: called
-    when the model has restarted. `start`: of the run, on the driver's clock. `channels`: how many the newest frame had.
+    `vehicle`, `name`: for its events. `form`: how commands are encoded on this port. `obey`: the model's `command`;
+    `restart`: called when the model has restarted. `start`: of the run, on the driver's clock. `channels`: the number
+    in the newest frame.
     """
 
     def __init__(
@@ -86,17 +87,17 @@ class HostCommands:
         self._identity = " ".join(re.sub(r"[^A-Za-z0-9.+_-]", "_", word)[:size] for word, size in words)
         self._commands: list[Command] = []
         self._answers: deque[tuple[bytes, CommandAnswered]] = deque()
-        self._obeyed = Allowance(_RATE_HZ, _BURST)
-        self._refusals = Allowance(_RATE_HZ, _BURST)
-        self._flood = 0  # bytes that were not looked at
+        self._executed = RateLimit(_RATE_HZ, _BURST)
+        self._refusals = RateLimit(_RATE_HZ, _BURST)
+        self._flood = 0  # bytes that were not used
 
     def receive(self, data: bytes, now: float) -> None:
-        """Bytes of the host, which arrived at `now`."""
+        """Use bytes of the host that arrived at `now`."""
         self._commands += self._decoder.feed(data[:_MOST_BYTES], now)
         self._flood += max(0, len(data) - _MOST_BYTES)
 
     def advance(self, now: float) -> list[Event]:
-        """Obey what came. All looks until `now` have been made."""
+        """Execute the commands. The receiver must have looked until `now`. Returns the events."""
         self._commands += self._decoder.feed(b"", now)
         self.counters.bytes_dropped = self._decoder.dropped + self._flood
         if not self._commands:
@@ -105,7 +106,7 @@ class HostCommands:
         return [event for command in commands if (event := self._take(command, now))]
 
     def answers(self, now: float, next_frame: float) -> list[tuple[bytes, CommandAnswered]]:
-        """The answers to send now, none shortly before a frame."""
+        """The answers to send now; none shortly before a frame."""
         if not self._answers or next_frame - now < _CLEAR_S:
             return []
         every = list(self._answers)
@@ -113,11 +114,11 @@ class HostCommands:
         return every
 
     def _take(self, command: Command, now: float) -> CommandReceived | None:
-        """Obey one command, or refuse it where too many came."""
+        """Execute one command, or refuse it if too many came."""
         counters = self.counters
         counters.commands += 1
         received = None
-        if self._obeyed.take(now):
+        if self._executed.take(now):
             received = CommandReceived(now, *self._about, command.number, command.name, command.values)
             result, values, text = self._result(command, now)
         elif self._refusals.take(now):
@@ -132,7 +133,7 @@ class HostCommands:
         return received
 
     def _result(self, command: Command, now: float) -> tuple[str, tuple[int, ...], str]:
-        """Result, values and text of the answer. The model is not asked what is known here."""
+        """Result, values and text of the answer. Some commands do not need the model."""
         name, values = command.name, command.values
         if name == IDENTIFY:
             return DONE, (self.channels,), self._identity

@@ -1,4 +1,4 @@
-"""Where an emulated vehicle truly is: as it reports, with or without a seeded error, or as its simulator says."""
+"""The true state of an emulated vehicle: its report, its report and a seeded error, or its simulator's truth."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from arva_hil.vehicle.session import Session
 
 Array = NDArray[np.float64]
 
-_STEP_S: Final = 0.1  # of the walk; between two steps it is straight
-_KEEP: Final = 600  # steps: who asks for a time before them has the walk computed again from its start
+_STEP_S: Final = 0.1  # of the random walk; interpolated between two steps
+_KEEP: Final = 600  # steps: for an earlier time the walk is calculated again from its start
 
 
 class PoseError:
-    """Remembers the last minute of a random walk. The true pose is the reported pose and this.
+    """Remembers the last minute of a random walk. The true pose is the sum of the reported pose and this error.
 
     `bias_ned` (3,): metres. `walk_sigma_m`, `walk_tau_s`: standard deviation and correlation time of a Gauss-Markov
-    process on each axis. `heading_deg`: the true heading is this much further clockwise. The same seed gives the same
-    error at the same time, however often and in whatever order it is asked for.
+    process on each axis. `heading_deg`: true minus reported heading, clockwise. The same seed gives the same error at
+    the same time, in any order of calls.
     """
 
     def __init__(
@@ -42,9 +42,9 @@ class PoseError:
         self._begin()
 
     def true_pose(self, time_s: float, position: Array, attitude: Array) -> tuple[Array, Array]:
-        """Position (3,) NED, metres, and attitude quaternion (4,), body → NED, from those reported.
+        """True position (3,) NED [m] and attitude quaternion (4,), body → NED, from the reported ones.
 
-        `time_s`: from the start of the run; before it the error is that of the start.
+        `time_s`: from the start of the run; before the start the error is that of the start.
         """
         there = position + self._bias
         if self._sigma:
@@ -93,7 +93,7 @@ class TrueState:
 
 
 class _WithError(TrueState):
-    """The truth is the report and an error. What is reported is `latency_s` old: the truth is what will be reported."""
+    """The truth is the report and an error. Reports are `latency_s` old: the truth is the report at that time later."""
 
     def __init__(self, error: NavigationError, seed: int, session: Session, start: float) -> None:
         super().__init__(session)

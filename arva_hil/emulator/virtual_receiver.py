@@ -1,4 +1,4 @@
-"""A receiver on its vehicle: when it looks, where it is then, and among which transmitters."""
+"""A receiver on its vehicle: the times of its looks, its pose and the transmitters at each of them."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from arva_hil.vehicle.pose_track import VehicleState
 if TYPE_CHECKING:
     from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 
-_BLIND_S: Final = 8.0  # with a vehicle but without a pose, before that is worth an event
+_BLIND_S: Final = 8.0  # with a vehicle but without a pose, until there is an event
 _START_S: Final = math.nextafter(0.0, -1.0)  # no look is earlier than the run
 
 
 class Seen(NamedTuple):
-    """What was known at the newest look: the receiver's own pose, the same by what its vehicle reports, their age, and
+    """What was known at the newest look: the receiver's true pose, the one that its vehicle reports, their age, and
     the transmitters.
     """
 
@@ -35,9 +35,9 @@ class Seen(NamedTuple):
 
 
 class VirtualReceiver:
-    """Remembers one receiver's model, its place among the transmitters, its newest look and when the next one is.
+    """Remembers one receiver's model, the transmitters, its newest look and the time of the next one.
 
-    `vehicle`, `name`: for its events. `start`: of the run, on the driver's clock. `max_age_s`: an older pose is none.
+    `vehicle`, `name`: for its events. `start`: of the run, on the driver's clock. `max_age_s`: of a pose.
     """
 
     def __init__(
@@ -60,13 +60,13 @@ class VirtualReceiver:
         self._blind_since: float | None = None
 
     def place(self, transmitters: MovingTransmitters) -> None:
-        """The transmitters are there now."""
+        """The datum has changed: these are the transmitters now."""
         self._transmitters = transmitters
 
     def plan(self, frame: float, not_before: float = -math.inf) -> None:
-        """Set when it looks next, its next frame being due at `frame`; looks earlier than `not_before` are left out.
+        """Set the time of the next look. `frame`: the time of the next frame. Looks before `not_before` are left out.
 
-        Raises ValueError when the model would look back.
+        Raises ValueError if the model gives a time in the past.
         """
         frame_s = frame - self._start
         left_out_s = min(not_before - self._start, math.nextafter(frame_s, -math.inf))  # never those of the frame
@@ -77,7 +77,7 @@ class VirtualReceiver:
         self.next_due = frame if self._next_look_s == frame_s else self._start + self._next_look_s
 
     def look(self, now: float, vehicle: EmulatedVehicle) -> tuple[bool, list[Event]]:
-        """Look as planned, at the instant `next_due`: whether a frame is wanted at once, and what to tell at `now`."""
+        """Look at the instant `next_due`. Returns whether a frame is wanted at once, and the events of `now`."""
         t, self._look_s = self.next_due, self._next_look_s
         state, reported = vehicle.states(t)
         fresh = self._is_fresh(state)
@@ -90,7 +90,7 @@ class VirtualReceiver:
         return bool(self._model.look(Look(self._look_s, pose, there, impairment=self._deafened(vehicle)))), events
 
     def show(self, t: float, now: float, vehicle: EmulatedVehicle) -> tuple[Reading, Sequence[Event]]:
-        """What it says at `t`, and what there is to tell of it at `now`."""
+        """The reading at `t`, and the events of `now`."""
         reading = self._model.show(t - self._start)
         pose, datum = self.seen.pose, vehicle.datum
         if pose is not None and (far := datum.far(pose.position, reading)):
@@ -98,11 +98,11 @@ class VirtualReceiver:
         return reading, ()
 
     def age_s(self, t: float) -> float | None:
-        """How old at `t` the pose is that the newest reading rests on."""
+        """The age at `t` of the pose of the newest look."""
         return None if self.seen.age_s is None else self.seen.age_s + (t - self.seen.t)
 
     def _deafened(self, vehicle: EmulatedVehicle) -> Impairment | None:
-        """What the vehicle does to it."""
+        """The noise of the vehicle at the receiver."""
         noise = self._vehicle_noise
         return Impairment(noise_na_m=noise.sigma_na_m(self._place, vehicle.load())) if noise else None
 
@@ -123,7 +123,7 @@ class VirtualReceiver:
     def _pose_events(
         self, fresh: bool, state: VehicleState | None, now: float, vehicle: EmulatedVehicle
     ) -> list[Event]:
-        """One event when the pose is lost or does not come, one when it is there."""
+        """An event if the pose is lost, does not come, or is there again."""
         about = now, *self._about
         if fresh != self._had_pose:
             self._had_pose = fresh

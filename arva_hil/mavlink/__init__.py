@@ -1,1 +1,1 @@
-"""MAVLink as a codec: bytes in, packets out; messages in, bytes out."""
+"""The MAVLink codec: bytes to packets, messages to bytes."""

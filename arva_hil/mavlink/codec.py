@@ -1,7 +1,7 @@
-"""MAVLink 1 and 2 as a codec: bytes in, packets out; messages in, bytes out.
+"""The codec for MAVLink 1 and 2: bytes to packets, messages to bytes.
 
-Splitting the stream is done here, because it must find the next whole packet behind any garbage; field
-layouts, checksum seeds and encoding are pymavlink's. Protocol: https://mavlink.io/en/guide/serialization.html
+The stream is split here, because the next complete packet must be found after any garbage. Field layouts, CRC_EXTRA
+and encoding are pymavlink's. Protocol: https://mavlink.io/en/guide/serialization.html
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ Message = Any  # pymavlink's generated classes carry no types
 _MAGIC_V1: Final = 0xFE
 _MAGIC_V2: Final = 0xFD
 _MAGIC: Final = re.compile(b"[\xfd\xfe]")
-_SIGNED: Final = 0x01  # the one incompatibility flag there is; a packet with another must be dropped
+_SIGNED: Final = 0x01  # the only known incompatibility flag; a packet with another one must be dropped
 _SIGNATURE_BYTES: Final = 13
-_HEAD_V2: Final = struct.Struct("<BBBxxBBI")  # magic, length, incompatibility flags, ids, message id and a byte more
-_COVERED_V2: Final = struct.Struct("<BBBBBBHB")  # the same without magic: length, two flags, number, ids, message id
+_HEAD_V2: Final = struct.Struct("<BBBxxBBI")  # magic, length, incompatibility flags, ids, message id and one more byte
+_COVERED_V2: Final = struct.Struct("<BBBBBBHB")  # without magic: length, two flags, sequence number, ids, message id
 _HEAD_V2_BYTES: Final = _HEAD_V2.size
 _U16: Final = struct.Struct("<H")
 _CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
 
 
-_MOST_RESTS: Final = 8  # senders of whom a part of a packet is kept
+_MOST_RESTS: Final = 8  # senders of which a part of a packet is kept
 
 RESULTS: Final[dict[int, str]] = {value: entry.name for value, entry in dialect.enums["MAV_RESULT"].items()}
 
 
 class Packet(NamedTuple):
-    """One whole packet as it came, its checksum verified when the dialect knows the message id."""
+    """One complete packet as it was received. Its checksum is verified if the dialect knows the message id."""
 
     raw: bytes
     version: int  # 1 or 2
@@ -55,17 +55,17 @@ class Packet(NamedTuple):
 _packet: Final = functools.partial(tuple.__new__, Packet)  # from the tuple of its fields, in a third of the time
 
 
-# The chunk that any parser split last, if all of it was good packets, and these: the built-in vehicle says the same on
-# several links of one process. No attribute of the class: to set one makes Python look up all others of it anew.
+# The last chunk of any parser, if all of it was good packets, and these packets: the built-in vehicle sends the same
+# bytes on several links of one process. Not an attribute of the class: setting one would clear Python's lookup caches.
 _newest: Final = SimpleNamespace(chunk=b"", packets=())
 
 
 class Parser:
-    """Incremental MAVLink splitter; remembers, of each of several senders, the bytes of a packet that is not whole yet.
+    """Splits a stream into MAVLink packets. Remembers the incomplete packet of each sender.
 
-    Counters: `packets`, `bad_crc` (candidates whose checksum failed), `skipped` (bytes in no packet that
-    is given out), `incompatible` (packets of a later MAVLink, which have to be dropped) and `malformed` (MAVLink 1
-    packets too short for their message).
+    Counters: `packets`; `bad_crc`: candidates with a wrong checksum; `skipped`: bytes that belong to no packet;
+    `incompatible`: packets of a later MAVLink, which must be dropped; `malformed`: MAVLink 1 packets that are too short
+    for their message.
     """
 
     def __init__(self) -> None:
@@ -74,15 +74,15 @@ class Parser:
         self.skipped = 0
         self.incompatible = 0
         self.malformed = 0
-        self._rests: dict[Hashable, bytes] = {}  # by sender, who was heard last at the end
-        self._good_at = -1  # in what is fed now: where a packet lies that was verified ahead of its turn
+        self._rests: dict[Hashable, bytes] = {}  # by sender; the sender heard last is at the end
+        self._good_at = -1  # the position of a packet in the present data that was verified in advance
         self._codec = dialect.MAVLink(None)
 
     def feed(self, chunk: bytes, sender: Hashable = None, *, whole: bool = False) -> list[Packet]:
         """The packets completed by `chunk`, which may be cut anywhere. Never raises.
 
-        `sender`: who sent it, where several do; bytes of two are never joined. `whole`: no packet of the chunk goes on
-        in the next one, as in a record of a log; the head of a packet longer than the chunk is then a false one.
+        `sender`: one of several on the link; their bytes are never joined. `whole`: no packet continues in the next
+        chunk, as in a record of a log; the header of a longer packet is then a false one.
         """
         if chunk is _newest.chunk and not self._rests:
             self.packets += len(_newest.packets)
@@ -93,7 +93,7 @@ class Parser:
         self._good_at = -1
         head, seeds, crc = _HEAD_V2.unpack_from, _CRC_EXTRA, crc16.mcrf4xx
         while at < end:
-            if end - at >= _HEAD_V2_BYTES:  # of MAVLink 2, whole, known and right are nearly all
+            if end - at >= _HEAD_V2_BYTES:  # nearly all packets are MAVLink 2, complete, known and correct
                 magic, length, flags, system, component, msgid = head(data, at)
                 msgid &= 0xFFFFFF
                 if magic == _MAGIC_V2 and flags <= _SIGNED and (seed := seeds.get(msgid)):
@@ -131,22 +131,21 @@ class Parser:
         return packets
 
     def cut(self) -> None:
-        """The stream breaks off: the packet that is not whole yet never will be."""
+        """The stream is interrupted: incomplete packets will never be completed."""
         self.skipped += sum(map(len, self._rests.values()))
         self._rests.clear()
 
     def _keep(self, rest: bytes, sender: Hashable) -> None:
-        """Remember what may become a packet; of many senders, the one heard longest ago is forgotten."""
+        """Remember an incomplete packet. If there are too many senders, forget the one that was silent for longest."""
         if len(self._rests) >= _MOST_RESTS:
             self.skipped += len(self._rests.pop(next(iter(self._rests))))
         self._rests[sender] = rest
 
     def _packet(self, data: bytes, at: int, size: int) -> Packet | None:
-        """The candidate at `at` as a packet, or None when it is a false one.
+        """The candidate at `at` as a packet; None if it is none.
 
-        The checksum of an unknown id cannot be verified: such a candidate counts only when the next byte, if there is
-        one, starts a packet, when no packet that can be verified starts inside of it, and never when its flags are
-        unknown too.
+        The checksum of an unknown message id cannot be verified. Such a candidate is accepted only if the next byte, if
+        any, starts a packet, if no verified packet starts inside it, and if its flags are known.
         """
         raw = data[at : at + size]
         if raw[0] == _MAGIC_V2:
@@ -167,31 +166,31 @@ class Parser:
         return _packet((raw, version, signed, system, component, msgid, seed is not None))
 
     def _is_false_head(self, data: bytes, at: int) -> bool:
-        """Whether the head at `at` is surely none, whole or not: of an unknown id, and a good packet starts behind it
-        before its own would end, or its flags are unknown too.
+        """Whether the header at `at` is certainly false: its message id is unknown, and a verified packet starts before
+        its own would end, or its flags are unknown too.
         """
         if (msgid := _msgid(data, at)) is None or msgid in _CRC_EXTRA:
             return False
         if data[at] == _MAGIC_V2 and data[at + 2] > _SIGNED:
             return True
         stop = at + _size(data, at)
-        if self._good_at <= at:  # nothing was found yet that lies behind
+        if self._good_at <= at:  # no later packet was found yet
             self._good_at = _first_good(data, at + 1, stop)
         return at < self._good_at < stop
 
     def decode(self, packet: Packet) -> Message | None:
-        """The message in a packet; None when the dialect cannot read it."""
+        """The message in a packet; None if the dialect cannot decode it."""
         if not packet.known:
             return None
         if packet.version == 1 and packet.raw[1] < length_v1(packet.msgid):
             self.malformed += 1
             return None
-        if numbers := message_maker(packet.msgid):  # without pymavlink's second look at the checksum
+        if numbers := message_maker(packet.msgid):  # pymavlink would verify the checksum again
             make, packing = numbers
             raw, header = packet.raw, 10 if packet.version == 2 else 6
             if raw[1] >= packing.size:
                 return make(packing.unpack_from(raw, header))
-            payload = raw[header : header + raw[1]]  # what is zero at the end of a MAVLink 2 packet is left out
+            payload = raw[header : header + raw[1]]  # MAVLink 2 leaves out zeros at the end
             return make(packing.unpack(payload.ljust(packing.size, b"\0")))
         try:
             return self._codec.decode(bytearray(packet.raw))
@@ -200,10 +199,10 @@ class Parser:
 
 
 class Encoder:
-    """Packs messages as one MAVLink component; remembers its sequence number.
+    """Encodes messages of one MAVLink component. Remembers the sequence number.
 
-    `version` may be set to 1 for a vehicle that speaks MAVLink 1; messages that exist in MAVLink 2 only
-    (id above 255) are sent as MAVLink 2 all the same. With `signing`, what goes out as MAVLink 2 is signed.
+    `version` may be set to 1 for a vehicle with MAVLink 1; messages that exist only in MAVLink 2 (id above 255) are
+    sent as MAVLink 2 anyway. `signing`: MAVLink 2 packets are signed with it.
     """
 
     def __init__(self, system: int, component: int, version: int = 2, signing: Signing | None = None) -> None:
@@ -222,13 +221,13 @@ class Encoder:
         self._codec.srcSystem = system
 
     def pack(self, message: Message) -> bytes:
-        """The bytes of one packet. Raises ValueError when a value does not fit; text too long is cut."""
-        msgid = type(message).id  # some messages have a field of that name
+        """The bytes of one packet. Raises ValueError if a value does not fit; long text is cut."""
+        msgid = type(message).id  # some messages have a field `id`
         first = self.version == 1 and msgid <= 255
         write = None if first or self._signing else payload_writer(msgid)
         codec = self._codec
         try:
-            if write:  # of MAVLink 2, which leaves out what is zero at the end, but for one byte
+            if write:  # MAVLink 2 leaves out zeros at the end, but keeps one byte
                 payload = write(message).rstrip(b"\0") or b"\0"
                 source = codec.seq, codec.srcSystem, codec.srcComponent
                 covered = _COVERED_V2.pack(len(payload), 0, 0, *source, msgid & 0xFFFF, msgid >> 16) + payload
@@ -241,7 +240,7 @@ class Encoder:
         return _without_extensions(raw, msgid) if first else raw
 
     def _packed(self, message: Message, *, first: bool) -> bytes:
-        """By pymavlink, at three times the cost: as MAVLink 1 (`first`), signed, or with text in it."""
+        """Encoded by pymavlink, in three times the time: as MAVLink 1 (`first`), signed, or with text."""
         signing = self._codec.signing
         if self._signing and not first:
             signing.timestamp = self._signing.stamp()
@@ -250,12 +249,12 @@ class Encoder:
 
 
 def command(system: int, component: int, number: int, *params: float) -> Message:
-    """COMMAND_LONG `number` to a component; parameters left out are 0."""
+    """The COMMAND_LONG `number` for a component. Missing parameters are 0."""
     return dialect.MAVLink_command_long_message(system, component, number, 0, *params, *[0.0] * (7 - len(params)))
 
 
 def _size(data: bytes, at: int) -> int:
-    """Bytes of the packet that starts at `at`, 0 when none does; a header's worth while that is not whole."""
+    """Size [bytes] of the packet at `at`, 0 if there is none; of a header, if the header is incomplete."""
     magic = data[at]
     if magic == _MAGIC_V2:
         if at + 3 > len(data):
@@ -267,14 +266,14 @@ def _size(data: bytes, at: int) -> int:
 
 
 def _msgid(data: bytes, at: int) -> int | None:
-    """The message id in the head of the packet that starts at `at`, None while that is not whole."""
+    """The message id of the packet at `at`; None if its header is incomplete."""
     if data[at] == _MAGIC_V1:
         return data[at + 5] if at + 6 <= len(data) else None
     return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16 if at + 10 <= len(data) else None
 
 
 def _first_good(data: bytes, start: int, stop: int) -> int:
-    """Where the first whole packet with a right checksum starts in [start, stop), -1 when there is none."""
+    """The position of the first complete packet with a correct checksum in [start, stop); -1 if there is none."""
     for found in _MAGIC.finditer(data, start, stop):
         at = found.start()
         msgid = _msgid(data, at)
@@ -287,12 +286,12 @@ def _first_good(data: bytes, start: int, stop: int) -> int:
 
 
 def _crc(data: bytes, msgid: int) -> int:
-    """The checksum of all between the first byte and the checksum of a packet whose message the dialect knows."""
+    """The checksum of a known message. `data`: the packet without its first byte and its checksum."""
     return int(crc16.mcrf4xx(data + _CRC_EXTRA[msgid]))
 
 
 def _without_extensions(raw: bytes, msgid: int) -> bytes:
-    """A MAVLink 1 packet as it has to be: pymavlink leaves MAVLink 2's extension fields in."""
+    """A MAVLink 1 packet without the extension fields of MAVLink 2, which pymavlink leaves in."""
     length = length_v1(msgid)
     if raw[1] == length:
         return raw

@@ -1,4 +1,4 @@
-"""pymavlink's dialect with the one message that it lacks, CURRENT_MODE; and how messages lie in their packets.
+"""pymavlink's dialect with the message CURRENT_MODE, which it lacks; the layout of messages in their packets.
 
 https://mavlink.io/en/messages/common.html#CURRENT_MODE
 """
@@ -18,7 +18,7 @@ MAVLINK_MSG_ID_CURRENT_MODE: Final = 436
 
 
 class CurrentMode(ardupilotmega.MAVLink_message):  # type: ignore[misc]
-    """What a vehicle's mode is, and which one is meant; shaped as pymavlink's own classes are."""
+    """A vehicle's present and intended mode. The class has the form of pymavlink's own."""
 
     id = MAVLINK_MSG_ID_CURRENT_MODE
     msgname = name = "CURRENT_MODE"
@@ -61,7 +61,7 @@ _BYTES: Final = {"char": 1, "float": 4, "double": 8} | {
 
 @functools.cache
 def length_v1(msgid: int) -> int:
-    """Bytes of a message's payload without extension fields: they are the ones that its checksum seed leaves out.
+    """Bytes of a message's payload without extension fields, which are not part of its CRC_EXTRA.
 
     https://mavlink.io/en/guide/serialization.html#crc_extra
     """
@@ -78,12 +78,11 @@ def length_v1(msgid: int) -> int:
 
 @functools.cache
 def message_maker(msgid: int) -> tuple[Callable[[Sequence[Any]], Any], Any] | None:
-    """Makes the message, of pymavlink's class, of the numbers of its payload in their order there; and how these are
-    packed. None for a message with text.
+    """A function that makes a message of pymavlink's class from the numbers of its payload, and the struct to unpack
+    them. None for a message with text.
 
-    The class's own constructor takes five times as long, because it builds a header and ten more values that nobody
-    asks for; here all messages of a kind share those of their class. The code is written from pymavlink's table, as
-    namedtuple's is from its fields.
+    The class's own constructor takes five times as long, because it makes a header and ten more values that are not
+    used. Here all messages of a class share them. The code is generated from pymavlink's table, like a namedtuple's.
     """
     kind = ardupilotmega.mavlink_map[msgid]
     if "char" in kind.fieldtypes:
@@ -107,9 +106,9 @@ def message_maker(msgid: int) -> tuple[Callable[[Sequence[Any]], Any], Any] | No
 
 @functools.cache
 def payload_writer(msgid: int) -> Callable[[Any], bytes] | None:
-    """What makes the payload, whole, out of a message of several numbers; None for other messages.
+    """A function that encodes the complete payload of a message with several numbers; None for other messages.
 
-    It raises struct.error for a number that does not fit and for an array that is too short.
+    It raises struct.error for a number that does not fit, and for an array that is too short.
     """
     kind = ardupilotmega.mavlink_map[msgid]
     if "char" in kind.fieldtypes or len(kind.fieldnames) < 2:

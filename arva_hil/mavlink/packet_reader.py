@@ -1,4 +1,4 @@
-"""What comes on one link, split into packets and judged once, for all who follow a vehicle there."""
+"""Splits the bytes of one link into packets and checks them once, for all sessions on that link."""
 
 from __future__ import annotations
 
@@ -11,17 +11,14 @@ from arva_hil.mavlink.signing import Signing, Verdict
 
 
 class Packets(NamedTuple):
-    """The packets of one chunk: `every` one as it came; those that are `believed`; and the others, each with why."""
+    """The packets of one chunk: `every` one; those that are `believed`; those that are not, each with the reason."""
 
     every: Sequence[Packet]
     believed: Sequence[Packet]
     doubted: Sequence[tuple[Packet, Verdict]] = ()
 
     def shares(self, systems: Sequence[int | None]) -> list[Packets]:
-        """For each of these systems its own packets, and those of systems that are not among these.
-
-        A system None has none of its own.
-        """
+        """For each of these systems: its own packets and those of all other systems. None has no packets of its own."""
         every, believed = _by_system(self.every, systems), _by_system(self.believed, systems)
         doubted = [
             [(packet, why) for packet, why in self.doubted if packet.system == system or packet.system not in systems]
@@ -45,7 +42,7 @@ _packets: Final = partial(tuple.__new__, Packets)  # from the tuple of its field
 
 
 class PacketReader:
-    """Remembers the parser of one link, how many bytes it was given, and with `signing` whom to believe."""
+    """Remembers the parser of one link and the number of bytes. `signing`: packets are checked with it."""
 
     def __init__(self, signing: Signing | None = None) -> None:
         self.parser = Parser()
@@ -53,7 +50,7 @@ class PacketReader:
         self.bytes = 0
 
     def read(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> Packets:
-        """The packets that a chunk completes; see `Parser.feed`."""
+        """The packets completed by a chunk: see `Parser.feed`."""
         self.bytes += len(chunk)
         packets = self.parser.feed(chunk, sender, whole=whole)
         if self.signing is None:

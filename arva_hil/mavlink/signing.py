@@ -1,4 +1,4 @@
-"""MAVLink 2 signing with one key: who is believed, and the time stamps of what goes out.
+"""MAVLink 2 signing with one key: checks signatures, and gives the time stamps of outgoing packets.
 
 Protocol: https://mavlink.io/en/guide/message_signing.html
 """
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 Verdict = Literal["", "unsigned", "forged", "replayed"]
 Stream = tuple[int, int, int]  # link, system, component
 
-_EPOCH_US: Final = 1_420_070_400_000_000  # 2015 began, in µs since 1970
+_EPOCH_US: Final = 1_420_070_400_000_000  # the start of 2015, in µs since 1970
 _TICK_US: Final = 10
-_NEW_STREAM: Final = 6_000_000  # ticks, a minute: a stream not heard before may be so far behind
-LARGEST: Final = 2**48 - 1  # time stamp
+_NEW_STREAM: Final = 6_000_000  # ticks, 1 minute: a new stream may be this far behind
+LARGEST: Final = 2**48 - 1  # the largest time stamp
 
 
 def key_of(text: str) -> bytes:
-    """The 32 bytes of a key written as 64 hexadecimal digits, else SHA-256 of a passphrase: what MAVProxy,
-    QGroundControl and Mission Planner make of one. One line. Raises ValueError.
+    """The 32 bytes of a key from 64 hexadecimal digits, or the SHA-256 of a passphrase, as in MAVProxy, QGroundControl
+    and Mission Planner. Raises ValueError if `text` is not one line.
     """
     lines = text.splitlines()
     if len(lines) != 1 or not lines[0].strip():
@@ -39,31 +39,32 @@ def key_of(text: str) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class KeptTimeStamps:
-    """Time stamps [10 µs since 2015] that outlive a process: the newest of all, and the newest of each stream."""
+    """Time stamps [10 µs since 2015] for the next process: the newest of all, and the newest of each stream."""
 
     newest: int = 0
     streams: Mapping[Stream, int] = field(default_factory=dict)
 
     def with_others(self, others: KeptTimeStamps) -> KeptTimeStamps:
-        """The later one of each."""
+        """The later time stamp of each stream."""
         streams = dict(others.streams)
         for stream, ticks in self.streams.items():
             streams[stream] = max(ticks, streams.get(stream, 0))
         return KeptTimeStamps(max(self.newest, others.newest), streams)
 
     def recent(self) -> KeptTimeStamps:
-        """Without the streams that are more than a minute behind: they are as good as new ones."""
+        """Without streams that are more than a minute behind: they are treated like new ones."""
         since = self.newest - _NEW_STREAM
         return KeptTimeStamps(self.newest, {stream: ticks for stream, ticks in self.streams.items() if ticks >= since})
 
 
 class Signing:
-    """Remembers the newest time stamp of every stream that signed with `key` (32 bytes), and its own.
+    """Remembers the newest time stamp of every stream that is signed with `key` (32 bytes), and of its own.
 
-    `epoch_us`: microseconds since 1970 when the caller's clock read 0. A clock that is behind the others' takes
-    theirs, and one that is behind what was `kept` of an earlier process goes on from there: what was recorded then is
-    not believed. `link` tells two programs apart that speak as one component: a receiver wants the time stamps of each
-    system, component and link to grow, and remembers few of them (ArduPilot 16). Counts what it `refused`, by why.
+    `epoch_us`: microseconds since 1970 when the caller's clock was 0. If our clock is behind another sender's, or
+    behind what was `kept` of an earlier process, it continues from there: packets that were recorded then are not
+    believed. `link`: the link id; two programs with the same component id need different ones, because the time stamps
+    of each system, component and link must increase, and receivers remember only few (ArduPilot 16). `refused`: the
+    number of packets by reason.
     """
 
     def __init__(self, key: bytes, epoch_us: int, link: int = 0, kept: KeptTimeStamps | None = None) -> None:
@@ -80,16 +81,16 @@ class Signing:
         self._newest = max(self._newest, self._ticks_at_0 + int(now * 1e6) // _TICK_US)
 
     def kept(self) -> KeptTimeStamps:
-        """What the next process with this key has to know."""
+        """The time stamps for the next process with this key."""
         return KeptTimeStamps(self._newest, self._streams).recent()
 
     def stamp(self) -> int:
-        """The time stamp of the next packet to go out, in 10 µs since 2015."""
+        """The time stamp of the next outgoing packet, in 10 µs since 2015."""
         self._newest = min(self._newest + 1, LARGEST)
         return self._newest
 
     def judge(self, packet: Packet) -> Verdict:
-        """Why a packet is not believed; empty when it is new, and from somebody who has the key."""
+        """Why a packet is not believed; "" if it is new and signed with the key."""
         why = self._why_not(packet)
         if why:
             self.refused[why] += 1

@@ -1,1 +1,1 @@
-"""What runs an engine: the clock, the drivers, the loop, the worker thread."""
+"""Runs an engine: the clock, the drivers, the loop, the worker thread."""

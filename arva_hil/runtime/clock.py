@@ -1,7 +1,7 @@
-"""The one clock: the only module that asks what time it is or waits.
+"""The clock: the only module that reads the time or waits.
 
-Times are seconds on a monotonic clock of arbitrary origin. A clock is handed to whoever needs one, so tests and
-replays step it and nothing sleeps.
+Times are seconds on a monotonic clock of arbitrary origin. A clock is passed to everything that needs one, so that
+tests and replays can step it and do not sleep.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
-_POLL_S = 0.001  # how often a link that the system cannot wait on is looked at
-_SELECT_MAX = 1024  # descriptors from here on are not for select
+_POLL_S = 0.001  # between checks of a link without a descriptor
+_SELECT_MAX = 1024  # select accepts only descriptors below this
 
 
 class Waitable(Protocol):
-    """What a clock can wait for; a `Link` is one."""
+    """Something that a clock can wait for, such as a `Link`."""
 
     def fileno(self) -> int | None: ...
     def ready(self) -> bool: ...
@@ -35,13 +35,13 @@ class Clock(Protocol):
 
 
 def await_descriptors(read: Sequence[int] = (), write: Sequence[int] = (), *, timeout_s: float | None = 0.0) -> bool:
-    """Wait until one of `read` has something to read or one of `write` takes something: True; False after `timeout_s`.
+    """Wait until one of `read` can be read or one of `write` can be written. Returns False after `timeout_s`.
 
-    None waits for ever. One that is closed or hung up counts as ready: using it tells.
+    None: wait for ever. A descriptor that is closed or hung up counts as ready: its use raises the error.
     """
     highest = max((*read, *write), default=-1)
-    if highest < _SELECT_MAX or not hasattr(select, "poll"):  # select keeps time to the microsecond, poll to the next
-        return any(select.select(read, write, [], timeout_s)[:2])  # millisecond
+    if highest < _SELECT_MAX or not hasattr(select, "poll"):  # select has microseconds, poll only
+        return any(select.select(read, write, [], timeout_s)[:2])  # milliseconds
     poll = select.poll()
     for fd in {*read, *write}:
         poll.register(fd, (select.POLLIN if fd in read else 0) | (select.POLLOUT if fd in write else 0))
@@ -55,7 +55,7 @@ def await_descriptors(read: Sequence[int] = (), write: Sequence[int] = (), *, ti
 
 
 def _running() -> float:
-    """Monotonic seconds; where the system can tell, those in which it was suspended are among them."""
+    """Monotonic seconds, with the time in which the system was suspended if the system knows it."""
     if hasattr(time, "CLOCK_BOOTTIME"):
         return time.clock_gettime(time.CLOCK_BOOTTIME)
     return time.monotonic()
@@ -63,8 +63,9 @@ def _running() -> float:
 
 @contextmanager
 def punctual() -> Iterator[None]:
-    """Within it this thread wakes when a wait is over. Linux adds up to 50 µs, to save energy; where the system has
-    no such setting, or does not let us, nothing changes.
+    """In this context the thread wakes exactly when a wait is over. Linux adds up to 50 µs otherwise, to save energy.
+
+    Without such a setting, or without the permission for it, nothing changes.
     https://man7.org/linux/man-pages/man5/proc_pid_timerslack_ns.5.html
     """
     setting = Path(f"/proc/{threading.get_native_id()}/timerslack_ns")
@@ -82,12 +83,12 @@ def punctual() -> Iterator[None]:
 
 
 class RealClock:
-    """Real time; `speed` > 1 makes it run faster than the wall's, for a demonstration. It goes on in a suspend."""
+    """Real time, `speed` times as fast for a demonstration. It continues while the system is suspended."""
 
     def __init__(self, speed: float = 1.0) -> None:
         self._speed = speed
         self._start = _running()
-        self.epoch_us = time.time_ns() // 1000  # microseconds since 1970 when this clock read 0
+        self.epoch_us = time.time_ns() // 1000  # microseconds since 1970 at the time 0 of this clock
 
     def now(self) -> float:
         return (_running() - self._start) * self._speed
@@ -112,12 +113,12 @@ def utc(epoch_us: int) -> str:
 
 
 def from_utc(text: str) -> int:
-    """Microseconds since 1970 of a time as `utc` writes it. Raises ValueError."""
+    """Microseconds since 1970 from the output of `utc`. Raises ValueError."""
     return round(datetime.strptime(text, "%Y-%m-%dT%H:%M:%S.%f%z").timestamp() * 1e6)
 
 
 class StepClock:
-    """A clock that jumps: waiting takes no time at all."""
+    """A clock that jumps to the end of each wait: waiting takes no time."""
 
     def __init__(self, start: float = 0.0, epoch_us: int = 0) -> None:
         self._now = start

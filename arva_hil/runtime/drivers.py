@@ -1,6 +1,6 @@
-"""What drives an engine: `Live`, a task for the loop, by a clock and whatever arrives; `replay`, by a log.
+"""The drivers of an engine: `Live` with a clock and links, as a task of the loop; `replay` with a log.
 
-A stepped clock makes `Live` the third: tests and campaigns drive the very same calls as fast as they can.
+`Live` with a stepped clock is the third: tests and campaigns use the same calls as fast as possible.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from arva_hil.runtime.link_monitor import LinkMonitor
 class ReadyLinks:
     """Remembers which descriptors of several links the system watches. To wait for all of them, wait for `waitables`.
 
-    A link that is away or has no descriptor counts as ready, because it must be asked. Where the system has no epoll,
-    and for a single link, every link does.
+    A link that is away or has no descriptor counts as ready, because it must be polled. Without epoll, and for a single
+    link, every link counts as ready.
     """
 
     def __init__(self, links: Mapping[str, Link]) -> None:
@@ -46,7 +46,7 @@ class ReadyLinks:
         return [name for name in self._links if name in ready or name in self._polled]
 
     def renew(self) -> None:
-        """Watch the descriptors that the links have now: they get new ones when they come back."""
+        """Watch the present descriptors of the links: a link that comes back has a new one."""
         if self._epoll is None:
             return
         names, polled = dict[int, str](), []
@@ -57,29 +57,29 @@ class ReadyLinks:
             else:
                 names[fd] = name
         for fd in self._names.keys() - names.keys():
-            with suppress(OSError, ValueError):  # it is closed already
+            with suppress(OSError, ValueError):  # it is already closed
                 self._epoll.unregister(fd)
         self._names, self._polled = names, polled
         self.waitables = [self, *(self._links[name] for name in polled)]
 
     def forget(self, name: str) -> None:
-        """A link is gone for good."""
+        """A link is lost and will not come back."""
         self._links = {other: link for other, link in self._links.items() if other != name}
         self.renew()
         if self._epoll is None:
             self.waitables = list(self._links.values())
 
     def fileno(self) -> int | None:
-        """Readable while one of those that are watched has something to read."""
+        """A descriptor that is readable while one of the watched links is."""
         return self._epoll.fileno() if self._epoll else None
 
     def ready(self) -> bool:
-        """Whether one of those that are watched has something to read."""
+        """Whether one of the watched links can be read."""
         fd = self.fileno()
         return fd is not None and await_descriptors([fd])
 
     def _watch(self, fd: int) -> bool:
-        """Whether the system watches a descriptor. It forgets one that was closed, though its number may come again."""
+        """Whether the system watches a descriptor. It forgets closed ones, but their numbers may be used again."""
         assert self._epoll is not None
         try:
             self._epoll.modify(fd, select.EPOLLIN)
@@ -93,21 +93,21 @@ class ReadyLinks:
         return True
 
 
-_LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within it
-_LOOK_S: Final = 0.05  # at least so long between two looks at the state of the links; none of them is a deadline
-_STALL_S: Final = 0.05  # a frame that is late by more than this waits until all that has come is read
+_LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within this time
+_LOOK_S: Final = 0.05  # the shortest time between two checks of the links; these are no deadlines
+_STALL_S: Final = 0.05  # a frame that is later than this waits until everything that arrived is read
 _MOST_READS: Final = 64
-_PIECE: Final = 4096  # bytes that are taken in at a time, and
-_HELD_UP_S: Final = 0.001  # for how long, before frames that are due go first
-LOOK_AHEAD_S: Final = 1.0  # how far a log is read past a frame's instant, to interpolate
+_PIECE: Final = 4096  # bytes that are used at a time
+_HELD_UP_S: Final = 0.001  # after this time of reading, frames that are due are sent first
+LOOK_AHEAD_S: Final = 1.0  # how far a log is read after the instant of a frame, to interpolate
 
 
 class Live:
-    """Drives an engine by links and the loop's clock, and tells the audience. A task for the loop.
+    """Drives an engine with links and the loop's clock, and gives events to the audience. A task of the loop.
 
-    `autopilots`: the links on which vehicles are heard; `ports`: those that take frames; by the engine's names for
-    them. What comes in at a port are commands of the receiver's host. A link that is gone for good is left out while
-    others of its kind are there, and the end of the last one is raised.
+    `autopilots`: the links on which vehicles are heard; `ports`: the links for frames, on which commands of the
+    receiver's host come; both by the engine's names. A link that is lost for ever is left out while there are others of
+    its kind; the error of the last one is raised.
     """
 
     def __init__(
@@ -132,10 +132,10 @@ class Live:
         return self._ready.waitables
 
     def service(self, clock: Clock) -> float:
-        """Take what came, do what is due; the next time to call.
+        """Read the links, and do what is due. Returns the next time to call.
 
-        The time of what came is read after it: a stamp too late makes a pose older, one too early makes it one
-        from the future.
+        The time is read after the bytes: a late time stamp makes a pose older, an early one would put it into the
+        future.
         """
         begun = clock.now()
         stalled = begun - self._deadline > _STALL_S
@@ -149,7 +149,7 @@ class Live:
         return self._deadline
 
     def counts(self) -> dict[str, int]:
-        """Of each link: how often it was lost and came back, and what strangers sent to it."""
+        """For each link: how often it was lost and came back, and the number of reads from strangers."""
         return {
             f"{name}_link_{what}": getattr(link, what)
             for name, link in self._sinks.items()
@@ -157,11 +157,11 @@ class Live:
         }
 
     def losses(self) -> dict[str, tuple[int, int]]:
-        """Of each link that was lost: how often, and how often it came back."""
+        """For each link that was lost: how often it was lost, and how often it came back."""
         return {name: (link.losses, link.returns) for name, link in self._sinks.items() if link.losses}
 
     def _read(self, name: str, link: Link, clock: Clock, patience: float) -> None:
-        """Take what came on a link. Until the time `patience` no frame goes first."""
+        """Read a link. Frames that are due are sent first only after the time `patience`."""
         for _ in range(_MOST_READS if patience == math.inf else 1):
             try:
                 came = link.receive()
@@ -180,7 +180,7 @@ class Live:
                 return
 
     def _do_due(self, now: float) -> None:
-        """Do all that is due. Raises the LinkError of the last link of its kind."""
+        """Do everything that is due. Raises the LinkError of the last link of its kind."""
         emulator = self.emulator
         emulator.advance(now)
         lost = [error for output in emulator.output() if (error := self._write(output, now))]
@@ -190,7 +190,7 @@ class Live:
             raise lost[0]
 
     def _write(self, output: Output, now: float) -> LinkError | None:
-        """Write one output; the error of the last link of its kind that is gone for good."""
+        """Write one output. Returns the error if the last link of its kind is lost for ever."""
         taken, last, link = False, None, self._sinks[output.sink]
         try:
             taken = output.sink not in self._gone and link.write(output.data)
@@ -202,7 +202,7 @@ class Live:
         return last
 
     def _is_last(self, name: str, error: LinkError, now: float) -> bool:
-        """A link is gone for good: whether it was the last of its kind. If not, the others go on without it."""
+        """A link is lost for ever. Returns whether it was the last of its kind; otherwise the others continue."""
         kind = self._autopilots if name in self._autopilots else self._ports
         self._gone.add(name)
         if self._gone >= kind.keys():
@@ -242,9 +242,9 @@ def replay(
     clock: Clock | None = None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Feed a log to an engine as what came on `link`, by the log's own clock, from 0 at its start.
+    """Feed a log to an engine, as if it came on `link`. Times are those of the log, from 0 at its start.
 
-    With a `clock`, outputs are written no earlier than it reads their instant; without, as soon as they are made.
+    With a `clock`, an output is written at its instant; otherwise as soon as it is made.
     """
     start_us: int | None = None
     heard = tend_at = 0.0

@@ -1,4 +1,4 @@
-"""What there is to tell of a link that may be lost and come back."""
+"""Makes events about a link that may be lost and come back."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Final, NamedTuple
 from arva_hil.events import Event, LinkBack, LinkBlocked, LinkLost, LinkThere, StrangersIgnored
 from arva_hil.links import Link
 
-_WORTH_SAYING_S: Final = 0.05  # a link that was away for less was not away
+_WORTH_SAYING_S: Final = 0.05  # a shorter absence is not reported
 
 
 class _Seen(NamedTuple):
-    """Of a link, as `Link` has them."""
+    """The attributes of a `Link` at one time."""
 
     losses: int
     renewals: int
@@ -22,7 +22,7 @@ class _Seen(NamedTuple):
 
 
 class LinkMonitor:
-    """Remembers what was last seen of one link that may be lost and come back."""
+    """Remembers the last state of one link that may be lost and come back."""
 
     def __init__(self, name: str, link: Link) -> None:
         self.name = name
@@ -32,14 +32,16 @@ class LinkMonitor:
 
     @property
     def lost_again(self) -> bool:
+        """Whether it was lost since the last `look`."""
         return self.link.losses > self._seen.losses
 
     @property
     def renewed_again(self) -> bool:
+        """Whether it has a new far end since the last `look`."""
         return self.link.renewals > self._seen.renewals
 
     def look(self, now: float) -> list[Event]:
-        """What has happened to it since the last look."""
+        """The events since the last call."""
         before, link, events = self._seen, self.link, list[Event]()
         counts = link.losses, link.renewals, link.returns, link.strangers
         if counts == before[:4] and link.why == before.why and link.away == before.away:

@@ -1,4 +1,4 @@
-"""The loop that serves everything that has a time or a link: emulators, searches, simulated vehicles."""
+"""The loop, which serves tasks with deadlines or links: emulators, searches, simulated vehicles."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from typing import Final, Protocol
 
 from arva_hil.runtime.clock import Clock, Waitable, punctual
 
-_LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within it, and no task is left alone for longer
-_AT_ONCE_S: Final = 1e-6  # deadlines so close together are one: they were reckoned in different ways
+_LONGEST_WAIT_S: Final = 0.1  # the longest time without a check for signals and without serving a task
+_AT_ONCE_S: Final = 1e-6  # deadlines closer than this are the same: they were calculated in different ways
 
 
 class Task(Protocol):
-    """Something that is called when it is due or has bytes to read."""
+    """Something to call when it is due or when it can read bytes."""
 
     @property
     def links(self) -> Sequence[Waitable]:
-        """Where bytes may come from."""
+        """The links to wait for."""
 
     def service(self, clock: Clock) -> float:
-        """Do what is due; gives back when to be called again at the latest [s]."""
+        """Do what is due. Returns the latest time for the next call [s]."""
 
 
 def run(
     tasks: Sequence[Task], clock: Clock, *, until: float = math.inf, stopped: Callable[[], bool] = lambda: False
 ) -> None:
-    """Serve all tasks until the clock reads `until`, or until `stopped` says so.
+    """Serve the tasks until the time `until`, or until `stopped()` is true.
 
-    Of several tasks those are served that are due or have bytes to read, in this order; all of them first and last.
+    A task is served when it is due or can read bytes; at the start and at the end all tasks are served, in this order.
     """
     dues = [-math.inf] * len(tasks)
     alone = len(tasks) == 1
@@ -42,10 +42,10 @@ def run(
                     nobody = False
             if now >= until:
                 return
-            if nobody:  # a link woke the clock and has nothing to read: its task has to find out why
+            if nobody:  # a link woke the clock, but cannot be read: its task must find out why
                 dues = [-math.inf] * len(tasks)
                 continue
             first = min(dues)
             due = max(due for due in dues if due <= first + _AT_ONCE_S)
-            due = max(due, round(due, 6))  # a task may have more to do at the instant of which this is a hair short
+            due = max(due, round(due, 6))  # a rounding error must not put it before the instant at which a task is due
             clock.wait(min(due, until), [link for task in tasks for link in task.links])

@@ -1,6 +1,6 @@
-"""The time stamps of signatures outlive the process, as MAVLink asks: or what was recorded before is believed again.
+"""Stores the time stamps of signatures, as MAVLink requires: otherwise packets that were recorded are believed again.
 
-One small file for each key, its owner's alone. Several programs with the same key keep theirs together.
+There is one small file for each key, readable only by its owner. Several programs with the same key share it.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from arva_hil.runtime.worker_thread import WorkerThread
 
 try:
     import fcntl
-except ImportError:  # Windows: the last program that writes has the file
+except ImportError:  # Windows: without a lock, the last program that writes wins
     fcntl = None  # type: ignore[assignment]
 
-_KEEP_S: Final = 5.0  # what a killed program forgets
+_KEEP_S: Final = 5.0  # a program that is killed loses this much
 _MOST_STREAMS: Final = 1024
 _LARGEST_FILE: Final = 1 << 20  # bytes
 _OWNERS: Final = 0o600
 
 
 def state_file(key: bytes, environment: Mapping[str, str]) -> Path | None:
-    """The file of a key: in $XDG_STATE_HOME/arva-hil, else ~/.local/state/arva-hil. None: there is no home."""
+    """The file of a key: in $XDG_STATE_HOME/arva-hil, else ~/.local/state/arva-hil. None: there is no home folder."""
     home = environment.get("XDG_STATE_HOME", "")
-    if not os.path.isabs(home):  # such a one has to be ignored
+    if not os.path.isabs(home):  # the standard says to ignore a relative path
         home = os.path.join(os.path.expanduser("~"), ".local", "state")
     if not os.path.isabs(home):
         return None
@@ -41,10 +41,10 @@ def state_file(key: bytes, environment: Mapping[str, str]) -> Path | None:
 
 
 class PersistentSigning(Signing):
-    """`Signing` that goes on where the last program with this key was, and keeps its time stamps in `file`.
+    """`Signing` that continues from the last program with this key, and stores its time stamps in `file`.
 
-    It writes them at the start, every 5 s on a thread of its own, and in `close`. What cannot be read or written is
-    said once, and changes nothing else.
+    They are written at the start, every 5 s on a thread, and by `close`. If the file cannot be read or written, `say`
+    is called once, and nothing else changes.
     """
 
     def __init__(self, key: bytes, epoch_us: int, link: int, file: Path | None, say: Callable[[str], None]) -> None:
@@ -65,7 +65,7 @@ class PersistentSigning(Signing):
             self._background.put(lambda: self._keep(kept, wait=False))
 
     def close(self) -> None:
-        """Keep the time stamps. Takes no longer than 10 s, whatever the disk does."""
+        """Store the time stamps. Takes 10 s at most, also with a blocked disk."""
         kept = self.kept()
         finished = self._background.close(lambda: self._keep(kept, wait=True))
         self._complain(self._error if finished else TimeoutError("another program or the disk holds it up"))
@@ -78,7 +78,7 @@ class PersistentSigning(Signing):
             return KeptTimeStamps()
 
     def _keep(self, kept: KeptTimeStamps, *, wait: bool) -> None:
-        """Try to write what is kept, together with what others have; without `wait` not while another program does."""
+        """Try to write time stamps, with those of other programs. `wait`: for another program that writes now."""
         try:
             self._write(kept, wait=wait)
             self._error = None
@@ -97,7 +97,7 @@ class PersistentSigning(Signing):
             files.replace(self._file, _written(kept), _OWNERS)
 
     def _complain(self, error: Exception | None) -> None:
-        """Once in a process."""
+        """Report an error, once in a process."""
         if self._say is None or error is None:
             return
         say, self._say = self._say, None
@@ -107,7 +107,7 @@ class PersistentSigning(Signing):
 
 
 def _locks(file: FileIO, *, wait: bool) -> bool:
-    """Whether this program has the lock, which goes with the open file."""
+    """Lock the file until it is closed. Returns False if another program has locked it."""
     if fcntl:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
@@ -117,7 +117,7 @@ def _locks(file: FileIO, *, wait: bool) -> bool:
 
 
 def _read(file: Path) -> KeptTimeStamps:
-    """What a file keeps, nothing when there is none. Raises OSError; ValueError when it is something else."""
+    """The time stamps in a file, none if it does not exist. Raises OSError; ValueError for other contents."""
     try:
         with _opened(file) as opened:
             data = opened.read(_LARGEST_FILE + 1) or b""

@@ -1,4 +1,4 @@
-"""Slow work on a thread of its own, so that a full disk or a stopped terminal never holds the loop."""
+"""Does slow work on a thread, so that a full disk or a stopped terminal never blocks the loop."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from typing import Final
 Job = Callable[[], object]
 
 _MOST_JOBS: Final = 10_000
-_ASK_S: Final = 0.1  # how often it is asked whether to give up
+_ASK_S: Final = 0.1  # time between calls of `give_up`
 
 
 class WorkerThread:
-    """Runs jobs in order on one thread; remembers the first error, after which it runs no more.
+    """Runs jobs in order on one thread. Remembers the first error; after it no job is run and every `put` is refused.
 
-    The thread never dies unseen: `error` tells, every later `put` is refused, and an error of no `expected` kind is
-    handed to `threading.excepthook` as well.
+    An error of another kind than `expected` is also passed to `threading.excepthook`.
     """
 
     def __init__(
@@ -32,7 +31,7 @@ class WorkerThread:
         self._thread.start()
 
     def put(self, job: Job, give_up: Callable[[], bool] = lambda: True) -> bool:
-        """Queue a job; wait for room until `give_up` says no. False: refused and counted, the work is too slow."""
+        """Queue a job. Waits for room until `give_up()` is true; then the job is refused and counted: returns False."""
         timeout_s = 0.0
         while self.error is None:
             try:
@@ -46,7 +45,7 @@ class WorkerThread:
         return False
 
     def close(self, *last: Job, timeout_s: float = 5.0) -> bool:
-        """Finish what is queued, then do the `last` jobs, also after an error. False when nothing moves for so long."""
+        """Run the queued jobs, then the `last` jobs, also after an error. Returns False if that takes too long."""
         self._last = last
         try:
             self._jobs.put(None, timeout=timeout_s)
