@@ -35,6 +35,7 @@ _U16: Final = struct.Struct("<H")
 _CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
 
 
+_CODEC: Final = dialect.MAVLink(None)  # decodes what has text in it; without a key it remembers nothing
 _MOST_RESTS: Final = 8  # senders of which a part of a packet is kept
 
 RESULTS: Final[dict[int, str]] = {value: entry.name for value, entry in dialect.enums["MAV_RESULT"].items()}
@@ -76,7 +77,6 @@ class Parser:
         self.malformed = 0
         self._rests: dict[Hashable, bytes] = {}  # by sender; the sender heard last is at the end
         self._good_at = -1  # the position of a packet in the present data that was verified in advance
-        self._codec = dialect.MAVLink(None)
 
     def feed(self, chunk: bytes, sender: Hashable = None, *, whole: bool = False) -> list[Packet]:
         """The packets completed by `chunk`, which may be cut anywhere. Never raises.
@@ -193,7 +193,7 @@ class Parser:
             payload = raw[header : header + raw[1]]  # MAVLink 2 leaves out zeros at the end
             return make(packing.unpack(payload.ljust(packing.size, b"\0")))
         try:
-            return self._codec.decode(bytearray(packet.raw))
+            return _CODEC.decode(bytearray(packet.raw))
         except dialect.MAVError:
             return None
 

@@ -6,10 +6,11 @@ Fields: https://mavlink.io/en/messages/common.html
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
 from arva_hil.mavlink.codec import dialect
+from arva_hil.mavlink.dialect import message_maker
 from arva_hil.simulated.autopilot import Mode, SetPoint, SimulatedAutopilot
 from arva_hil.simulated.multirotor import Motion, Multirotor, Vector
 from arva_hil.simulated.position import Home
@@ -29,6 +30,17 @@ class VehicleReport(NamedTuple):
     pilot: SimulatedAutopilot
     home: Home
     sensors: int  # of `SENSORS`
+
+
+def _maker(msgid: int) -> Callable[[Sequence[Any]], Message]:
+    """What makes a message of its numbers in the packet's order, in a fourth of the time of its constructor."""
+    maker = message_maker(msgid)
+    assert maker is not None  # there is no text in it
+    return maker[0]
+
+
+_of_attitude: Final = _maker(dialect.MAVLINK_MSG_ID_ATTITUDE)
+_of_position: Final = _maker(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
 
 
 def read_set_point(m: Message, motion: Multirotor) -> SetPoint | None:
@@ -102,7 +114,7 @@ def _gps_raw_int(r: VehicleReport) -> Message:
 
 
 def _attitude(r: VehicleReport) -> Message:
-    return dialect.MAVLink_attitude_message(r.boot_ms, *_roll_pitch(r.motion), _yaw(r.motion), *r.motion.rates)
+    return _of_attitude((r.boot_ms, *_roll_pitch(r.motion), _yaw(r.motion), *r.motion.rates))
 
 
 def _attitude_quaternion(r: VehicleReport) -> Message:
@@ -119,12 +131,10 @@ def _global_position_int(r: VehicleReport) -> Message:
     if not r.pilot.ready:
         return dialect.MAVLink_global_position_int_message(r.boot_ms, 0, 0, 0, 0, 0, 0, 0, 0)
     lat, lon, alt = r.home.lla_fast(r.position)
-    return dialect.MAVLink_global_position_int_message(
-        r.boot_ms,
-        *(round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), round((alt - r.home.alt_m) * 1e3)),
-        *(round(v * 100) for v in r.motion.velocity),
-        round(math.degrees(_yaw(r.motion)) * 100) % 36000,
-    )
+    vn, ve, vd = r.motion.velocity
+    place = round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), round((alt - r.home.alt_m) * 1e3)
+    heading = round(math.degrees(_yaw(r.motion)) * 100) % 36000
+    return _of_position((r.boot_ms, *place, round(vn * 100), round(ve * 100), round(vd * 100), heading))
 
 
 def _scaled_pressure(r: VehicleReport) -> Message | None:

@@ -41,8 +41,8 @@ _LEGS: Final = 20.0  # 1/s: sink rate allowed per metre of height, the give of t
 CONTACT_M: Final = 0.02  # lower is on the ground
 _SETTLE: Final = 1.0  # m/s², down, at rest
 
-# What one step leaves behind: position, velocity, thrust direction reversed (not to scale), yaw.
-_Node = tuple[float, float, float, float, float, float, float, float, float, float]
+# What one step leaves behind: position, velocity, acceleration, how far it leans, yaw.
+_Node = tuple[float, float, float, float, float, float, float, float, float, float, float]
 
 
 class Motion(NamedTuple):
@@ -73,7 +73,7 @@ class Multirotor:
         self._acceleration = (0.0, 0.0, 0.0)
         self._yaw_rate = 0.0
         self._lean = self._lean_lagged = 0.0  # 0 standing upright on the ground … 1 flying
-        self._nodes: deque[_Node] = deque([(0, 0, 0, 0, 0, 0, 0, 0, _GRAVITY, 0)], maxlen=_HISTORY + 1)
+        self._nodes: deque[_Node] = deque([(0.0,) * 11], maxlen=_HISTORY + 1)
 
     def step(self, velocity: Vector, yaw_rate: float, powered: bool) -> None:
         """10 ms of flight towards a velocity (NED, m/s) and yaw rate (rad/s); unpowered, of fall or rest.
@@ -122,15 +122,7 @@ class Multirotor:
         lagged, lean = self._lean_lagged, self._lean
         self._lean_lagged = lagged = lagged + ((powered and down <= -CONTACT_M) - lagged) * _LEAN_LAG
         self._lean = lean = lean + (lagged - lean) * _LEAN_LAG
-        self._nodes.append(
-            (
-                *(north, east, down, new_n, new_e, new_d),
-                lean * (_DRAG * (wind_n - new_n) - fn),
-                lean * (_DRAG * (wind_e - new_e) - fe),
-                _GRAVITY + lean * (_DRAG * (wind_d - new_d) - fd),
-                yaw,
-            )
-        )
+        self._nodes.append((north, east, down, new_n, new_e, new_d, fn, fe, fd, lean, yaw))
         self.steps += 1
 
     def at(self, time_us: int) -> Motion:
@@ -143,9 +135,11 @@ class Multirotor:
         if not -len(self._nodes) <= back <= -2:
             raise ValueError(f"the motion at {time_us * 1e-6:.3f} s is not known")
         a, b = self._nodes[back], self._nodes[back + 1]
+        q, rates = _turn(self._quaternion(a), self._quaternion(b), rest / STEP_US)
+        if not rest:  # as nearly always
+            return _motion((a[:3], a[3:6], q, rates))
         s = rest * 1e-6
         half = s * s / (2 * _STEP)
-        q, rates = _turn(_quaternion(a), _quaternion(b), rest / STEP_US)
         return _motion(
             (
                 (
@@ -163,15 +157,18 @@ class Multirotor:
             )
         )
 
-
-def _quaternion(node: _Node) -> Quaternion:
-    """The attitude whose body z axis is the node's direction, at the node's yaw."""
-    down_n, down_e, down_d, yaw = node[6:]
-    sin, cos = math.sin(yaw), math.cos(yaw)
-    x, y = down_n * cos + down_e * sin, down_e * cos - down_n * sin
-    pitch = math.atan2(x, down_d)
-    roll = math.atan2(-y, math.hypot(x, down_d))
-    return from_euler(roll, pitch, yaw)
+    def _quaternion(self, node: _Node) -> Quaternion:
+        """The attitude at a node's yaw whose body z axis is against the thrust, which lifts, accelerates and drags."""
+        _, _, _, vn, ve, vd, fn, fe, fd, lean, yaw = node
+        wind_n, wind_e, wind_d = self._wind
+        down_n = lean * (_DRAG * (wind_n - vn) - fn)
+        down_e = lean * (_DRAG * (wind_e - ve) - fe)
+        down_d = _GRAVITY + lean * (_DRAG * (wind_d - vd) - fd)
+        sin, cos = math.sin(yaw), math.cos(yaw)
+        x, y = down_n * cos + down_e * sin, down_e * cos - down_n * sin
+        pitch = math.atan2(x, down_d)
+        roll = math.atan2(-y, math.hypot(x, down_d))
+        return from_euler(roll, pitch, yaw)
 
 
 def _turn(a: Quaternion, b: Quaternion, share: float) -> tuple[Quaternion, Vector]:
@@ -187,6 +184,9 @@ def _turn(a: Quaternion, b: Quaternion, share: float) -> tuple[Quaternion, Vecto
         return a, (0.0, 0.0, 0.0)
     half = math.atan2(sin, w)
     per_rate = 2 * half / (_STEP * sin)
+    rates = x * per_rate, y * per_rate, z * per_rate
+    if not share:
+        return a, rates
     c, k = math.cos(half * share), math.sin(half * share) / sin
     q = (
         aw * c - (ax * x + ay * y + az * z) * k,
@@ -194,4 +194,4 @@ def _turn(a: Quaternion, b: Quaternion, share: float) -> tuple[Quaternion, Vecto
         ay * c + (aw * y - ax * z + az * x) * k,
         az * c + (aw * z + ax * y - ay * x) * k,
     )
-    return q, (x * per_rate, y * per_rate, z * per_rate)
+    return q, rates
