@@ -11,6 +11,8 @@ import importlib
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib.machinery import PathFinder
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 
+@dataclass(eq=False)
 class Registry:
     """Finds kinds by name. Remembers those that were used in `loaded`.
 
@@ -29,42 +32,32 @@ class Registry:
     must have; to check them, an object is made with the arguments `made_with`. Iterating gives the built-in names.
     """
 
-    def __init__(
-        self,
-        what: str,
-        group: str,
-        built_in: Mapping[str, str],
-        requires: Sequence[str] = (),
-        *,
-        references: bool = False,
-        made_with: Sequence[Any] = (),
-        attributes: Sequence[str] = (),
-    ) -> None:
-        self.what = what
-        self.group = group
-        self.loaded: dict[str, Any] = {}
-        self._built_in = built_in
-        self._requires = requires
-        self._references = references
-        self._made_with = made_with
-        self._attributes = attributes
+    what: str
+    group: str
+    built_in: Mapping[str, str]
+    requires: Sequence[str] = ()
+    references: bool = False
+    made_with: Sequence[Any] = ()
+    attributes: Sequence[str] = ()
+    loaded: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
-        return len(self._built_in)
+        return len(self.built_in)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._built_in)
+        return iter(self.built_in)
 
     def __contains__(self, name: object) -> bool:
         """Whether there is a kind of that name. It may be broken."""
-        return name in self._built_in or name in self.loaded or bool(self._entries(str(name)))
+        return name in self.built_in or name in self.loaded or bool(self._entries(str(name)))
 
     def __getitem__(self, name: str) -> Any:
         """The kind of that name. Raises KindError if there is none, if there are two, or if it cannot be used."""
         if name not in self.loaded:
-            if name in self._built_in:
-                self.loaded[name] = _resolve(self._built_in[name])
-            elif self._references and ":" in name:
+            if name in self.built_in:
+                module, _, attribute = self.built_in[name].partition(":")
+                self.loaded[name] = getattr(importlib.import_module(module), attribute)
+            elif self.references and ":" in name:
                 self.loaded[name] = self._reference(name)
             else:
                 self.loaded[name] = self._plug_in(name)
@@ -72,7 +65,7 @@ class Registry:
 
     def names(self) -> list[str]:
         """All names: the built-in ones, then those of other packages."""
-        return list(dict.fromkeys([*self._built_in, *sorted(entry.name for entry in self._entries())]))
+        return list(dict.fromkeys([*self.built_in, *sorted(entry.name for entry in self._entries())]))
 
     def _entries(self, name: str | None = None) -> list[EntryPoint]:
         from importlib.metadata import entry_points  # slow to import
@@ -103,7 +96,7 @@ class Registry:
         if not all(part.isidentifier() for part in (*module.split("."), *attribute.split("."))):
             raise KindError(f"{self.what} {name!r} is no name of a class", "write MODULE:CLASS, e.g. my_search:Spiral")
         try:
-            with _CurrentFolder():
+            with _current_folder():
                 if len(files := _files(module.partition(".")[0])) > 1:
                     what = f"{self.what} {name!r}: there are {len(files)} modules of that name, {' and '.join(files)}"
                     raise KindError(what, "rename yours, or take the other one out of PYTHONPATH")
@@ -126,15 +119,15 @@ class Registry:
 
     def _unfit(self, thing: Any) -> str:
         """Why `thing` cannot be used as such a kind, "" if it can."""
-        missing = [name for name in self._requires if not _has(thing, name)]
-        if self._attributes and not missing:
+        missing = [name for name in self.requires if not _has(thing, name)]
+        if self.attributes and not missing:
             import inspect  # slow to load, and only a class is looked into
 
-            if never := [name for name in self._requires if inspect.iscoroutinefunction(getattr(thing, name))]:
+            if never := [name for name in self.requires if inspect.iscoroutinefunction(getattr(thing, name))]:
                 return f"has async {', '.join(never)}, for which nobody waits (write def, not async def)"
             try:
-                made = thing(*self._made_with)
-                missing = [name for name in self._attributes if not hasattr(made, name)]
+                made = thing(*self.made_with)
+                missing = [name for name in self.attributes if not hasattr(made, name)]
             except (Exception, SystemExit) as error:
                 return f"cannot be created ({_said(error)})"
         return f"lacks {', '.join(missing)}" if missing else ""
@@ -143,7 +136,7 @@ class Registry:
         names = self.names()
         near = difflib.get_close_matches(name.lower(), names, 1)
         there = f"there {'are' if len(names) > 1 else 'is'} {', '.join(names) or 'none'}"
-        if self._references:
+        if self.references:
             there += ", or MODULE:CLASS"
         return UnknownKindError(f"no {self.what} {name!r}", there, *near)
 
@@ -152,19 +145,14 @@ class Registry:
         return KindError(f"{self.what} {name!r} of the package {package} {why}", cure)
 
 
-class _CurrentFolder:
+@contextmanager
+def _current_folder() -> Iterator[None]:
     """Adds the current folder to the end of the module search path."""
-
-    def __enter__(self) -> None:
-        sys.path.append("")
-
-    def __exit__(self, *_: object) -> None:
+    sys.path.append("")
+    try:
+        yield
+    finally:
         sys.path.remove("")
-
-
-def _resolve(reference: str) -> Any:
-    module, _, attribute = reference.partition(":")
-    return getattr(importlib.import_module(module), attribute)
 
 
 def _files(module: str) -> list[str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import textwrap
+from collections.abc import Iterable, Sequence
 from typing import Final, TextIO
 
 _FORMULA: Final = ("=", "+", "-", "@")  # the first character of a formula in a spreadsheet
@@ -29,6 +30,14 @@ def cell(value: object) -> str:
     """Text for a cell of a CSV file: one line, and not a formula. Not for numbers, because they may begin with "-"."""
     text = one_line(value)
     return f"'{text}" if text.lstrip().startswith(_FORMULA) else text
+
+
+def table_lines(rows: Iterable[Sequence[str]]) -> list[str]:
+    """A table for a terminal, a line for each row: the first column to the left, all others to the right."""
+    table = [*rows]
+    first, *others = [max(map(len, column)) for column in zip(*table, strict=True)]
+    cells = ([row[0].ljust(first), *map(str.rjust, row[1:], others)] for row in table)
+    return ["  ".join(one).rstrip() for one in cells]
 
 
 _FURTHER: Final = 2

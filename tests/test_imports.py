@@ -153,6 +153,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.field",
         "arva_hil.range_test",
         "arva_hil.receiver",
+        "arva_hil.safe_text",
     },
     "arva_hil/report": {
         "arva_hil.__version__",
@@ -195,6 +196,7 @@ ROOMS = {  # a room → what of ours it may import
     "arva_hil/campaign": {
         "arva_hil.__version__",
         "arva_hil.campaign",
+        "arva_hil.pictures.style",
         "arva_hil.report.html",
         "arva_hil.config",
         "arva_hil.field",

@@ -3,35 +3,25 @@
 from __future__ import annotations
 
 import functools
-import io
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from arva_hil.campaign.results import TrialRow, groups, wilson
+from arva_hil.pictures.style import GREY, PALETTE, figure, saved, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_PALETTE: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5195", "#5b6876")
 _STYLE: Final = {
     "font.size": 10,
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#b9c1ca",
-    "axes.labelcolor": "#1d2733",
-    "text.color": "#1d2733",
-    "xtick.color": "#5b6876",
-    "ytick.color": "#5b6876",
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#e3e6ea",
+    "legend.fontsize": 10,
     "legend.frameon": False,
-    "savefig.transparent": True,  # the page may be dark
-    "svg.hashsalt": "arva-hil",  # the same rows, the same bytes
+    "text.color": "#1d2733",
+    "axes.labelcolor": "#1d2733",
+    "xtick.color": GREY,
+    "ytick.color": GREY,
 }
 _SIZE: Final = (6.2, 3.9)
 _BANDS: Final = 6  # of a number that has many values, with as many runs in each
@@ -47,15 +37,11 @@ _LEAST_ERROR_M: Final = 0.001  # on a logarithmic axis, which has no 0
 
 def colours(strategies: Iterable[str]) -> dict[str, str]:
     """A colour for each strategy, also distinct for the colour-blind (M. Okabe, K. Ito, 2008)."""
-    return {name: _PALETTE[n % len(_PALETTE)] for n, name in enumerate(dict.fromkeys(strategies))}
+    return {name: PALETTE[n % len(PALETTE)] for n, name in enumerate(dict.fromkeys(strategies))}
 
 
 def draw(rows: Sequence[TrialRow], success_m: float) -> dict[str, bytes]:
     """Caption → SVG. Raises ImportError without matplotlib."""
-    import matplotlib
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-    from matplotlib.figure import Figure
-
     kinds: dict[str, Callable[[Axes, Sequence[TrialRow], float], None]] = {
         "Success, with its 95 % confidence interval": _success,
         "Time until the transmitter is found: share of all runs": _time,
@@ -65,17 +51,14 @@ def draw(rows: Sequence[TrialRow], success_m: float) -> dict[str, bytes]:
         if len(groups(rows, column)) > (_VALUES if column == "distance_m" else 2):
             kinds[f"Success by {label.partition(',')[0]}"] = functools.partial(_by_number, column)
     drawn = {}
-    with matplotlib.rc_context(_STYLE):  # type: ignore[arg-type]
+    with styled(_STYLE):
         for caption, plot in kinds.items():
-            figure = Figure(figsize=_SIZE, layout="constrained")
-            FigureCanvasSVG(figure)
-            axes = figure.add_subplot()
+            made = figure(*_SIZE)
+            axes = made.add_subplot()
             plot(axes, rows, success_m)
             handles, labels = axes.get_legend_handles_labels()
-            figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
-            svg = io.BytesIO()
-            figure.savefig(svg, format="svg", metadata={"Date": None})
-            drawn[caption] = svg.getvalue()
+            made.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
+            drawn[caption] = saved(made, "svg", transparent=True)  # the page may be dark
     return drawn
 
 
@@ -108,7 +91,7 @@ def _time(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
 
 def _error(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
     most = max([2 * success_m, *(row.error_m for row in rows if row.error_m is not None)])
-    axes.axvline(success_m, color="#5b6876", lw=1, ls=":")
+    axes.axvline(success_m, color=GREY, lw=1, ls=":")
     for strategy, colour, mine in _each(rows):
         errors = [max(row.error_m, _LEAST_ERROR_M) for row in mine if row.error_m is not None]
         _climb(axes, errors, len(mine), _LEAST_ERROR_M, most, strategy, colour)

@@ -9,6 +9,7 @@ from typing import Final
 from arva_hil.campaign import charts
 from arva_hil.campaign.results import Pair, Summary, TrialRow, groups, summary
 from arva_hil.report.html import render
+from arva_hil.safe_text import table_lines
 
 _AXES: Final = {
     "scenario": "scenario",
@@ -31,13 +32,8 @@ _HEAD: Final = ("runs", "successes", "rate", "95 % confidence", "time, s", "path
 
 def text(rows: Sequence[TrialRow], success_m: float) -> str:
     """A short table for a terminal: one line for each strategy."""
-    table: list[tuple[str, ...]] = [("strategy", *_HEAD)]
-    table += [(str(name), *_cells(summary(some, success_m))) for (name,), some in groups(rows, "strategy").items()]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = []
-    for first, *others in table:
-        cells = [first.ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))]
-        lines.append("  ".join(cells).rstrip())
+    each = ((str(name), *_cells(summary(some, success_m))) for (name,), some in groups(rows, "strategy").items())
+    lines = table_lines([("strategy", *_HEAD), *each])
     foot = f"success: the place reported is within {success_m:g} m; time and path: of successes; a / b: median / 90 %"
     return "\n".join([*lines, foot])
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
@@ -44,11 +45,15 @@ _STYLE: Final = {
 
 
 @contextmanager
-def styled() -> Iterator[None]:
-    """Figures that are made and saved inside have this look. Raises ModuleNotFoundError without matplotlib."""
+def styled(more: Mapping[str, Any] = MappingProxyType({})) -> Iterator[None]:
+    """Figures that are made and saved inside have this look. Raises ModuleNotFoundError without matplotlib.
+
+    `more`: what is different from it.
+    """
     import matplotlib
 
-    with matplotlib.rc_context(_STYLE):  # type: ignore[arg-type]
+    look: dict[Any, Any] = {**_STYLE, **more}
+    with matplotlib.rc_context(look):
         yield
 
 

@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from arva_hil.config import Scenario
 from arva_hil.range_test.walk import COUPLINGS, HOVER_LOAD, Coupling, RangePlan, Walk, walked
+from arva_hil.safe_text import table_lines
 
 _LEAST_M: Final = 30.0  # coaxially; testers find less unacceptable
 _LEAST_SHARE: Final = 0.5  # of that, turned by 90°
@@ -85,11 +86,7 @@ def lines(sheet: DataSheet) -> Iterator[str]:
         yield f"motors on: at {HOVER_LOAD:.0%} of their load, as in a hover"
     yield ""
     head = ("coupling", "first signal", "first stable", "s.d.", "least", "most", "heard in")
-    table = [head, *(_cells(row) for row in sheet.rows)]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    for first, *others in table:
-        cells = [first.ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))]
-        yield "  ".join(cells).rstrip()
+    yield from table_lines([head, *(_cells(row) for row in sheet.rows)])
     yield ""
     yield from _judged(sheet)
 
