@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["ArvaError", "KindError", "UnknownKindError"]
-
 
 class ArvaError(Exception):
     """The base of all errors of this package. `str()` says what is wrong, where, and the cure.
