@@ -17,7 +17,7 @@ from arva_hil.events import FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import read_tlog
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.observers.record import Recorder, RecordError
-from arva_hil.observers.record import recorder as module
+from arva_hil.observers.record import growing_files as module
 from arva_hil.receiver import ChannelReading, Reading, Zone
 from arva_hil.runtime import worker_thread
 from arva_hil.runtime.clock import StepClock
