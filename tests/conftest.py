@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections.abc import Callable, Generator, Iterator
@@ -17,8 +18,10 @@ TESTS = Path(__file__).parent
 DATA = TESTS / "data"
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the program; else the workers' threads wait for each other
-settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
+settings.register_profile("thorough", deadline=None, max_examples=500)  # --hypothesis-profile=thorough
 settings.load_profile("repeatable")
+gc.disable()  # until all tests are collected: nearly half of the time that takes
 
 if (
     signal.getsignal(signal.SIGINT) is signal.SIG_IGN
@@ -40,6 +43,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     workers = getattr(config, "workerinput", {}).get("workercount", 1)
     if workers > 1:
         items[:] = order.dealt(items, workers, waits, lambda item: item.path)
+
+
+def pytest_collection_finish() -> None:
+    """What was collected stays: it is not looked through for garbage again and again."""
+    gc.freeze()
+    gc.enable()
 
 
 def waits(item: pytest.Item) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -26,7 +26,6 @@ def shown(reading: Reading) -> dict[int, int]:
     return {c.id: c.d_cm for c in reading.channels if c.id is not None and c.zone}
 
 
-@settings(max_examples=200, deadline=None)
 @given(PLACES, st.integers(0, 2**32 - 1), st.floats(0.5, 2.24), st.sampled_from([1, 3, 4]))
 def test_with_pulses_and_noise_off_one_transmitter_hovering_it_settles_to_the_integers_of_the_paper(
     place: tuple[float, float, float], turns: int, strength: float, channels: int

@@ -25,10 +25,9 @@ def agrees(heard: list[Observation], place: tuple[float, float], height_m: float
 
 
 @pytest.mark.parametrize("strategy", [Flux, Extremum, Estimate])
-@pytest.mark.parametrize("height_m", [1.0, 3.0])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("seed", "height_m"), [(0, 1.0), (1, 3.0), (2, 1.0), (3, 3.0)])
 def test_what_was_found_agrees_and_what_lies_elsewhere_does_not(
-    strategy: type[Strategy], height_m: float, seed: int
+    strategy: type[Strategy], seed: int, height_m: float
 ) -> None:
     transmitter, start = buried(seed)
     flight = fly(strategy(1.0), transmitter, start=start, height_m=height_m, gps_m=0.2, seed=seed)
@@ -58,13 +57,13 @@ class Late(Flux):
 def test_what_readings_of_five_seconds_ago_lead_to_does_not_agree() -> None:
     wrong = 0
     for transmitter in PAPER:
-        for seed in range(3):
+        for seed in range(2):
             late = Late(1.0, 5)
             flight = fly(late, transmitter, height_m=3.0, seed=seed)
             if flight.found is not None and flight.error_m > 2:
                 wrong += 1
                 assert not agrees(late.told, flight.found[:2], 3.0)
-    assert wrong > 5
+    assert wrong > 3
 
 
 @pytest.mark.parametrize("d_m", [1.0, 30.0])

@@ -701,7 +701,7 @@ def fly(client: Client, flight: list[Any]) -> None:
         client.run(seconds, step=1.0)
 
 
-@settings(max_examples=25, deadline=None, phases=[Phase.reuse, Phase.generate])  # shrinking takes minutes
+@settings(max_examples=12, deadline=None, phases=[Phase.reuse, Phase.generate])  # shrinking takes minutes
 @given(st.lists(set_points, min_size=1, max_size=4), winds, st.sampled_from([0, LAND, RTL, FALL]))
 def test_the_motion_is_one_motion(flight: list[Any], wind: Vector, end: int) -> None:
     """Velocity is the slope of position, rates of attitude; thrust explains acceleration; ground is hard."""
@@ -764,7 +764,7 @@ def down_axis(q: Quaternion) -> Vector:
     return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.lists(set_points, min_size=1, max_size=3), st.lists(st.floats(0.001, 3.0), min_size=1, max_size=9))
 def test_how_often_it_is_polled_changes_nothing(flight: list[Any], steps: list[float]) -> None:
     said = []
@@ -814,7 +814,7 @@ def orders() -> bytes:
     )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.lists(st.integers(0, len(orders())), max_size=12), st.binary(max_size=30))
 def test_bytes_may_be_cut_anywhere(cuts: list[int], garbage: bytes) -> None:
     whole = SimulatedVehicle(HOME)
@@ -828,7 +828,6 @@ def test_bytes_may_be_cut_anywhere(cuts: list[int], garbage: bytes) -> None:
     assert -cut.truth(8.0).ned[2] == pytest.approx(3.0, abs=0.2)
 
 
-@settings(max_examples=100, deadline=None)
 @given(st.lists(st.binary(max_size=80), max_size=5))
 def test_garbage_is_dropped(chunks: list[bytes]) -> None:
     vehicle = SimulatedVehicle(HOME)
@@ -837,7 +836,6 @@ def test_garbage_is_dropped(chunks: list[bytes]) -> None:
     assert names(Client(vehicle).run(4.0)) == {"HEARTBEAT": 5}
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     st.sampled_from([SET_MODE, ARM, TAKEOFF, 21, SET_INTERVAL, GET_INTERVAL, REQUEST]),
     st.lists(st.floats(width=32), min_size=7, max_size=7),
