@@ -41,6 +41,7 @@ SLOW: Final = {
     "campaign/test_trial.py": FLIGHTS,
     "cli/test_broken.py::test_a_process_ends_with_2_and_no_traceback": PROCESS,
     "cli/test_campaign.py": TRIALS,
+    "cli/test_campaign_shards.py": TRIALS,
     "cli/test_commands.py": PROCESS,
     "cli/test_ctrl_c_at_start.py": PROCESS,
     "cli/test_demo.py": FLIGHTS,

@@ -149,14 +149,32 @@ class Results:
         """Whether a trial has a result. A failed one has none."""
         return key in self.rows and not self.rows[key].failed
 
-    def add(self, new: TrialRow) -> None:
-        """Store a row. It is on the disk when this returns. Raises ResultsError, e.g. if the disk is full."""
+    def add(self, *rows: TrialRow) -> None:
+        """Store rows: all are on the disk when this returns, or none. Raises ResultsError, e.g. if the disk is full."""
+        marks = ", ".join("?" * len(_COLUMNS))
         try:
-            marks = ", ".join("?" * len(_COLUMNS))
-            self._database.execute(f"INSERT OR REPLACE INTO results VALUES ({marks})", astuple(new))
+            self._database.execute("BEGIN")
+            self._database.executemany(f"INSERT OR REPLACE INTO results VALUES ({marks})", map(astuple, rows))
+            self._database.execute("COMMIT")
         except sqlite3.Error as error:
+            with contextlib.suppress(sqlite3.Error):
+                self._database.execute("ROLLBACK")
             raise ResultsError(f"{self.path}: cannot be written: {error}") from None
-        self.rows[new.key] = new
+        self.rows.update((one.key, one) for one in rows)
+
+    def merge(self, folder: Path) -> None:
+        """Take over the rows in the folder of another campaign that this one has not. Raises ResultsError, also if a
+        trial that both have has ended differently."""
+        if not (folder / NAME).is_file():
+            raise ResultsError(f"{folder}: no {NAME} there, expected the folder of a campaign")
+        with opened(folder) as other:
+            ended = [one for one in other.rows.values() if not one.failed]
+        if differs := [one.key for one in ended if self.done(one.key) and self.rows[one.key] != one]:
+            raise ResultsError(
+                f"{folder}: {len(differs)} trials ended differently than in {self.path.parent}, e.g. {differs[0]}: "
+                "not flown by the same arva-hil; leave it out"
+            )
+        self.add(*(one for one in ended if not self.done(one.key)))
 
     def export(self, keys: Iterable[str]) -> None:
         """Write `results.csv`: the rows of `keys` in their order, then those of other trials. Raises ResultsError."""

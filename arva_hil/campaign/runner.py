@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -25,7 +25,8 @@ Fly = Callable[[Trial], Result]
 _DIED: Final = "a worker process died, killed or out of memory"
 _POLL_S: Final = 0.1  # how often `stopped` is asked
 _CONNECT_S: Final = 10
-_AHEAD: Final = 1000  # trials that are submitted to a cluster at a time; workers may join it later
+_AHEAD: Final = 1000  # shards that are submitted to a cluster at a time; workers may join it later
+_SHARD: Final = 50  # trials at most that a worker of a cluster gets together: what is flown again if it dies
 _ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 _SIGNALS: Final = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
@@ -44,37 +45,42 @@ class Unreachable(WorkerPoolError):
 
 @dataclass(frozen=True)
 class WorkerPool:
-    """Runs trials, at most `width` at a time. `lost` gives the error if there will be no more results."""
+    """Runs trials in shards: `shard` of them are one task, and at most `width` tasks are submitted at a time.
+
+    `lost` gives the error if there will be no more results.
+    """
 
     name: str
     executor: Executor
     width: int
     lost: Callable[[], WorkerPoolError | None] = lambda: None
+    shard: int = 1
 
     def fly(
         self, planned: Iterable[Planned], fly: Fly, *, stopped: Callable[[], bool]
-    ) -> Iterator[tuple[Planned, Result]]:
-        """Trials and their results, in the order in which they end. `fly` must be a function of a module.
+    ) -> Iterator[list[tuple[Planned, Result]]]:
+        """The trials of a shard and their results, in the order in which they end. `fly`: a function of a module.
 
         If a trial raises an error, its outcome contains the error. Raises WorkerPoolError if a worker dies or the
         cluster is lost.
         """
         queue = iter(planned)
-        waiting: dict[Future[Result], Planned] = {}
+        shards = iter(lambda: list(islice(queue, self.shard)), [])
+        waiting: dict[Future[list[Result]], list[Planned]] = {}
         lost: WorkerPoolError | None = None
         while not stopped() and not lost:
             try:
-                for one in islice(queue, self.width - len(waiting)):
-                    waiting[self.executor.submit(attempt, fly, one.trial)] = one
+                for some in islice(shards, self.width - len(waiting)):
+                    waiting[self.executor.submit(attempt, fly, [one.trial for one in some])] = some
             except BrokenExecutor:
                 lost = WorkerPoolError(_DIED)
             if not waiting and not lost:
                 return
             done, _ = wait(waiting, _POLL_S, FIRST_COMPLETED)
             for future in [future for future in waiting if future in done]:
-                one = waiting.pop(future)
-                if result := _result(future):
-                    yield one, result
+                some = waiting.pop(future)
+                if results := _results(future, len(some)):
+                    yield list(zip(some, results, strict=True))
                 else:
                     lost = WorkerPoolError(_DIED)
             lost = self.lost() or lost
@@ -82,8 +88,12 @@ class WorkerPool:
             raise lost
 
 
-def attempt(fly: Fly, trial: Trial) -> Result:
-    """The result of a trial, also if it raises an error. Runs in the worker."""
+def attempt(fly: Fly, trials: Sequence[Trial]) -> list[Result]:
+    """The results of trials, also of those that raise an error. Runs in the worker."""
+    return [_attempt(fly, trial) for trial in trials]
+
+
+def _attempt(fly: Fly, trial: Trial) -> Result:
     try:
         return fly(trial)
     except Exception as error:
@@ -112,18 +122,20 @@ def processes(count: int) -> Iterator[WorkerPool]:
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[WorkerPool]:
-    """The Dask cluster whose scheduler is at an address, e.g. tcp://127.0.0.1:8786.
+def cluster(address: str, trials: int, *, within_s: float | None = None) -> Iterator[WorkerPool]:
+    """The Dask cluster whose scheduler is at an address, e.g. tcp://127.0.0.1:8786, for so many trials.
 
-    Raises MissingExtra without Dask, Unreachable if no scheduler answers there.
+    `within_s`: how long it is waited for; None: 10 s. Raises MissingExtra without Dask, Unreachable if no scheduler
+    answers there.
     """
     try:
         from distributed import Client
     except ImportError:
         raise MissingExtra("--scheduler needs Dask: pip install 'arva-hil[dask]'") from None
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors are reported here
+    for name in ("distributed.client", "tornado.application"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # errors are reported here
     try:
-        client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+        client = Client(address, timeout=within_s or _CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise Unreachable(f"no Dask scheduler answers at {address}: {error}") from None
 
@@ -134,7 +146,8 @@ def cluster(address: str) -> Iterator[WorkerPool]:
     with client:
         executor = client.get_executor(pure=False)
         try:
-            yield WorkerPool(f"Dask workers: {len(workers)}, threads: {sum(workers.values())}", executor, _AHEAD, lost)
+            name = f"Dask workers: {len(workers)}, threads: {sum(workers.values())}"
+            yield WorkerPool(name, executor, _AHEAD, lost, min(_SHARD, trials // _AHEAD + 1))
         finally:
             executor.shutdown(wait=False)
 
@@ -160,11 +173,11 @@ def _hold(lifeline: Connection) -> None:
     threading.Thread(target=watch, name="lifeline", daemon=True).start()
 
 
-def _result(future: Future[Result]) -> Result | None:
-    """The result, None if its worker was lost."""
+def _results(future: Future[list[Result]], count: int) -> list[Result] | None:
+    """The results of so many trials, None if their worker was lost."""
     if future.cancelled() or isinstance(error := future.exception(), BrokenExecutor):
         return None
-    return _failure(error) if error else future.result()
+    return [_failure(error)] * count if error else future.result()
 
 
 def _failure(error: BaseException) -> Result:

@@ -8,7 +8,7 @@ import os
 import sys
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, closing
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -25,20 +25,34 @@ if TYPE_CHECKING:
 
 _PLAIN_S: Final = 10.0  # between lines if stderr is no terminal
 _LIVE_S: Final = 0.1  # between updates on a terminal
+_RETURN_S: Final = 300.0  # a scheduler that goes is waited for
+_MOST: Final = 200_000  # trials in one run: all of their results are in its memory
 
 
 def main(options: argparse.Namespace) -> int:
     from arva_hil.campaign import results
-    from arva_hil.campaign.plan import trials
+    from arva_hil.campaign.plan import size, trials
     from arva_hil.config.campaign import load_plan
 
-    plan = load_plan(options.plan)
+    plan, name = _part(load_plan(options.plan), options.shard)
     if options.dry_run:
         return _list(trials(plan), as_json=options.json)
+    if (count := size(plan)) > _MOST:
+        raise UsageError(f"{count} trials, at most {_MOST} in one run: fly it in parts, --shard 1/{-(-count // _MOST)}")
     every = list(trials(plan))
-    folder = Path(options.out or f"{Path(options.plan).stem}-results")
+    folder = Path(options.out or f"{Path(options.plan).stem}-results{name}")
     with results.opened(folder) as kept:
         return _campaign(options, plan, every, kept)
+
+
+def _part(plan: CampaignPlan, shard: tuple[int, int] | None) -> tuple[CampaignPlan, str]:
+    """The part of a plan that a run flies, and its name, empty for the whole."""
+    if not shard:
+        return plan, ""
+    k, n = shard
+    if n > len(plan.seeds):
+        raise UsageError(f"--shard {k}/{n}: the plan has {len(plan.seeds)} seeds, each part needs one at least")
+    return replace(plan, seeds=plan.seeds[k - 1 :: n]), f"-{k}-of-{n}"
 
 
 def _list(every: Iterable[Planned], *, as_json: bool) -> int:
@@ -58,10 +72,15 @@ def _list(every: Iterable[Planned], *, as_json: bool) -> int:
 
 def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[Planned], kept: Results) -> int:
     from arva_hil.campaign import report
-    from arva_hil.campaign.results import REPORT, TABLE, ResultsError, replace
+    from arva_hil.campaign.results import REPORT, TABLE, ResultsError
+    from arva_hil.campaign.results import replace as write
 
-    left = [planned for planned in every if not kept.done(planned.key)]
     try:
+        for folder in options.merge or ():
+            kept.merge(Path(folder))
+        left = [planned for planned in every if not kept.done(planned.key)]
+        if left and options.merge:
+            raise Failure(FAILED, f"{_progress(kept, every)}; the same command without --merge flies the rest")
         stopped = bool(left) and _fly(options, every, left, kept)
         if stopped:
             _say(f"interrupted: {_progress(kept, every)}; the same command continues it")
@@ -69,7 +88,7 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
         kept.export(planned.key for planned in every)
         rows = [kept.rows[planned.key] for planned in every]
         table, page = kept.path.with_name(TABLE), kept.path.with_name(REPORT)
-        replace(page, report.page(one_line(Path(options.plan).stem), rows, plan.success_m).encode())
+        write(page, report.page(one_line(Path(options.plan).stem), rows, plan.success_m).encode())
     except ResultsError as error:
         raise Failure(FAILED, error) from None
     if not options.json:
@@ -81,8 +100,18 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
     return OK
 
 
-def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[Planned], kept: Results) -> bool:
-    """Fly the remaining trials and save the results. Returns whether a signal ended it early."""
+def _fly(
+    options: argparse.Namespace,
+    every: Sequence[Planned],
+    left: Sequence[Planned],
+    kept: Results,
+    *,
+    within_s: float | None = None,
+) -> bool:
+    """Fly the remaining trials and save the results. Returns whether a signal ended it early.
+
+    `within_s`: how long a scheduler is waited for.
+    """
     from arva_hil.campaign import trial
     from arva_hil.campaign.results import row
     from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPoolError
@@ -93,28 +122,36 @@ def _fly(options: argparse.Namespace, every: Sequence[Planned], left: Sequence[P
         return guard.caught is not None
 
     done = len(every) - len(left)
+    connected = False
     try:
-        with _worker_pool(options, len(left)) as pool, SignalGuard() as guard:
+        with _worker_pool(options, len(left), within_s=within_s) as pool, SignalGuard() as guard:
+            connected = True
             _say(f"{len(every)} trials, {done} of them done; {pool.name}")
             with closing(_Progress(len(every), done)) as progress:
-                for planned, result in pool.fly(left, trial.fly, stopped=stopped):
-                    kept.add(new := row(planned, result))
-                    progress.done += 1
-                    if options.json:
+                for some in pool.fly(left, trial.fly, stopped=stopped):
+                    kept.add(*(rows := [row(planned, result) for planned, result in some]))
+                    progress.done += len(rows)
+                    for new in rows if options.json else ():
                         show_json(asdict(new))
     except MissingExtra as error:
         raise UsageError(error) from None
     except WorkerPoolError as error:
+        if connected and isinstance(error, Unreachable):
+            _say(f"{error}; {_progress(kept, every)}; it is waited for, {_RETURN_S:g} s")
+            left = [planned for planned in left if not kept.done(planned.key)]
+            return _fly(options, every, left, kept, within_s=_RETURN_S)
         code, when = (NO_LINK, " once there is a scheduler") if isinstance(error, Unreachable) else (FAILED, "")
         raise Failure(code, f"{error}; {_progress(kept, every)}; the same command continues it{when}") from None
     return guard.caught is not None
 
 
-def _worker_pool(options: argparse.Namespace, trials: int) -> AbstractContextManager[WorkerPool]:
+def _worker_pool(
+    options: argparse.Namespace, trials: int, *, within_s: float | None
+) -> AbstractContextManager[WorkerPool]:
     from arva_hil.campaign.runner import cluster, processes
 
     if options.scheduler:
-        return cluster(options.scheduler)
+        return cluster(options.scheduler, trials, within_s=within_s)
     return processes(min(options.jobs or _cores(), trials))
 
 

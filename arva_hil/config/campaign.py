@@ -17,7 +17,7 @@ from arva_hil.config.tables import Help, TableOf, keys, read_keys, table
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1
-MOST_TRIALS: Final = 200_000
+MOST_TRIALS: Final = 100_000_000
 _MOST_VALUES: Final = 100_000  # of one axis
 _NOT_FLOWN: Final = ("navigation_error", "follows", "vehicles", "terrain")  # one vehicle, above flat ground
 _DEPTH: Final = Number(-100, 100, unit="m")
@@ -75,7 +75,7 @@ def _each_once(items: Iterable[Any], values: Sequence[Any]) -> Sequence[Any]:
 class _Seeds(_Axis):
     """A list of seeds, or how many there are from 1 on."""
 
-    count: Final = Whole(1, 100_000, "a list of seeds, or how many,")
+    count: Final = Whole(1, 10_000_000, "a list of seeds, or how many,")
     kind = "a list of seeds, or how many"
 
     def read(self, value: Any) -> Any:

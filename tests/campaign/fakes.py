@@ -34,14 +34,20 @@ def fake(trial: Trial) -> Result:
 
 
 def gated(trial: Trial) -> Result:
-    """As `fake`, once the gate is open; before, only the first seeds. Writes down who flies what."""
+    """As `fake`, once the gate is open for its seed; before, only the first seeds. Writes down who flies what."""
     folder = Path(os.environ[FOLDER])
     with (folder / "flown").open("a") as file:
         file.write(f"{os.getpid()} {trial.strategy} {trial.scenario.seed} {trial.take_off_m}\n")
     clock = RealClock()
-    while trial.scenario.seed > FREE and not (folder / "open").exists() and clock.now() < DEADLINE_S:
+    while trial.scenario.seed > last_free(folder) and clock.now() < DEADLINE_S:
         clock.wait(clock.now() + 0.01)
     return fake(trial)
+
+
+def last_free(folder: Path) -> float:
+    """The last seed that flies: what is in the file `open`, all if it is empty."""
+    file = folder / "open"
+    return float(file.read_text() or "inf") if file.exists() else FREE
 
 
 def raising(trial: Trial) -> Result:

@@ -125,8 +125,8 @@ def test_the_plans_that_come_with_it(name: str, count: int) -> None:
             ["2:44: '1', expected a list of 2 numbers"],
         ),
         (
-            MINIMAL + "seeds: 10000\nwind_m_s: [1, 2, 3]\ntake_off_m: [1, 2, 3, 4, 5, 6, 7]",
-            ["1:1: 210000 trials, expected at most 200000"],
+            MINIMAL + "seeds: 10000000\nwind_m_s: [1, 2, 3]\ntake_off_m: [1, 2, 3, 4]",
+            ["1:1: 120000000 trials, expected at most 100000000"],
         ),
         (MINIMAL + "seeds: !!int 5", ["3:8: the tag '!!int', expected a value without a tag"]),
     ],

@@ -7,6 +7,7 @@ import socket
 import sys
 from collections.abc import Iterator
 from contextlib import closing
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import pytest
@@ -27,7 +28,7 @@ EXPECTED = {one.key: fake(one.trial) for one in EVERY}
 
 
 def flown(crew: WorkerPool, fly: Fly = fake, every: list[Planned] = EVERY) -> dict[str, Result]:
-    pairs = [(one.key, result) for one, result in crew.fly(every, fly, stopped=lambda: False)]
+    pairs = [(one.key, result) for some in crew.fly(every, fly, stopped=lambda: False) for one, result in some]
     results = dict(pairs)
     assert len(results) == len(pairs)
     return results
@@ -55,7 +56,7 @@ def test_a_trial_that_raises_has_that_for_an_outcome_and_the_others_go_on() -> N
 def test_a_process_that_dies_is_said_after_the_results_before() -> None:
     got: list[tuple[Planned, Result]] = []
     with processes(1) as crew, pytest.raises(WorkerPoolError, match="a worker process died, killed or out of memory"):
-        got.extend(crew.fly(EVERY, fakes.dying, stopped=lambda: False))
+        got.extend(chain.from_iterable(crew.fly(EVERY, fakes.dying, stopped=lambda: False)))
     free = [one for one in EVERY if one.trial.scenario.seed <= FREE]
     assert got == [(one, EXPECTED[one.key]) for one in free]
 
@@ -63,8 +64,8 @@ def test_a_process_that_dies_is_said_after_the_results_before() -> None:
 def test_it_stops_between_two_results_when_told_to() -> None:
     got: list[str] = []
     with processes(1) as crew:
-        for one, _ in crew.fly(EVERY, fake, stopped=lambda: len(got) > 0):
-            got.append(one.key)
+        for some in crew.fly(EVERY, fake, stopped=lambda: len(got) > 0):
+            got.extend(one.key for one, _ in some)
     assert 0 < len(got) < len(EVERY)
 
 
@@ -100,19 +101,31 @@ def local_cluster() -> LocalCluster:
 
 
 def test_a_cluster_flies_every_trial_once(scheduler: str) -> None:
-    with cluster(scheduler) as crew:
+    with cluster(scheduler, len(EVERY)) as crew:
         assert crew.name == "Dask workers: 2, threads: 2"
         assert flown(crew) == EXPECTED
 
 
+def test_a_large_plan_goes_to_a_cluster_in_shards(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "_AHEAD", 3)  # and no more at a time
+    with cluster(scheduler, len(EVERY)) as crew:
+        shards = list(crew.fly(EVERY, fakes.raising, stopped=lambda: False))
+    assert crew.shard == len(EVERY) // 3 + 1
+    assert max(map(len, shards)) == crew.shard
+    assert sorted(one.key for some in shards for one, _ in some) == sorted(EXPECTED)
+    kept = {one.key: result for some in shards for one, result in some if not result.outcome.startswith("failed")}
+    assert kept == {key: EXPECTED[key] for key in kept}
+    assert len(kept) == len(EVERY) // 2
+
+
 def test_a_trial_that_raises_on_a_cluster_has_that_for_an_outcome(scheduler: str) -> None:
-    with cluster(scheduler) as crew:
+    with cluster(scheduler, len(EVERY)) as crew:
         results = flown(crew, fakes.raising)
     assert sum(result.outcome.startswith("failed: ZeroDivisionError") for result in results.values()) == 12
 
 
 def test_a_scheduler_that_goes_is_said() -> None:
-    with closing(local_cluster()) as local, cluster(local.scheduler_address) as crew:
+    with closing(local_cluster()) as local, cluster(local.scheduler_address, 1) as crew:
         results = crew.fly(EVERY, fake, stopped=lambda: False)
         next(results)
         local.close()
@@ -125,11 +138,11 @@ def test_a_scheduler_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) 
     with socket.socket() as s:
         s.bind(("127.0.0.1", 0))  # and nobody listens
         address = f"tcp://127.0.0.1:{s.getsockname()[1]}"
-        with pytest.raises(Unreachable, match=f"no Dask scheduler answers at {address}"), cluster(address):
+        with pytest.raises(Unreachable, match=f"no Dask scheduler answers at {address}"), cluster(address, 1):
             pass
 
 
 def test_without_dask_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(MissingExtra, match=r"pip install 'arva-hil\[dask\]'"), cluster("tcp://127.0.0.1:1"):
+    with pytest.raises(MissingExtra, match=r"pip install 'arva-hil\[dask\]'"), cluster("tcp://127.0.0.1:1", 1):
         pass

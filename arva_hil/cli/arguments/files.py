@@ -49,6 +49,9 @@ def campaign(parser: CommandParser) -> None:
     parser.option("--out DIR", "folder of the results and the report; default: PLAN-results")
     parser.option("--jobs N", "number of processes; default: one for each core", whole(1, 1024))
     parser.option("--scheduler tcp://HOST:PORT", "run on a Dask cluster instead", scheduler)
+    part = "fly only the K-th of N parts of the plan, which has every N-th seed; default folder: PLAN-results-K-of-N"
+    parser.option("--shard K/N", part, shard)
+    parser.option("--merge DIR", "fly nothing: take over the results in these folders, and report", nargs="+")
     parser.option("--dry-run", "list the trials, without flying or writing")
     parser.option("--json", "print a JSON object for each trial on stdout")
 
@@ -129,3 +132,12 @@ def scheduler(text: str) -> str:
     if not re.fullmatch(r"(tcp|tls)://\S+:\d{1,5}", text):
         raise ValueError(f"{text!r}: expected an address such as tcp://192.168.1.5:8786")
     return text
+
+
+def shard(text: str) -> tuple[int, int]:
+    """A converter for K/N, with K from 1 to N."""
+    match = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", text)
+    k, n = map(int, match.groups()) if match else (0, 0)
+    if not 1 <= k <= n:
+        raise ValueError(f"{text!r}: expected K/N with K from 1 to N, e.g. 3/100")
+    return k, n
