@@ -8,6 +8,7 @@ The flights are fakes that take no time: all that is measured is what is around 
 
 from __future__ import annotations
 
+import argparse
 import os
 import sqlite3
 import subprocess
@@ -56,7 +57,9 @@ def rows(folder: Path) -> int:
 
 
 def main() -> None:
-    trials = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("trials", type=int, nargs="?", default=100_000)
+    trials = parser.parse_args().trials
     with TemporaryDirectory() as name:
         folder = Path(name)
         plan = folder / "plan.yaml"
