@@ -50,6 +50,8 @@ class Decoder(FrameDecoder):
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
         """The frames completed by `chunk`, or by the end of a false candidate's 100 ms. See FrameDecoder."""
         frames: list[Frame] = []
+        if not chunk and not self._pending:
+            return frames
         given_up = self._pending.feed(chunk, now, lambda data, at: self._scan(data, at, frames))
         self.dropped += given_up  # after the scan, which counts too
         return frames

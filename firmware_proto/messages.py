@@ -79,6 +79,8 @@ class MessageDecoder(StreamDecoder[T]):
     def feed(self, chunk: bytes, now: float) -> list[T]:
         """The messages completed by `chunk`, or by the end of a false candidate's 100 ms. See StreamDecoder."""
         found: list[T] = []
+        if not chunk and not self._pending:
+            return found
         given_up = self._pending.feed(chunk, now, lambda data, at: self._scan(data, at, found))
         self.dropped += given_up  # after the scan, which counts too
         return found

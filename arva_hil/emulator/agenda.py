@@ -41,7 +41,8 @@ class Agenda:
 
     def served(self, vehicle: EmulatedVehicle) -> None:
         """A vehicle has been served."""
-        self._note(self._number[vehicle])
+        if len(self._vehicles) > 1:
+            self._note(self._number[vehicle])
 
     def first(self) -> float:
         """The time at which the first vehicle is due."""

@@ -34,7 +34,7 @@ class Phase(Enum):
     @property
     def active(self) -> bool:
         """Whether messages may be sent."""
-        return self not in (Phase.IDLE, Phase.ENDED, Phase.LOST)
+        return self not in _SILENT
 
     @property
     def to_do(self) -> str:
@@ -47,6 +47,7 @@ class Phase(Enum):
         return fixed + each_metre * max(metres, 0.0)
 
 
+_SILENT: Final = (Phase.IDLE, Phase.ENDED, Phase.LOST)
 _PHASES: Final = {  # what the vehicle has to do, and the time for it: s, and s per metre
     Phase.ARMING: ("arm", math.inf, 0.0),
     Phase.CLIMBING: ("take off", 30.0, 1.0),

@@ -26,4 +26,4 @@ class Simulator:
             if said := vehicle.poll(now):
                 for link in self.links:
                     link.write(said)
-        return min(vehicle.next_due for vehicle in self.vehicles)
+        return min([vehicle.next_due for vehicle in self.vehicles])

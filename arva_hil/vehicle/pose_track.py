@@ -45,9 +45,11 @@ class ClockMap:
     def add(self, host: float, boot: float) -> None:
         """Add a sample; both times in seconds."""
         offset = host - boot
+        samples = self._samples
+        if host == self._newest and samples and samples[-1] == (host, offset):
+            return  # another message of the same instant
         if self._first is None:
             self._first = host, boot
-        samples = self._samples
         if _STALL_S < (silence := host - self._newest) <= _LONGEST_STALL_S:
             samples = self._samples = deque((at + silence - _STALL_S, least) for at, least in samples)
         if host > self._newest:

@@ -64,10 +64,11 @@ class Recorder(GrowingFiles):
                 pending += (",".join(COLUMNS) + "\n").encode()
 
     def observe(self, event: Event) -> None:
-        self._pending[EVENTS] += self._events.of(event)
-        if isinstance(event, PacketsReceived):
+        if isinstance(event, PacketsReceived):  # most are, and they have no line in events.jsonl
             self._on_packets(event)
-        elif isinstance(event, FrameMade):
+            return
+        self._pending[EVENTS] += self._events.of(event)
+        if isinstance(event, FrameMade):
             self._on_frame(event)
         elif isinstance(event, BytesSent):
             pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, FRAMES)]
