@@ -20,7 +20,7 @@ from arva_hil.config import Scenario, parse
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission import SearchPlan
+from arva_hil.search.plan import SearchPlan
 from arva_hil.simulated.closed_fleet import ClosedFleet, several
 
 LIMIT_S = 900.0

@@ -11,8 +11,8 @@ from arva_hil.links import memory
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission import SearchPlan
 from arva_hil.search.outcome import SearchStep
+from arva_hil.search.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 
 _STREAM_HZ: Final = 10.0  # of the pose; the vehicle's streams are most of the cost of a flight
@@ -31,6 +31,9 @@ class Trial:
     wind: tuple[float, float, float] = (0.0, 0.0, 0.0)  # NED, m/s
     gps_noise_m: float = 0.0  # sigma on each axis of the reported position's slow error
     limit_s: float = 900.0  # of the search, then it lands
+    victims: int | None = 1  # how many are searched for; None: all
+    area: tuple[float, float, float, float] = (-50.0, -50.0, 50.0, 50.0)  # south, west, north, east of home, m
+    strip_width_m: float = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +41,7 @@ class Result:
     """The result of a trial. The errors are None if nothing was found.
 
     They are horizontal distances from the true transmitter: `error_m` to the place reported, `hover_m` to the true
-    place of the hovering vehicle.
+    place of the hovering vehicle; of several transmitters the largest and the last one's.
     """
 
     outcome: str  # "found", or why not
@@ -61,6 +64,9 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] = lambda _: None) -> Res
         height=trial.height_m,
         take_off=trial.take_off_m,
         limit_s=trial.limit_s,
+        victims=trial.victims,
+        area=trial.area,
+        strip_width=trial.strip_width_m,
     )
     loop = ClosedLoop(
         trial.scenario,

@@ -17,6 +17,8 @@ from arva_hil.cli import common, search, search_report
 from arva_hil.cli.outcome import FAILED, NO_LINK, Failure, UsageError
 from arva_hil.cli.search_report import PICTURE
 from arva_hil.cli.terminal import tell
+from arva_hil.cli.victims_report import name as name_of
+from arva_hil.config import Scenario
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
 from arva_hil.observers.record.layout import FILES
@@ -95,6 +97,7 @@ def main(options: argparse.Namespace) -> int:
     if not options.record:
         options.record = str(new_folder())
         tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")
+    check_victims(options, chosen)
     refuse_search(Path(options.record))  # before the emulator begins its record in this folder
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
@@ -140,8 +143,18 @@ def main(options: argparse.Namespace) -> int:
     return code
 
 
+def check_victims(options: argparse.Namespace, chosen: Scenario) -> None:
+    """Raise UsageError when more are searched for than there are."""
+    count = len(chosen.transmitters)
+    if options.victims != "all" and options.victims > count:
+        there = "is one transmitter" if count == 1 else f"are {count} transmitters"
+        raise UsageError(f"--victims {options.victims}: there {there} in {chosen.source or 'the scenario'}")
+
+
 def _errors(loop: ClosedLoop, now: float) -> list[str]:
     """The errors of the search against the simulator's truth, in words."""
+    if loop.several:
+        return [f"{name_of(victim.id)} is {metres:.2f} m from there" for victim, metres in loop.errors().items()]
     error, off = loop.error(), loop.off(now)
     if error is None or off is None:
         return []

@@ -70,6 +70,8 @@ def fly(options: argparse.Namespace, base: Scenario) -> int:
 
 
 def _check(options: argparse.Namespace, base: Scenario) -> None:
+    if options.victims != 1:
+        raise UsageError("--victims: several drones share the transmitters, one each: leave it out")
     if options.count is not None and base.vehicles and options.count != len(base.vehicles):
         raise UsageError(f"--count {options.count}: {base.source} has {len(base.vehicles)} vehicles: leave it out")
     if base.navigation_error:

@@ -34,9 +34,9 @@ from arva_hil.registry import FORMATS, STRATEGIES
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.mission import SearchPlan
 from arva_hil.search.outcome import SearchStep
 from arva_hil.search.permission import Permission
+from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strips import Strips
 from arva_hil.vehicle.session import Session
 from firmware_proto import INNER
@@ -63,6 +63,7 @@ def plan_of(options: argparse.Namespace) -> SearchPlan:
         strip_width=options.strip_width,
         patience_s=options.patience,
         limit_s=options.limit,
+        victims=None if options.victims == "all" else options.victims,
         mount=Mount(options.mount[:3], from_euler(*map(math.radians, options.mount[3:]))),
     )
 
@@ -132,6 +133,7 @@ def main(options: argparse.Namespace) -> int:
             dry_run=options.dry_run,
             emit=emit,
             log=rows_to(printer, log),
+            host=getattr(FORMATS[options.format], "host", None),
         )
 
         def over() -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from arva_hil import __version__
+from arva_hil.cli.victims_report import name, victims_as_dicts, victims_found, where
 from arva_hil.events import Event
 from arva_hil.observers.record import RecordError
 from arva_hil.observers.record.search_log import TRACK, SearchLog
@@ -36,9 +37,10 @@ def close_log(
     except RecordError as error:
         return [f"error: {error}"]
     picture = log.folder / PICTURE
-    track = Track("search", log.rows, outcome.found and (outcome.found.north, outcome.found.east))
+    tracks = [Track("search", log.rows, outcome.found and outcome.found[:2])]
+    tracks += [Track("search", [], victim.found[:2]) for victim in outcome.victims[1:]]
     try:
-        draw_search(picture, [track], truth or {}, outcome.id)
+        draw_search(picture, tracks, truth or {}, outcome.id)
     except ImportError:
         return [f"log: {log.folder / TRACK}; for a picture: pip install 'arva-hil[plots]'"]
     except OSError as error:
@@ -49,26 +51,27 @@ def close_log(
 def result(outcome: Outcome) -> list[str]:
     """How it ended, for a person."""
     found = outcome.found
-    if found is None:
-        first = f"{outcome.how}; nothing found" if outcome.frames and outcome.kind == "failed" else outcome.how
+    if outcome.wanted != 1:
+        lines = victims_found(outcome)
+    elif found is None:
+        lines = [f"{outcome.how}; nothing found" if outcome.frames and outcome.kind == "failed" else outcome.how]
     else:
-        sigma = f" ± {found.sigma:.1f} m" if found.sigma is not None else ""
-        place = f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point"
-        first = f"found {_name(outcome.id)}: {place}{sigma}"
+        place = where(found)
+        first = f"found {name(outcome.id)}: {place}"
         if outcome.kind == "not sure":
-            first = f"{outcome.how}, {_name(outcome.id)} at {place}"
+            first = f"{outcome.how}, {name(outcome.id)} at {place}"
         elif outcome.how != FOUND:
             first += f", but {outcome.how}"
-    lines = [first]
-    if outcome.lat_lon:
+        lines = [first]
+    if outcome.lat_lon and outcome.wanted == 1:
         lat, lon = outcome.lat_lon
         lines.append(f"it lies at {lat:.7f}, {lon:.7f}")
     if outcome.frames:
         lines.append(f"searched {outcome.time_s:.0f} s, flew {outcome.path_m:.0f} m, frames: {outcome.frames}")
     for id_, heard in outcome.others:
         north, east = heard.nearest_at
-        where = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
-        lines.append(f"{_name(id_)} was heard and not found; nearest, {heard.nearest_m:.1f} m away, at {where}")
+        there = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
+        lines.append(f"{name(id_)} was heard and not found; nearest, {heard.nearest_m:.1f} m away, at {there}")
     return lines
 
 
@@ -88,13 +91,11 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
             {"id": None if id_ == NO_ID else id_, "nearest_m": heard.nearest_m, "nearest_at": heard.nearest_at}
             for id_, heard in outcome.others
         ],
+        "wanted": outcome.wanted,
+        "victims": victims_as_dicts(outcome),
     }
 
 
 def would_order(planned: Iterable[Event]) -> list[dict[str, Any]]:
     """The orders of a dry run, for a program: those of `WouldOrder` and `SetPointPlanned`, with their fields."""
     return [{"order": "SET_POSITION_TARGET_LOCAL_NED", **vars(event)} for event in planned]
-
-
-def _name(id_: int | None) -> str:
-    return "a transmitter" if id_ in (None, NO_ID) else f"transmitter {id_}"

@@ -207,12 +207,62 @@ class BeliefChanged(TransmitterEvent):
 
 
 class PlaceFound(TransmitterEvent):
-    """The search ends above this place. `covariance`: as above. `sure`: the readings agree with it."""
+    """The search ends above this place, or notes it. `covariance`: as above. `sure`: the readings agree with it."""
 
     north_m: float
     east_m: float
     covariance: tuple[float, float, float] | None
     sure: bool
+
+
+class VictimNoted(TransmitterEvent):
+    """A search for several transmitters has noted one, the `number`-th of `wanted` (None: of all).
+
+    `marked`: by the receiver. `left`: how many more are heard, None if frames carry no ids; `more`: the receiver hears
+    more than it shows.
+    """
+
+    number: int
+    wanted: int | None
+    north_m: float
+    east_m: float
+    sure: bool
+    marked: bool
+    left: int | None
+    more: bool
+
+
+class VictimAgain(TransmitterEvent):
+    """The search was led back to the victim of this `number`, `apart_m` from the place noted. It is marked again."""
+
+    number: int
+    apart_m: float
+
+
+class PlaceDoubted(TransmitterEvent):
+    """The readings do not agree with this place, which a search for several looks for once more."""
+
+    north_m: float
+    east_m: float
+
+
+class ReceiverKnown(SearchEvent):
+    """The receiver has said what it is. `channels`: None if it did not say."""
+
+    text: str
+    channels: int | None
+
+
+class MarksNotTaken(SearchEvent):
+    """The receiver marks nobody, so that victims are only noted. `answer`: its answer, or "no answer"."""
+
+    answer: str
+
+
+class MarkLost(TransmitterEvent):
+    """The receiver has lost the mark of the victim of this `number`. It is passed by all the same."""
+
+    number: int
 
 
 class DescentBegun(SearchEvent):

@@ -16,8 +16,10 @@ from arva_hil.flight.state import Phase
 from arva_hil.observers.console.reasons import no_pose
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground
-from arva_hil.search.mission import Mission, SearchPlan
+from arva_hil.search.mission import Mission
 from arva_hil.search.outcome import SearchStep, lla
+from arva_hil.search.plan import SearchPlan
+from arva_hil.search.receiver_host import ReceiverHost
 from arva_hil.search.strategy import Position
 from arva_hil.search.team import Teammate
 from arva_hil.vehicle.pose_track import VehicleState
@@ -32,6 +34,7 @@ class Flight:
     """One flight from its take-off point on. `mission` begins at the end of the take-off.
 
     `land`: whether it lands at the end, else it hovers. `log` gets a row for each step. `team`: the other searches.
+    `host`: commands to the receiver.
     """
 
     def __init__(
@@ -45,6 +48,7 @@ class Flight:
         land: bool,
         log: Callable[[SearchStep], None],
         team: Teammate | None = None,
+        host: ReceiverHost | None = None,
     ) -> None:
         self.mission: Mission | None = None
         self.origin: LocalFrame | None = None  # the take-off point
@@ -56,6 +60,7 @@ class Flight:
         self._land = land
         self._log = log
         self._team = team
+        self._host = host
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
         self._skipped_s = 0.0  # in gaps, which do not count for the mission
@@ -107,6 +112,7 @@ class Flight:
                     land=self._land,
                     emit=self._tell_in_time,
                     team=self._team,
+                    host=self._host,
                 )
                 self._session.news.emit(SearchBegun(now, -position[2]))
             receiver, _ = self._plan.mount.pose(state.position, state.attitude)

@@ -20,16 +20,18 @@ from arva_hil.observers.console.reasons import left_alone
 from arva_hil.runtime.clock import Clock
 from arva_hil.search.airborne import Flight
 from arva_hil.search.autopilot_link import AutopilotLink
+from arva_hil.search.conclusion import conclusion, kind_of, outcome_of
 from arva_hil.search.dry_run import DryRun
 from arva_hil.search.ground import Ground
-from arva_hil.search.mission import FOUND, NOT_SURE, Mission, SearchPlan
-from arva_hil.search.outcome import Kind, Outcome, SearchStep, lla
+from arva_hil.search.mission import Mission
+from arva_hil.search.outcome import Kind, Outcome, SearchStep
 from arva_hil.search.permission import Permission
+from arva_hil.search.plan import SearchPlan
 from arva_hil.search.preflight import INTERRUPTED, Preflight
 from arva_hil.search.receiver_link import ReceiverLink
 from arva_hil.search.team import Teammate
 from arva_hil.vehicle.session import Session
-from firmware_proto import FrameDecoder
+from firmware_proto import FrameDecoder, HostForm
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is computer 1, a listener computer 2
 
@@ -49,7 +51,7 @@ class SearchClient:
     `land`: whether it lands at the end, else it hovers. `timeout_s`: from `start` until everything is ready for the
     flight. `permission`: to arm this vehicle; None if all vehicles are simulated. `countdown_s`: before it is armed.
     `dry_run`: nothing is armed, and the orders are only reported. `emit` gets the events, `log` five rows a second.
-    `team`: the other searches, if there are several.
+    `team`: the other searches, if there are several. `host`: the form of commands to the receiver, if it takes any.
     `outcome`: None until the end, when the vehicle has landed or is left hovering.
     """
 
@@ -72,11 +74,12 @@ class SearchClient:
         emit: Callable[[Event], None] = lambda _: None,
         log: Callable[[SearchStep], None] = lambda _: None,
         team: Teammate | None = None,
+        host: HostForm | None = None,
     ) -> None:
         self.outcome: Outcome | None = None
         self._session = session
         self._line = AutopilotLink(autopilot, start, hear=self._hear, anew=self._begin_anew)
-        self._receiver = ReceiverLink(receiver, decoder, session.news.emit)
+        self._receiver = ReceiverLink(receiver, decoder, session.news.emit, host)
         self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=arm_timeout_s)
         self._preflight = Preflight(
             session,
@@ -90,7 +93,8 @@ class SearchClient:
             countdown_s=0.0 if dry_run else countdown_s,
         )
         self._ground = Ground(session, trust_gps=plan.trust_gps)
-        self._flight = Flight(plan, session, self._commander, self._ground, start=start, land=land, log=log, team=team)
+        flown = plan, session, self._commander, self._ground
+        self._flight = Flight(*flown, start=start, land=land, log=log, team=team, host=self._receiver.host)
         self._dry_run: DryRun | None = None
         if dry_run:
             self._dry_run = DryRun(
@@ -243,10 +247,8 @@ class SearchClient:
             self._finish("failed", INTERRUPTED)
         elif self._commander.why or mission is None:
             self._finish("failed", self._commander.why)
-        elif mission.found is not None:
-            self._finish(_kind(mission), FOUND if mission.sure else NOT_SURE)
         else:
-            self._finish("failed" if mission.broken else "not found", mission.ended)
+            self._finish(*conclusion(mission))
 
     def _conclude_lost(self) -> None:
         """End after a loss of control: the pilot has the vehicle, or nobody has it, which is a failure."""
@@ -255,7 +257,7 @@ class SearchClient:
         if commander.handed_over:
             slow_s = self.mission.slow_s if self.mission else 0.0
             slow = f"; the strategy took {slow_s:.1f} s to answer" if slow_s else ""
-            self._finish(_kind(self.mission), commander.why + slow)
+            self._finish(kind_of(self.mission), commander.why + slow)
         elif not self._session.vehicle.armed:
             self._finish("failed", commander.why)
         elif commander.lands_by_itself:
@@ -282,19 +284,4 @@ class SearchClient:
         if self.outcome is not None:
             return
         self._flight.leave(self._now_s, flying=bool(self._session.vehicle and self._session.vehicle.armed))
-        if mission is None:
-            self.outcome = Outcome(kind, how)
-            return
-        found, lat_lon, origin = mission.found, None, None
-        if self.origin is not None:
-            origin = lla(self.origin, 0.0, 0.0, 0.0)
-            lat_lon = None if found is None else lla(self.origin, found.north, found.east, found.down or 0.0)[:2]
-        flown, others = (mission.searched_s, mission.path_m, mission.frames), tuple(mission.others.items())
-        self.outcome = Outcome(kind, how, mission.target, found, lat_lon, origin, *flown, others)
-
-
-def _kind(mission: Mission | None) -> Kind:
-    """The kind of outcome for a place that is reported."""
-    if mission is None or mission.found is None:
-        return "failed"
-    return "found" if mission.sure else "not sure"
+        self.outcome = outcome_of(mission, self.origin, kind, how) if mission else Outcome(kind, how)

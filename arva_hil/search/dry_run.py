@@ -16,8 +16,9 @@ from arva_hil.flight.state import EVERY_S
 from arva_hil.search.airborne import STAY, reading_of
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground, Height
-from arva_hil.search.mission import Mission, SearchPlan
+from arva_hil.search.mission import Mission
 from arva_hil.search.outcome import Refusal, SearchStep
+from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strategy import Position
 from arva_hil.vehicle.modes import Modes, modes_of
 from arva_hil.vehicle.pose_track import PositionSample

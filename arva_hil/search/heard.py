@@ -9,7 +9,7 @@ from typing import Final
 
 from arva_hil.search.agreement import Evidence
 from arva_hil.search.strategy import Observation
-from firmware_proto import Channel, Frame
+from firmware_proto import MORE_TRANSMITTERS, OVERLAP, Channel, Frame
 
 NO_ID: Final = -1  # in place of an id, if the frames have none
 _REMEMBERED: Final = 256  # observations of each transmitter
@@ -47,3 +47,9 @@ def nearest(frame: Frame) -> dict[int, Channel]:
         if channel.valid:
             best.setdefault(NO_ID if channel.id is None else channel.id, channel)
     return best
+
+
+def hidden(frame: Frame, id_: int | None) -> bool:
+    """Whether a transmitter may be heard though the frame has no reading of it: others are in its way."""
+    more = frame.status & (OVERLAP | MORE_TRANSMITTERS) or all(channel.valid for channel in frame.channels)
+    return bool(more) or any(channel.id == id_ for channel in frame.channels)

@@ -1,80 +1,51 @@
 """A search from the end of the take-off on: velocities from frames and poses, without bytes or links.
 
-Before the first signal it flies strips. Then a strategy flies to one transmitter, the nearest that is heard.
+Before the first signal it flies strips. Then a strategy flies to one transmitter, the nearest that is heard. If more
+than one is searched for, each place is noted and marked, and the search goes on from there at the same height.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.events import Event
-from arva_hil.events.searches import (
-    DescentBegun,
-    SearchPaused,
-    SearchResumed,
-    StrategySlow,
-    TransmitterChosen,
-    TransmitterFaded,
-    TransmitterHeard,
-)
-from arva_hil.field.mount import Mount
+from arva_hil.events.searches import DescentBegun, StrategySlow
 from arva_hil.search.beliefs import Beliefs
+from arva_hil.search.choice import Choice
 from arva_hil.search.ground import Height
-from arva_hil.search.heard import NO_ID, HeardTransmitter, id_of, nearest
+from arva_hil.search.heard import NO_ID, HeardTransmitter, hidden, id_of, nearest
 from arva_hil.search.height import Descent, HeightKeeper
-from arva_hil.search.reading_checks import StuckReadings
-from arva_hil.search.strategy import STILL, Found, Observation, Position, Strategy, Velocity, towards
+from arva_hil.search.pauses import Pauses
+from arva_hil.search.plan import SearchPlan
+from arva_hil.search.receiver_host import ReceiverHost
+from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.search.strategy_checks import OFTEN, SLOW_S, checked_found, checked_velocity, failed, too_slow
 from arva_hil.search.strips import Strips
 from arva_hil.search.team import Teammate
+from arva_hil.search.victims import Victim, Victims
 from firmware_proto import INNER, Frame
 
 FOUND: Final = "found"  # the outcome of a successful search
 NOT_SURE: Final = "not sure: the readings do not agree with the place reported"
 
-_SILENT_S: Final = 2.0  # without a frame: the receiver does not work, hover
-_NEARER: Final = 0.7  # another transmitter is chosen only if it is nearer by this factor
-_DEAF_S: Final = 60.0  # without a signal of the transmitter, before strips are flown again
-_MOST_HEARD: Final = 16  # transmitters
 _THERE_M: Final = 0.5  # from the place found
 _APPROACH_M_S: Final = 1.0  # the highest speed in the descent
 _AWAY_M: Final = 100.0  # from area and take-off point: a farther place ends the search
 
 
-@dataclass(frozen=True)
-class SearchPlan:
-    """The settings of a search. `area`: south, west, north, east of the take-off point [m].
-
-    `height`: above the ground [m], as far as it is known (`ground.py`); `take_off`: above the take-off point [m].
-    `mount`: the place of the receiver on the vehicle.
-    """
-
-    strategy: Callable[[float], Strategy]
-    speed: float = 1.0  # m/s, horizontal, not exceeded
-    height: float = 3.0  # held
-    take_off: float = 3.0
-    area: tuple[float, float, float, float] = (-50.0, -50.0, 50.0, 50.0)
-    strip_width: float = 40.0
-    patience_s: float = 10.0  # without frames, hovering, before it ends
-    limit_s: float = 900.0  # from the end of the take-off
-    mount: Mount = field(default_factory=Mount)
-    trust_gps: bool = False  # hold `height` also if only GPS measures it
-
-
 class Mission:
     """Remembers the transmitters heard and the state of the search. `ended`: how it has ended, "" before; `broken`: it
-    has ended early; `sure`: the readings agree with the place found.
+    has ended early; `sure`: the readings agree with the places found; `victims`: those of several.
 
     Places are NED metres from the take-off point. `start_s`: the end of the take-off. `land`: after the search it
     descends onto the place found, until `over`, when only the landing or hovering is left. `emit` gets the events.
-    `team`: the other searches; a transmitter that is theirs is passed by.
+    `team`: the other searches; a transmitter that is theirs is passed by. `host`: commands to the receiver.
     """
 
     def __init__(
@@ -86,27 +57,24 @@ class Mission:
         land: bool = False,
         emit: Callable[[Event], None] = lambda _: None,
         team: Teammate | None = None,
+        host: ReceiverHost | None = None,
     ) -> None:
         self.plan = plan
         self.start_s = start_s
         self.ended = ""
         self.broken = False
-        self.target: int | None = None  # the id or NO_ID; None before the first signal
-        self.found: Found | None = None  # the search ends above this place
+        self.found: Found | None = None  # it flies above this place, to end there or to note it
         self.sure = True
-        self.heard: dict[int, HeardTransmitter] = {}
         self.position = position  # the last one used
         self.searched_s = 0.0
         self.path_m = 0.0
         self.frames = 0
         self._strips = Strips(plan.area, plan.speed, position, width=plan.strip_width)
-        self._strategy: Strategy | None = None
         self._slow = 0  # how often the strategy took too long,
         self.slow_s = 0.0  # and how long the last time
-        self._last_frame_s = start_s
-        self._hovering: Literal["no frame", "same readings"] | None = None  # why
-        self._hovering_since = start_s
-        self._standstill = StuckReadings()
+        self._pauses = Pauses(start_s, plan.patience_s, emit)
+        self.victims = Victims(plan.victims, host, emit)
+        self._choice = Choice(lambda: plan.strategy(plan.speed), self._passes, emit)
         self._keeper = HeightKeeper(plan.height, emit)
         self._descent: Descent | None = None
         self._land = land
@@ -117,18 +85,22 @@ class Mission:
     def hear(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
         """Use a new frame and the receiver's pose at its arrival: position NED, and the matrix receiver FRD → NED."""
         self.frames += 1
-        self._last_frame_s = time_s
-        self._standstill.hear(frame, position, time_s)
-        if self._standstill.old:
-            return  # it repeats a reading from another place
-        channels = nearest(frame)
-        for id_, channel in channels.items():
-            self._note(id_, Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER))
+        if not self._pauses.hear(frame, position, time_s):
+            return
+        channels = {}
+        for id_, channel in nearest(frame).items():
+            o = Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER)
+            if id_ != NO_ID or not self.victims.explain(o):
+                channels[id_] = channel
+                self._choice.note(id_, o)
+        if self.victims.several:
+            self.victims.hear(frame, time_s)
         if not self.ended and self.found is None:
             with self._failing():
-                self._choose(channels.keys(), time_s)
-                self._observe(channels.keys(), Observation(time_s, position, rotation, -1, -1, False))
-                self._beliefs.look(time_s, id_of(self.target), self._strategy)
+                self._choice.choose(channels.keys(), time_s)
+                nothing = Observation(time_s, position, rotation, -1, -1, False)
+                self._observe(channels.keys(), nothing, masked=self.victims.several and hidden(frame, self.target))
+                self._beliefs.look(time_s, id_of(self.target), self._choice.strategy)
 
     def fly(
         self, time_s: float, position: Position, *, receiver: Position | None = None, height: Height | None = None
@@ -142,6 +114,8 @@ class Mission:
             self.searched_s = time_s - self.start_s
         self.path_m += math.hypot(position[0] - self.position[0], position[1] - self.position[1])
         self.position = position
+        if self.victims.several:
+            self.victims.serve(time_s)
         height = height or Height(-position[2], False)
         if self.ended and self.found is not None and self._land:
             return self._come_down(self.found, time_s, position, height)
@@ -153,7 +127,7 @@ class Mission:
 
     def took(self, seconds: float, time_s: float) -> None:
         """The strategy took this long to answer, until `time_s`. A pause of the computer looks the same."""
-        if seconds <= SLOW_S or self._strategy is None or self.ended or self.found is not None:
+        if seconds <= SLOW_S or not self.hunting or self.ended or self.found is not None:
             return
         self._slow += 1
         self.slow_s = seconds
@@ -170,11 +144,23 @@ class Mission:
     @property
     def hunting(self) -> bool:
         """Whether it flies to a transmitter; otherwise it flies strips."""
-        return self._strategy is not None
+        return self._choice.strategy is not None
+
+    @property
+    def target(self) -> int | None:
+        """The id of the transmitter it flies to, or NO_ID; None before the first signal."""
+        return self._choice.target
+
+    @property
+    def heard(self) -> Mapping[int, HeardTransmitter]:
+        """What is known of each transmitter heard."""
+        return self._choice.heard
 
     @property
     def others(self) -> dict[int, HeardTransmitter]:
         """The transmitters that were heard and not found."""
+        if self.victims.several:
+            return {id_: heard for id_, heard in self.heard.items() if not self.victims.knows(id_)}
         return {id_: heard for id_, heard in self.heard.items() if self.found is None or id_ != self.target}
 
     def _come_down(self, found: Found, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
@@ -190,43 +176,69 @@ class Mission:
         if self._away(position):
             return self._end(f"it is more than {_AWAY_M:g} m outside the area", broken=True)
         if self.found is not None:
-            return self._go_there(self.found, position)
-        silent = time_s - self._last_frame_s
-        if silent > self.plan.patience_s:
-            return self._end(f"no frame from the receiver for {self.plan.patience_s:g} s", broken=True)
+            return self._go_there(self.found, time_s, position)
+        if silent := self._pauses.silent(time_s):
+            return self._end(silent, broken=True)
         if self.searched_s > self.plan.limit_s:
-            return self._end(f"not found in {self.plan.limit_s:g} s")
-        if self._waits(time_s, silent):
+            return self._end(self._not_all(f"in {self.plan.limit_s:g} s", f"not found in {self.plan.limit_s:g} s"))
+        if self._pauses.waits(time_s):
+            if stuck := self._pauses.stuck(time_s):
+                self._end(stuck, broken=True)
             return STILL
-        if self._strategy is not None:
+        if (strategy := self._choice.strategy) is not None:
+            if self.victims.several and self.victims.put_aside(self.target, self._choice.since_s, time_s):
+                return self._go_on(position)
             with self._failing():
-                return checked_velocity(self._strategy.velocity(time_s, receiver))
+                return checked_velocity(strategy.velocity(time_s, receiver))
             return STILL
         velocity = self._strips.velocity(time_s, receiver)
-        if self._strips.exhausted:
-            return self._end("no signal: all strips are flown")
-        return velocity
-
-    def _waits(self, time_s: float, silent: float) -> bool:
-        """Whether it hovers because the receiver does not work."""
-        before, stuck = self._hovering, self._standstill.stuck
-        why: Literal["no frame", "same readings"] | None
-        self._hovering = why = "no frame" if silent > _SILENT_S else "same readings" if stuck else None
-        if why and why != before:
-            self._hovering_since = time_s
-            self._emit(SearchPaused(time_s, why, _SILENT_S, round(self._standstill.moved_m, 1)))
-        elif before and not why:
-            self._emit(SearchResumed(time_s, before))
-        if why == "same readings" and time_s - self._hovering_since > self.plan.patience_s:
-            self._end("the receiver repeats the same reading: it is stuck", broken=True)
-        return why is not None
-
-    def _go_there(self, found: Found, position: Position) -> Velocity:
-        """If it lands, it lands at the place found."""
-        place = (found.north, found.east)
-        if math.dist(position[:2], place) < _THERE_M or self.searched_s > self.plan.limit_s:
+        if not self._strips.exhausted:
+            return velocity
+        if self.victims.several and self.victims.back():
+            self._strips.again()
+            return STILL
+        if self.victims.wanted is None and self.victims.places and not self.others:
             return self._end(FOUND if self.sure else NOT_SURE)
-        return towards(position, place, self.plan.speed)
+        return self._end(self._not_all("on all strips", "no signal: all strips are flown"))
+
+    def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
+        """If it lands, it lands at the place found."""
+        place, late = (found.north, found.east), self.searched_s > self.plan.limit_s
+        if not late and math.dist(position[:2], place) >= _THERE_M:
+            return towards(position, place, self.plan.speed)
+        if not self.victims.several:
+            return self._end(FOUND if self.sure else NOT_SURE)
+        return self._note_victim(found, time_s, position, late=late)
+
+    def _note_victim(self, found: Found, time_s: float, position: Position, *, late: bool) -> Velocity:
+        """Note the place, wait for the receiver to mark it, and go on to the next."""
+        victims, target = self.victims, self.target
+        assert target is not None
+        if not victims.noting:
+            victims.add(Victim(target, found, self.sure, self.searched_s), self.heard[target].past, time_s)
+        if victims.settling and not late:
+            return STILL
+        if target == NO_ID:
+            self._choice.forget(target)
+        victims.note(self.heard, time_s)
+        self.sure = all(victim.sure for victim in victims.places)
+        if victims.enough:
+            return self._end(FOUND if self.sure else NOT_SURE)
+        return self._go_on(position)
+
+    def _go_on(self, position: Position) -> Velocity:
+        """To the next transmitter, or back to the strips."""
+        self.found = None
+        self._choice.leave()
+        self._strips.resume(position)
+        return STILL
+
+    def _not_all(self, where: str, nothing: str) -> str:
+        """How it ends without all that was searched for."""
+        if not (count := len(self.victims.places)):
+            return nothing
+        wanted, more = self.victims.wanted, len(self.others)
+        return f"{count} of {wanted} found {where}" if wanted else f"{count} found {where}, {more} more heard"
 
     def _bounded(self, velocity: Velocity) -> Velocity:
         """The velocity, limited to the planned speed."""
@@ -238,49 +250,37 @@ class Mission:
         inside = min(south, 0) - _AWAY_M <= position[0] <= max(north, 0) + _AWAY_M
         return not (inside and min(west, 0) - _AWAY_M <= position[1] <= max(east, 0) + _AWAY_M)
 
-    def _note(self, id_: int, observation: Observation) -> None:
-        if id_ not in self.heard:
-            if len(self.heard) >= _MOST_HEARD:
-                return
-            self.heard[id_] = HeardTransmitter()
-            self._emit(TransmitterHeard(observation.time_s, id_of(id_), observation.d_m, *observation.position[:2]))
-        self.heard[id_].add(observation)
+    def _passes(self, id_: int, own: bool) -> bool:
+        """Whether a transmitter is another search's, or found. Without ids nobody knows."""
+        if id_ == NO_ID:
+            return False
+        return self.victims.passes(id_) or (self._team is not None and self._team.taken(id_, own=own))
 
-    def _choose(self, ids: Iterable[int], time_s: float) -> None:
-        """Choose the nearest transmitter, with a margin so that noise does not change the choice."""
-        if self.target is not None and self._strategy is not None and self._is_taken(self.target):
-            self._strategy = self.target = None
-        current = self.heard.get(self.target) if self.target is not None else None
-        if current is not None and self._strategy is not None and time_s - current.last_s > _DEAF_S:
-            self._strategy = None
-            self._emit(TransmitterFaded(time_s, id_of(self.target)))
-        heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard and not self._is_taken(id_)}
-        if not heard:
-            return
-        closest = min(heard, key=lambda id_: heard[id_].last_m)
-        if current is None or self._strategy is None or heard[closest].last_m < _NEARER * current.last_m:
-            if closest != self.target:
-                self._emit(TransmitterChosen(time_s, id_of(closest), heard[closest].last_m))
-            if closest != self.target or self._strategy is None:
-                self.target = closest
-                self._strategy = self.plan.strategy(self.plan.speed)
-                for observation in list(heard[closest].past)[:-1]:
-                    self._strategy.hear(observation)
-
-    def _is_taken(self, id_: int) -> bool:
-        """Whether a transmitter is another search's. Without ids nobody knows."""
-        own = id_ == self.target and self._strategy is not None
-        return self._team is not None and id_ != NO_ID and self._team.taken(id_, own=own)
-
-    def _observe(self, ids: Collection[int], nothing: Observation) -> None:
+    def _observe(self, ids: Collection[int], nothing: Observation, *, masked: bool) -> None:
         """Give the strategy the reading of its transmitter in a frame; `nothing`: for a frame without it."""
-        if self._strategy is None or self.target is None:
+        strategy, target = self._choice.strategy, self.target
+        if strategy is None or target is None:
             return
-        self._strategy.hear(self.heard[self.target].past[-1] if self.target in ids else nothing)
-        if (found := checked_found(self._strategy.found)) is not None:
-            self.found = found
-            self.sure = self._agrees(self.heard[self.target], found)
-            self._beliefs.found(nothing.time_s, id_of(self.target), found, self.sure)
+        if target in ids:
+            strategy.hear(self.heard[target].past[-1])
+        elif not masked:
+            strategy.hear(nothing)
+        if (found := checked_found(strategy.found)) is None:
+            return
+        sure = self._agrees(self.heard[target], found)
+        if self.victims.several and self._repeated(target, found, sure, nothing):
+            return
+        self.found, self.sure = found, sure
+        self._beliefs.found(nothing.time_s, id_of(target), found, sure)
+
+    def _repeated(self, target: int, found: Found, sure: bool, nothing: Observation) -> bool:
+        """Whether a place is one that is found already, or one to be looked for again."""
+        again = self.victims.same(target, found, nothing.time_s)
+        if not again and (sure or not self.victims.doubt(target, found, nothing.time_s)):
+            return False
+        self._choice.forget(target)
+        self._go_on(nothing.position)
+        return True
 
     def _agrees(self, heard: HeardTransmitter, found: Found) -> bool:
         """Whether the readings agree with the place found, with any strategy."""

@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.search.heard import HeardTransmitter
 from arva_hil.search.strategy import Found
+from arva_hil.search.victims import Victim
 
 Kind = Literal["found", "not sure", "not found", "no link", "failed", "refused", "would fly"]
 
@@ -25,7 +26,8 @@ class Outcome:
 
     `kind`: found. Not sure: a place is reported, but the readings do not agree with it. Not found: the whole area was
     searched. No link: one of the two was missing. Refused: the vehicle may not be armed. Would fly: a dry run has
-    ended. Failed: anything else.
+    ended. Failed: anything else. `victims`: of a search for several, the surest place first; it is "found" if all that
+    were asked for are. `found`, `id` and `lat_lon` are then those of the first.
     """
 
     kind: Kind
@@ -38,6 +40,8 @@ class Outcome:
     path_m: float = 0.0
     frames: int = 0
     others: tuple[tuple[int, HeardTransmitter], ...] = ()
+    victims: tuple[Victim, ...] = ()
+    wanted: int | None = 1  # how many were searched for; None: all
 
 
 class SearchStep(NamedTuple):

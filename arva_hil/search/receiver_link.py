@@ -11,7 +11,8 @@ from arva_hil.events.searches import ReceiverGone
 from arva_hil.links import Link, LinkError
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.search.reading_checks import NewFrames
-from firmware_proto import Frame, FrameDecoder
+from arva_hil.search.receiver_host import ReceiverHost
+from firmware_proto import Frame, FrameDecoder, HostForm
 
 _SILENT_S: Final = 2.0  # without a frame: the receiver does not work
 _MOST_READS: Final = 64
@@ -21,10 +22,13 @@ _SHOWN: Final = 16  # bytes shown, if there is no frame in them
 class ReceiverLink:
     """Remembers what came from the receiver's link and when. After it is unplugged it is silent, without an error.
 
-    `emit` gets the events of a link that is lost and comes back. Other kinds of links do not come back.
+    `emit` gets the events of a link that is lost and comes back. Other kinds of links do not come back. `host`: for
+    commands on the same port, None without `form`.
     """
 
-    def __init__(self, link: Link, decoder: FrameDecoder, emit: Callable[[Event], None]) -> None:
+    def __init__(
+        self, link: Link, decoder: FrameDecoder, emit: Callable[[Event], None], form: HostForm | None = None
+    ) -> None:
         self.links: Sequence[Link] = [link]  # to wait for; empty if the link is gone
         self.last: Frame | None = None
         self._link = link
@@ -34,6 +38,7 @@ class ReceiverLink:
         self._last_s = -math.inf
         self._first_bytes = b""
         self._fresh = NewFrames()
+        self.host = ReceiverHost(form, self._write) if form else None
 
     @property
     def name(self) -> str:
@@ -81,4 +86,12 @@ class ReceiverLink:
             return b""
         for event in self._monitor.look(now):
             self._emit(event)
+        if self.host:
+            self.host.hear(chunk, now)
         return chunk
+
+    def _write(self, data: bytes) -> bool:
+        try:
+            return bool(self.links) and self._link.write(data)
+        except LinkError:  # the next read says so
+            return False

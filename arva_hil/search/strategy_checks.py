@@ -15,7 +15,7 @@ SLOW_S: Final = 1.0  # for one answer: no set-point is sent meanwhile, and PX4 w
 OFTEN: Final = 2  # times as slow: then it is the strategy, not a pause of the computer
 
 _CURE: Final = "mend it, and fly it in arva-hil demo first"
-_CALLER: Final = Path(__file__).with_name("mission.py")
+_CALLERS: Final = [Path(__file__).with_name(name) for name in ("mission.py", "choice.py")]
 _MOST: Final = 200  # characters of the strategy's error
 
 
@@ -85,6 +85,6 @@ def _shown(thing: Any) -> str:
 def _where(error: BaseException) -> str:
     """The last line that was run in the file of the strategy."""
     frames = traceback.extract_tb(error.__traceback__)
-    file = next((frame.filename for frame in frames if Path(frame.filename) != _CALLER), "")
+    file = next((frame.filename for frame in frames if Path(frame.filename) not in _CALLERS), "")
     lines = [frame.lineno for frame in frames if frame.filename == file]
     return f" ({Path(file).name}:{lines[-1]})" if lines else ""

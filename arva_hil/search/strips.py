@@ -26,6 +26,7 @@ class Strips:
         self.lanes = _lanes(area, width, position)
         self._speed = speed
         self._next = 0
+        self._back: tuple[float, float] | None = None  # where a lane is joined again
 
     @property
     def exhausted(self) -> bool:
@@ -34,9 +35,26 @@ class Strips:
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
         """The velocity to the next end of a lane; STILL after the last one."""
+        if self._back and math.dist(position[:2], self._back) >= _REACHED_M:
+            return towards(position, self._back, self._speed)
+        self._back = None
         while not self.exhausted and math.dist(position[:2], self.lanes[self._next]) < _REACHED_M:
             self._next += 1
         return STILL if self.exhausted else towards(position, self.lanes[self._next], self._speed)
+
+    def resume(self, position: Position) -> None:
+        """Go on from `position`: the lane that was left is joined again at its point nearest to there."""
+        self._back = None
+        if self.exhausted or self._next % 2 == 0:
+            return
+        (a_n, a_e), (b_n, b_e) = self.lanes[self._next - 1 : self._next + 1]
+        along = (position[0] - a_n) * (b_n - a_n) + (position[1] - a_e) * (b_e - a_e)
+        share = min(max(along / math.dist((a_n, a_e), (b_n, b_e)) ** 2, 0.0), 1.0)
+        self._back = a_n + share * (b_n - a_n), a_e + share * (b_e - a_e)
+
+    def again(self) -> None:
+        """From the first lane on."""
+        self._next, self._back = 0, None
 
 
 def _lanes(area: Area, width: float, position: Position) -> list[tuple[float, float]]:

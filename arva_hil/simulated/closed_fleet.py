@@ -17,7 +17,7 @@ from arva_hil.observers.audience import Audience, Observer
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.drivers import Live
 from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.mission import SearchPlan
+from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strips import Area
 from arva_hil.search.team import Bus, divide, layer_m
 from arva_hil.simulated.closed_loop import HOME

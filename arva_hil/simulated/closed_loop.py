@@ -16,8 +16,9 @@ from arva_hil.observers.audience import Audience, Observer
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.drivers import Live
 from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.mission import SearchPlan
 from arva_hil.search.outcome import SearchStep
+from arva_hil.search.plan import SearchPlan
+from arva_hil.search.victims import Victim
 from arva_hil.simulated.messages import SENSORS
 from arva_hil.simulated.multirotor import Vector
 from arva_hil.simulated.simulator import Simulator
@@ -77,6 +78,7 @@ class ClosedLoop:
             start=start,
             emit=lambda event: audience.tell([FromSearch(event.time_s, event)]),
             log=log,
+            host=getattr(FORMATS[format], "host", None),
         )
         self.tasks: list[Simulator | Live | SearchClient] = [
             Simulator([self.vehicle], [autopilot[1], commands[1]]),
@@ -89,6 +91,11 @@ class ClosedLoop:
         """The search has ended, though the vehicle may still be in the air."""
         mission = self.search.mission
         return self.search.outcome is not None or (mission is not None and bool(mission.ended))
+
+    @property
+    def several(self) -> bool:
+        """Whether more than one transmitter is searched for."""
+        return self.search.mission is not None and self.search.mission.victims.several
 
     def truth(self) -> dict[int, tuple[float, float]]:
         """Where the transmitters truly are at the newest frame: north and east of the place where the search believes
@@ -110,9 +117,25 @@ class ClosedLoop:
         return self.distance((north, east))
 
     def error(self) -> float | None:
-        """Horizontal distance [m] from the place reported to the transmitter searched for; None: none is reported."""
+        """Horizontal distance [m] from the place reported to the transmitter searched for; None: none is reported.
+
+        Of several the largest.
+        """
+        if self.several:
+            return max(self.errors().values(), default=None)
         found = self.search.mission.found if self.search.mission else None
         return None if found is None else self.distance((found.north, found.east))
+
+    def errors(self) -> dict[Victim, float]:
+        """The same for each place that a search for several reports. No transmitter is counted twice."""
+        left, found = self.truth() if self.search.origin else {}, dict[Victim, float]()
+        for victim in self.search.mission.victims.places if self.search.mission else ():
+            place = victim.found[:2]
+            id_ = (
+                victim.id if victim.id in left else min(left, key=lambda id_: math.dist(place, left[id_]), default=None)
+            )
+            found[victim] = math.inf if id_ is None else math.dist(place, left.pop(id_))
+        return found
 
     def distance(self, place: tuple[float, float]) -> float | None:
         """From a place to the transmitter searched for, m, horizontally; the nearest one when frames carry no ids."""

@@ -82,6 +82,46 @@ def test_of_two_victims_the_nearer_is_found_and_the_other_reported(arva: Arva, t
     assert other["id"] == 8
 
 
+def test_two_victims_are_found_one_after_the_other_and_listed(arva: Arva, tmp_path: Path) -> None:
+    two = scenario(tmp_path, (7, 12.0, -4.0), (8, -10.0, 10.0))
+    code, _, err = arva(*MAX, "--scenario", two, "--victims", 2, "--record", tmp_path / "record")
+    assert code == 0, err
+    lines = err.splitlines()
+    at = lines.index("found 2 of 2")
+    assert lines[at + 1] == "order of probing, the surest place first:"
+    places = [
+        re.match(r"([12])\. transmitter ([78]): .* m below the take-off point, marked by the receiver", line)
+        for line in (lines[at + 2], lines[at + 4])
+    ]
+    assert [place and place[1] for place in places] == ["1", "2"]
+    off = {id_: float(metres) for id_, metres in re.findall(r"^transmitter (\d) is ([\d.]+) m from there$", err, re.M)}
+    assert off.keys() == {"7", "8"}
+    assert max(off.values()) < 1.0
+    said = json.loads((tmp_path / "record" / "search.json").read_text())
+    assert (said["outcome"], said["wanted"], said["others"]) == ("found", 2, [])
+    assert {victim["id"] for victim in said["victims"]} == {7, 8}
+    assert all(victim["sure"] and victim["marked"] and len(victim["lat_lon"]) == 2 for victim in said["victims"])
+    assert said["found"]["lat_lon"] == pytest.approx(said["victims"][0]["lat_lon"], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        (["--victims", "0"], "'0': expected a whole number 1…16, or all"),
+        (["--victims", "some"], "'some': expected a whole number 1…16, or all"),
+        (["--victims", "2"], "--victims 2: there is one transmitter in default scenario"),
+        (
+            ["--victims", "2", "--count", "2"],
+            "--victims: several drones share the transmitters, one each: leave it out",
+        ),
+    ],
+)
+def test_what_cannot_be_searched_for_is_refused(arva: Arva, options: list[str], what: str) -> None:
+    code, _, err = arva(*MAX, *options)
+    assert code == 2
+    assert what in err
+
+
 def test_without_a_signal_it_flies_its_strips_lands_and_says_so(arva: Arva, tmp_path: Path) -> None:
     far = scenario(tmp_path, (1, 400.0, 0.0))
     code, _, err = arva(*MAX, "--scenario", far, "--area=-20,-20,20,20", "--record", tmp_path / "record")

@@ -34,7 +34,7 @@ from arva_hil.observers.record import Recorder
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search import STRATEGIES
-from arva_hil.search.mission import SearchPlan
+from arva_hil.search.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import BUILDERS
 from arva_hil.simulated.simulator import Simulator

@@ -17,7 +17,7 @@ from arva_hil.observers.ground_station import GroundStation
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.estimate import Estimate
-from arva_hil.search.mission import SearchPlan
+from arva_hil.search.plan import SearchPlan
 from arva_hil.simulated.closed_loop import HOME, ClosedLoop
 from firmware_proto import MID, Channel, Frame
 

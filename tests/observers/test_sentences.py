@@ -288,6 +288,35 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "warning",
         "transmitter 1 is not heard any more: back to the search strips",
     ),
+    (
+        searches.VictimNoted(1.0, 3, 1, 2, 4.2, -1.0, True, True, 1, False),
+        "info",
+        "victim 1 of 2: transmitter 3 at 4.2 m north, -1.0 m east of the take-off point, marked by the receiver; "
+        "1 more heard",
+    ),
+    (
+        searches.VictimNoted(1.0, None, 2, None, 4.2, -1.0, False, False, None, False),
+        "info",
+        "victim 2: transmitter without a number at 4.2 m north, -1.0 m east of the take-off point, not sure, "
+        "noted, not marked",
+    ),
+    (
+        searches.VictimAgain(1.0, 5, 1, 0.5),
+        "warning",
+        "led back to victim 1, as transmitter 5: 0.5 m from the place noted",
+    ),
+    (
+        searches.PlaceDoubted(1.0, 5, 1.0, 2.0),
+        "warning",
+        "the readings of transmitter 5 do not agree with the place: it is looked for once more",
+    ),
+    (searches.ReceiverKnown(1.0, "pulsed 1.0 binary", 4), "info", "the receiver is pulsed 1.0 binary"),
+    (
+        searches.MarksNotTaken(1.0, "unknown"),
+        "warning",
+        "the receiver takes no marks (unknown): victims are only noted",
+    ),
+    (searches.MarkLost(1.0, 3, 1), "warning", "the receiver has lost the mark of victim 1"),
     (searches.DescentBegun(1.0), "info", "descending to the place reported"),
     (searches.TooLow(1.0, 1.4, 3.0), "warning", "only 1.4 m above the ground, 3 m are wanted: climbing"),
     (searches.HeightSource(1.0, "rangefinder"), "info", "height above the ground: from the rangefinder"),

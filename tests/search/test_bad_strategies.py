@@ -158,7 +158,7 @@ def test_what_it_raises_ends_the_search_and_says_where(
 def slow(world: World, seconds: float, times: int = 10**6) -> None:
     """From now on the strategy of a world takes so long for each velocity; meanwhile nothing else is done."""
     assert world.client.mission is not None
-    strategy: Any = world.client.mission._strategy
+    strategy: Any = world.client.mission._choice.strategy
     velocity, left = strategy.velocity, [times]
 
     def slowly(time_s: float, position: Position) -> Any:

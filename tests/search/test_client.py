@@ -21,8 +21,8 @@ from arva_hil.receiver.paper import outputs
 from arva_hil.runtime.clock import Clock, StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.client import SearchClient
-from arva_hil.search.mission import SearchPlan
 from arva_hil.search.outcome import SearchStep
+from arva_hil.search.plan import SearchPlan
 from arva_hil.search.preflight import INTERRUPTED
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.simulated.autopilot import Mode
@@ -59,14 +59,17 @@ class GoTo:
 
 
 class Port:
-    """The far end of the receiver's link: says what it hears five times a second. A task."""
+    """The far end of the receiver's link: says what it hears five times a second. A task. `came`: commands to it."""
 
     def __init__(self, link: Link, says: Callable[[float], bytes | None]) -> None:
         self.links = [link]
         self.says = says
+        self.came = b""
         self._next = 0.0
 
     def service(self, clock: Clock) -> float:
+        if self.links[0].ready():
+            self.came += self.links[0].read()
         if clock.now() >= self._next:
             self._next = clock.now() + 0.2
             if said := self.says(clock.now()):

@@ -18,7 +18,8 @@ from arva_hil.mavlink.codec import dialect
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search import STRATEGIES
-from arva_hil.search.mission import NOT_SURE, SearchPlan
+from arva_hil.search.mission import NOT_SURE
+from arva_hil.search.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import SENSORS
 

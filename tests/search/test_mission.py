@@ -22,7 +22,8 @@ from arva_hil.events.searches import (
 )
 from arva_hil.search.ground import Height
 from arva_hil.search.heard import NO_ID
-from arva_hil.search.mission import FOUND, NOT_SURE, Mission, SearchPlan
+from arva_hil.search.mission import FOUND, NOT_SURE, Mission
+from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity
 from firmware_proto import INNER, MID, Channel, Frame
 

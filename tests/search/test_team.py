@@ -14,7 +14,7 @@ from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
 from arva_hil.runtime.clock import Clock, StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search import STRATEGIES
-from arva_hil.search.mission import SearchPlan
+from arva_hil.search.plan import SearchPlan
 from arva_hil.search.team import Bus, News, Teammate, divide
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several

@@ -19,7 +19,7 @@ from arva_hil.search.beliefs import Beliefs
 from arva_hil.search.estimate import Estimate
 from arva_hil.search.extremum import Extremum
 from arva_hil.search.frames_told import FramesTold, take_off_point
-from arva_hil.search.mission import SearchPlan
+from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strategy import Belief, Found
 from arva_hil.simulated.closed_loop import HOME, ClosedLoop
 from arva_hil.vehicle.pose_track import VehicleState

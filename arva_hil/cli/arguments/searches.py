@@ -10,6 +10,7 @@ from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 _AREA = "south,west,north,east in m, e.g. --area=-50,-50,50,50"
 _FAR_M = 10_000  # a corner of the area
+_MOST_VICTIMS = 16
 
 
 def search(parser: CommandParser) -> None:
@@ -24,8 +25,8 @@ def search(parser: CommandParser) -> None:
     On the bench: take the propellers off. Serial ports of flight controllers have 3.3 V levels, not 5 V, not RS-232.
     Say who has the sticks: one person, thumb on the mode switch, who does nothing else. --dry-run first: it orders
     nothing.
-    Exit codes: 0 found, or a dry run that would have flown, 1 not sure, not found or failed, 2 usage or not allowed to
-    arm, 3 no autopilot or no frames, 130 interrupted.
+    Exit codes: 0 found (all that --victims asks for), or a dry run that would have flown, 1 not sure, not found or
+    failed, 2 usage or not allowed to arm, 3 no autopilot or no frames, 130 interrupted.
     """
     parser.option("--autopilot --master URL", "where the autopilot is", link)
     parser.option("--receiver URL", "the receiver's port", link)
@@ -84,6 +85,13 @@ def add_plan(parser: CommandParser) -> None:
     """Options that say how is searched."""
     names = f"{', '.join(STRATEGIES)}, or MODULE:CLASS of your own"
     parser.option("--strategy NAME", names, kind(STRATEGIES), "estimate")
+    parser.option(
+        "--victims N|all",
+        "how many transmitters are searched for: each is marked on the receiver, or noted, before the next; all: those "
+        "that are heard from the strips of the whole area",
+        victims,
+        1,
+    )
     parser.option("--max-speed M/S", "horizontal", number(0.2, 10, " of m/s"), 1.0)
     metres, seconds = number(0.3, 100, " of m"), number(1, 86400, " of s")
     parser.option("--height M", "held above the ground", metres, 3.0)
@@ -107,6 +115,14 @@ def add_plan(parser: CommandParser) -> None:
     parser.option("--strip-width M", "of the strips", number(1, 1000, " of m"), 40.0)
     parser.option("--patience S", "hover without frames, then end", seconds, 10.0)
     parser.option("--limit S", "end the search after this long", seconds, 900.0)
+
+
+def victims(text: str) -> int | str:
+    """A converter for how many are searched for, or all."""
+    try:
+        return text if text == "all" else whole(1, _MOST_VICTIMS)(text)
+    except ValueError as error:
+        raise ValueError(f"{error}, or all") from None
 
 
 def area(text: str) -> tuple[float, ...]:

@@ -71,10 +71,16 @@ _IN_WORDS: Final[Mapping[str, Callable[[Any], str]]] = {
     "no_pose": no_pose,
     "no_vehicle": no_vehicle,
     "number": lambda id_: "without a number" if id_ is None else str(id_),
+    "of": lambda wanted: "" if wanted is None else f" of {wanted}",
     "request": lambda e: request(e.command, e.asked_hz, e.result),
     "values": lambda values: "".join(f" {value}" for value in values),
     "waiting": _WAITING.__getitem__,
 }
+_NOTED: Final = (
+    "victim {number}{wanted:of}: transmitter {transmitter:number} at {north_m:z.1f} m north, {east_m:z.1f} m east of "
+    "the take-off point{sure:|, not sure}, {marked:marked by the receiver|noted, not marked}"
+)
+_LEFT: Final = "; {left} more heard{more:, and more than it shows|}"
 _HEIGHTS: Final = {
     "rangefinder": "height above the ground: from the rangefinder",
     "highest ground": "warning: the rangefinder gives no usable values: the height is held above the highest ground "
@@ -185,6 +191,14 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.TransmitterChosen: "going for transmitter {transmitter:number}, {distance_m:.1f} m away",
     searches.TransmitterFaded: "warning: transmitter {transmitter:number} is not heard any more: back to the search "
     "strips",
+    searches.VictimNoted: lambda e: _NOTED + ("" if e.left is None else _LEFT),
+    searches.VictimAgain: "warning: led back to victim {number}, as transmitter {transmitter:number}: {apart_m:.1f} m "
+    "from the place noted",
+    searches.PlaceDoubted: "warning: the readings of transmitter {transmitter:number} do not agree with the place: it "
+    "is looked for once more",
+    searches.ReceiverKnown: "the receiver is {text}",
+    searches.MarksNotTaken: "warning: the receiver takes no marks ({answer}): victims are only noted",
+    searches.MarkLost: "warning: the receiver has lost the mark of victim {number}",
     searches.DescentBegun: "descending to the place reported",
     searches.TooLow: "warning: only {height_m:.1f} m above the ground, {wanted_m:g} m are wanted: climbing",
     searches.HeightSource: lambda e: _HEIGHTS[e.source],

@@ -1,0 +1,72 @@
+"""The places that a search reports, in words and as JSON objects: one, or several in the order of probing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from arva_hil.field.geodesy import LocalFrame
+from arva_hil.search.heard import NO_ID
+from arva_hil.search.mission import FOUND
+from arva_hil.search.outcome import Outcome, lla
+from arva_hil.search.strategy import Found
+from arva_hil.search.victims import Victim
+
+
+def name(id_: int | None) -> str:
+    """A transmitter's."""
+    return "a transmitter" if id_ in (None, NO_ID) else f"transmitter {id_}"
+
+
+def where(found: Found) -> str:
+    """A place from the take-off point, with its sigma."""
+    sigma = f" ± {found.sigma:.1f} m" if found.sigma is not None else ""
+    return f"{found.north:z.1f} m north, {found.east:z.1f} m east of the take-off point{sigma}"
+
+
+def victims_found(outcome: Outcome) -> list[str]:
+    """How a search for several ended, and the list of the places, the surest first."""
+    asked = "all that are heard" if outcome.wanted is None else str(outcome.wanted)
+    count = sum(victim.sure for victim in outcome.victims)
+    lines = [f"found {count} of {asked}" if outcome.wanted else f"found {count}; searched for {asked}"]
+    if outcome.how != FOUND:
+        lines[0] += f": {outcome.how}"
+    if outcome.victims:
+        lines.append("order of probing, the surest place first:")
+    origin = LocalFrame(*outcome.origin) if outcome.origin else None
+    for number, victim in enumerate(outcome.victims, 1):
+        lines.append(f"{number}. {name(victim.id)}: {where(victim.found)}{_about(victim)}")
+        if origin:
+            lat, lon = _lat_lon(origin, victim.found)
+            lines.append(f"   it lies at {lat:.7f}, {lon:.7f}")
+    return lines
+
+
+def victims_as_dicts(outcome: Outcome) -> list[dict[str, Any]]:
+    """The list for a program."""
+    origin = LocalFrame(*outcome.origin) if outcome.origin else None
+    return [
+        {
+            "id": None if victim.id == NO_ID else victim.id,
+            **victim.found._asdict(),
+            "lat_lon": _lat_lon(origin, victim.found) if origin else None,
+            "sure": victim.sure,
+            "marked": victim.marked,
+            "time_s": victim.time_s,
+        }
+        for victim in outcome.victims
+    ]
+
+
+def _about(victim: Victim) -> str:
+    parts = [] if victim.sure else ["not sure: the readings do not agree with it"]
+    if victim.found.down is not None and math.isfinite(victim.found.down):
+        level = "below" if victim.found.down >= 0 else "above"
+        parts.append(f"{abs(victim.found.down):.1f} m {level} the take-off point")
+    parts.append("marked by the receiver" if victim.marked else "not marked")
+    return "".join(f", {part}" for part in parts) + f", found after {victim.time_s:.0f} s"
+
+
+def _lat_lon(origin: LocalFrame, found: Found) -> tuple[float, float]:
+    lat, lon, _ = lla(origin, found.north, found.east, found.down or 0.0)
+    return lat, lon

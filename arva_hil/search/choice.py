@@ -1,0 +1,80 @@
+"""Which transmitter a search flies to: the nearest that is heard, and by which strategy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Final
+
+from arva_hil.events import Event
+from arva_hil.events.searches import TransmitterChosen, TransmitterFaded, TransmitterHeard
+from arva_hil.search.agreement import Evidence
+from arva_hil.search.heard import NO_ID, HeardTransmitter, id_of
+from arva_hil.search.strategy import Observation, Strategy
+
+_NEARER: Final = 0.7  # another transmitter is chosen only if it is nearer by this factor
+_DEAF_S: Final = 60.0  # without a signal of the transmitter, before strips are flown again
+_MOST_HEARD: Final = 16  # transmitters
+
+
+class Choice:
+    """Remembers the transmitters heard, the one that is flown to, and the strategy that does it.
+
+    `target`: its id or NO_ID, None before the first signal; `strategy`: None while strips are flown; `since_s`: when it
+    was chosen. `begin` makes a strategy. `passes`: whether a transmitter is passed by; its second argument says whether
+    it is flown to now.
+    """
+
+    def __init__(
+        self, begin: Callable[[], Strategy], passes: Callable[[int, bool], bool], emit: Callable[[Event], None]
+    ) -> None:
+        self.heard: dict[int, HeardTransmitter] = {}
+        self.target: int | None = None
+        self.strategy: Strategy | None = None
+        self.since_s = 0.0
+        self._begin = begin
+        self._passes = passes
+        self._emit = emit
+
+    def note(self, id_: int, observation: Observation) -> None:
+        """A reading of a transmitter."""
+        if id_ not in self.heard:
+            if len(self.heard) >= _MOST_HEARD:
+                return
+            self.heard[id_] = HeardTransmitter()
+            self._emit(TransmitterHeard(observation.time_s, id_of(id_), observation.d_m, *observation.position[:2]))
+        self.heard[id_].add(observation)
+
+    def choose(self, ids: Iterable[int], time_s: float) -> None:
+        """Choose the nearest transmitter, with a margin so that noise does not change the choice."""
+        if self.target is not None and self.strategy is not None and self._passes(self.target, True):
+            self.leave()
+        current = self.heard.get(self.target) if self.target is not None else None
+        if current is not None and self.strategy is not None and time_s - current.last_s > _DEAF_S:
+            self.strategy = None
+            self._emit(TransmitterFaded(time_s, id_of(self.target)))
+        heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard and not self._passes(id_, self._is(id_))}
+        if not heard:
+            return
+        closest = min(heard, key=lambda id_: heard[id_].last_m)
+        if current is None or self.strategy is None or heard[closest].last_m < _NEARER * current.last_m:
+            if closest != self.target:
+                self._emit(TransmitterChosen(time_s, id_of(closest), heard[closest].last_m))
+            if closest != self.target or self.strategy is None:
+                self.target, self.since_s = closest, time_s
+                self.strategy = self._begin()
+                for observation in list(heard[closest].past)[:-1]:
+                    self.strategy.hear(observation)
+
+    def forget(self, id_: int) -> None:
+        """Forget the readings of a transmitter; without an id, that it was heard too."""
+        before = self.heard.pop(id_)
+        if id_ != NO_ID:
+            self.heard[id_] = replace(before, past=HeardTransmitter().past, evidence=Evidence())
+
+    def leave(self) -> None:
+        """Fly to none."""
+        self.strategy = self.target = None
+
+    def _is(self, id_: int) -> bool:
+        return id_ == self.target and self.strategy is not None

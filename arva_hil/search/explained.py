@@ -1,0 +1,58 @@
+"""What a receiver without ids reads of transmitters that are found, so that a reading of another one is told apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.search import dipole
+from arva_hil.search.strategy import Found, Observation
+
+_DOWNS: Final = (-1.0, 0.5, 2.0, 4.0)  # to begin with, below the take-off point, m
+_POSE_M: Final = 0.3  # error of the receiver's place
+_ROUNDS: Final = 20
+_NEAR: Final = 0.8  # of d as it would be: a reading of something nearer is another's
+_ALIKE: Final = 1.2  # times that d: beyond, δ does not tell them apart
+_ASIDE_DEG: Final = 40.0  # of δ
+
+Array = NDArray[np.float64]
+
+
+class Explained:
+    """Remembers a dipole for each transmitter found."""
+
+    def __init__(self) -> None:
+        self._dipoles: list[Array] = []
+
+    def add(self, found: Found, past: Iterable[Observation]) -> None:
+        """One more, at the place `found`, of which `past` was read."""
+        readings = dipole.Readings()
+        for o in past:
+            if o.heard:
+                readings.add(o.position, o.rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s)
+        moments = dipole.MOMENT * np.array([(1, 0, 0), (0, 1, 0), (0.7, 0.7, 0), (0.7, -0.7, 0), (0, 0, 1)])
+        x = np.array([[found.north, found.east, down, *moment] for down in _DOWNS for moment in moments])
+        fit, _ = dipole.refine(x, np.full(len(x), 0.01), readings, _POSE_M, _ROUNDS)
+        self._dipoles.append(fit.x[int(np.argmin(fit.cost))])
+
+    def explain(self, o: Observation) -> bool:
+        """Whether a reading is of one of them: the receiver shows the nearest, so another's is of something nearer."""
+        return any(self._explains(x, o) for x in self._dipoles)
+
+    def _explains(self, x: Array, o: Observation) -> bool:
+        away = np.array(o.position) - x[:3]
+        rho = max(float(np.linalg.norm(away)), 0.1)
+        n, moment = away / rho, x[3:]
+        h_x, h_y, h_z = ((3 * (moment @ n) * n - moment) @ o.rotation).tolist()
+        strength = math.hypot(h_x, h_y, h_z) if o.inner else math.hypot(h_x, h_y)
+        expected_m = rho * max(strength, 1e-9) ** (-1 / 3)
+        if o.d_m < _NEAR * expected_m:
+            return False
+        if o.inner or o.d_m > _ALIKE * expected_m:
+            return True
+        aside = math.degrees(math.atan2(h_y, h_x)) - o.delta_deg
+        return abs((aside + 90) % 180 - 90) < _ASIDE_DEG
