@@ -12,7 +12,6 @@ import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from importlib.machinery import PathFinder
 from typing import TYPE_CHECKING, Any, Final
 
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 
-@dataclass(eq=False)
 class Registry:
     """Finds kinds by name. Remembers those that were used in `loaded`.
 
@@ -32,14 +30,25 @@ class Registry:
     must have; to check them, an object is made with the arguments `made_with`. Iterating gives the built-in names.
     """
 
-    what: str
-    group: str
-    built_in: Mapping[str, str]
-    requires: Sequence[str] = ()
-    references: bool = False
-    made_with: Sequence[Any] = ()
-    attributes: Sequence[str] = ()
-    loaded: dict[str, Any] = field(default_factory=dict)
+    def __init__(  # written out: dataclasses would take a tenth of the time of --help to import
+        self,
+        what: str,
+        group: str,
+        built_in: Mapping[str, str],
+        requires: Sequence[str] = (),
+        *,
+        references: bool = False,
+        made_with: Sequence[Any] = (),
+        attributes: Sequence[str] = (),
+    ) -> None:
+        self.what = what
+        self.group = group
+        self.built_in = built_in
+        self.requires = requires
+        self.references = references
+        self.made_with = made_with
+        self.attributes = attributes
+        self.loaded: dict[str, Any] = {}
 
     def __len__(self) -> int:
         return len(self.built_in)
