@@ -1,4 +1,4 @@
-"""Who flies the simulated multirotor: modes, arming, take-off, set-points, landing. No MAVLink in here.
+"""The autopilot of the simulated multirotor: modes, arming, take-off, set-points, landing. Without MAVLink.
 
 Names, speeds and delays are ArduCopter's defaults (https://ardupilot.org/copter/docs/flight-modes.html).
 """
@@ -12,19 +12,19 @@ from typing import Final, NamedTuple
 from arva_hil.simulated.multirotor import CONTACT_M, STEP_US, Multirotor, Vector
 
 _TIMEOUT: Final = 3_000_000 // STEP_US  # GUID_TIMEOUT, in steps
-_RESTED: Final = 1_000_000 // STEP_US  # on the ground for so long is landed
+_RESTED: Final = 1_000_000 // STEP_US  # on the ground for this long: landed
 _IDLE: Final = 10_000_000 // STEP_US  # DISARM_DELAY
 _APPROACH_SPEED: Final = 5.0  # m/s, towards a position
 _APPROACH_GAIN: Final = 0.8  # 1/s
-_BRAKE: Final = 1.5  # m/s², what an approach counts on
-_LAND_SPEED: Final = 0.5  # m/s, below
+_BRAKE: Final = 1.5  # m/s², in an approach
+_LAND_SPEED: Final = 0.5  # m/s, below this height:
 _LAND_SLOW_HEIGHT: Final = 10.0  # m
 _RTL_HEIGHT: Final = 15.0
 _STILL: Final = (0.0, 0.0, 0.0)
 
 
 class Mode(IntEnum):
-    """HEARTBEAT.custom_mode. With no one at the sticks STABILIZE and LOITER both hold still."""
+    """The values of HEARTBEAT.custom_mode. Nobody moves the sticks, so STABILIZE and LOITER hold the position."""
 
     STABILIZE = 0
     GUIDED = 4
@@ -33,30 +33,30 @@ class Mode(IntEnum):
     LAND = 9
 
 
-_GUIDED: Final = Mode.GUIDED  # looked up a hundred times a second
+_GUIDED: Final = Mode.GUIDED  # used a hundred times a second
 
 
 class SetPoint(NamedTuple):
-    """Where to go in GUIDED: NED from home, metres, m/s, radians, rad/s. Yaw wins over yaw rate."""
+    """A set-point in GUIDED: NED from home [m, m/s, rad, rad/s]. A yaw rate is ignored if there is a yaw."""
 
     position: Vector | None = None
-    velocity: Vector = _STILL  # fed forward when there is a position
-    yaw: float | None = None  # None: the heading is kept
+    velocity: Vector = _STILL  # added if there is a position
+    yaw: float | None = None  # None: keep the heading
     yaw_rate: float = 0.0
 
 
 class SimulatedAutopilot:
-    """Remembers the mode, whether it is armed and landed, and the set-point; False is a refusal."""
+    """Remembers the mode, whether it is armed and landed, and the set-point. Refused orders return False."""
 
     def __init__(self, wind: Vector) -> None:
         self.motion = Multirotor(wind)
         self.mode = Mode.STABILIZE
-        self.ready = False  # position known: may arm
+        self.ready = False  # the position is known: it can arm
         self.armed = False
         self.landed = True
         self.taking_off = False
         self.empty = False  # its battery
-        self.sticks = (1500, 1500, 1500, 1500)  # roll, pitch, throttle, yaw, µs; said, and in GUIDED not obeyed
+        self.sticks = (1500, 1500, 1500, 1500)  # roll, pitch, throttle, yaw [µs]; reported, but not used for flying
         self._set_point = SetPoint()
         self._set_at = 0  # step
         self._rested = 0  # steps on the ground
@@ -71,7 +71,7 @@ class SimulatedAutopilot:
         return True
 
     def disarm(self, force: bool = False) -> bool:
-        """Motors off: in the air only by force, and then it falls."""
+        """Stop the motors. In the air only with `force`; then it falls."""
         if self.armed and not self.landed and not force:
             return False
         self.armed = self.taking_off = False
@@ -86,7 +86,7 @@ class SimulatedAutopilot:
         return True
 
     def take_off(self, height: float) -> bool:
-        """Climb to a height above home, metres."""
+        """Climb to a height above home [m]."""
         if self.mode != Mode.GUIDED or not self.armed or not self.landed or not 0 < height < math.inf:
             return False
         self.steer(SetPoint((self.motion.north, self.motion.east, -height)))
@@ -94,7 +94,7 @@ class SimulatedAutopilot:
         return True
 
     def steer(self, set_point: SetPoint) -> None:
-        """Follow a set-point: 3 s long, a position for ever. As in ArduCopter it breaks off a take-off."""
+        """Follow a set-point: a velocity for 3 s, a position for ever. As in ArduCopter it ends a take-off."""
         self._set_point = set_point
         self._set_at = self.motion.steps
         self.taking_off = False

@@ -1,4 +1,4 @@
-"""Several closed loops on one field: built-in vehicles, one emulator for all, and a search for each."""
+"""Several built-in vehicles among the same transmitters, with one emulator for all and a search for each."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ APART_M = 5.0  # between the vehicles at the start, from west to east
 
 
 def several(scenario: Scenario, count: int) -> Scenario:
-    """The scenario with `count` vehicles, each with its receiver; as it is if it has vehicles."""
+    """The scenario with `count` vehicles, each with its receiver. A scenario with vehicles is not changed."""
     if scenario.vehicles:
         return scenario
     vehicles = [
@@ -46,13 +46,13 @@ def several(scenario: Scenario, count: int) -> Scenario:
 
 
 class Drone(NamedTuple):
-    """One vehicle with its search. `commands`: the vehicle's end of the link that the search flies it by."""
+    """One vehicle with its search. `commands`: the vehicle's end of the link on which the search sends commands."""
 
     name: str
     vehicle: SimulatedVehicle
     search: SearchClient
     commands: Link
-    area: Area  # of its take-off point
+    area: Area  # from its take-off point
 
 
 class ClosedFleet:
@@ -75,7 +75,7 @@ class ClosedFleet:
         tell_packets: bool = False,
         emit: Callable[[str, Event], None] = lambda name, event: None,
     ) -> None:
-        datum = Lla(*HOME) if scenario.datum == "home" else scenario.datum  # all search among the same transmitters
+        datum = Lla(*HOME) if scenario.datum == "home" else scenario.datum  # the same datum for all vehicles
         scenario = replace(scenario, datum=datum)
         self.frame = LocalFrame(datum.lat, datum.lon, datum.alt)
         self._scenario = scenario
@@ -124,7 +124,7 @@ class ClosedFleet:
 
     @property
     def over(self) -> bool:
-        """Every search has ended, and its vehicle has landed or is left hovering."""
+        """Whether every search has ended, with its vehicle landed or hovering."""
         return all(drone.search.outcome is not None for drone in self.drones)
 
     @property
@@ -134,7 +134,7 @@ class ClosedFleet:
         return {m.target for m in missions if m and m.found is not None and m.target is not None}
 
     def error(self, drone: Drone) -> float | None:
-        """Horizontal distance [m] from the place that a search has reported to its transmitter; None: none is."""
+        """Horizontal distance [m] from the place reported by a search to its transmitter; None: no place yet."""
         mission, origin = drone.search.mission, drone.search.origin
         if mission is None or mission.found is None or origin is None:
             return None

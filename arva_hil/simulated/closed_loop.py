@@ -1,4 +1,4 @@
-"""The whole loop on one machine: built-in vehicle, emulator and search, each on its own end of a link."""
+"""The closed loop on one machine: built-in vehicle, emulator and search, connected by links."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ Ends = tuple[Link, Link]  # of one link: the program's, and the far one
 class ClosedLoop:
     """Remembers vehicle, emulator and search of one flight; `tasks` are for the loop.
 
-    The receiver hears where the vehicle truly is, the search flies by what the vehicle reports.
+    The receiver is at the true pose of the vehicle; the search uses the reported pose.
 
     `autopilot`, `commands`, `port`: the emulator's link to the vehicle, the search's link to it, and the receiver's
     port (the search's end, the emulator's end). `stream_hz`: of the pose, on both links. `start`: s. `sensors`: of the
-    vehicle, beside its GPS. `tell_packets`: whether the observers are told all packets, as a record needs it.
+    vehicle, besides its GPS. `tell_packets`: whether the observers get all packets, for a record.
     """
 
     def __init__(
@@ -63,7 +63,7 @@ class ClosedLoop:
             HOME, wind=wind, gps_noise_m=gps_noise_m, seed=scenario.seed, boot_time=start, sensors=sensors
         )
         audience = Audience(observers)
-        if gps_noise_m:  # else what the vehicle reports is the truth, at less cost
+        if gps_noise_m:  # otherwise the report is the truth, and needs less time
             scenario = replace(scenario, pose="truth", navigation_error=None)
         self.emulator = Emulator(
             [one_vehicle(scenario, Session(rate_hz=stream_hz))], start=start, timeout_s=10.0, tell_packets=tell_packets
@@ -88,7 +88,7 @@ class ClosedLoop:
 
     @property
     def over(self) -> bool:
-        """The search has ended, though the vehicle may still be in the air."""
+        """Whether the search has ended. The vehicle may still be in the air."""
         mission = self.search.mission
         return self.search.outcome is not None or (mission is not None and bool(mission.ended))
 
@@ -98,8 +98,8 @@ class ClosedLoop:
         return self.search.mission is not None and self.search.mission.victims.several
 
     def truth(self) -> dict[int, tuple[float, float]]:
-        """Where the transmitters truly are at the newest frame: north and east of the place where the search believes
-        to have taken off, by id. Needs a search in the air.
+        """The true places of the transmitters at the newest frame, by id: north and east [m] of the take-off point of
+        the search, which must have one.
         """
         (vehicle,) = self.emulator.vehicles
         origin, datum, last = self.search.origin, vehicle.datum.frame, vehicle.sources[0].last
@@ -110,16 +110,16 @@ class ClosedLoop:
         return {id_: (float(n), float(e)) for id_, (n, e, _) in zip(there.ids, ned, strict=True)}
 
     def off(self, now: float) -> float | None:
-        """Horizontal distance [m] from where the vehicle truly is to the transmitter searched for."""
+        """Horizontal distance [m] from the true place of the vehicle to the transmitter searched for."""
         if self.search.origin is None:
             return None
         north, east, _ = self.search.origin.ned(*self.vehicle.truth(now).lla).tolist()
         return self.distance((north, east))
 
     def error(self) -> float | None:
-        """Horizontal distance [m] from the place reported to the transmitter searched for; None: none is reported.
+        """Horizontal distance [m] from the reported place to the transmitter searched for; None: no place yet.
 
-        Of several the largest.
+        If several are searched for: the largest distance.
         """
         if self.several:
             return max(self.errors().values(), default=None)
@@ -127,7 +127,7 @@ class ClosedLoop:
         return None if found is None else self.distance((found.north, found.east))
 
     def errors(self) -> dict[Victim, float]:
-        """The same for each place that a search for several reports. No transmitter is counted twice."""
+        """`error` for each place that a search for several reports. No transmitter is counted twice."""
         left, found = self.truth() if self.search.origin else {}, dict[Victim, float]()
         for victim in self.search.mission.victims.places if self.search.mission else ():
             place = victim.found[:2]
@@ -138,7 +138,7 @@ class ClosedLoop:
         return found
 
     def distance(self, place: tuple[float, float]) -> float | None:
-        """From a place to the transmitter searched for, m, horizontally; the nearest one when frames carry no ids."""
+        """Horizontal distance [m] from a place to the transmitter searched for; to the nearest without ids."""
         mission = self.search.mission
         if mission is None or mission.target is None:
             return None

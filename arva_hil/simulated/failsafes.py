@@ -1,4 +1,4 @@
-"""Failsafes of the built-in vehicle, to be triggered by name: the words and the modes that ArduCopter has for them.
+"""The failsafes of the built-in vehicle by name, with the texts and the modes of ArduCopter.
 
 https://ardupilot.org/copter/docs/failsafe-landing-page.html
 """
@@ -12,7 +12,7 @@ from arva_hil.simulated.autopilot import Mode
 
 
 class Failsafe(NamedTuple):
-    """What the vehicle says, and the mode it changes to when it is armed. `empty`: its battery is."""
+    """The STATUSTEXT of the vehicle, and its mode afterwards if it is armed. `empty`: its battery is empty."""
 
     severity: int
     text: bytes

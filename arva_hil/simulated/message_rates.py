@@ -1,4 +1,4 @@
-"""Which messages the built-in vehicle sends unasked, how often, and when next. Times are µs on its clock."""
+"""The messages that the built-in vehicle sends regularly, and when. Times are µs on its clock."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _HEARTBEAT_US: Final = 1_000_000
 _SHORTEST_US: Final = 3000
 
-# What each stream of REQUEST_DATA_STREAM holds.
+# The messages of each stream of REQUEST_DATA_STREAM.
 _GROUPS: Final[dict[int, tuple[int, ...]]] = {
     dialect.MAV_DATA_STREAM_EXTENDED_STATUS: (1, 24),
     dialect.MAV_DATA_STREAM_POSITION: (33, 32),
@@ -23,9 +23,9 @@ _GROUPS: Final[dict[int, tuple[int, ...]]] = {
 
 
 class MessageRates:
-    """Remembers the interval of each message id that is sent, and when it is due.
+    """Remembers the interval of each message that is sent, and when it is due.
 
-    `defaults`: message id → Hz, from each boot on, beside the heartbeat. Raises ValueError for one that there is not.
+    `defaults`: message id → Hz, from each boot on, besides the heartbeat. Raises ValueError for an unknown message.
     """
 
     def __init__(self, defaults: Mapping[int, float]) -> None:
@@ -35,17 +35,17 @@ class MessageRates:
         self.boot(0)
 
     def boot(self, at: int) -> None:
-        """Only the defaults are left; the first heartbeat comes at once."""
+        """Return to the defaults. The first heartbeat is due at once."""
         self._intervals = {_HEARTBEAT: _HEARTBEAT_US} | self._defaults
         self._due = {msgid: at + interval for msgid, interval in self._intervals.items()}
         self._due[_HEARTBEAT] = self.next_due = at
 
     def interval(self, msgid: int) -> int:
-        """Of one message id; -1: it is not sent."""
+        """The interval of a message; -1: it is not sent."""
         return self._intervals.get(msgid, -1)
 
     def take_due(self) -> list[int]:
-        """The message ids that are due at `next_due`, which goes on to the next instant."""
+        """The message ids that are due at `next_due`. Changes `next_due` to the next instant."""
         now, due = self.next_due, self._due
         ids = [msgid for msgid, at in due.items() if at == now]
         for msgid in ids:
@@ -53,8 +53,8 @@ class MessageRates:
         self.next_due = min(due.values())
         return ids
 
-    def ask(self, msgid: int, interval_us: int, now: int) -> bool:
-        """SET_MESSAGE_INTERVAL, where 0 is the default and -1 never; False: it is denied."""
+    def request(self, msgid: int, interval_us: int, now: int) -> bool:
+        """SET_MESSAGE_INTERVAL: 0 is the default, -1 is never. Returns False if it is denied."""
         if msgid not in BUILDERS or (interval_us not in (0, -1) and interval_us < _SHORTEST_US):
             return False
         if msgid == _HEARTBEAT and interval_us in (0, -1):
@@ -65,8 +65,8 @@ class MessageRates:
             self._set(msgid, None if interval_us == -1 else interval_us, now)
         return True
 
-    def ask_group(self, stream: int, rate_hz: int, now: int) -> None:
-        """REQUEST_DATA_STREAM; 0 Hz ends it."""
+    def request_group(self, stream: int, rate_hz: int, now: int) -> None:
+        """REQUEST_DATA_STREAM: 0 Hz stops it."""
         for msgid in _GROUPS.get(stream, ()):
             self._set(msgid, max(1_000_000 // rate_hz, _SHORTEST_US) if rate_hz else None, now)
 

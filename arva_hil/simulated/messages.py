@@ -1,4 +1,4 @@
-"""What the simulated vehicle says and is told, between its own terms and MAVLink messages.
+"""Converts between the state of the simulated vehicle and MAVLink messages.
 
 Fields: https://mavlink.io/en/messages/common.html
 """
@@ -22,11 +22,11 @@ SENSORS: Final = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE | dialect.MAV_S
 
 
 class VehicleReport(NamedTuple):
-    """All that a message is made of, at one instant."""
+    """The values for messages, at one instant."""
 
     boot_ms: int
     motion: Motion  # true
-    position: Vector  # NED from home, as the estimator has it
+    position: Vector  # NED from home, estimated
     pilot: SimulatedAutopilot
     home: Home
     sensors: int  # of `SENSORS`
@@ -44,10 +44,10 @@ _of_position: Final = _maker(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
 
 
 def read_set_point(m: Message, motion: Multirotor) -> SetPoint | None:
-    """SET_POSITION_TARGET_LOCAL_NED, for a vehicle that moves so; None when it makes no sense.
+    """The set-point in a SET_POSITION_TARGET_LOCAL_NED for a vehicle with this motion; None if it is invalid.
 
-    Any ignore bit of a triple drops the triple; with neither position nor velocity left it says stop. Body
-    frames are turned by the yaw of now; positions in all but LOCAL_NED are offsets from here.
+    If one of three values is ignored, all three are; without position and velocity the vehicle stops. Body frames are
+    turned by the present yaw. In all frames but LOCAL_NED a position is an offset from the present one.
     """
     frame, mask = m.coordinate_frame, m.type_mask
     position = None if mask & 0x007 else (m.x, m.y, m.z)
@@ -90,7 +90,7 @@ def _sys_status(r: VehicleReport) -> Message:
     battery = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
     present = dialect.MAV_SYS_STATUS_SENSOR_GPS | dialect.MAV_SYS_STATUS_PREARM_CHECK | battery | r.sensors
     health = present if r.pilot.ready else battery | r.sensors
-    health &= ~battery if r.pilot.empty else present  # as ArduPilot says that its failsafe has triggered
+    health &= ~battery if r.pilot.empty else present  # as ArduPilot reports a triggered failsafe
     millivolts, percent = (14000, 10) if r.pilot.empty else (16000, -1)
     return dialect.MAVLink_sys_status_message(present, present, health, 100, millivolts, -1, percent, 0, 0, 0, 0, 0, 0)
 
@@ -138,7 +138,7 @@ def _global_position_int(r: VehicleReport) -> Message:
 
 
 def _scaled_pressure(r: VehicleReport) -> Message | None:
-    """Of the standard atmosphere at the true altitude."""
+    """The pressure of the standard atmosphere at the true altitude."""
     if not r.sensors & dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE:
         return None
     altitude = r.home.alt_m - r.motion.position[2]
@@ -147,7 +147,7 @@ def _scaled_pressure(r: VehicleReport) -> Message | None:
 
 
 def _distance_sensor(r: VehicleReport) -> Message | None:
-    """Height above the ground, not along the leaning body."""
+    """The height above the ground, without the effect of the tilt."""
     if not r.sensors & dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION:
         return None
     height = min(round(-r.motion.position[2] * 100), _RANGE_CM)
@@ -181,7 +181,7 @@ def _extended_sys_state(r: VehicleReport) -> Message:
 
 
 def _vfr_hud(r: VehicleReport) -> Message:
-    """Half throttle holds it in the air, more climbs."""
+    """At half throttle it hovers, with more it climbs."""
     north, east, down = r.motion.velocity
     throttle = 0 if r.pilot.landed else max(0, min(100, round(50 - 10 * down)))
     heading, speed = round(math.degrees(_yaw(r.motion))) % 360, math.hypot(north, east)
@@ -201,7 +201,7 @@ def _autopilot_version(r: VehicleReport) -> Message:
 
 
 def _simstate(r: VehicleReport) -> Message:
-    """The true pose; accelerations are left 0."""
+    """The true pose. Accelerations are 0."""
     lat, lon, _ = r.home.lla_fast(r.motion.position)
     angles = _roll_pitch(r.motion)
     return dialect.MAVLink_simstate_message(
@@ -210,7 +210,7 @@ def _simstate(r: VehicleReport) -> Message:
 
 
 def _sim_state(r: VehicleReport) -> Message:
-    """The true pose and velocity; accelerations are left 0."""
+    """The true pose and velocity. Accelerations are 0."""
     lat, lon, alt = r.home.lla_fast(r.motion.position)
     return dialect.MAVLink_sim_state_message(
         *r.motion.quaternion,
@@ -237,7 +237,7 @@ def _yaw(motion: Motion) -> float:
     return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
-# Message id → the message, or None while there is nothing to say.
+# Message id → function that makes the message, or None while there is none.
 BUILDERS: Final[dict[int, Callable[[VehicleReport], Message | None]]] = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_SYS_STATUS: _sys_status,

@@ -1,10 +1,10 @@
-"""A small multirotor's motion: no bytes, no clock, plain floats, 10 ms a step.
+"""The motion of a small multirotor in steps of 10 ms, in plain floats.
 
-The velocity loop wants an acceleration, within limits; it comes through two equal first-order lags. The
-attitude is the one whose thrust gives that acceleration against gravity and drag, with the yaw flown beside
-it (differential flatness: Mellinger and Kumar, "Minimum snap trajectory generation and control for
-quadrotors", ICRA 2011). Between two steps the acceleration and the body rates are constant, so that velocity
-is exactly the derivative of position, and the rates are exactly those of the quaternion, at any instant.
+A velocity loop gives a limited acceleration, which passes two equal first-order lags. The attitude is the one whose
+thrust gives that acceleration against gravity and drag; yaw is independent (differential flatness: Mellinger and Kumar,
+"Minimum snap trajectory generation and control for quadrotors", ICRA 2011). Between two steps acceleration and body
+rates are constant. So at any instant the velocity is exactly the derivative of the position, and the rates are exactly
+those of the quaternion.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ Vector = tuple[float, float, float]
 STEP_US: Final = 10_000
 _STEP: Final = STEP_US * 1e-6
 _HALF: Final = _STEP / 2
-_HISTORY: Final = 1000  # steps that `at` can look back
+_HISTORY: Final = 1000  # steps that `at` can go back
 
 _GRAVITY: Final = 9.80665
 _SPEED: Final = 10.0  # horizontal, m/s
 _CLIMB: Final = 2.5
 _SINK: Final = 1.5
-_FLARE: Final = 0.2  # m/s, the sink rate wanted at the ground; it grows by 1 m/s with each metre above
+_FLARE: Final = 0.2  # m/s, the largest sink rate at the ground; 1 m/s more for each metre of height
 _ACCELERATION: Final = 3.0  # horizontal, m/s²
 _LIFT: Final = 2.5  # vertical, m/s²
 _GAIN: Final = 2.0  # 1/s, of the velocity loop
 _LAG: Final = 1 - math.exp(-_STEP / 0.12)  # of each of the two
-_DRAG: Final = 0.2  # 1/s: acceleration per metre per second of air speed
+_DRAG: Final = 0.2  # 1/s: acceleration per air speed
 _YAW_RATE: Final = math.radians(90)
 _YAW_LAG: Final = 1 - math.exp(-_STEP / 0.2)
-_LEAN_LAG: Final = 1 - math.exp(-_STEP / 0.15)  # of each of two: how fast it leans once off the ground
-_LEGS: Final = 20.0  # 1/s: sink rate allowed per metre of height, the give of the landing gear
-CONTACT_M: Final = 0.02  # lower is on the ground
+_LEAN_LAG: Final = 1 - math.exp(-_STEP / 0.15)  # of each of two lags: how fast it can tilt after the take-off
+_LEGS: Final = 20.0  # 1/s: largest sink rate per metre of height, because of the landing gear
+CONTACT_M: Final = 0.02  # below this it is on the ground
 _SETTLE: Final = 1.0  # m/s², down, at rest
 
-# What one step leaves behind: position, velocity, acceleration, how far it leans, yaw.
+# The result of one step: position, velocity, acceleration, tilt (0: upright on the ground … 1: flying), yaw.
 _Node = tuple[float, float, float, float, float, float, float, float, float, float, float]
 
 
 class Motion(NamedTuple):
-    """Where a vehicle is and how it moves, at one instant."""
+    """Position and motion of a vehicle at one instant."""
 
     position: Vector  # NED from home, m
     velocity: Vector  # NED, m/s
@@ -58,9 +58,9 @@ _motion: Final = partial(tuple.__new__, Motion)  # from the tuple of its fields,
 
 
 class Multirotor:
-    """Remembers the vehicle's motion over flat ground at down = 0, which it never sinks into.
+    """Remembers the vehicle's motion. The ground is flat, at down = 0; the vehicle is never below it.
 
-    `wind`: where the air goes, NED, m/s; the vehicle leans against it and is not carried away while powered.
+    `wind`: velocity of the air, NED, m/s. The powered vehicle tilts against it and does not drift.
     """
 
     def __init__(self, wind: Vector = (0.0, 0.0, 0.0)) -> None:
@@ -72,13 +72,13 @@ class Multirotor:
         self._lagged = (0.0, 0.0, 0.0)  # acceleration between the two lags
         self._acceleration = (0.0, 0.0, 0.0)
         self._yaw_rate = 0.0
-        self._lean = self._lean_lagged = 0.0  # 0 standing upright on the ground … 1 flying
+        self._lean = self._lean_lagged = 0.0  # 0: upright on the ground … 1: flying
         self._nodes: deque[_Node] = deque([(0.0,) * 11], maxlen=_HISTORY + 1)
 
     def step(self, velocity: Vector, yaw_rate: float, powered: bool) -> None:
-        """10 ms of flight towards a velocity (NED, m/s) and yaw rate (rad/s); unpowered, of fall or rest.
+        """Fly for 10 ms towards a velocity (NED, m/s) and yaw rate (rad/s); unpowered: fall or stay on the ground.
 
-        A flight is mostly made of these, 100 a second: hence comparisons instead of min, max and small functions.
+        This is called 100 times a second, so it uses comparisons instead of min, max and small functions.
         """
         vn, ve, vd = self._velocity
         wind_n, wind_e, wind_d = self._wind
@@ -126,9 +126,9 @@ class Multirotor:
         self.steps += 1
 
     def at(self, time_us: int) -> Motion:
-        """The motion at an instant, µs since the start, before the newest step.
+        """The motion at an instant before the newest step, µs since the start.
 
-        Raises ValueError for one that is not remembered, or still to come.
+        Raises ValueError if it is not remembered, or in the future.
         """
         index, rest = divmod(time_us, STEP_US)
         back = index - self.steps - 1
@@ -172,7 +172,7 @@ class Multirotor:
 
 
 def _turn(a: Quaternion, b: Quaternion, share: float) -> tuple[Quaternion, Vector]:
-    """The attitude on the way from a to b, and the constant body rates of that turn in one step."""
+    """The attitude between a and b at `share` of the step, and the constant body rates of that turn."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     w = aw * bw + ax * bx + ay * by + az * bz

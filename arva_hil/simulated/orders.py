@@ -1,4 +1,4 @@
-"""The commands that the built-in vehicle flies by, each answered with a MAV_RESULT."""
+"""The commands of the built-in vehicle for flying. Each returns a MAV_RESULT."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ FAILED: Final[int] = dialect.MAV_RESULT_FAILED
 _BY_FORCE: Final = 21196  # MAV_CMD_COMPONENT_ARM_DISARM, param 2
 
 
-def whole(value: float) -> int:
-    """An integer parameter; NaN and infinity become -2, which means nothing anywhere."""
+def integer(value: float) -> int:
+    """A parameter as an integer; -2, which is never valid, for NaN and infinity."""
     return int(value) if math.isfinite(value) else -2
 
 
 def set_mode(pilot: SimulatedAutopilot, params: Params, _: int) -> int:
     """The first two parameters are `base_mode` and `custom_mode`."""
-    if not whole(params[0]) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+    if not integer(params[0]) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
         return DENIED
-    return ACCEPTED if pilot.set_mode(whole(params[1])) else FAILED
+    return ACCEPTED if pilot.set_mode(integer(params[1])) else FAILED
 
 
 def _arm(pilot: SimulatedAutopilot, params: Params, _: int) -> int:
-    if (wanted := whole(params[0])) not in (0, 1):
+    if (wanted := integer(params[0])) not in (0, 1):
         return DENIED
-    by_force = whole(params[1]) == _BY_FORCE
+    by_force = integer(params[1]) == _BY_FORCE
     return ACCEPTED if (pilot.arm() if wanted else pilot.disarm(by_force)) else FAILED
 
 

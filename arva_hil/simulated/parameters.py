@@ -1,4 +1,4 @@
-"""The handful of parameters of the built-in vehicle: ArduCopter's names, and their defaults there."""
+"""The parameters of the built-in vehicle: some of ArduCopter's, with their default values."""
 
 from __future__ import annotations
 

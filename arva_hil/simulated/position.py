@@ -1,4 +1,4 @@
-"""Where the built-in vehicle reports to be: around its home, and with the slow error of a GPS."""
+"""The reported position of the built-in vehicle: its frame at home, and the slow error of a GPS."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _NODE_US: Final = 1_000_000
 _REMEMBERED: Final = math.exp(-_NODE_US / 30e6)  # of the raw error after a second
 _SLOW: Final = math.exp(-_NODE_US / 5e6)  # of the smoothed one
 _SMOOTHED: Final = math.sqrt((1 - _SLOW) / (1 + _SLOW) * (1 + _SLOW * _REMEMBERED) / (1 - _SLOW * _REMEMBERED))
-# by which smoothing lessens the standard deviation
+# by which smoothing reduces the standard deviation
 
 
 class Home:
-    """Where the vehicle was switched on: degrees and metres above mean sea level, and the frame around it."""
+    """The place where the vehicle was switched on (degrees, metres above mean sea level), and the frame there."""
 
     def __init__(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
         self.alt_m = alt_m
@@ -31,7 +31,7 @@ class Home:
         return float(lat), float(lon), float(alt)
 
     def lla_fast(self, ned: Vector) -> Vector:
-        """The same within 0.1 mm and ten times as fast: a plane in each cube of 16 m."""
+        """`lla` within 0.1 mm in a tenth of the time: linear in each cube of 16 m."""
         n, e, d = ned
         cell = round(n / 16), round(e / 16), round(d / 16)
         x, y, z = cell[0] * 16.0, cell[1] * 16.0, cell[2] * 16.0
@@ -45,12 +45,11 @@ class Home:
 
 
 class PositionError:
-    """The error of an estimated position: on each axis a Gauss-Markov process, smoothed as an estimator does it.
+    """The error of an estimated position: a Gauss-Markov process on each axis, smoothed as by an estimator.
 
-    `sigma`: its standard deviation, metres. The process forgets in 30 s, and is low-pass filtered with 5 s, so that
-    the error drifts and does not jitter. It begins with 0, because home is where the estimator begins. Drawn once a
-    second, straight lines between. Remembers the second it has come to; the same seed gives the same error at the same
-    time.
+    `sigma`: its standard deviation [m]. The correlation time is 30 s, the low-pass filter has 5 s: the error drifts and
+    does not jitter. It begins with 0, because the estimator begins at home. A value is drawn each second, and
+    interpolated. Remembers the last second; the same seed gives the same error at the same time.
     """
 
     def __init__(self, sigma: float, seed: int) -> None:
@@ -60,7 +59,7 @@ class PositionError:
         self._raw = self._from = self._to = (0.0, 0.0, 0.0)
 
     def at(self, time_us: int) -> Vector:
-        """Metres NED, to be added to the true position. Time never goes back."""
+        """The error NED [m], to be added to the true position. Time never goes back."""
         if not self._raw_sigma:
             return self._raw
         while self._node < time_us // _NODE_US:

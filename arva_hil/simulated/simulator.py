@@ -1,4 +1,4 @@
-"""The built-in vehicle on links: the far end of the demonstration and of loopback tests."""
+"""Built-in vehicles on links: the far end for demonstrations and loopback tests."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from arva_hil.simulated.vehicle import SimulatedVehicle
 
 
 class Simulator:
-    """Simulated vehicles that all hear and speak on every one of `links`; served by the loop as an emulator is."""
+    """Simulated vehicles that all use all `links`. A task of the loop."""
 
     def __init__(self, vehicles: Sequence[SimulatedVehicle], links: Sequence[Link]) -> None:
         self.vehicles = vehicles

@@ -1,8 +1,8 @@
-"""The built-in vehicle: a simulated multirotor that answers as ArduCopter does, over any link.
+"""The built-in vehicle: a simulated multirotor that answers like ArduCopter, over any link.
 
-It says HEARTBEAT once a second and nothing else until it is asked, and has a handful of parameters. It knows the
-commands in `orders.py` and those that ask for messages; every other one is UNSUPPORTED. A rate above 333 Hz or an id it
-does not know is DENIED, and the old rate stays.
+It sends a HEARTBEAT once a second, and other messages only on request. It has a few parameters. It knows the commands
+in `orders.py` and those that request messages; all others are UNSUPPORTED. A rate above 333 Hz or an unknown message is
+DENIED, and the old rate stays.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from arva_hil.simulated.failsafes import Failsafe
 from arva_hil.simulated.message_rates import MessageRates
 from arva_hil.simulated.messages import BUILDERS, SENSORS, VehicleReport, read_set_point
 from arva_hil.simulated.multirotor import STEP_US, Vector
-from arva_hil.simulated.orders import ACCEPTED, DENIED, FAILED, ORDERS, UNSUPPORTED, Params, set_mode, whole
+from arva_hil.simulated.orders import ACCEPTED, DENIED, FAILED, ORDERS, UNSUPPORTED, Params, integer, set_mode
 from arva_hil.simulated.parameters import values_requested
 from arva_hil.simulated.position import Home, PositionError
 
@@ -29,7 +29,7 @@ _HOME_POSITION: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
 
 
 class Truth(NamedTuple):
-    """What the vehicle really does at one instant, free of the estimator's error."""
+    """The true motion of the vehicle at one instant, without the estimator's error."""
 
     ned: Vector  # from home, m
     velocity: Vector  # NED, m/s
@@ -39,14 +39,14 @@ class Truth(NamedTuple):
 
 
 class SimulatedVehicle:
-    """Remembers a flight and what is asked of it. Times are seconds on the caller's clock and never go back.
+    """Remembers a flight and the requested messages. Times are seconds on the caller's clock and never go back.
 
-    `home`: latitude and longitude in degrees, altitude above mean sea level in metres: where it stands, heading north,
+    `home`: latitude and longitude in degrees, altitude above mean sea level in metres: there it stands, heading north,
     on flat ground. `wind`: NED, m/s. `gps_noise_m`: sigma on each axis of the slow error of reported positions.
-    `boot_time`: when it is switched on. `fix_after`: seconds from boot until it knows where it is. `streams`: message
-    id → Hz, sent unasked. `version`: of MAVLink, 1 or 2. `signing`: sign, and obey only what is signed.
-    `sensors`: beside GPS, bits of MAV_SYS_STATUS_SENSOR: barometer, rangefinder.
-    Raises ValueError for a stream it does not have.
+    `boot_time`: when it is switched on. `fix_after`: seconds from boot to the first fix. `streams`: message id → Hz,
+    sent without a request. `version`: of MAVLink, 1 or 2. `signing`: sign packets, and accept only signed ones.
+    `sensors`: besides GPS, bits of MAV_SYS_STATUS_SENSOR: barometer, rangefinder. Raises ValueError for an
+    unknown stream.
     """
 
     def __init__(
@@ -75,15 +75,15 @@ class SimulatedVehicle:
         self._origin = boot_time
         self._fix_us = round(fix_after * 1e6)
         self._rates = MessageRates(streams or {})
-        self._now = 0  # µs since the origin, as are all times inside
+        self._now = 0  # µs since the origin, like all times inside
         self._outbox = bytearray()
         self._boot(0)
 
     def _boot(self, at: int) -> None:
         self._boot_at = at
         self._encoder = Encoder(self.system, _COMPONENT, self.version, self._signing)
-        self._parsers: dict[int, Parser] = {}  # by link: what comes on two is cut anywhere, on each by itself
-        self._heard = False  # events are only for a link on which somebody has spoken
+        self._parsers: dict[int, Parser] = {}  # by link: the streams of two links must not be mixed
+        self._heard = False  # some messages are sent only after something was received
         self._was_armed = False
         self._pilot.disarm(force=True)
         self._pilot.set_mode(Mode.STABILIZE)
@@ -91,7 +91,7 @@ class SimulatedVehicle:
         self._rates.boot(at)
 
     def feed(self, chunk: bytes, now: float, link: int = 0) -> None:
-        """Take bytes, cut anywhere, that have arrived on a link by `now`."""
+        """Use bytes, cut anywhere, that arrived on a link until `now`."""
         self._advance(self._us(now))
         if self._signing:
             self._signing.advance(now)
@@ -112,7 +112,7 @@ class SimulatedVehicle:
                 self._tell_events()
 
     def poll(self, now: float) -> bytes:
-        """All that it has to say up to `now`, each message as it was when it was due."""
+        """The messages to send until `now`, each with the values of the time at which it was due."""
         self._advance(self._us(now))
         said = bytes(self._outbox)
         self._outbox.clear()
@@ -120,7 +120,7 @@ class SimulatedVehicle:
 
     @property
     def next_due(self) -> float:
-        """When `poll` has something to say."""
+        """The time at which `poll` returns something."""
         due = self._now if self._outbox else self._rates.next_due
         return self._origin + due * 1e-6
 
@@ -143,12 +143,12 @@ class SimulatedVehicle:
         return Truth(*motion, self._home.lla(motion.position))
 
     def reboot(self, now: float) -> None:
-        """Start again: disarmed (in the air it falls), STABILIZE, no fix, no streams, `time_boot_ms` 0."""
+        """Restart: disarmed (in the air it falls), STABILIZE, without a fix and streams, `time_boot_ms` 0."""
         self._advance(self._us(now))
         self._boot(self._now)
 
     def trigger(self, failsafe: Failsafe, now: float) -> None:
-        """A failsafe strikes now. On the ground it only says so."""
+        """Trigger a failsafe now. On the ground it only sends the text."""
         self._advance(self._us(now))
         self._send(dialect.MAVLink_statustext_message(failsafe.severity, failsafe.text))
         self._pilot.empty |= failsafe.empty
@@ -159,7 +159,7 @@ class SimulatedVehicle:
         return round((now - self._origin) * 1e6)
 
     def _advance(self, until: int) -> None:
-        """Fly, and say what falls due on the way."""
+        """Fly, and send messages when they are due."""
         while (due := self._rates.next_due) <= until:
             self._fly(due)
             report = self._report(due)
@@ -192,7 +192,7 @@ class SimulatedVehicle:
             self._send(BUILDERS[_HOME_POSITION](self._report(at)))
 
     def _report(self, at: int) -> VehicleReport:
-        """The state at an instant, of which its stamp keeps whole milliseconds."""
+        """The values for messages at an instant, rounded down to the milliseconds of its time stamp."""
         boot_ms = (at - self._boot_at) // 1000
         at = self._boot_at + boot_ms * 1000
         motion = self._pilot.motion.at(at)
@@ -204,7 +204,7 @@ class SimulatedVehicle:
         if message is not None:
             self._outbox += self._encoder.pack(message)
 
-    # What it is told
+    # -- received messages ---------------------------------------------------------------------------------
 
     def _on_command(self, message: Message, packet: Packet) -> None:
         command = message.command
@@ -220,19 +220,19 @@ class SimulatedVehicle:
         if result != ACCEPTED:
             return
         if command == dialect.MAV_CMD_REQUEST_MESSAGE:
-            self._send(BUILDERS[whole(params[0])](self._report(self._now)))
+            self._send(BUILDERS[integer(params[0])](self._report(self._now)))
         elif command == dialect.MAV_CMD_GET_MESSAGE_INTERVAL:
-            msgid = whole(params[0])
+            msgid = integer(params[0])
             self._send(dialect.MAVLink_message_interval_message(msgid, self._rates.interval(msgid)))
 
     def _carry_out(self, command: int, params: Params, frame: int) -> int:
-        """Gives back a MAV_RESULT."""
+        """Execute a command. Returns a MAV_RESULT."""
         if command in ORDERS:
             return ORDERS[command](self._pilot, params, frame)
         if command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
-            return ACCEPTED if self._rates.ask(whole(params[0]), whole(params[1]), self._now) else DENIED
+            return ACCEPTED if self._rates.request(integer(params[0]), integer(params[1]), self._now) else DENIED
         if command in (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_GET_MESSAGE_INTERVAL):
-            return ACCEPTED if whole(params[0]) in BUILDERS else FAILED
+            return ACCEPTED if integer(params[0]) in BUILDERS else FAILED
         return UNSUPPORTED
 
     def _acknowledge(self, command: int, result: int, packet: Packet) -> None:
@@ -248,7 +248,7 @@ class SimulatedVehicle:
 
     def _on_data_stream(self, message: Message, _: Packet) -> None:
         rate_hz = message.req_message_rate if message.start_stop else 0
-        self._rates.ask_group(message.req_stream_id, rate_hz, self._now)
+        self._rates.request_group(message.req_stream_id, rate_hz, self._now)
 
     def _on_timesync(self, message: Message, _: Packet) -> None:
         if message.tc1 == 0:
@@ -256,7 +256,7 @@ class SimulatedVehicle:
             self._send(dialect.MAVLink_timesync_message(boot_ns, message.ts1))
 
     def _on_terrain_check(self, message: Message, _: Packet) -> None:
-        """Its ground is flat."""
+        """The terrain is flat."""
         alt_m = self._home.alt_m
         height = -self._pilot.motion.down
         self._send(dialect.MAVLink_terrain_report_message(message.lat, message.lon, 30, alt_m, height, 0, 1))
@@ -266,7 +266,7 @@ class SimulatedVehicle:
             self._send(value)
 
     def _on_mission_list(self, message: Message, packet: Packet) -> None:
-        """It has no mission; ground stations ask."""
+        """Ground stations request the mission: there is none."""
         kind = getattr(message, "mission_type", 0)
         self._send(dialect.MAVLink_mission_count_message(packet.system, packet.component, 0, kind))
 
