@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.config import NavigationError, Scenario
-from arva_hil.field import LocalFrame, rotation
+from arva_hil.field import LocalFrame, quaternion
 from arva_hil.vehicle.further_messages import SimulatorTruth
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.reasons import NoPose
@@ -37,7 +37,7 @@ class PoseError:
         self._bias = np.asarray(bias_ned, float)
         self._sigma = walk_sigma_m
         self._keep = math.exp(-_STEP_S / walk_tau_s)
-        self._turn = rotation.from_euler(0.0, 0.0, math.radians(heading_deg))
+        self._turn = quaternion.from_euler(0.0, 0.0, math.radians(heading_deg))
         self._seed = seed
         self._begin()
 
@@ -49,7 +49,7 @@ class PoseError:
         there = position + self._bias
         if self._sigma:
             there += self._walked(max(0.0, time_s / _STEP_S))
-        return there, rotation.multiply(self._turn, attitude)
+        return there, np.array(quaternion.multiply(self._turn, quaternion.unit(*attitude.tolist())))
 
     def _begin(self) -> None:
         self._random = np.random.Generator(np.random.PCG64([self._seed, 0x57A4]))

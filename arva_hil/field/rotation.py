@@ -60,19 +60,6 @@ def to_matrix(q: ArrayLike) -> Array:
     return m
 
 
-def multiply(a: ArrayLike, b: ArrayLike) -> Array:
-    """The rotation b followed by a, (..., 4): to_matrix(multiply(a, b)) = to_matrix(a) @ to_matrix(b)."""
-    a, b = _unit(a), _unit(b)
-    aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
-    bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
-    return _stack(
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    )
-
-
 def _stack(*parts: Array) -> Array:
     return np.stack(np.broadcast_arrays(*parts), axis=-1)
 

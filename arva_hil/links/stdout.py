@@ -39,18 +39,17 @@ class StdoutLink(Link):
     def __init__(self, file: BinaryIO, name: str = "-") -> None:
         self.name = name
         self.give_up: Callable[[], bool] = lambda: False
-        self._file: BinaryIO | None = file
+        self._file = file
         self._fills = sys.platform != "win32" and _fills(file)
 
     def read(self) -> bytes:
         return b""
 
     def write(self, data: bytes) -> bool:
-        if self._file is None:
-            raise LinkError(self.name, "is closed")
+        self._check_open()
         left = memoryview(data)
         try:
-            if self._fills and not self._has_room(self._file):
+            if self._fills and not self._has_room():
                 self.dropped += 1
                 return False
             while left:
@@ -67,12 +66,12 @@ class StdoutLink(Link):
         return True
 
     def close(self) -> None:
-        self._file = None
+        self._open = False
 
-    def _has_room(self, file: BinaryIO) -> bool:
+    def _has_room(self) -> bool:
         """Wait for room. Returns False if `give_up()` is true first."""
         pause = 0.0
-        while not await_descriptors(write=[file.fileno()], timeout_s=pause):
+        while not await_descriptors(write=[self._file.fileno()], timeout_s=pause):
             if self.give_up():
                 return False
             pause = _ASK_S

@@ -9,7 +9,7 @@ import contextlib
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from io import FileIO
 from pathlib import Path
 from typing import Any, Final
@@ -119,7 +119,7 @@ def _locks(file: FileIO, *, wait: bool) -> bool:
 def _read(file: Path) -> KeptTimeStamps:
     """The time stamps in a file, none if it does not exist. Raises OSError; ValueError for other contents."""
     try:
-        with _opened(file) as opened:
+        with open(file, "rb", buffering=0, opener=_open) as opened:
             data = opened.read(_LARGEST_FILE + 1) or b""
     except FileNotFoundError:
         return KeptTimeStamps()
@@ -136,11 +136,8 @@ def _read(file: Path) -> KeptTimeStamps:
     return KeptTimeStamps(newest, streams)
 
 
-@contextlib.contextmanager
-def _opened(file: Path) -> Iterator[FileIO]:
-    flags = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
-    with open(file, "rb", buffering=0, opener=lambda name, mode: os.open(name, mode | flags)) as opened:
-        yield opened
+def _open(name: str, flags: int) -> int:
+    return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
 
 
 def _written(kept: KeptTimeStamps) -> bytes:
