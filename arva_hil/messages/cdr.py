@@ -1,6 +1,6 @@
 """CDR: the bytes of ROS 2 messages, little endian, each value aligned to its size from the end of the header.
 
-Neighbouring numbers are packed by one `struct`, of which there is one for each place, modulo 8, to begin at.
+Neighbouring numbers are packed by one `struct`. There is one for each start position modulo 8.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class _Leaf(NamedTuple):
 
 
 def _steps(cls: type[Message]) -> list[_Step]:
-    """How to write a message; made once for each class."""
+    """The functions that write a message; made once for each class."""
     if cls in _STEPS:
         return _STEPS[cls]
     steps = _STEPS[cls] = []
@@ -59,7 +59,7 @@ def _steps(cls: type[Message]) -> list[_Step]:
 
 
 def _leaves(cls: type[Message], prefix: str = "") -> list[_Leaf]:
-    """The fields of a message and of those in it, in their order."""
+    """The fields of a message and of the messages in it, in their order."""
     leaves = []
     for name, of in field_types(cls).items():
         if of.message and not of.sequence:
@@ -91,7 +91,7 @@ def _numbers(leaves: Sequence[_Leaf]) -> _Step:
 
 
 def _packed(codes: str, at: int) -> struct.Struct:
-    """The numbers of these codes from the place `at` on."""
+    """The struct of numbers with these codes, from the position `at` on."""
     text = "<"
     for code in codes:
         size = struct.calcsize(code)

@@ -1,4 +1,4 @@
-"""The status of a run as ROS diagnostics: one entry a vehicle, one a receiver."""
+"""The status of a run as ROS diagnostics: one entry for each vehicle and for each receiver."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _PROGRAM: Final = "arva-hil"
 
 
 def diagnostics(report: StatusReport, header: Header) -> DiagnosticArray:
-    """All that the report says."""
+    """The diagnostics of a report."""
     status = []
     for vehicle in report.vehicles:
         status.append(_of_vehicle(vehicle))

@@ -1,4 +1,4 @@
-"""The messages of a program while it runs: of its run, its search, or both."""
+"""The messages of a running program: of its run, its search, or both."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from arva_hil.messages.searches import TOPICS, SearchMessages
 
 
 class LiveMessages:
-    """Makes the messages of all events. `scenario`: of the run; None for a search, which knows none.
+    """Makes the messages of all events. `scenario`: of the run; None for a search alone.
 
     `epoch_us`: microseconds since 1970 at the loop's time 0. `searches`: whether there is a search.
     """
@@ -26,11 +26,11 @@ class LiveMessages:
 
     @property
     def topics(self) -> Mapping[str, type[Message]]:
-        """All topics that there may be, with their messages."""
+        """All possible topics, with their message types."""
         return {**(self._run.topics if self._run else {}), **(TOPICS if self._searches else {})}
 
     def of_event(self, event: Event) -> list[Publication]:
-        """The messages of one event, in their order; none of most."""
+        """The messages of one event, in their order. Most events have none."""
         if isinstance(event, FromSearch):
             event = event.event
         if isinstance(event, SearchEvent):

@@ -1,4 +1,4 @@
-"""The base of message declarations: one class gives the fields, the `ros2msg` text and, in `cdr`, the bytes."""
+"""The base class of message declarations. It gives the fields, the `ros2msg` text and, with `cdr`, the bytes."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ class Message(Frozen):
 
     @classmethod
     def ros_name(cls) -> str:
-        """Such as `geometry_msgs/msg/Point`."""
+        """The name, e.g. `geometry_msgs/msg/Point`."""
         return f"{cls.package}/msg/{cls.__name__}"
 
 
 class FieldType(NamedTuple):
-    """The type of a field: `name` of a primitive, or the class of a `message`. `sequence`: any number of them.
+    """The type of a field: the `name` of a primitive type, or the class of a `message`.
 
-    `length`: of an array, 0 if it is none.
+    `sequence`: it is a sequence of any length; `length`: of an array, 0 if it is none.
     """
 
     name: str
@@ -51,7 +51,7 @@ class FieldType(NamedTuple):
 
 
 def field_types(cls: type[Message]) -> dict[str, FieldType]:
-    """The types of a message's fields by name. Raises TypeError for a type that no message has."""
+    """The types of a message's fields by name. Raises TypeError for a type that messages cannot have."""
     hints = get_type_hints(cls, include_extras=True)
     return {name: _field_type(hint) for name, hint in hints.items() if get_origin(hint) is not ClassVar}
 

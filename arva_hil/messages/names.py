@@ -1,4 +1,4 @@
-"""Names of topics and frames, of the letters, digits and underscores that ROS allows."""
+"""Names of topics and frames. ROS allows letters, digits and underscores."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import re
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-MAP: Final = "map"  # the world, its origin the scenario's
+MAP: Final = "map"  # the world; its origin is the scenario's
 TF: Final = "/tf"
 DIAGNOSTICS: Final = "/diagnostics"
 
 
 class ReceiverNames(NamedTuple):
-    """Of one receiver. `map`: the frame in which it is; `frame`: its own; `transmitter`: those of transmitters,
-    before their ids. The others are topics.
+    """The names for one receiver. `map`: the frame of its poses; `frame`: its own frame; `transmitter`: the prefix of
+    the transmitters' frames, before their ids. The others are topics.
     """
 
     map: str
@@ -27,7 +27,7 @@ class ReceiverNames(NamedTuple):
 
 
 def names_of(receivers: Sequence[tuple[str, str]]) -> dict[tuple[str, str], ReceiverNames]:
-    """The names of all receivers, by vehicle and receiver; one alone, with its vehicle, has them without a prefix."""
+    """The names for all receivers, by (vehicle, receiver). They have no prefix if there is only one receiver."""
     if len(receivers) < 2:
         return {of: _names("", MAP) for of in receivers or [("vehicle", "receiver")]}
     vehicles = unique([vehicle for vehicle, _ in receivers])
@@ -39,13 +39,13 @@ def names_of(receivers: Sequence[tuple[str, str]]) -> dict[tuple[str, str], Rece
 
 
 def word(name: str) -> str:
-    """A name as ROS allows it: letters, digits and underscores, no digit first."""
+    """A name for ROS: letters, digits and underscores, without a digit at the start."""
     allowed = re.sub("[^A-Za-z0-9_]", "_", name)
     return f"_{allowed}" if allowed[:1].isdigit() else allowed
 
 
 def unique(names: Sequence[str]) -> dict[str, str]:
-    """Each name as ROS allows it, unlike the others; slashes stay."""
+    """A different name for ROS for each name. Slashes are kept."""
     given: dict[str, str] = {}
     for name in dict.fromkeys(names):
         allowed = "/".join(map(word, name.split("/")))

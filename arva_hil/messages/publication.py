@@ -1,4 +1,4 @@
-"""What is published: a message with its topic and its time."""
+"""Publications: messages with topic and time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from arva_hil.messages.message import Message
 from arva_hil.messages.types import Header, Time
 
 _SECOND: Final = 1_000_000_000  # ns
-_LATEST: Final = 2**31 * _SECOND  # that a message can have
+_LATEST: Final = 2**31 * _SECOND  # the end of the times that a message can have
 
 
 class Publication(NamedTuple):
@@ -20,11 +20,11 @@ class Publication(NamedTuple):
 
 
 def stamp_of(epoch_us: int, time_s: float) -> int:
-    """Nanoseconds since 1970; 0 for times that a message cannot have. `epoch_us`: 1970 to time 0, microseconds."""
+    """Nanoseconds since 1970; 0 for times that a message cannot have. `epoch_us`: microseconds since 1970 at time 0."""
     stamp_ns = epoch_us * 1000 + round(time_s * _SECOND)
     return stamp_ns if 0 <= stamp_ns < _LATEST else 0
 
 
 def header(stamp_ns: int, frame: str) -> Header:
-    """The header of a message of that time in that frame."""
+    """The header of a message with this time and frame."""
     return Header(Time(*divmod(stamp_ns, _SECOND)), frame)

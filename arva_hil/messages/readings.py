@@ -1,6 +1,6 @@
-"""The messages of a run: each reading, where it was taken, what was there to hear, and how all is.
+"""The messages of a run: readings, poses, transmitters and diagnostics.
 
-They are made from the events of a live run, or from the rows of a record; so both give the same.
+They are made from the events of a live run, or from the rows of a record. Both give the same messages.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from arva_hil.receiver.reading import ChannelReading
 
 _EMPTY: Final = -1  # the id of an empty slot
 _NOWHERE: Final = ros.Vector3(0.0, 0.0, 0.0)
-_SHAPES_S: Final = 0.2  # shapes are not drawn anew sooner
+_SHAPES_S: Final = 0.2  # shortest time between two drawings of the shapes
 _STATUS_S: Final = 1.0
 _FIX: Final = ros.NavSatStatus(0, 1)  # a fix, of GPS
 _UNKNOWN: Final = (0.0,) * 9
 
 
 class Taken(NamedTuple):
-    """One reading. `stamp_ns`: of its instant, since 1970; `instant_s`: the same from the start of the run; `pose`: the
-    receiver's true one, `reported`: by what its vehicle says; None: not known.
+    """One reading. `stamp_ns`: its instant, since 1970; `instant_s`: the same from the start of the run; `pose`: the
+    receiver's true one; `reported`: from its vehicle's report; None: not known.
     """
 
     vehicle: str
@@ -49,11 +49,11 @@ class Taken(NamedTuple):
 
 
 class RunMessages:
-    """Makes the messages of one run. Remembers each vehicle's datum and transmitters, and what was published when.
+    """Makes the messages of one run. Remembers each vehicle's datum and transmitters, and the times of publications.
 
-    `scenario`: None if nobody knows it, so that no transmitter is known. `epoch_us`: microseconds since 1970 at the
-    loop's time 0. `receivers`: by vehicle and receiver; by default the scenario's. Transmitters that follow a vehicle
-    are not drawn, and their field is not known here.
+    `scenario`: None if it is not known; then no transmitter is known. `epoch_us`: microseconds since 1970 at the loop's
+    time 0. `receivers`: (vehicle, receiver); default: the scenario's. Transmitters that follow a vehicle are not drawn,
+    and have no field here.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class RunMessages:
                 self.place(vehicle, (fixed.lat, fixed.lon, fixed.alt))
 
     def of_event(self, event: Event) -> list[Publication]:
-        """The messages of an event of a live run; none of most."""
+        """The messages of an event of a live run. Most events have none."""
         if isinstance(event, FrameMade):
             stamp = stamp_of(self._epoch_us, event.time_s - event.late_s)
             poses = event.pose, event.reported_pose
@@ -94,7 +94,7 @@ class RunMessages:
 
     @property
     def world(self) -> LocalFrame | None:
-        """The datum of the frame `map`: that of the first vehicle that has one."""
+        """The datum of the frame `map`: the one of the first vehicle with a datum."""
         return next(iter(self._datums.values()), None)
 
     def of_reading(self, taken: Taken) -> list[Publication]:
@@ -134,7 +134,7 @@ class RunMessages:
 
     @property
     def topics(self) -> dict[str, type[Message]]:
-        """All topics that there may be, with their messages."""
+        """All possible topics, with their message types."""
         topics: dict[str, type[Message]] = {TF: ros.TFMessage, DIAGNOSTICS: ros.DiagnosticArray}
         for names in self._names.values():
             topics |= {names.arva: ros.Arva, names.pose: ros.PoseStamped, names.fix: ros.NavSatFix}
@@ -153,7 +153,7 @@ class RunMessages:
         return None if there is None else there.at(taken.instant_s, lambda system: None)
 
     def _arrows_of(self, key: tuple[str, str], own: ros.Header, slots: Sequence[ros.ArvaData]) -> list[ros.Marker]:
-        """An arrow for each slot that has a direction; those that have none any more are removed."""
+        """An arrow for each slot with a direction. Other arrows are removed."""
         shown = {n: slot for n, slot in enumerate(slots, 1) if markers.is_direction(slot.direction)}
         gone = sorted(self._arrows.get(key, frozenset()) - shown.keys())
         self._arrows[key] = frozenset(shown)
@@ -168,7 +168,7 @@ class RunMessages:
 
 
 def _placed(there: Transmitters | None) -> list[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
-    """Id, place NED and rotation of the transmitters whose place is known."""
+    """Id, place NED and rotation of each transmitter with a known place."""
     if there is None:
         return []
     every = zip(there.ids, there.positions, there.rotations, strict=True)
@@ -176,7 +176,7 @@ def _placed(there: Transmitters | None) -> list[tuple[int, NDArray[np.float64], 
 
 
 def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, ros.Vector3]:
-    """The field at the receiver by transmitter, FLU."""
+    """The field at the receiver by transmitter id, FLU."""
     if pose is None or there is None or not there.ids:
         return {}
     field = field_of(pose.position, there.positions, there.rotations, there.strengths) @ pose.rotation
@@ -186,5 +186,5 @@ def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, ros.
 
 def _slot(channel: ChannelReading, directions: dict[int, ros.Vector3]) -> ros.ArvaData:
     id_ = _EMPTY if channel.id is None else channel.id
-    direction = directions.get(id_, _NOWHERE) if channel.zone else _NOWHERE  # a blank one hears nothing now
+    direction = directions.get(id_, _NOWHERE) if channel.zone else _NOWHERE  # a blank slot hears nothing now
     return ros.ArvaData(id_, float(channel.d_cm), direction, channel.delta_deg, int(channel.zone))

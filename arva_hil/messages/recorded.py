@@ -1,4 +1,4 @@
-"""The messages of a record: those that its run published or would have, in the order of their times."""
+"""The messages of a record: the same that its run could have published, in the order of their times."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _BATCH: Final = 4096  # frames that are converted at once
 
 
 def messages_of(recording: Recording) -> Iterator[Publication]:
-    """Every reading once, and all that belongs to it; times from 1970, or from 0 where nobody knows the day.
+    """The messages of all readings. Times are from 1970, or from 0 if the date is not known.
 
-    A record has no attitude that the vehicle reports: a reported pose has the true one.
+    A record has no reported attitude: a reported pose has the true one.
     """
     epoch_us = round((recording.start_utc_s or 0.0) * 1e6)
     scenario = recording.run.scenario if recording.run else None
@@ -77,12 +77,12 @@ def _readings(
 
 
 def _whole(rows: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which rows have all their values."""
+    """The rows without missing values."""
     return np.asarray(np.isfinite(rows).all(axis=1))
 
 
 def _same(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which rows are the same."""
+    """The rows that are equal."""
     return np.asarray(np.equal(a, b).all(axis=1))
 
 
@@ -101,7 +101,7 @@ def _vehicle(said: Mapping[str, Any]) -> VehicleStatus:
 
 
 def _of_search(search: RecordedSearch, run: RunMessages, epoch_us: int) -> Iterator[Publication]:
-    """Of the steps that heard a frame, and of the place found, at the last step."""
+    """Messages of the steps with a frame, and of the place found at the last step."""
     made, times = SearchMessages(epoch_us), (search.time_s + search.start_s).tolist()
     if search.origin:
         made.of_event(TakeOffPoint(times[0] if times else 0.0, *search.origin))

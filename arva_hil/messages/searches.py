@@ -1,6 +1,6 @@
-"""The messages of a search: what it hears and where, what it believes, and the place found.
+"""The messages of a search: frames heard, poses, beliefs, and the place found.
 
-The frame `takeoff` is ENU, its origin the take-off point.
+The frame `takeoff` is ENU with its origin at the take-off point.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ TOPICS: Final[Mapping[str, type[Message]]] = {
 }
 
 _EMPTY, _NO_ID = -1, -2
-_AGAIN_S: Final = 1.0  # what was found is told again, for those who come later
-_HEIGHT_VARIANCE: Final = 1e4  # m²: not known
-_HYPOTHESIS_M: Final = 1.5  # the size of one that has all of the share
+_AGAIN_S: Final = 1.0  # the place found is published again, for later subscribers
+_HEIGHT_VARIANCE: Final = 1e4  # m²: for an unknown height
+_HYPOTHESIS_M: Final = 1.5  # the size of a hypothesis with a share of 1
 _FOUND_M: Final = 0.6
 
 
 class SearchMessages:
-    """Makes the messages of a search's events. Remembers the take-off point, what was drawn, and the place found.
+    """Makes the messages of a search's events. Remembers the take-off point, the shapes, and the place found.
 
     `epoch_us`: microseconds since 1970 at the loop's time 0.
     """
@@ -56,7 +56,7 @@ class SearchMessages:
         self._told_s = -math.inf
 
     def of_event(self, event: Event, world: LocalFrame | None = None) -> list[Publication]:
-        """The messages of one event; none of most. `world`: the datum of the frame `map`, None if there is none."""
+        """The messages of one event. Most events have none. `world`: the datum of the frame `map`, if there is one."""
         stamp = stamp_of(self._epoch_us, event.time_s)
         if isinstance(event, TakeOffPoint):
             self._origin = LocalFrame(event.lat, event.lon, event.alt)
@@ -130,7 +130,7 @@ class SearchMessages:
 
 
 def _slot(channel: Channel) -> ros.ArvaData:
-    """A slot as it was read. Its direction is that of δ, of length 1."""
+    """A slot of a frame. Its direction is that of δ, with length 1."""
     id_ = _EMPTY if not channel.valid else _NO_ID if channel.id is None else channel.id
     delta = math.radians(channel.delta)
     known = channel.valid and channel.zone == MID

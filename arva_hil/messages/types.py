@@ -1,6 +1,6 @@
-"""The messages: those of ROS 2 Jazzy field by field, and the receiver's own.
+"""The message types: those of ROS 2 Jazzy, and the receiver's own.
 
-`Arva` is the message of the simulator that goes with the paper (`arva_sim/arva`), with δ and the zone of each slot.
+`Arva` is the message of the paper's simulator (`arva_sim/arva`), with δ and the zone of each slot in addition.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ class NavSatStatus(Message, package="sensor_msgs"):
 
 
 class NavSatFix(Message, package="sensor_msgs"):
-    """Degrees; metres above mean sea level, as MAVLink has them, although ROS wants them above the ellipsoid."""
+    """Degrees; metres above mean sea level as in MAVLink, although ROS defines them above the ellipsoid."""
 
     header: Header
     status: NavSatStatus
@@ -134,7 +134,7 @@ AT_ONCE: Final = Time(0, 0)
 
 
 class Marker(Message, package="visualization_msgs"):
-    """A shape in a 3D view. `action`: 0 draws it, 2 removes it. `lifetime` 0 is for ever."""
+    """A shape in a 3D view. `action`: 0 draws it, 2 deletes it. `lifetime` 0: for ever."""
 
     header: Header
     ns: Text
@@ -182,13 +182,12 @@ class DiagnosticArray(Message, package="diagnostic_msgs"):
 
 
 class ArvaData(Message, package="arva_msgs"):
-    """One slot. An empty one has the id −1 and the receiver's no-signal values, mostly −1; one that hears a transmitter
-    whose id its frames do not carry has the id −2.
+    """One slot. An empty slot has the id −1 and the receiver's no-signal values, mostly −1. The id is −2 if the frames
+    carry no ids.
 
-    `distance`: the receiver's d, centimetres. `direction`, in the receiver's frame FLU: of an emulator the field of
-    this transmitter by the model, without noise, 1/m³ for κ‖m‖ = 1, which no receiver says; of a search what δ says,
-    of length 1; (0, 0, 0) where it is not known. `delta`: the receiver's δ, degrees, positive to the right.
-    `zone`: 0 outer, 1 mid, 2 inner.
+    `distance`: the receiver's d [cm]. `direction`, in the receiver's frame FLU, (0, 0, 0) if it is not known: from an
+    emulator the model's field of this transmitter without noise, in 1/m³ for κ‖m‖ = 1; from a search the direction of δ
+    with length 1. `delta`: the receiver's δ, degrees, positive to the right. `zone`: 0 outer, 1 mid, 2 inner.
     """
 
     id: Int32
@@ -199,11 +198,11 @@ class ArvaData(Message, package="arva_msgs"):
 
 
 class Arva(Message, package="arva_msgs"):
-    """One reading: all slots of the receiver, the nearest transmitter first. `header`: the receiver's own frame."""
+    """One reading: all slots of the receiver, the nearest transmitter first. `header`: with the receiver's frame."""
 
     header: Header
     arva_signals: Sequence[ArvaData]
 
 
 PUBLISHED: Final = (Arva, PoseStamped, NavSatFix, MarkerArray, TFMessage, DiagnosticArray)
-"""What there are topics of."""
+"""The types of messages that are published."""
