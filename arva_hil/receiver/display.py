@@ -1,4 +1,4 @@
-"""What a display makes of a signal: threshold, zones, steps, arrows."""
+"""The display of a receiver: threshold, zones, steps of d, arrows."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LARGEST_CM: Final = 9900
 
 
 class Display:
-    """Remembers the last direction of each transmitter, for receivers that keep it near by.
+    """Remembers the last direction of each transmitter, for receivers that keep it near the transmitter.
 
     `kappa_eq`: turns field into distance. Signals are in units of the reference transmitter's field.
     """
@@ -29,13 +29,13 @@ class Display:
         self._directions: dict[int, int] = {}  # by the transmitter's index
 
     def antennas(self, signal: Vector) -> Vector:
-        """A signal at the antennas that there are."""
+        """The part of a signal at the antennas that the receiver has."""
         x, y, z = signal
         there = self._options.antennas
         return x, y if there > 1 else 0.0, z if there > 2 else 0.0
 
     def shown(self, index: int, signal: Vector) -> Shown | None:
-        """What the display says of a signal; None: it is below the threshold."""
+        """The values for a signal; None: it is below the threshold."""
         d, delta, zone_ = outputs(signal, self._kappa_eq, self._inner_m, self._mid_m)
         zone, d_cm, delta_deg = int(zone_), int(d), int(delta)
         if zone == Zone.OUTER:

@@ -1,4 +1,4 @@
-"""What receivers that listen to pulses have in common: whose pulses end when, and what of them reaches the antennas."""
+"""The common part of receivers that listen to pulses: the ends of pulses, and their signals at the antennas."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from arva_hil.receiver.pulsed_options import PulsedOptions
 from arva_hil.receiver.receiver_model import Impairment, Look, ReceiverSettings
 from arva_hil.receiver.separation import Vector
 
-_IDLE_S: Final = 1.0  # a look is never longer than this after the one before
-_FLOOR_RANGE_M: Final = 80.0  # the noise that a receiver is made for is the reference transmitter's field from there
+_IDLE_S: Final = 1.0  # the longest time between two looks
+_FLOOR_RANGE_M: Final = 80.0  # the specified noise is the reference transmitter's field at this distance
 _BATCH: Final = 256
 _SOUND: Final = Impairment()
 
@@ -30,7 +30,7 @@ class NoiseDraws:
         self._drawn: list[list[float]] = []
 
     def draw(self, sigma: float) -> Vector:
-        """The next three, with that standard deviation."""
+        """The next three, with this standard deviation."""
         if not self._drawn:
             self._drawn = self._rng.standard_normal((_BATCH, 3)).tolist()
         x, y, z = self._drawn.pop()
@@ -38,10 +38,10 @@ class NoiseDraws:
 
 
 class Listening:
-    """Remembers the transmitters' pulses to come, the newest look, and the noise. Signals are in units of the reference
-    transmitter's field. Three numbers are drawn for each pulse, whether it is heard or not.
+    """Remembers the transmitters' next pulses, the newest look, and the noise. Signals are in units of the reference
+    transmitter's field. Three numbers are drawn for each pulse, also if it is not heard.
 
-    `interference`: the noise of the newest pulse is above what a receiver is made for.
+    `interference`: the noise of the newest pulse is above the specified noise.
     """
 
     def __init__(self, settings: ReceiverSettings, options: PulsedOptions, seed: int) -> None:
@@ -58,22 +58,22 @@ class Listening:
 
     @property
     def ids(self) -> tuple[int, ...]:
-        """Of the transmitters, by index."""
+        """The ids of the transmitters, by index."""
         return self._look.transmitters.ids if self._look else ()
 
     def ranges(self) -> dict[int, float]:
-        """True distances at the newest look, by id."""
+        """The true distances [m] at the newest look, by id."""
         look = self._look
         return look.transmitters.ranges(look.pose.position) if look and look.pose else {}
 
     def next_look(self, after_s: float) -> float:
-        """When a pulse ends."""
+        """The time at which a pulse ends."""
         if self._look is None:
             return max(0.0, math.nextafter(after_s, math.inf))
         return self._timeline.next_end(after_s, after_s + _IDLE_S)
 
     def look(self, look: Look) -> bool:
-        """A look; whether its transmitters are others than before, or the first ones."""
+        """Use a look. Returns whether its transmitters are new."""
         self._look = look
         if look.transmitters.keyings == self._given:
             return False
@@ -83,12 +83,12 @@ class Listening:
         return True
 
     def pulses(self) -> list[SentPulse]:
-        """Those that have ended since the last look."""
+        """The pulses that have ended since the last look."""
         assert self._look is not None
         return list(self._timeline.take(self._look.time_s))
 
     def signals(self) -> list[Vector] | None:
-        """The signal of each transmitter's full pulse at the antennas, None without a pose."""
+        """The signal of each transmitter's full pulse at the antennas; None without a pose."""
         look = self._look
         if look is None or look.pose is None:
             return None
@@ -98,7 +98,7 @@ class Listening:
         return [(x * a, y * b, z * c) for x, y, z in h_r.tolist()]
 
     def noise(self, sender: int) -> Vector:
-        """The noise of the next pulse: its own, or that of a burst of interference."""
+        """The noise of the next pulse: the receiver's own, or interference."""
         look = self._look
         assert look is not None
         sigma_na_m = math.hypot(self._sigma_na_m, (look.impairment or _SOUND).noise_na_m)
@@ -111,7 +111,7 @@ class Listening:
         return x, y, z
 
     def limited(self, signal: Vector) -> Vector:
-        """A signal as antennas say it that are saturated."""
+        """A signal, limited by the saturation of the antennas."""
         assert self._look is not None
         limit_na_m = (self._look.impairment or _SOUND).saturation_na_m
         if self._options.saturation_na_m is not None:
@@ -144,5 +144,5 @@ class ListeningReceiver:
 
 
 def _keyings(there: Transmitters) -> tuple[Keying, ...]:
-    """Of transmitters of which nothing is said: modern sets."""
+    """The keyings of transmitters without one: those of modern sets."""
     return tuple(draw_keying(KEYING_CLASSES["modern"], 0, id_) for id_ in there.ids)

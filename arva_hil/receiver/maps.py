@@ -1,6 +1,6 @@
-"""What the paper's receiver reads at very many poses: for maps, and for whole flights at once.
+"""The readings of the paper's receiver at many poses: for maps, and for whole flights.
 
-The integers are those of a `PaperReceiver` that looks at these poses one after another.
+The integers are the same as from a `PaperReceiver` that looks at these poses one after another.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from arva_hil.field.medium import AIR
 from arva_hil.receiver.noise import NoiseSource, noise_bound
 from arva_hil.receiver.paper import INNER_M, MID_M, Antennas, outputs, receive, rounded
 
-_NEAR = 1.0001  # a field so much weaker than at the inner zone's edge is looked at closely all the same
+_NEAR = 1.0001  # fields this much weaker than at the edge of the inner zone are calculated exactly too
 
 Ints = NDArray[np.int64]
 
 
 class Readings(NamedTuple):
-    """Of N poses and M transmitters, in their order: `d_cm`, `delta_deg` and `zone` (`Zone`), each (N, M).
+    """The readings at N poses of M transmitters, in their order: `d_cm`, `delta_deg`, `zone` (`Zone`), each (N, M).
 
-    What is not heard has d and δ −1; in the inner zone δ is 0.
+    d and δ are −1 if a transmitter is not heard. δ is 0 in the inner zone.
     """
 
     d_cm: Ints
@@ -93,7 +93,7 @@ def _read(
         signal = [p[0] * turn[0, j] + p[1] * turn[1, j] + p[2] * turn[2, j] for j, p in enumerate(parts)]
     d_cm, delta, zone = _outputs(signal, antennas.kappa_eq)
     there.d_cm[:], there.delta_deg[:], there.zone[:] = d_cm.T, delta.T, zone.T
-    for i, k in odd:  # too near or too far for quick arithmetic
+    for i, k in odd:  # too near or too far for the fast calculation
         noise = np.zeros(3) if w is None else w.reshape(n, m, 3)[i, k]
         q = np.array(antennas.sensitivity)
         one = outputs(receive(transmitters.field_at(positions[i])[k], rotations[i], q, noise), antennas.kappa_eq)
@@ -101,7 +101,7 @@ def _read(
 
 
 def _outputs(signal: Sequence[Array], kappa_eq: float) -> tuple[Array, Array, Array]:
-    """As `outputs`, of x, y and z, each (M, N): the whole field is looked at only where it may be in the inner zone."""
+    """As `outputs`, for x, y and z, each (M, N). The inner zone is checked only where it is possible."""
     x, y, z = signal
     flat = x * x
     flat += y * y

@@ -42,9 +42,9 @@ def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) 
 
 
 class NoiseSource:
-    """Draws noise of one kind, up to a bound, from a seed. Remembers its random generator, and what it has drawn ahead.
+    """Draws noise of one kind, up to a bound, from a seed. Remembers its random generator, and noise drawn in advance.
 
-    A draw of many costs hardly more than a draw of one, and the numbers are the same.
+    Many draws at once need hardly more time than one, and give the same numbers.
     """
 
     def __init__(self, kind: NoiseKind, bound: float, seed: int) -> None:
@@ -62,7 +62,7 @@ class NoiseSource:
         return np.concatenate((first, draw_noise(self._rng, m - len(first), self._kind, self._bound)))
 
     def draw_few(self, m: int) -> list[list[float]]:
-        """The same as plain numbers."""
+        """`draw` as plain numbers."""
         if m > len(self._ahead):
             self._ahead += draw_noise(self._rng, max(m, _AHEAD), self._kind, self._bound).tolist()
         drawn, self._ahead = self._ahead[:m], self._ahead[m:]

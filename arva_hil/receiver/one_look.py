@@ -1,7 +1,7 @@
-"""What the paper's receiver hears at one pose among few transmitters: the arithmetic of `paper` in plain floats.
+"""The paper's receiver at one pose with few transmitters: the calculations of `paper` in plain floats.
 
-An array operation costs as much as some twenty numbers, so with a handful of transmitters this takes a fourth of the
-time. The field is that of `field.dipole_field`, and `paper.receive` and `paper.outputs` say what the formulas mean.
+An array operation takes as long as some twenty numbers, so with few transmitters this needs a quarter of the
+time. The field is that of `field.dipole_field`; `paper.receive` and `paper.outputs` explain the formulas.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Final
 
 from arva_hil.field.dipole import NEAREST_M, Dipole
 
-FEW: Final = 24  # transmitters: with more, arrays are quicker
+FEW: Final = 24  # transmitters: arrays are faster for more
 
-_SMALLEST: Final = 1e-200  # of a field: d is finite where there is none
+_SMALLEST: Final = 1e-200  # of a field: d stays finite without a field
 _DEGREES: Final = 180 / math.pi
 
 Vector = tuple[float, float, float]
@@ -56,7 +56,7 @@ def signals(
 
 
 def output(signal: Vector, scale: float, near: float, inner_m: float, mid_m: float) -> Heard | None:
-    """What is shown of a signal at the antennas; None: it is not heard.
+    """The output for a signal at the antennas; None: it is not heard.
 
     `scale`: d [m] of a field of 1; `near`: a weaker field is not in the inner zone; `inner_m`, `mid_m`: see
     `paper.outputs`.

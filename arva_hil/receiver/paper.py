@@ -24,7 +24,7 @@ MID_M: Final = 50.0
 _FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
 _REFERENCE_NA_M: Final = 2e6 * math.pi  # of a field of 1, if the reference transmitter has 1 µA/m on its axis at 10 m
 _AT_INNER: Final = 0.9999 / INNER_M**3  # 1/m³: a field that is weaker, with eq. 6's factor, is not in the inner zone
-_Heard = tuple[int, int, int, int]  # d in cm, id, δ in degrees, zone: what is heard, in the order of slots
+_Heard = tuple[int, int, int, int]  # d in cm, id, δ in degrees, zone; sorted like slots
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class PaperReceiver:
         self._no_signal = no_signal
         self._channels = channels
         self._noise = NoiseSource(antennas.noise, bound, seed)
-        self._beside = np.random.Generator(np.random.PCG64([seed, 1]))  # noise that is not the receiver's own
+        self._beside = np.random.Generator(np.random.PCG64([seed, 1]))  # for noise that is not the receiver's own
         self._heard: list[_Heard] = []  # at the last look
         self._start()
 
@@ -174,7 +174,7 @@ class PaperReceiver:
         return obey(commands, name, values)
 
     def _hear(self, look: Look, pose: Pose, w: list[list[float]]) -> tuple[list[_Heard], dict[int, float]]:
-        """All that it hears, and the true ranges of all transmitters, by id."""
+        """The transmitters that it hears, and the true ranges of all transmitters by id."""
         t = look.transmitters
         if len(t.ids) > FEW or t.medium is not AIR or look.impairment is not None:
             h_r = receive(t.field_at(pose.position), pose.rotation, self._q, np.array(w))
@@ -194,7 +194,7 @@ class PaperReceiver:
         return heard, ranges
 
     def _impaired(self, h_r: Array, wrong: Impairment) -> Array:
-        """What antennas say of which something is wrong."""
+        """The signals of impaired antennas."""
         noise = self._beside.standard_normal(h_r.shape) * (wrong.noise_na_m / _REFERENCE_NA_M)
         limit = wrong.saturation_na_m / _REFERENCE_NA_M
         limited: Array = np.clip(h_r * wrong.gains + noise, -limit, limit)
@@ -210,7 +210,7 @@ class PaperReceiver:
         return (ChannelReading(None, Zone.OUTER, *self._no_signal, None),) * count
 
     def _wanted(self, heard: list[_Heard]) -> list[_Heard]:
-        """Those that are not marked, or only the selected one."""
+        """The transmitters to show: those that are not marked, or only the selected one."""
         shown = [one for one in heard if one[1] not in self._marked]
         return [one for one in shown if one[1] == self._selected] or shown
 

@@ -1,4 +1,4 @@
-"""Receivers that listen to pulses: one look a pulse, a rhythm for each transmitter, slots, marks."""
+"""Receivers that listen to pulses: one look for each pulse, a rhythm for each transmitter, slots, marks."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from arva_hil.receiver.receiver_model import Answer, Commands, Look, ReceiverSet
 from arva_hil.receiver.separation import Vector, separate
 from arva_hil.receiver.slots import Slots
 
-_MOVED_M: Final = 1.0  # less is no motion
+_MOVED_M: Final = 1.0  # a smaller distance is no motion
 
 
 class PulsedReceiver(ListeningReceiver):
     """A `ReceiverModel` that looks at the end of each pulse, and follows the rhythm of every transmitter that it hears.
 
-    Remembers the pulses to come, slots and marks, since when it has not moved, and whether it went back to sending.
+    Remembers the next pulses, slots and marks, its last motion, and whether it has returned to sending.
 
-    Commands: `mark ID`, refused where rescuers fail; `unmark ID`, `unmark`; `select ID`, `select`; `channels N`;
-    `scan`; `restart`; `search` after it went back to sending.
+    Commands: `mark ID`, refused if it is too far away, not heard, or overlapped; `unmark ID`, `unmark`; `select ID`,
+    `select`; `channels N`; `scan`; `restart`; `search` after it has returned to sending.
     """
 
     _MEASURES: ClassVar[bool] = False
@@ -38,11 +38,11 @@ class PulsedReceiver(ListeningReceiver):
             self._listening, settings.channels, settings.no_signal, options.mark_within_m, self._MEASURES
         )
         self._random = Random(seed)
-        self._shown: tuple[float, Reading] | None = None  # until when it holds
+        self._shown: tuple[float, Reading] | None = None  # valid until this time
         self._switch_on(0.0)
 
     def look(self, look: Look) -> bool:
-        """See `ReceiverModel`. It asks for a frame when a slot has changed and `frames: pulses` is set."""
+        """See `ReceiverModel`. It requests a frame if a slot has changed and `frames: pulses` is set."""
         if self._listening.look(look):
             self._slots.forget()
         self._shown = None
@@ -86,11 +86,11 @@ class PulsedReceiver(ListeningReceiver):
         self._search()
 
     def _search(self) -> None:
-        self._moved: tuple[float, Vector] | None = None  # when and where it was when it moved last
+        self._moved: tuple[float, Vector] | None = None  # time and place of its last motion
         self.searching = True
 
     def _hear(self, sent: SentPulse, signals: list[Vector] | None) -> bool:
-        """One pulse; whether a slot shows it."""
+        """Use one pulse. Returns whether a slot shows it."""
         index, end_s = sent.pulse.sender, sent.pulse.end_s
         listening = self._listening
         u, v, w = listening.noise(index)
@@ -105,7 +105,7 @@ class PulsedReceiver(ListeningReceiver):
         return False
 
     def _note_motion(self, look: Look) -> None:
-        """Without motion for long, it sends instead of searching."""
+        """Return to sending after a long time without motion."""
         if self._options.revert_s is None or look.pose is None or not self.searching:
             return
         x, y, z = look.pose.position.tolist()
@@ -116,7 +116,7 @@ class PulsedReceiver(ListeningReceiver):
             self._slots.forget()
 
     def _test_itself(self, look: Look) -> None:
-        """While it starts: next to a transmitter or to electronics its self-test fails."""
+        """The self-test at the start fails near a transmitter or electronics."""
         within_m = self._options.self_test_m
         if within_m is None or look.time_s > self._listens_s or self._failed:
             return
@@ -135,8 +135,10 @@ class VectorOptions(PulsedOptions):
 
 
 class VectorReceiver(PulsedReceiver):
-    """Hands on what it measures: the signed signals of three antennas, period, carrier, and when the pulse was. What
-    estimators want, and no rescuer's set gives."""
+    """Gives its measurements: the signed signals of three antennas, period, carrier, and the time of the pulse.
+
+    Estimators need them; the sets of rescuers do not give them.
+    """
 
     Options = VectorOptions
     _MEASURES = True

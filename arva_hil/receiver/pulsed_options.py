@@ -1,4 +1,4 @@
-"""The keys of receivers that listen to pulses, and what they say of a signal's size.
+"""The keys of receivers that listen to pulses, and the sizes of signals that follow from them.
 
 Sources of the defaults: docs/explanation/pulsed.md.
 """
@@ -23,7 +23,7 @@ NearDirection = Literal["zero", "frozen"]
 
 @dataclass(frozen=True)
 class PulsedOptions:
-    """The keys of `model: pulsed` beside those of every receiver. Raises ValueError for values that contradict."""
+    """The keys of `model: pulsed` besides those of every receiver. Raises ValueError for contradictory values."""
 
     reference_ua_m: Annotated[
         float, Gt(0), Le(1000), "field on the axis of the transmitter of strength 1, at 10 m [µA/m]"
@@ -58,19 +58,19 @@ class PulsedOptions:
 
     @property
     def scale_na_m(self) -> float:
-        """nA/m of a field of 1 in units of the reference transmitter (1 / 2π on its axis at 1 m)."""
+        """The field [nA/m] that is 1 in units of the reference transmitter (1 / 2π on its axis at 1 m)."""
         return self.reference_ua_m * _NA_PER_UA * 2 * math.pi * _REFERENCE_M**3
 
     def sigma_na_m(self, floor_range_m: float) -> float:
-        """The noise of each antenna: what is given, or a third of the reference transmitter's field from that range.
+        """The noise of each antenna: `noise_na_m`, or a third of the reference transmitter's field at that range.
 
-        The paper's noise has a magnitude that is uniform up to that field, and any direction: a component's root mean
-        square is a third of it.
+        The paper's noise has a uniform magnitude up to that field, and any direction. So the root mean square of a
+        component is a third of that field.
         """
         if self.noise_na_m is not None:
             return self.noise_na_m
         return self.reference_ua_m * _NA_PER_UA * (_REFERENCE_M / floor_range_m) ** 3 / 3
 
     def range_m(self, kappa_eq: float) -> float:
-        """The d that a signal at the threshold gives."""
+        """The d [m] of a signal at the threshold."""
         return float(distance(self.threshold_na_m / self.scale_na_m, kappa_eq))  # type: ignore[arg-type]

@@ -17,17 +17,17 @@ class Zone(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class PulseReading:
-    """The newest pulse of a slot, as a receiver that hands on what it measures has it.
+    """The newest pulse of a slot, from a receiver that gives its measurements.
 
-    The signs are relative to each other: a receiver does not know the phase of the transmitter. Antennas that it has
-    not give 0.
+    The signs are relative to each other: a receiver does not know the phase of the transmitter. Missing antennas
+    give 0.
     """
 
     time_s: float  # its end, seconds from the start of the run
     signal_na_m: tuple[float, float, float]  # at the antennas x, y, z, signed, nA/m
     period_s: float | None  # of the transmitter; None: not known
     carrier_hz: float | None  # offset from 457 kHz; None: not known
-    level_dbfs: float | None = None  # of a receiver that says its strength so
+    level_dbfs: float | None = None  # of receivers that give the strength
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class ChannelReading:
     d_cm: int
     delta_deg: int  # positive to the right; the 180° ambiguity is the receiver's own
     true_range_m: float | None
-    marked: bool = False  # by the host, as found
+    marked: bool = False  # by the host: it was found
     pulse: PulseReading | None = None  # of receivers that measure pulses
 
 
@@ -56,7 +56,7 @@ class Reading:
     interference: bool  # noise above the floor that a receiver is specified for
     more_heard: bool  # more transmitters than slots
     overlapping: bool = False  # pulses of several transmitters disturb each other
-    searching: bool = True  # False: it has gone back to sending by itself, and hears nothing
+    searching: bool = True  # False: it has returned to sending by itself, and hears nothing
     failed: bool = False  # its self-test
 
 

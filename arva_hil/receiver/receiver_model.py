@@ -33,10 +33,10 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """What is wrong with a receiver at an instant, or with its surroundings.
+    """The faults of a receiver and of its surroundings at an instant.
 
-    `gains` of the antennas x, y, z; no antenna says more than `saturation_na_m`; `noise_na_m` is the standard deviation
-    of noise from beside the receiver, at each antenna [nA/m].
+    `gains`: of the antennas x, y, z; `saturation_na_m`: the largest signal of an antenna; `noise_na_m`: the standard
+    deviation of noise from near the receiver, at each antenna [nA/m].
     """
 
     gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -44,7 +44,7 @@ class Impairment:
     noise_na_m: float = 0.0
 
     def also(self, other: Impairment) -> Impairment:
-        """This one and another one."""
+        """The sum of two impairments."""
         x, y, z = (one * more for one, more in zip(self.gains, other.gains, strict=True))
         return Impairment(
             (x, y, z),

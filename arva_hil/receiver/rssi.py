@@ -1,4 +1,4 @@
-"""A receiver with one antenna that knows nothing but the strength of the newest pulse."""
+"""A receiver with one antenna that gives only the strength of the newest pulse."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ class RssiOptions(PulsedOptions):
 
 
 class RssiReceiver(ListeningReceiver):
-    """A `ReceiverModel` with one channel: the strength of the newest pulse, of whichever transmitter, for 1.5 s.
+    """A `ReceiverModel` with one channel: the strength of the newest pulse of any transmitter, for 1.5 s.
 
-    It does not tell transmitters apart: what is on at the same time adds up in power. It takes no commands but
-    `restart`. Remembers the pulses to come and the newest one.
+    It cannot distinguish transmitters: the powers of simultaneous pulses are added. The only command is `restart`.
+    Remembers the next pulses and the newest one.
     """
 
     Options = RssiOptions
@@ -47,7 +47,7 @@ class RssiReceiver(ListeningReceiver):
         self._restart(0.0)
 
     def look(self, look: Look) -> bool:
-        """See `ReceiverModel`. It asks for a frame with each pulse, unless `frames: rate` is set."""
+        """See `ReceiverModel`. It requests a frame with each pulse, unless `frames: rate` is set."""
         self._listening.look(look)
         signals = self._listening.signals() if look.time_s >= self._listens_s else None
         news = [self._hear(pulse, signals) for pulse in self._listening.pulses()]
@@ -68,7 +68,7 @@ class RssiReceiver(ListeningReceiver):
         self._listens_s, self._newest = time_s + self._options.start_s, None
 
     def _hear(self, sent: SentPulse, signals: list[Vector] | None) -> bool:
-        """One pulse; whether it is above the threshold."""
+        """Use one pulse. Returns whether it is above the threshold."""
         listening = self._listening
         noise, _, _ = listening.noise(sent.pulse.sender)
         if signals is None:

@@ -1,8 +1,8 @@
-"""What a receiver makes of a pulse on which pulses of other transmitters lie.
+"""Overlapping pulses of several transmitters, as a receiver hears them.
 
-Two pulses that touch are one event. If their carriers are nearer than one over the pulse's length they merge into one
-vector sum, which counts for the one that began first. Otherwise the stronger one is read if it is 6 dB above, and if
-not, both are lost.
+Overlapping pulses are one event. If their carriers differ by less than one over the length of a pulse, they merge into
+a vector sum, which belongs to the pulse that began first. Otherwise one is heard if it is 6 dB stronger; if none is,
+both are lost.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from arva_hil.field.pulse_timeline import SentPulse
 Vector = tuple[float, float, float]
 """A signal at the three antennas, signed."""
 
-_CAPTURE: Final = 0.5  # 6 dB: a rival above this share of the strongest signal is not suppressed
+_CAPTURE: Final = 0.5  # 6 dB: a weaker signal above this share of the strongest one is not suppressed
 
 
 class Event(NamedTuple):
-    """What is there of a pulse: when it began, its carrier's offset [Hz], its signal. `touched`: others disturb it."""
+    """A pulse as it is heard: its start, the offset of its carrier [Hz], its signal. `touched`: others disturb it."""
 
     start_s: float
     carrier_hz: float
@@ -43,9 +43,9 @@ class _Part(NamedTuple):
 
 
 def separate(sent: SentPulse, signals: Sequence[Vector], keyings: Sequence[Keying], random: Random) -> Event | None:
-    """The event of a pulse, None if it is lost.
+    """The event of a pulse; None if it is lost.
 
-    `signals`: of the full pulse of each transmitter, at the antennas. `random` gives the phases between carriers.
+    `signals`: of the full pulse of each transmitter, at the antennas. `random`: for the phases between carriers.
     """
     pulse = sent.pulse
     keying = keyings[pulse.sender]
@@ -83,7 +83,7 @@ def separate(sent: SentPulse, signals: Sequence[Vector], keyings: Sequence[Keyin
 
 
 def _merge(one: _Part, other: _Part) -> bool:
-    """Whether a receiver cannot tell their carriers apart in so short a time."""
+    """Whether the pulses are too short to distinguish their carriers."""
     return abs(one.carrier_hz - other.carrier_hz) * min(one.pulse_s, other.pulse_s) < 1
 
 
@@ -95,7 +95,7 @@ def _times(signal: Vector, factor: float) -> Vector:
 
 
 def _sum(parts: Sequence[_Part], random: Random) -> Vector:
-    """The sum with random phases, as a receiver reads it that is in phase with its strongest antenna."""
+    """The sum with random phases, in phase with the strongest antenna."""
     sums = [complex(value) for value in parts[0].signal]
     for part in parts[1:]:
         turn = cmath.rect(1.0, math.tau * random.random())

@@ -1,4 +1,4 @@
-"""The slots of a receiver that follows several transmitters: which it shows, in which order, what its host marks."""
+"""The slots of a receiver that follows several transmitters: their order, and the host's marks and selection."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from arva_hil.receiver.track import Mark, Track
 class Slots:
     """Remembers a track of each transmitter heard, lost marks, the selected transmitter, and the number of slots.
 
-    `no_signal`: (d, δ) of a slot that shows nothing. `mark_within_m`: nobody farther away can be marked. `measures`:
-    slots hand on what the newest pulse was.
+    `no_signal`: (d, δ) of an empty slot. `mark_within_m`: the largest distance for marking. `measures`: slots have the
+    newest pulse.
     """
 
     def __init__(
@@ -27,35 +27,35 @@ class Slots:
         self.restart()
 
     def restart(self) -> None:
-        """As if switched on."""
+        """Return to the state after switching on."""
         self._channels = self._usual_channels
         self.forget()
 
     def forget(self) -> None:
-        """Forget all transmitters, marks and choices."""
+        """Forget all transmitters, marks and the selection."""
         self._selected: int | None = None
         self._lost: list[Mark] = []  # marks
         self._tracks: dict[int, Track] = {}  # by the transmitter's index
 
     def scan(self) -> None:
-        """Look for all transmitters anew; marks are kept for those that come back."""
+        """Search for all transmitters again. Marks are kept for those that come back."""
         for track in self._tracks.values():
             track.lose_mark()
         self._tracks = {}
 
     def track(self, index: int, make: bool = False) -> Track | None:
-        """The track of a transmitter."""
+        """The track of a transmitter. `make`: make a new one if necessary."""
         if make and index not in self._tracks:
             self._tracks[index] = Track(self._lost)
         return self._tracks.get(index)
 
     @property
     def overlapping(self) -> bool:
-        """The newest pulse of some transmitter was disturbed by another's."""
+        """Whether the newest pulse of any transmitter was disturbed by another one."""
         return any(track.touched for track in self._tracks.values())
 
     def shown(self, time_s: float) -> tuple[list[ChannelReading], bool, float]:
-        """All slots, whether there are more transmitters than slots, and until when that holds."""
+        """All slots; whether there are more transmitters than slots; until when this is valid."""
         until_s, ids = math.inf, self._listening.ids
         rows: list[tuple[bool, bool, int, int, ChannelReading]] = []
         for index, track in self._tracks.items():
@@ -74,7 +74,7 @@ class Slots:
         return [*slots, *[empty] * self._channels][: self._channels], more, until_s
 
     def mark(self, time_s: float, id_: int) -> bool:
-        """Mark a transmitter as found. False where rescuers fail: too far away, not heard, or overlapped."""
+        """Mark a transmitter as found. Returns False if it is too far away, not heard, or overlapped."""
         track = self._heard(time_s, id_)
         if track is None or track.touched or not self._near(track):
             return False
@@ -83,7 +83,7 @@ class Slots:
         return True
 
     def unmark(self, time_s: float, id_: int | None) -> bool:
-        """Undo that, of all where none is named."""
+        """Remove the mark of a transmitter; None: all marks."""
         if id_ is None:
             for every in self._tracks.values():
                 every.marked = False
@@ -96,14 +96,14 @@ class Slots:
         return True
 
     def select(self, time_s: float, id_: int | None) -> bool:
-        """Show this one alone while it is heard; None: all."""
+        """Show only this transmitter while it is heard; None: all."""
         if id_ is not None and self._heard(time_s, id_) is None:
             return False
         self._selected = id_
         return True
 
     def set_channels(self, count: int) -> bool:
-        """Another number of slots, 1…16."""
+        """Set the number of slots, 1…16."""
         if not 1 <= count <= 16:
             return False
         self._channels = count
@@ -119,7 +119,7 @@ class Slots:
         return ChannelReading(id_, shown.zone, shown.d_cm, shown.delta_deg, None, track.marked, pulse)
 
     def _heard(self, time_s: float, id_: int) -> Track | None:
-        """The track of a transmitter that has a reading now."""
+        """The track of a transmitter if it has a reading now."""
         ids = self._listening.ids
         track = self._tracks.get(ids.index(id_)) if id_ in ids else None
         return track if track is not None and track.shown is not None and time_s < track.blank_s else None

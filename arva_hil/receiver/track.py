@@ -1,7 +1,7 @@
-"""The rhythm of one transmitter as a receiver follows it, and the marks of its host.
+"""The rhythm of one transmitter, as a receiver follows it, and the mark of its host.
 
-A slot opens after two pulses in step. From then on a pulse counts when it comes within 3 ms of the rhythm, on the same
-carrier to 10 Hz. Missed pulses blank the slot, then drop it; a mark is lost later still.
+A slot opens after two pulses in rhythm. After that a pulse counts if it is within 3 ms of the rhythm, and within 10 Hz
+of the carrier. Without pulses the slot becomes blank, then it is dropped; later its mark is lost.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from arva_hil.receiver.separation import Event, Vector
 
 _GATE_S: Final = 3e-3
 _GATE_HZ: Final = 10.0
-_PERIODS_S: Final = (0.4, 2.0)  # in which two pulses are taken for a rhythm
+_PERIODS_S: Final = (0.4, 2.0)  # of two pulses in rhythm
 _SMOOTHING: Final = 0.5  # of the period
 _HOLD, _DROP, _FORGET = 1.5, 5.5, 8.5  # assumed: periods without a pulse until a slot is blank, dropped, unmarked
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What one pulse gives: the display's values, and the signed signal of the antennas [nA/m]."""
+    """The values of one pulse: those of the display, and the signed signal of the antennas [nA/m]."""
 
     zone: int
     d_cm: int
@@ -30,17 +30,17 @@ class Shown:
 
 
 class Mark(NamedTuple):
-    """What a receiver knows of a marked transmitter that it has lost."""
+    """A marked transmitter that was lost."""
 
     period_s: float
     carrier_hz: float
 
 
 class Track:
-    """Remembers one transmitter's last pulse, its rhythm, what it gave, and whether it is marked.
+    """Remembers one transmitter's last pulse, its rhythm and values, and whether it is marked.
 
-    `shown`: of the last pulse in step, None while there is no slot. `heard_s`: the end of that pulse. `touched`: the
-    newest pulse was disturbed by another transmitter's. `lost`: the marks of all transmitters that were lost.
+    `shown`: the values of the last pulse in rhythm, None while there is no slot. `heard_s`: the end of that pulse.
+    `touched`: the newest pulse was disturbed by another transmitter's. `lost`: the lost marks of all.
     """
 
     def __init__(self, lost: list[Mark]) -> None:
@@ -51,10 +51,10 @@ class Track:
         self.marked = False
         self.touched = False
         self._lost = lost
-        self._start_s = -math.inf  # of the last pulse in step, or of a first one
+        self._start_s = -math.inf  # of the last pulse in rhythm, or of a first one
 
     def hear(self, event: Event, end_s: float, shown: Shown) -> bool:
-        """A pulse above the threshold; whether it is in step. `end_s`: its end."""
+        """Use a pulse above the threshold. Returns whether it is in rhythm. `end_s`: its end."""
         self.touched = event.touched
         self.pass_time(end_s)
         if self.shown is None:
@@ -73,7 +73,7 @@ class Track:
         self.pass_time(end_s)
 
     def pass_time(self, time_s: float) -> None:
-        """Drop the slot, and lose the mark, when too many pulses were missed."""
+        """Drop the slot, and lose the mark, after too many missed pulses."""
         if time_s < self.drops_s:
             return
         self.shown = None
@@ -88,16 +88,16 @@ class Track:
 
     @property
     def blank_s(self) -> float:
-        """From when on there is nothing to show."""
+        """The time from which the slot is blank."""
         return self.heard_s + _HOLD * self.period_s
 
     @property
     def drops_s(self) -> float:
-        """From when on it has no slot."""
+        """The time from which there is no slot."""
         return self.heard_s + _DROP * self.period_s
 
     def _open(self, event: Event, end_s: float, shown: Shown) -> bool:
-        """The second pulse of a rhythm opens a slot; else it may be the first of one."""
+        """Open a slot with the second pulse of a rhythm; otherwise the pulse may be the first one."""
         period_s = event.start_s - self._start_s
         if not _PERIODS_S[0] <= period_s <= _PERIODS_S[1]:
             self._start_s = event.start_s
