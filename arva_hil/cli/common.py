@@ -12,19 +12,9 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from arva_hil.cli import outcome
 from arva_hil.cli.live import close_all, live_observers
-from arva_hil.cli.outcome import (
-    FAILED,
-    INTERRUPTED,
-    NO_LINK,
-    NO_READER,
-    OK,
-    Failure,
-    SignalGuard,
-    UsageError,
-    traceback_lines,
-    unexpected_error,
-)
+from arva_hil.cli.outcome import Failure, SignalGuard, UsageError
 from arva_hil.cli.page import page_of_run
 from arva_hil.cli.summary import NO_COUNTERS, RunCounters, as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
@@ -120,7 +110,7 @@ def open_or_fail(address: str, clock: Clock, opener: Callable[..., Link] = open_
     try:
         link = opener(address, clock=clock, **options)
     except LinkError as error:
-        raise Failure(NO_LINK, error) from None
+        raise Failure(outcome.NO_LINK, error) from None
     if link.away:
         tell(f"waiting for {link.why}")
     return link
@@ -134,7 +124,7 @@ def attend(
         try:
             run(tasks, clock, until=until, stopped=lambda: guard.caught is not None or over())
         except LinkError as error:
-            raise Failure(FAILED, error) from None
+            raise Failure(outcome.FAILED, error) from None
     return guard.caught is not None
 
 
@@ -234,17 +224,17 @@ class Run:
             if self._guard.error:
                 raise self._guard.error
             if self._none_appeared:
-                failure = Failure(NO_LINK, "; ".join(dict.fromkeys(self._missing.values())))
+                failure = Failure(outcome.NO_LINK, "; ".join(dict.fromkeys(self._missing.values())))
         except LinkEnded as error:
             self.printer.say(str(error))
         except LinkError as error:
-            failure = Failure(NO_READER if isinstance(error, ReaderGone) else FAILED, error)
+            failure = Failure(outcome.NO_READER if isinstance(error, ReaderGone) else outcome.FAILED, error)
         except KeyboardInterrupt:  # a loop that was stuck
             pass
         except Exception as error:
-            failure = Failure(FAILED, unexpected_error(error))
+            failure = Failure(outcome.FAILED, outcome.unexpected_error(error))
             if self._traceback:
-                for line in traceback_lines(error):
+                for line in outcome.traceback_lines(error):
                     self.printer.say(line)
         self._guard.ending = True
         return self._finish(emulator, failure, links)
@@ -253,18 +243,18 @@ class Run:
         caught = self._guard.caught
         self.printer.settle(StatusReport(self._now, [vehicle.status(self._now) for vehicle in emulator.vehicles]))
         if self._lines and (why := self._lines.close()) and not failure and not caught:
-            failure = Failure(NO_READER if isinstance(self._lines.error, ReaderGone) else FAILED, why)
-        code = failure.code if failure else INTERRUPTED if caught else OK
+            failure = Failure(outcome.NO_READER if isinstance(self._lines.error, ReaderGone) else outcome.FAILED, why)
+        code = failure.code if failure else outcome.INTERRUPTED if caught else outcome.OK
         self._how = how = str(failure) if failure else caught.name if caught else "finished"
-        said = [Notice("error", how)] if failure and code != NO_READER else []
+        said = [Notice("error", how)] if failure and code != outcome.NO_READER else []
         if self._recorder:
-            if code == OK and self._recorder.error:
-                code, how = FAILED, self._recorder.error
+            if code == outcome.OK and self._recorder.error:
+                code, how = outcome.FAILED, self._recorder.error
             try:
                 about = {"ended": how, "exit_code": code, **self._known}
                 self._recorder.close(about | as_dict(emulator, links, self._layout))
             except RecordError as error:
-                code = code or FAILED
+                code = code or outcome.FAILED
                 said.append(Notice("error", str(error)))
         for line in summary_lines(emulator, links):
             self.printer.say(line)

@@ -14,20 +14,10 @@ from types import ModuleType
 from typing import Final
 
 from arva_hil import __version__
+from arva_hil.cli import outcome
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import PREFIX, CommandParser, module_name
-from arva_hil.cli.outcome import (
-    FAILED,
-    INTERRUPTED,
-    NO_READER,
-    OK,
-    USAGE,
-    Failure,
-    UsageError,
-    interrupting,
-    traceback_lines,
-    unexpected_error,
-)
+from arva_hil.cli.outcome import Failure, UsageError
 from arva_hil.cli.terminal import ReaderGone, StdoutError, abandon, flush, refuse_closed, reserve, show, tell
 from arva_hil.errors import ArvaError
 
@@ -119,28 +109,28 @@ def _guarded(arguments: list[str]) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # do not fail on a terminal that cannot show °
     try:
-        with interrupting():
+        with outcome.interrupting():
             code = _command(arguments)
             flush()
         return code
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return outcome.INTERRUPTED
     except ReaderGone:
         abandon(sys.stdout)
-        return NO_READER
+        return outcome.NO_READER
     except ArvaError as error:
         first, *rest = error.lines if isinstance(error, Failure) else getattr(error, "problems", ()) or [error]
         for line in (f"arva-hil: {first}", *rest):
             tell(line)
         if isinstance(error, StdoutError):
             abandon(sys.stdout)
-        return error.code if isinstance(error, Failure) else USAGE
+        return error.code if isinstance(error, Failure) else outcome.USAGE
     except Exception as error:
         if {"-v", "-vv", "--verbose"} & set(arguments):
-            for line in traceback_lines(error):
+            for line in outcome.traceback_lines(error):
                 tell(line)
-        tell(f"arva-hil: {unexpected_error(error)}")
-        return FAILED
+        tell(f"arva-hil: {outcome.unexpected_error(error)}")
+        return outcome.FAILED
 
 
 def _command(arguments: list[str]) -> int:
@@ -150,10 +140,10 @@ def _command(arguments: list[str]) -> int:
             commands="\n".join(f"  {name:<10} {what}" for name, what in COMMANDS.items())
         ).splitlines():
             show(line)
-        return OK
+        return outcome.OK
     if arguments[:1] == ["--version"]:
         show(f"arva-hil {__version__}")
-        return OK
+        return outcome.OK
     name = "run"
     if arguments and not arguments[0].startswith("-"):
         name = arguments.pop(0)
@@ -173,7 +163,7 @@ def _command(arguments: list[str]) -> int:
     try:
         options = parser.parse(arguments)
     except SystemExit:  # argparse has printed the help
-        return OK
+        return outcome.OK
     for line in unknown_variables(os.environ, parser, COMMANDS):
         tell(f"warning: {line}")
     refuse_closed(options)

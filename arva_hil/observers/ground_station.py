@@ -10,16 +10,7 @@ import math
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
-from arva_hil.events import Event
-from arva_hil.events.searches import (
-    BeliefChanged,
-    FrameHeard,
-    FromSearch,
-    OwnMarkHeard,
-    PlaceFound,
-    SearchEvent,
-    TakeOffPoint,
-)
+from arva_hil.events import Event, searches
 from arva_hil.field import LocalFrame
 from arva_hil.links import Link
 from arva_hil.mavlink.codec import Encoder, Message, dialect
@@ -59,9 +50,9 @@ class GroundStation:
         self._frame: Frame | None = None
 
     def observe(self, event: Event) -> None:
-        if isinstance(event, FromSearch):
+        if isinstance(event, searches.FromSearch):
             event = event.event
-        if not isinstance(event, SearchEvent):
+        if not isinstance(event, searches.SearchEvent):
             return
         self._remember(event)
         if self._start_s is None:
@@ -73,17 +64,17 @@ class GroundStation:
     def close(self) -> None:
         self._link.close()
 
-    def _remember(self, event: SearchEvent) -> None:
-        if isinstance(event, TakeOffPoint):
+    def _remember(self, event: searches.SearchEvent) -> None:
+        if isinstance(event, searches.TakeOffPoint):
             self._origin = LocalFrame(event.lat, event.lon, event.alt), event.alt
-        elif isinstance(event, OwnMarkHeard):
+        elif isinstance(event, searches.OwnMarkHeard):
             self._reaches_autopilot = True
-        elif isinstance(event, FrameHeard):
+        elif isinstance(event, searches.FrameHeard):
             self._frame = event.frame
-        elif isinstance(event, BeliefChanged) and event.hypotheses and not (self._place and self._place.found):
+        elif isinstance(event, searches.BeliefChanged) and event.hypotheses and not (self._place and self._place.found):
             north, east, _ = max(event.hypotheses, key=lambda one: one[2])
             self._place = _Place(event.transmitter, north, east, _sigma(event.covariance), False)
-        elif isinstance(event, PlaceFound):
+        elif isinstance(event, searches.PlaceFound):
             sigma = _sigma(event.covariance)
             self._place = _Place(event.transmitter, event.north_m, event.east_m, sigma, True)
             self._due_s = -math.inf  # at once

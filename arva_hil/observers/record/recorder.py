@@ -9,22 +9,9 @@ from typing import Any, Final
 from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import dialect
+from arva_hil.observers.record import layout as names
 from arva_hil.observers.record.growing_files import GrowingFiles, refuse_old
-from arva_hil.observers.record.layout import (
-    COLUMNS,
-    EVENTS,
-    FILES,
-    FRAMES,
-    READINGS,
-    RUN,
-    TABLE,
-    VERSION,
-    EventLines,
-    RecordLayout,
-    header_of_frames,
-    moment,
-    rows,
-)
+from arva_hil.observers.record.layout import EventLines, RecordLayout
 from arva_hil.runtime.clock import Clock
 
 NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # in run.json until the run ends
@@ -54,37 +41,37 @@ class Recorder(GrowingFiles):
         self._epoch_us = epoch_us
         self._begun: dict[str, int] = {}  # the slots of those frames.csv that have their header, as of the first frame
         self._events = EventLines(epoch_us)
-        about = {"record": VERSION, **NOT_ENDED, **(run or {})}
-        refuse_old(folder, [name for name in FILES if name not in layout.files], "a record")  # of another layout
+        about = {"record": names.VERSION, **NOT_ENDED, **(run or {})}
+        refuse_old(folder, [name for name in names.FILES if name not in layout.files], "a record")  # of another layout
         super().__init__(
-            folder, layout.files, "a record", RUN, about, folders=layout.folders, patient=patient, clock=clock
+            folder, layout.files, "a record", names.RUN, about, folders=layout.folders, patient=patient, clock=clock
         )
         for name, pending in self._pending.items():
-            if name.endswith(READINGS):
-                pending += (",".join(COLUMNS) + "\n").encode()
+            if name.endswith(names.READINGS):
+                pending += (",".join(names.COLUMNS) + "\n").encode()
 
     def observe(self, event: Event) -> None:
         if isinstance(event, PacketsReceived):  # most are, and they have no line in events.jsonl
             self._on_packets(event)
             return
-        self._pending[EVENTS] += self._events.of(event)
+        self._pending[names.EVENTS] += self._events.of(event)
         if isinstance(event, FrameMade):
             self._on_frame(event)
         elif isinstance(event, BytesSent):
-            pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, FRAMES)]
+            pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, names.FRAMES)]
             pending += event.data
         elif isinstance(event, StatusReport):
             self._flush_now_and_then()
 
     def _on_frame(self, event: FrameMade) -> None:
-        readings = self._layout.of_receiver(event.vehicle, event.receiver, READINGS)
-        table = self._layout.of_receiver(event.vehicle, event.receiver, TABLE)
+        readings = self._layout.of_receiver(event.vehicle, event.receiver, names.READINGS)
+        table = self._layout.of_receiver(event.vehicle, event.receiver, names.TABLE)
         if table not in self._begun:
             self._begun[table] = len(event.reading.channels)
-            self._pending[table] += header_of_frames(len(event.reading.channels)).encode()
-        of_slots, of_frame = rows(event, self._begun[table])
+            self._pending[table] += names.header_of_frames(len(event.reading.channels)).encode()
+        of_slots, of_frame = names.rows(event, self._begun[table])
         self._pending[readings] += of_slots.encode()
-        self._pending[table] += (moment(event.time_s - event.late_s, self._epoch_us) + of_frame).encode()
+        self._pending[table] += (names.moment(event.time_s - event.late_s, self._epoch_us) + of_frame).encode()
         self._flush_now_and_then(full=len(self._pending[readings]) > _BATCH_BYTES)
 
     def _on_packets(self, event: PacketsReceived) -> None:
@@ -100,5 +87,5 @@ class Recorder(GrowingFiles):
         """Close all files and replace run.json by `last`, also after errors. Raises RecordError if there was one."""
         for table in self._layout.tables:
             if table not in self._begun:
-                self._pending[table] += header_of_frames(0).encode()
-        super().close({"record": VERSION, **last})
+                self._pending[table] += names.header_of_frames(0).encode()
+        super().close({"record": names.VERSION, **last})

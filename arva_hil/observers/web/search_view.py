@@ -4,38 +4,23 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from arva_hil.events import Event
-from arva_hil.events.searches import (
-    BeliefChanged,
-    DescentBegun,
-    Launched,
-    PlaceFound,
-    SearchBegun,
-    SearchEnded,
-    SearchPaused,
-    SearchResumed,
-    TakeOffPoint,
-    TransmitterChosen,
-    TransmitterFaded,
-    TransmitterHeard,
-    WaitingFor,
-)
+from arva_hil.events import Event, searches
 from arva_hil.observers.web.places import Places
 
 SEARCH: Final = "search:"  # the name of its origin; no vehicle has a colon in its name
 
 _MOST_HEARD: Final = 16
 _PHASES: Final[dict[type[Event], str]] = {
-    WaitingFor: "waiting",
-    Launched: "take-off",
-    SearchBegun: "searching",
-    TransmitterChosen: "homing in",
-    TransmitterFaded: "searching",
-    SearchPaused: "hovering",
-    SearchResumed: "searching",
-    PlaceFound: "place found",
-    DescentBegun: "descending",
-    SearchEnded: "ended",
+    searches.WaitingFor: "waiting",
+    searches.Launched: "take-off",
+    searches.SearchBegun: "searching",
+    searches.TransmitterChosen: "homing in",
+    searches.TransmitterFaded: "searching",
+    searches.SearchPaused: "hovering",
+    searches.SearchResumed: "searching",
+    searches.PlaceFound: "place found",
+    searches.DescentBegun: "descending",
+    searches.SearchEnded: "ended",
 }
 
 
@@ -47,28 +32,28 @@ class SearchView:
         self._seen = False
         self._phase = ""
         self._target: int | None = None
-        self._belief: BeliefChanged | None = None
-        self._found: PlaceFound | None = None
+        self._belief: searches.BeliefChanged | None = None
+        self._found: searches.PlaceFound | None = None
         self._heard: dict[int | None, tuple[float, float, float]] = {}
         self._ended = ""
 
     def observe(self, event: Event) -> None:
         if phase := _PHASES.get(type(event)):
             self._phase, self._seen = phase, True
-        if isinstance(event, TakeOffPoint):
+        if isinstance(event, searches.TakeOffPoint):
             self._places.put(SEARCH, event.lat, event.lon, event.alt)
-        elif isinstance(event, TransmitterHeard):
+        elif isinstance(event, searches.TransmitterHeard):
             if len(self._heard) < _MOST_HEARD:
                 self._heard[event.transmitter] = (event.north_m, event.east_m, event.distance_m)
-        elif isinstance(event, TransmitterChosen):
+        elif isinstance(event, searches.TransmitterChosen):
             self._target = event.transmitter
-        elif isinstance(event, TransmitterFaded):
+        elif isinstance(event, searches.TransmitterFaded):
             self._belief = None
-        elif isinstance(event, BeliefChanged):
+        elif isinstance(event, searches.BeliefChanged):
             self._belief = event
-        elif isinstance(event, PlaceFound):
+        elif isinstance(event, searches.PlaceFound):
             self._found = event
-        elif isinstance(event, SearchEnded):
+        elif isinstance(event, searches.SearchEnded):
             self._ended = event.how
 
     def document(self) -> dict[str, Any] | None:
