@@ -5,20 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from typing import TYPE_CHECKING
 
 from arva_hil.cli.outcome import OK, USAGE, UsageError
 from arva_hil.cli.terminal import show, tell
-
-if TYPE_CHECKING:
-    from arva_hil.config import Scenario
+from arva_hil.config import Scenario, ScenarioError, parse, parts_of_spec_2
+from arva_hil.config.campaign import is_plan, parse_plan
+from arva_hil.config.profiles import located, parse_profile, profile_kind
+from arva_hil.config.reading import read_text
 
 
 def main(options: argparse.Namespace) -> int:
-    from arva_hil.config import ScenarioError
-    from arva_hil.config.profiles import located
-    from arva_hil.config.reading import read_text
-
     if options.schema:
         from arva_hil.config.json_schema import schema_text
 
@@ -41,10 +37,6 @@ def main(options: argparse.Namespace) -> int:
 
 def _check(name: str, text: str) -> None:
     """Print a summary of a file. Raises ScenarioError."""
-    from arva_hil.config import parse, parts_of_spec_2
-    from arva_hil.config.campaign import is_plan, parse_plan
-    from arva_hil.config.profiles import parse_profile, profile_kind
-
     if of := profile_kind(text):
         parse_profile(text, of, name)
         show(f"{name}: ok: the profile of a {of}")

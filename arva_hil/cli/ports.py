@@ -6,11 +6,10 @@ import argparse
 
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show, show_json
+from arva_hil.links.serial_ports import list_ports
 
 
 def main(options: argparse.Namespace) -> int:
-    from arva_hil.links.serial_ports import list_ports
-
     ports = list_ports()
     for port in ports:
         if options.json:

@@ -8,11 +8,10 @@ from pathlib import Path
 
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.terminal import show, show_json
+from arva_hil.config.profiles import PREFIX, builtin_files
 
 
 def main(options: argparse.Namespace) -> int:
-    from arva_hil.config.profiles import PREFIX, builtin_files
-
     for name, path in builtin_files().items():
         if options.json:
             show_json({"name": f"{PREFIX}{name}", "path": str(path), "about": _about(path)})

@@ -6,7 +6,7 @@ import math
 import os
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Final
 
 from arva_hil.config import DEFAULT
@@ -35,21 +35,6 @@ _POSE: Final = {
 }
 
 
-@dataclass
-class _Heartbeats:
-    """Heartbeats of one sender. `first`, `last`: when they came [s]."""
-
-    name: str
-    pilot: bool
-    first: float
-    last: float = 0.0
-    count: int = 0
-
-    @property
-    def hz(self) -> float | None:
-        return (self.count - 1) / (self.last - self.first) if self.last > self.first else None
-
-
 class AutopilotProbe:
     """Reads the autopilot's link as `run` does, and remembers what came. A task for the loop.
 
@@ -71,7 +56,8 @@ class AutopilotProbe:
         self._link = link
         self._first = first
         self._old = self._signed = 0
-        self._heartbeats: dict[tuple[int, int], _Heartbeats] = {}
+        self._sources: dict[tuple[int, int], Source] = {}
+        self._first_heard: dict[tuple[int, int], float] = {}  # of those
         self._times: dict[int, deque[float]] = defaultdict(lambda: deque(maxlen=4096))
         self._counts: Counter[int] = Counter()
         self._offsets: deque[tuple[float, float]] = deque(maxlen=4096)  # host time, host − boot
@@ -125,15 +111,15 @@ class AutopilotProbe:
         if message is None:
             return
         key = packet.system, packet.component
-        if key not in self._heartbeats:
-            if len(self._heartbeats) >= _MOST_SOURCES:
+        if key not in self._sources:
+            if len(self._sources) >= _MOST_SOURCES:
                 return
             kind, pilot = short_name("MAV_TYPE", message.type), is_autopilot(message)
             name = f"{short_name('MAV_AUTOPILOT', message.autopilot)} {kind}" if pilot else kind
-            self._heartbeats[key] = _Heartbeats(name, pilot, now)
-        known = self._heartbeats[key]
-        known.count += 1
-        known.last = now
+            self._sources[key], self._first_heard[key] = Source(*key, name, pilot, 0, None), now
+        known, first = self._sources[key], self._first_heard[key]
+        hz = known.count / (now - first) if now > first else None
+        self._sources[key] = replace(known, count=known.count + 1, hz=hz)
 
     def _on_vehicle(self, packet: Packet, now: float) -> None:
         if any(packet.msgid in ids for ids in _POSE.values()):
@@ -174,8 +160,7 @@ class AutopilotProbe:
 
     def sources(self) -> list[Source]:
         """Autopilots first."""
-        every = [Source(*key, h.name, h.pilot, h.count, h.hz) for key, h in self._heartbeats.items()]
-        return sorted(every, key=lambda source: not source.pilot)
+        return sorted(self._sources.values(), key=lambda source: not source.pilot)
 
     def streams(self, now: float, wanted_hz: float, *, recorded: bool) -> list[StreamRate]:
         every = ", ".join(f"{result} ×{n}" for result, n in self._acks.items())

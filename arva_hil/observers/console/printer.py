@@ -44,7 +44,8 @@ class Printer:
     def observe(self, event: Event) -> None:
         if isinstance(event, FrameMade):
             if self._frames:
-                self.say(f"{_name(event) if self._named else ''}{event.frame.sequence:3d} {_words(event)}")
+                name = f"{event.vehicle}/{event.receiver} " if self._named else ""
+                self.say(f"{name}{event.frame.sequence:3d} {_words(event)}")
         elif isinstance(event, StatusReport):
             if self._status:
                 self._show(event)
@@ -169,10 +170,6 @@ def as_json(made: Event, *, named: bool = False) -> str | None:
             **text.frame_json(made.frame),
         }
     )
-
-
-def _name(made: FrameMade) -> str:
-    return f"{made.vehicle}/{made.receiver} "
 
 
 def _words(made: FrameMade) -> str:
