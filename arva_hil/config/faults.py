@@ -20,7 +20,7 @@ SECONDS: Final = Number(0, 60, "seconds", above=True, unit="s")
 TRANSMITTER: Final = Whole(TRANSMITTER_ID.low, TRANSMITTER_ID.high, "a transmitter's id, a whole number")
 _TIME: Final = Number(0, 1_000_000, "seconds", unit="s", endless=True)
 _SCHEDULE: Final = ("from_s", "until_s", "every_s", "for_s")
-_NEEDS: Final = ("by_ned", "over_s")
+_OTHER: Final = ("by_ned", "over_s", *_SCHEDULE)  # keys beside the name of a fault
 
 
 class FaultKind(NamedTuple):
@@ -115,8 +115,8 @@ class FaultItem(Constraint):
         if isinstance(value, Fault):
             return value
         if not isinstance(value, dict):
-            raise wrong(f"a mapping with {', '.join(_keys_of_all())}")
-        named = [name for name in value if _is_fault(name)]
+            raise wrong(f"a mapping with {', '.join([*FAULTS, *_OTHER])}")
+        named = [key for key in value if key in [*FAULTS] or (key not in _OTHER and key in FAULTS)]  # ours first
         if len(named) != 1:
             raise ConstraintError(*_not_one(value, named))
         (name,) = named
@@ -146,24 +146,15 @@ class FaultItem(Constraint):
         return {"oneOf": every}
 
 
-def _is_fault(key: str) -> bool:
-    """Whether a key is the name of a fault; other packages are asked only for what no fault of ours has."""
-    return key in list(FAULTS) or (key not in _SCHEDULE and key not in _NEEDS and key in FAULTS)
-
-
 def _keys(name: str) -> dict[str, Constraint]:
     kind: FaultKind = FAULTS[name]
     return {name: kind.constraint} | {key: fields_of(Fault)[key].constraint for key in (*kind.needs, *_SCHEDULE)}
 
 
-def _keys_of_all() -> list[str]:
-    """The keys that some fault of ours has."""
-    return [*FAULTS, *_NEEDS, *_SCHEDULE]
-
-
 def _not_one(value: Mapping[str, Any], named: list[str]) -> Iterator[Violation]:
     """What is wrong with a mapping that is not one fault."""
-    if unknown := [unknown_key(value, name, _keys_of_all()) for name in value if name not in _keys_of_all()]:
+    known = [*FAULTS, *_OTHER]
+    if unknown := [unknown_key(value, name, known) for name in value if name not in known]:
         yield from unknown
     elif not named:
         yield Violation(f"one of {', '.join(FAULTS)}", "no fault")

@@ -35,10 +35,6 @@ def located(path: str | os.PathLike[str]) -> str:
     return str(files[wanted])
 
 
-FOLDERS: Final = {"receiver": "receivers", "transmitter": "transmitters"}
-"""Of built-in profiles, by what they are of."""
-
-
 @table()
 class ReceiverProfile:
     """A file with what a kind of receiver is like."""
@@ -101,7 +97,8 @@ def read_profile(name: str, of: str, source: str = "") -> nodes.Mapping:
     """The mapping in a profile's file, which is valid. Raises ScenarioError."""
     from arva_hil.config.reading import read_text  # slow to import
 
-    path = _path(name, of, source)
+    own = str(Path(source).parent / name)
+    path = located(f"{PREFIX}{of}s/{name.removeprefix(PREFIX)}") if name.startswith(PREFIX) else own
     return parse_profile(read_text(path, f"the profile of a {of}"), of, path)
 
 
@@ -115,12 +112,6 @@ def parse_profile(text: str, of: str, source: str) -> nodes.Mapping:
         return top
 
     return read(text, source, f"a mapping with spec, {of}", checked, nodes.NEWEST_SPEC)
-
-
-def _path(name: str, of: str, source: str) -> str:
-    if name.startswith(PREFIX):
-        return located(f"{PREFIX}{FOLDERS[of]}/{name.removeprefix(PREFIX)}")
-    return str(Path(source).parent / name)
 
 
 def _place(value: nodes.Value, node: Any) -> None:
