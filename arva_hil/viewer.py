@@ -54,11 +54,11 @@ class RecordedState(State):
         self._told = 0  # of those
         self._status = sorted(((number(s.get("time_s")) or 0.0, i) for i, s in enumerate(recording.status)))
         self._place(-math.inf)
-        self._columns: dict[Key, _Readings | _Steps] = {}
+        self._columns: dict[Key, _ReadingTexts | _StepTexts] = {}
         for receiver in recording.receivers:
-            self._columns[_key(receiver)] = _Readings(receiver, self._offsets(receiver))
+            self._columns[_key(receiver)] = _ReadingTexts(receiver, self._offsets(receiver))
         if not recording.receivers and recording.search:
-            self._columns["vehicle", "receiver"] = _Steps(recording.search)
+            self._columns["vehicle", "receiver"] = _StepTexts(recording.search)
 
     def document(self, since: int = 0) -> bytes:
         """See `State`; always everything, unless nothing has changed."""
@@ -152,7 +152,7 @@ class RecordedState(State):
             yield StatusReport(time_s, vehicles)
 
 
-class _Readings:
+class _ReadingTexts:
     """The readings of one receiver as JSON texts: some of all, made once, and the newest, made when they are asked for.
 
     `offsets` (N, 3): of the datum in the map.
@@ -194,7 +194,7 @@ class _Readings:
         )
 
 
-class _Steps:
+class _StepTexts:
     """The steps of a search alone in which a frame came, as JSON texts."""
 
     def __init__(self, search: RecordedSearch) -> None:
@@ -204,7 +204,7 @@ class _Steps:
         self._made = [self._text(search, i) for i in chosen]
 
     def until(self, time_s: float) -> tuple[int, list[str], Sequence[str], float | None]:
-        """See `_Readings`."""
+        """See `_ReadingTexts`."""
         count = bisect.bisect_right(self._times, time_s)
         return count, self._made[:count], (), None
 

@@ -25,7 +25,7 @@ from arva_hil.events import Event, HeartbeatMissing, StatusReport
 from arva_hil.links import Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import ReaderGone, open_stdout
 from arva_hil.observers.audience import Audience, Observer
-from arva_hil.observers.console import Lines, Printer, as_json, plain
+from arva_hil.observers.console import LinePrinter, Printer, as_json, plain
 from arva_hil.observers.console.reasons import no_vehicle
 from arva_hil.observers.console.text import Notice
 from arva_hil.observers.record import Recorder, RecordError, RecordLayout
@@ -167,7 +167,7 @@ class Run:
         self._plug_ins += live_observers(options, chosen, epoch_us)
         self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
         render = functools.partial(as_json, named=several) if options.json else plain if lines else None
-        self._lines = Lines(open_stdout(), render, patient=patient) if render else None
+        self._lines = LinePrinter(open_stdout(), render, patient=patient) if render else None
         self.page = page_of_run(kind, options, chosen, self.printer.say, named=several)
         every = (self.printer, self._lines, self._recorder, self.page)
         self.observers: list[Observer] = [

@@ -23,7 +23,7 @@ from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
 from arva_hil.observers.record.layout import FILES
 from arva_hil.observers.record.search_log import SEARCH_FILES, SearchLog, refuse_search
-from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.address import HostPort
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime.clock import Clock, RealClock, StepClock, utc
 from arva_hil.runtime.loop import run
@@ -83,7 +83,7 @@ _AROUND_S: Final = 120.0  # for take-off and landing
 def main(options: argparse.Namespace) -> int:
     chosen = common.scenario(options, fleet=True)
     if options.web is None and not options.headless:
-        options.web = Address()
+        options.web = HostPort()
     if chosen.vehicles or options.count is not None:
         from arva_hil.cli.demo_fleet import fly
 

@@ -18,7 +18,7 @@ from arva_hil.cli import outcome
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import PREFIX, CommandParser, module_name
 from arva_hil.cli.outcome import Failure, UsageError
-from arva_hil.cli.terminal import ReaderGone, StdoutError, abandon, flush, refuse_closed, reserve, show, tell
+from arva_hil.cli.terminal import StdoutError, StdoutReaderGone, abandon, flush, refuse_closed, reserve, show, tell
 from arva_hil.errors import ArvaError
 
 OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4")  # the simulators of tests/sitl
@@ -115,7 +115,7 @@ def _guarded(arguments: list[str]) -> int:
         return code
     except KeyboardInterrupt:
         return outcome.INTERRUPTED
-    except ReaderGone:
+    except StdoutReaderGone:
         abandon(sys.stdout)
         return outcome.NO_READER
     except ArvaError as error:

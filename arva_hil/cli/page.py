@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil.config import Scenario
-from arva_hil.observers.web.address import DEFAULT_HOST, Address
+from arva_hil.observers.web.address import DEFAULT_HOST, HostPort
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.state import State
 
@@ -40,9 +40,9 @@ def page_of_run(
     return open_page(options.web, state, say)
 
 
-def open_page(wanted: Address | str | None, state: Callable[[], State], say: Callable[[str], None]) -> WebPage | None:
+def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Callable[[str], None]) -> WebPage | None:
     """The page at an address, None for none and "off". Raises WebError if it cannot be served. `say`: see above."""
-    if not isinstance(wanted, Address):
+    if not isinstance(wanted, HostPort):
         return None
     page = WebPage(wanted, state())
     for line in said_of(page.address, wanted):
@@ -50,7 +50,7 @@ def open_page(wanted: Address | str | None, state: Callable[[], State], say: Cal
     return page
 
 
-def said_of(address: Address, wanted: Address) -> list[str]:
+def said_of(address: HostPort, wanted: HostPort) -> list[str]:
     """What there is to say of a page: its address, and who can see it."""
     taken = f" (port {wanted.port} is taken)" if wanted.port not in (0, address.port) else ""
     lines = [f"page: {address.url}{taken}"]

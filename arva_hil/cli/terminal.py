@@ -65,7 +65,7 @@ class StdoutError(Failure):
         super().__init__(FAILED, f"stdout: {error}")
 
 
-class ReaderGone(StdoutError):
+class StdoutReaderGone(StdoutError):
     """Stdout is a pipe, and its reader has ended, as with `| head`."""
 
 
@@ -102,7 +102,7 @@ def binary_stdout() -> Iterator[BinaryIO]:
         yield sys.stdout.buffer
         sys.stdout.buffer.flush()
     except BrokenPipeError as error:
-        raise ReaderGone(error) from None
+        raise StdoutReaderGone(error) from None
     except OSError as error:
         raise StdoutError(error) from None
 
@@ -116,7 +116,7 @@ def _print(text: str, end: str = "\n") -> None:
     try:
         print(text, end=end, flush=True)
     except BrokenPipeError as error:
-        raise ReaderGone(error) from None
+        raise StdoutReaderGone(error) from None
     except OSError as error:
         raise StdoutError(error) from None
 

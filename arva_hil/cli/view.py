@@ -16,7 +16,7 @@ from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError
 from arva_hil.cli.page import said_of
 from arva_hil.cli.terminal import tell
-from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.server import Server
 from arva_hil.recordings import Recording, load
 from arva_hil.runtime.clock import RealClock
@@ -57,7 +57,7 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording:
     return load(folder)
 
 
-def _serve(address: Address, state: RecordedState) -> Server:
+def _serve(address: HostPort, state: RecordedState) -> Server:
     """The page of a record; every request says which time it wants to see. Raises WebError."""
     lock = threading.Lock()
 

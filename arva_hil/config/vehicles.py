@@ -19,7 +19,7 @@ _BIAS: Final = Numbers(*[Number(-10_000, 10_000, unit="m")] * 3)
 
 
 @table()
-class Walk:
+class RandomWalk:
     """A random walk that keeps coming back (Gauss-Markov), on each axis."""
 
     sigma_m: Annotated[float, _SIGMA, Help("standard deviation on each axis")] = 0.0
@@ -35,13 +35,13 @@ class NavigationError:
     """
 
     bias_ned: Annotated[Triple, _BIAS, Help("north, east, down")] = (0.0, 0.0, 0.0)
-    walk: InitVar[Annotated[Walk | None, Help("a wandering estimate")]] = field(default=None, kw_only=True)
-    walk_sigma_m: Annotated[float, _SIGMA, NotAKey()] = Walk.sigma_m
-    walk_tau_s: Annotated[float, _TAU, NotAKey()] = Walk.tau_s
+    walk: InitVar[Annotated[RandomWalk | None, Help("a wandering estimate")]] = field(default=None, kw_only=True)
+    walk_sigma_m: Annotated[float, _SIGMA, NotAKey()] = RandomWalk.sigma_m
+    walk_tau_s: Annotated[float, _TAU, NotAKey()] = RandomWalk.tau_s
     heading_deg: Annotated[float, Number(-180, 180, unit="°"), Help("added to the yaw")] = 0.0
     latency_s: Annotated[float, Number(0, 10, unit="s"), Help("how old the reported pose is")] = 0.0
 
-    def __post_init__(self, walk: Walk | None) -> None:
+    def __post_init__(self, walk: RandomWalk | None) -> None:
         if walk is not None:
             object.__setattr__(self, "walk_sigma_m", walk.sigma_m)
             object.__setattr__(self, "walk_tau_s", walk.tau_s)

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import Any, BinaryIO
 
-from arva_hil.exports.tracks import Mark, Track, marks, moment, tracks
+from arva_hil.exports.tracks import FlightTrack, Landmark, marks, moment, tracks
 from arva_hil.recordings import Recording
 from arva_hil.safe_text import one_line
 
@@ -38,7 +38,7 @@ def _feature(kind: str, shape: str, coordinates: Any, **properties: Any) -> dict
     return {"type": "Feature", "geometry": geometry, "properties": {"kind": kind, **properties}}
 
 
-def _mark(mark: Mark) -> Iterator[dict[str, Any]]:
+def _mark(mark: Landmark) -> Iterator[dict[str, Any]]:
     lat, lon, alt = mark.lla
     about = {"name": one_line(mark.name), "about": one_line(mark.about)}
     yield _feature(mark.kind, "Point", [lon, lat, alt], **about)
@@ -47,7 +47,7 @@ def _mark(mark: Mark) -> Iterator[dict[str, Any]]:
         yield _feature("ellipse", "Polygon", [ring], **about)
 
 
-def _lines(track: Track) -> Iterator[dict[str, Any]]:
+def _lines(track: FlightTrack) -> Iterator[dict[str, Any]]:
     """A line for each part of the track with two points or more."""
     for part in track.parts():
         if len(part) > 1:
@@ -55,7 +55,7 @@ def _lines(track: Track) -> Iterator[dict[str, Any]]:
             yield _feature("track", "LineString", line, name=one_line(track.name))
 
 
-def _readings(recording: Recording, track: Track) -> Iterator[dict[str, Any]]:
+def _readings(recording: Recording, track: FlightTrack) -> Iterator[dict[str, Any]]:
     """A point for each frame, with the slots that hear."""
     receiver = track.receiver
     assert receiver is not None

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import BinaryIO, Final
 
 from arva_hil import __version__
-from arva_hil.exports.tracks import Mark, Track, marks, moment, tracks
+from arva_hil.exports.tracks import FlightTrack, Landmark, marks, moment, tracks
 from arva_hil.exports.xml_text import element, text
 from arva_hil.recordings import Recording
 
@@ -39,13 +39,13 @@ def _parts(recording: Recording) -> Iterator[str]:
     yield "</gpx>\n"
 
 
-def _waypoint(mark: Mark) -> str:
+def _waypoint(mark: Landmark) -> str:
     lat, lon, alt = mark.lla
     about = f"{element('name', mark.name)}{element('desc', mark.about)}{element('type', mark.kind)}"
     return f'<wpt lat="{lat!r}" lon="{lon!r}">\n<ele>{alt!r}</ele>\n{about}</wpt>\n'
 
 
-def _track(recording: Recording, track: Track) -> Iterator[str]:
+def _track(recording: Recording, track: FlightTrack) -> Iterator[str]:
     yield f"<trk>\n{element('name', track.name)}"
     heard = track.heard_m().tolist()
     for part in track.parts():

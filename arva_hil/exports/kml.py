@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import BinaryIO, Final
 
-from arva_hil.exports.tracks import Mark, Track, marks, moment, tracks
+from arva_hil.exports.tracks import FlightTrack, Landmark, marks, moment, tracks
 from arva_hil.exports.xml_text import element, text
 from arva_hil.recordings import Recording
 
@@ -44,7 +44,7 @@ def _parts(recording: Recording) -> Iterator[str]:
     yield _TAIL
 
 
-def _mark(mark: Mark) -> Iterator[str]:
+def _mark(mark: Landmark) -> Iterator[str]:
     lat, lon, alt = mark.lla
     about = element("description", mark.about) + f"<styleUrl>#{mark.kind}</styleUrl>\n"
     point = (
@@ -57,7 +57,7 @@ def _mark(mark: Mark) -> Iterator[str]:
         yield f"<Placemark>\n{element('name', mark.name + ', 95 %')}{about}<Polygon>{ring}</Polygon>\n</Placemark>\n"
 
 
-def _track(recording: Recording, track: Track) -> Iterator[str]:
+def _track(recording: Recording, track: FlightTrack) -> Iterator[str]:
     style = "receiver" if track.receiver is not None else "search"
     yield f"<Placemark>\n{element('name', track.name)}<styleUrl>#{style}</styleUrl>\n"
     yield "<gx:Track>\n<altitudeMode>absolute</altitudeMode>\n"

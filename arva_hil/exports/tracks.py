@@ -23,7 +23,7 @@ Lla = tuple[float, float, float]
 PROBABILITY: Final = 0.95  # that the transmitter is inside the ellipse
 
 
-class Track(NamedTuple):
+class FlightTrack(NamedTuple):
     """What one receiver, or the search, flew. Only instants with a place: N of them.
 
     `rows`: their numbers among the frames or steps. `gaps` (N,): whether the place is missing just before.
@@ -49,7 +49,7 @@ class Track(NamedTuple):
         return starmap(range, pairwise([0, *begins]))
 
 
-class Mark(NamedTuple):
+class Landmark(NamedTuple):
     """A point with a name. `kind`: found or transmitter. `outline`: around it, (latitude, longitude), closed."""
 
     kind: str
@@ -67,7 +67,7 @@ def moment(recording: Recording, time_s: float) -> str:
         return utc(0)
 
 
-def tracks(recording: Recording) -> list[Track]:
+def tracks(recording: Recording) -> list[FlightTrack]:
     """The track of each receiver, and that of the search, as far as their places on Earth are known."""
     found = []
     for receiver in recording.receivers:
@@ -81,18 +81,18 @@ def tracks(recording: Recording) -> list[Track]:
     return [track for track in found if len(track.rows)]
 
 
-def marks(recording: Recording) -> list[Mark]:
+def marks(recording: Recording) -> list[Landmark]:
     """The place found with its ellipse, and where the transmitters truly were at the end."""
     return [*_found(recording), *_transmitters(recording)]
 
 
-def _track(name: str, receiver: RecordedReceiver | None, time_s: Floats, lla: Floats) -> Track:
+def _track(name: str, receiver: RecordedReceiver | None, time_s: Floats, lla: Floats) -> FlightTrack:
     there = np.isfinite(lla).all(axis=1) & np.isfinite(time_s)
     rows = np.flatnonzero(there)
-    return Track(name, receiver, rows, time_s[rows], lla[rows], np.diff(rows, prepend=rows[:1]) > 1)
+    return FlightTrack(name, receiver, rows, time_s[rows], lla[rows], np.diff(rows, prepend=rows[:1]) > 1)
 
 
-def _found(recording: Recording) -> Iterator[Mark]:
+def _found(recording: Recording) -> Iterator[Landmark]:
     search = recording.search
     if search is None or (found := search.found) is None or found.lat_lon is None:
         return
@@ -109,10 +109,10 @@ def _found(recording: Recording) -> Iterator[Mark]:
             f"long axis {math.degrees(bearing) % 180:.0f}°"
         )
     name = "place found" if search.target is None else f"place found: transmitter {search.target}"
-    yield Mark("found", name, about, (*found.lat_lon, alt), [(lat, lon) for lat, lon in edge])
+    yield Landmark("found", name, about, (*found.lat_lon, alt), [(lat, lon) for lat, lon in edge])
 
 
-def _transmitters(recording: Recording) -> Iterator[Mark]:
+def _transmitters(recording: Recording) -> Iterator[Landmark]:
     end_s = recording.span_s[1]
     for vehicle in dict.fromkeys(receiver.vehicle for receiver in recording.receivers):
         moving = recording.transmitters(vehicle, end_s)
@@ -125,6 +125,6 @@ def _transmitters(recording: Recording) -> Iterator[Mark]:
             if id_ not in there.unplaced:
                 of = f" (datum of {vehicle})" if vehicle else ""
                 about = f"true place at the end of the run, strength {strength:g}"
-                yield Mark("transmitter", f"transmitter {id_}{of}", about, (place[0], place[1], place[2]))
+                yield Landmark("transmitter", f"transmitter {id_}{of}", about, (place[0], place[1], place[2]))
         if recording.run and recording.run.scenario and recording.run.scenario.datum != "home":
             return  # the same for every vehicle

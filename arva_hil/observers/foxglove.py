@@ -13,7 +13,7 @@ from arva_hil.events import Event
 from arva_hil.messages.cdr import encode
 from arva_hil.messages.live import LiveMessages
 from arva_hil.messages.message import Message, schema
-from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.address import HostPort
 
 INSTALL: Final = "pip install 'arva-hil[foxglove]'"
 _NEXT: Final = 20  # ports that are tried
@@ -31,7 +31,7 @@ class FoxgloveServer:
     nothing. Raises FoxgloveError if foxglove-sdk is missing or there is no port.
     """
 
-    def __init__(self, messages: LiveMessages, address: Address) -> None:
+    def __init__(self, messages: LiveMessages, address: HostPort) -> None:
         try:
             import foxglove
         except ImportError as error:
@@ -58,7 +58,7 @@ class FoxgloveServer:
         described = self._foxglove.Schema(name=kind.ros_name(), encoding="ros2msg", data=schema(kind).encode())
         return self._foxglove.Channel(topic, schema=described, message_encoding="cdr", context=self._context)
 
-    def _start(self, address: Address) -> Any:
+    def _start(self, address: HostPort) -> Any:
         host, port = address
         last = min(port + _NEXT, 65536) if port else 1
         for free in range(port, last):

@@ -21,7 +21,7 @@ _FIRST_ADDRESS: Final = 0xF0A000  # of a range that ICAO gives to no state
 _NO_ID: Final = 0xFF
 
 
-class _Place(NamedTuple):
+class _ShownPlace(NamedTuple):
     """The place shown, metres from the take-off point; `found`: the search ends there, else it is the likeliest one."""
 
     transmitter: int | None
@@ -46,7 +46,7 @@ class GroundStation:
         self._start_s: float | None = None
         self._origin: tuple[LocalFrame, float] | None = None  # and its altitude
         self._reaches_autopilot = False  # so that nothing is put on the map any more
-        self._place: _Place | None = None
+        self._place: _ShownPlace | None = None
         self._frame: Frame | None = None
 
     def observe(self, event: Event) -> None:
@@ -73,10 +73,10 @@ class GroundStation:
             self._frame = event.frame
         elif isinstance(event, searches.BeliefChanged) and event.hypotheses and not (self._place and self._place.found):
             north, east, _ = max(event.hypotheses, key=lambda one: one[2])
-            self._place = _Place(event.transmitter, north, east, _sigma(event.covariance), False)
+            self._place = _ShownPlace(event.transmitter, north, east, _sigma(event.covariance), False)
         elif isinstance(event, searches.PlaceFound):
             sigma = _sigma(event.covariance)
-            self._place = _Place(event.transmitter, event.north_m, event.east_m, sigma, True)
+            self._place = _ShownPlace(event.transmitter, event.north_m, event.east_m, sigma, True)
             self._due_s = -math.inf  # at once
 
     def _tell(self, time_s: float) -> None:
@@ -101,7 +101,7 @@ class GroundStation:
             dialect.MAVLink_named_value_float_message(boot_ms, name.encode(), value) for name, value in values.items()
         ]
 
-    def _on_map(self, place: _Place, origin: LocalFrame, alt: float) -> Message:
+    def _on_map(self, place: _ShownPlace, origin: LocalFrame, alt: float) -> Message:
         lat, lon, _ = map(float, origin.lla([place.north_m, place.east_m, 0.0]))
         id_ = _NO_ID if place.transmitter is None else place.transmitter
         name = "ARVA" if place.transmitter is None else f"ARVA{place.transmitter}"

@@ -9,7 +9,7 @@ import numpy as np
 
 from arva_hil.pictures.style import BLUE, GREY, PALETTE, RED, thinned
 from arva_hil.recordings import RecordedReceiver
-from arva_hil.recordings.streams import Stream
+from arva_hil.recordings.streams import RecordedStream
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ def draw_lateness(axes: Axes, receiver: RecordedReceiver | None) -> None:
     axes.legend(loc="best")
 
 
-def draw_streams(axes: Axes, streams: Sequence[Stream]) -> None:
+def draw_streams(axes: Axes, streams: Sequence[RecordedStream]) -> None:
     """The most frequent messages that came in each second."""
     axes.set(xlabel="time from the start of the run, s", ylabel="messages a second", title="Rates of the streams")
     for n, stream in enumerate(streams[:_MOST_STREAMS]):

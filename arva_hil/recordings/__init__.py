@@ -3,17 +3,17 @@
 from .folder import is_record, load
 from .lines import RecordingError
 from .receivers import RecordedReceiver
-from .recording import Datum, Recording, Run
-from .search import Place, RecordedSearch
+from .recording import RecordedDatum, RecordedRun, Recording
+from .search import RecordedPlace, RecordedSearch
 
 __all__ = [
-    "Datum",
-    "Place",
+    "RecordedDatum",
+    "RecordedPlace",
     "RecordedReceiver",
+    "RecordedRun",
     "RecordedSearch",
     "Recording",
     "RecordingError",
-    "Run",
     "is_record",
     "load",
 ]

@@ -13,7 +13,7 @@ from arva_hil.observers.record.layout import EVENTS, READINGS, RUN, VERSION, Rec
 from arva_hil.observers.record.search_log import TRACK
 from arva_hil.recordings.lines import Lines, RecordingError, json_object, table
 from arva_hil.recordings.readings_file import read_receiver
-from arva_hil.recordings.recording import Datum, Recording, Run
+from arva_hil.recordings.recording import RecordedDatum, RecordedRun, Recording
 from arva_hil.recordings.search import read_search
 from arva_hil.recordings.values import mapping, number, seconds_of, text, triple
 
@@ -69,7 +69,7 @@ def load(folder: Path) -> Recording:
     )
 
 
-def _run(path: Path) -> tuple[Run, list[str]]:
+def _run(path: Path) -> tuple[RecordedRun, list[str]]:
     said = json_object(path)
     version = said.get("record", 1)
     if not isinstance(version, int) or version > VERSION:
@@ -77,9 +77,9 @@ def _run(path: Path) -> tuple[Run, list[str]]:
         raise RecordingError(path, newer)
     notes = [] if said.get("ended") is not None else [f"{path}: the run goes on, or was killed: no counters are there"]
     try:
-        return Run(said, parse(json.dumps(said.get("scenario")), f"{path}: scenario")), notes
+        return RecordedRun(said, parse(json.dumps(said.get("scenario")), f"{path}: scenario")), notes
     except ScenarioError as error:
-        return Run(said, None), [*notes, f"the scenario cannot be read: {error.problems[0]}"]
+        return RecordedRun(said, None), [*notes, f"the scenario cannot be read: {error.problems[0]}"]
 
 
 def _receivers_there(folder: Path) -> list[tuple[str, str]]:
@@ -119,7 +119,7 @@ def _start_utc_s(path: Path) -> float | None:
         return None
 
 
-def _datums(run: Run, vehicle: str, events: list[dict[str, Any]]) -> tuple[Datum, ...]:
+def _datums(run: RecordedRun, vehicle: str, events: list[dict[str, Any]]) -> tuple[RecordedDatum, ...]:
     """The datums of a vehicle: by run.json, else by the events of a run that was killed, else the scenario's."""
     found = list(_changes(run.vehicle(vehicle)))
     if not found:
@@ -127,16 +127,16 @@ def _datums(run: Run, vehicle: str, events: list[dict[str, Any]]) -> tuple[Datum
         for event in of_vehicle:
             place = triple([event.get(name) for name in ("lat", "lon", "alt")])
             if place and (not vehicle or event.get("vehicle") == vehicle):
-                found.append(Datum(event["time_s"], *place))
+                found.append(RecordedDatum(event["time_s"], *place))
     if not found and run.scenario and isinstance(run.scenario.datum, Lla):
         fixed = run.scenario.datum
-        found.append(Datum(0.0, fixed.lat, fixed.lon, fixed.alt))
+        found.append(RecordedDatum(0.0, fixed.lat, fixed.lon, fixed.alt))
     return tuple(sorted(found))
 
 
-def _changes(said: Mapping[str, Any]) -> Iterator[Datum]:
+def _changes(said: Mapping[str, Any]) -> Iterator[RecordedDatum]:
     changes = said.get("datums")
     for change in changes if isinstance(changes, list) else []:
         place, time_s = triple(mapping(change).get("lat_lon_alt")), number(mapping(change).get("time_s"))
         if place and time_s is not None:
-            yield Datum(time_s, *place)
+            yield RecordedDatum(time_s, *place)

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 Event = Mapping[str, Any]
 
 
-class Datum(NamedTuple):
+class RecordedDatum(NamedTuple):
     """The origin of the positions from `time_s` of the run on: degrees, degrees, metres AMSL."""
 
     time_s: float
@@ -39,7 +39,7 @@ class Datum(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class RecordedRun:
     """What run.json says. `scenario` is None if this program cannot read it, e.g. because a plug-in is missing.
 
     `json`: the whole file. `ended`: how the run ended, "" if it was killed.
@@ -88,18 +88,18 @@ class Recording:
     """
 
     folder: Path
-    run: Run | None
+    run: RecordedRun | None
     receivers: tuple[RecordedReceiver, ...]
     search: RecordedSearch | None
     events: tuple[Event, ...]
     status: tuple[Event, ...]
     start_utc_s: float | None
     log_start_s: float | None
-    datums: Mapping[str, tuple[Datum, ...]]
+    datums: Mapping[str, tuple[RecordedDatum, ...]]
     notes: tuple[str, ...]
 
     @cached_property
-    def _placed(self) -> dict[Datum, MovingTransmitters]:
+    def _placed(self) -> dict[RecordedDatum, MovingTransmitters]:
         """The transmitters as they were asked for."""
         return {}
 
@@ -123,7 +123,7 @@ class Recording:
         every = np.concatenate(ends) if ends else np.zeros(1)
         return float(np.nanmin(every)), float(np.nanmax(every))
 
-    def datum_at(self, vehicle: str, time_s: float) -> Datum | None:
+    def datum_at(self, vehicle: str, time_s: float) -> RecordedDatum | None:
         """The datum at a time, None if it is not known."""
         datums = self.datums.get(vehicle, ())
         return next((datum for datum in reversed(datums) if datum.time_s <= time_s), datums[0] if datums else None)
@@ -157,7 +157,7 @@ class Recording:
         if datum is None:
             if any(transmitter.lla for transmitter in scenario.transmitters):
                 return None
-            datum = Datum(0.0, 0.0, 0.0, 0.0)
+            datum = RecordedDatum(0.0, 0.0, 0.0, 0.0)
         if datum not in self._placed:
             self._placed[datum] = moving_transmitters(scenario, datum.frame)
         return self._placed[datum]

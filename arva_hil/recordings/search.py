@@ -23,7 +23,7 @@ _MOST_PHASES: Final = 64
 
 
 @dataclass(frozen=True)
-class Place:
+class RecordedPlace:
     """The place that a search reports, metres from the take-off point, NED; `lat_lon` in degrees, None if not known.
 
     `covariance`: of north and east, m² (nn, ne, ee); None: the strategy does not say how sure it is.
@@ -80,7 +80,7 @@ class RecordedSearch:
     delta_deg: Floats  # (K,)
     zone: Floats  # (K,)
     outcome: Mapping[str, Any]
-    found: Place | None
+    found: RecordedPlace | None
     origin: tuple[float, float, float] | None
     started_utc_s: float | None
     start_s: float
@@ -146,11 +146,11 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
     ), lines.note
 
 
-def _place(value: object) -> Place | None:
+def _place(value: object) -> RecordedPlace | None:
     """The place in search.json, None if there is none."""
     found = mapping(value)
     north, east = number(found.get("north")), number(found.get("east"))
     if north is None or east is None:
         return None
     down, covariance = number(found.get("down")), triple(found.get("covariance"))
-    return Place(north, east, down, covariance, pair(found.get("lat_lon")))
+    return RecordedPlace(north, east, down, covariance, pair(found.get("lat_lon")))

@@ -25,7 +25,7 @@ _LONGEST_S: Final = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Stream:
+class RecordedStream:
     """One kind of message. `hz` (N,): how many came in each second from the start of the run on, `time_s` (N,)."""
 
     name: str
@@ -39,7 +39,7 @@ class Stream:
         return float(whole.mean()) if len(whole) else 0.0
 
 
-def streams(recording: Recording, vehicle: str = "") -> list[Stream]:
+def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
     """The messages of a vehicle, the most frequent first; those of its whole log if nobody knows its ids.
 
     Empty without a log. Raises RecordingError for one that cannot be read.
@@ -73,7 +73,7 @@ def _head(raw: bytes) -> tuple[int, int, int]:
     return raw[3], raw[4], raw[5]
 
 
-def _streams(counts: Counter[tuple[int, int]]) -> list[Stream]:
+def _streams(counts: Counter[tuple[int, int]]) -> list[RecordedStream]:
     seconds = [second for _, second in counts]
     if not seconds:
         return []
@@ -85,7 +85,7 @@ def _streams(counts: Counter[tuple[int, int]]) -> list[Stream]:
         row = rows.setdefault(message, np.zeros(last - first + 1))
         row[second - first] = count
     time_s = np.arange(first, last + 1, dtype=float)
-    found = [Stream(_name(message), time_s, row) for message, row in rows.items()]
+    found = [RecordedStream(_name(message), time_s, row) for message, row in rows.items()]
     return sorted(found, key=lambda stream: -float(stream.hz.sum()))
 
 

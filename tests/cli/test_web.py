@@ -16,7 +16,7 @@ from browser import Tab, browser
 from arva_hil.events import FrameMade, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.vehicles import AutopilotText, VehicleFound
 from arva_hil.links.pty import PtyLink
-from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.state import State
 from arva_hil.receiver import ChannelReading, Pose, Reading
@@ -230,7 +230,7 @@ def test_nothing_keeps_anybody_from_using_it(start: Start, tab: Tab, record: Pat
 
 
 def test_several_receivers_strange_texts_and_a_pose_that_is_no_number(tab: Tab) -> None:
-    page = WebPage(Address("127.0.0.1", 0), State("run", "<i>", named=True))
+    page = WebPage(HostPort("127.0.0.1", 0), State("run", "<i>", named=True))
     try:
         tab.open(page.address.url)
         assert tab.text("#distance") == "––"

@@ -17,7 +17,7 @@ from arva_hil.config import DEFAULT
 from arva_hil.events import DatumSet
 from arva_hil.messages.live import LiveMessages
 from arva_hil.observers.foxglove import FoxgloveError, FoxgloveServer
-from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.address import HostPort
 from tests.messages.test_readings import EPOCH_US, HOME, made
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("foxglove") is None, reason="foxglove-sdk is not installed")
@@ -32,7 +32,7 @@ STALLED = {"subprotocols": ["foxglove.sdk.v1"], "max_queue": 1, "close_timeout":
 
 @contextlib.contextmanager
 def server(port: int = 0) -> Iterator[FoxgloveServer]:
-    served = FoxgloveServer(LiveMessages(DEFAULT, EPOCH_US, searches=False), Address(port=port))
+    served = FoxgloveServer(LiveMessages(DEFAULT, EPOCH_US, searches=False), HostPort(port=port))
     try:
         yield served
     finally:
@@ -98,25 +98,25 @@ def test_a_client_that_does_not_read_holds_up_nothing_and_the_end_does_not_wait_
 
 def test_a_host_that_is_not_ours_is_refused_with_a_cure() -> None:
     with pytest.raises(FoxgloveError, match=r"--foxglove 192\.0\.2\.1:8765: cannot be served there .* name another"):
-        FoxgloveServer(LiveMessages(DEFAULT, 0, searches=False), Address("192.0.2.1", 8765))
+        FoxgloveServer(LiveMessages(DEFAULT, 0, searches=False), HostPort("192.0.2.1", 8765))
 
 
 def test_without_the_sdk_the_command_to_install_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(FoxgloveError, match=r"pip install 'arva-hil\[foxglove\]'"):
-        FoxgloveServer(LiveMessages(DEFAULT, 0, searches=False), Address(port=0))
+        FoxgloveServer(LiveMessages(DEFAULT, 0, searches=False), HostPort(port=0))
 
 
 @pytest.mark.parametrize(
     ("text", "meant"),
     [
-        ("127.0.0.1:9000", Address("127.0.0.1", 9000)),
-        ("9000", Address("127.0.0.1", 9000)),
-        ("bench-2.local", Address("bench-2.local", 8765)),
-        ("[::1]:9000", Address("::1", 9000)),
+        ("127.0.0.1:9000", HostPort("127.0.0.1", 9000)),
+        ("9000", HostPort("127.0.0.1", 9000)),
+        ("bench-2.local", HostPort("bench-2.local", 8765)),
+        ("[::1]:9000", HostPort("::1", 9000)),
     ],
 )
-def test_addresses(text: str, meant: Address) -> None:
+def test_addresses(text: str, meant: HostPort) -> None:
     assert foxglove(text) == meant
 
 

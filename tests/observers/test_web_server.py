@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from arva_hil.observers.web.address import Address, parse_address
+from arva_hil.observers.web.address import HostPort, parse_address
 from arva_hil.observers.web.server import Server, WebError, pages
 
 BIG = b"x" * 20_000_000
@@ -22,7 +22,7 @@ POLICY = (
 @pytest.fixture
 def server() -> Iterator[Server]:
     sources = {"/state.json": lambda query: json.dumps(dict(query)).encode(), "/big.json": lambda query: BIG}
-    server = Server(Address("127.0.0.1", 0), sources)
+    server = Server(HostPort("127.0.0.1", 0), sources)
     yield server
     server.close()
 
@@ -127,7 +127,7 @@ def test_nonsense_is_refused_and_not_repeated(server: Server, data: bytes) -> No
 def test_if_the_port_is_taken_it_is_the_next_free_one() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        server = Server(Address("127.0.0.1", port), {})
+        server = Server(HostPort("127.0.0.1", port), {})
         try:
             assert port < server.address.port < port + 20
             assert ask(server)[0].status == 200
@@ -138,7 +138,7 @@ def test_if_the_port_is_taken_it_is_the_next_free_one() -> None:
 @pytest.mark.parametrize("host", ["192.0.2.1", "nowhere.invalid"])
 def test_an_address_that_is_not_of_this_computer_is_an_error_that_says_so(host: str) -> None:
     with pytest.raises(WebError, match=f"{host}:8457: the page cannot be served: "):
-        Server(Address(host), {})
+        Server(HostPort(host), {})
 
 
 def test_an_address_of_version_6() -> None:
@@ -164,7 +164,7 @@ def test_clients_that_say_nothing_keep_nobody_from_the_page(server: Server) -> N
 
 
 def test_a_client_that_reads_nothing_keeps_nobody_from_the_page_and_not_the_program_from_ending() -> None:
-    server = Server(Address("127.0.0.1", 0), {"/big.json": lambda query: BIG})
+    server = Server(HostPort("127.0.0.1", 0), {"/big.json": lambda query: BIG})
     with socket.create_connection(("127.0.0.1", server.address.port), timeout=10) as slow:
         slow.sendall(b"GET /big.json HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert slow.recv(10) == b"HTTP/1.1 2"
@@ -177,15 +177,15 @@ def test_a_client_that_reads_nothing_keeps_nobody_from_the_page_and_not_the_prog
 @pytest.mark.parametrize(
     ("text", "address"),
     [
-        ("127.0.0.1:8080", Address("127.0.0.1", 8080)),
-        ("8080", Address("127.0.0.1", 8080)),
-        ("0.0.0.0", Address("0.0.0.0", 8457)),
-        ("localhost", Address("localhost", 8457)),
-        ("[::1]:80", Address("::1", 80)),
-        ("my-laptop.local:0", Address("my-laptop.local", 0)),
+        ("127.0.0.1:8080", HostPort("127.0.0.1", 8080)),
+        ("8080", HostPort("127.0.0.1", 8080)),
+        ("0.0.0.0", HostPort("0.0.0.0", 8457)),
+        ("localhost", HostPort("localhost", 8457)),
+        ("[::1]:80", HostPort("::1", 80)),
+        ("my-laptop.local:0", HostPort("my-laptop.local", 0)),
     ],
 )
-def test_addresses(text: str, address: Address) -> None:
+def test_addresses(text: str, address: HostPort) -> None:
     assert parse_address(text) == address
     assert parse_address(str(address)) == address
 

@@ -23,9 +23,9 @@ from arva_hil.events.searches import (
 from arva_hil.events.vehicles import AutopilotText, VehicleFound, VehicleLost
 from arva_hil.field import rotation
 from arva_hil.field.dipole import Transmitters
-from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.field_lines import field_lines
-from arva_hil.observers.web.history import History
+from arva_hil.observers.web.history import TextHistory
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.state import State
 from arva_hil.receiver import ChannelReading, Look, PaperReceiver, Pose, Reading
@@ -132,7 +132,7 @@ def test_a_million_readings_take_bounded_memory_and_the_newest_are_all_there() -
 
 
 def test_a_history_keeps_everything_of_late_and_less_of_long_ago() -> None:
-    history = History(recent=100, old=50)
+    history = TextHistory(recent=100, old=50)
     for number in range(10_000):
         history.extend([str(number)], number)
     whole = [int(text) for text in history.whole()]
@@ -264,7 +264,7 @@ def test_the_lines_are_drawn_anew_only_when_something_has_moved() -> None:
 
 
 def test_an_event_that_cannot_be_shown_is_told_and_the_page_goes_on() -> None:
-    page = WebPage(Address("127.0.0.1", 0), State("run", ""))
+    page = WebPage(HostPort("127.0.0.1", 0), State("run", ""))
     try:
         page.observe(VehicleStatus)  # type: ignore[arg-type]
         page.close()

@@ -7,7 +7,7 @@ import re
 from arva_hil.cli.arguments.shared import add_duration
 from arva_hil.cli.options import CommandParser, kind, number, whole
 from arva_hil.config import LARGEST_SEED
-from arva_hil.observers.web.address import Address, parse_address
+from arva_hil.observers.web.address import HostPort, parse_address
 from arva_hil.registry import EXPORTS
 
 SHELLS = ("bash", "zsh", "fish")
@@ -101,7 +101,7 @@ def view(parser: CommandParser) -> None:
     """
     parser.add_argument("record_or_log", metavar="RUN|LOG", help="folder of a record, or MAVLink telemetry log")
     where = "where the page is: HOST, PORT or HOST:PORT; if the port is taken, the next free one"
-    parser.option("--web HOST:PORT", f"{where}; default {Address()}", parse_address, Address())
+    parser.option("--web HOST:PORT", f"{where}; default {HostPort()}", parse_address, HostPort())
     parser.option("--scenario FILE", "of a log: scenario (YAML), or builtin:NAME")
     add_duration(parser)
 

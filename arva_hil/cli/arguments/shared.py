@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Final
 
 from arva_hil.cli.options import DEFAULT_AUTOPILOT, CommandParser, kind, link, number, whole
 from arva_hil.config import FRAMES_HZ, LARGEST_SEED
-from arva_hil.observers.web.address import Address, parse_address
+from arva_hil.observers.web.address import HostPort, parse_address
 from arva_hil.registry import FORMATS, OBSERVERS
 
 if TYPE_CHECKING:
     from arva_hil.config import Fault
 
-FOXGLOVE: Final = Address(port=8765)  # what Foxglove and PlotJuggler offer
+FOXGLOVE: Final = HostPort(port=8765)  # what Foxglove and PlotJuggler offer
 OFF: Final = "off"
 
 
@@ -102,9 +102,9 @@ def add_web(parser: CommandParser, *, default: str = OFF) -> None:
     parser.option(
         "--web HOST:PORT",
         "show the run on a page in a browser: on, off, HOST, PORT or HOST:PORT; if the port is taken, the next "
-        f"free one; without a value {Address()}; default {default}",
+        f"free one; without a value {HostPort()}; default {default}",
         web,
-        const=Address(),
+        const=HostPort(),
     )
 
 
@@ -115,15 +115,15 @@ def fault(text: str) -> Fault | None:
     return None if text == "none" else parse_fault(text)
 
 
-def foxglove(text: str) -> Address:
+def foxglove(text: str) -> HostPort:
     """A converter for where the messages are served."""
     return parse_address(text, FOXGLOVE)
 
 
-def web(text: str) -> Address | str:
+def web(text: str) -> HostPort | str:
     """A converter for where the page is; "off" is none."""
     if text in ("on", OFF):
-        return OFF if text == OFF else Address()
+        return OFF if text == OFF else HostPort()
     try:
         return parse_address(text)
     except ValueError as error:

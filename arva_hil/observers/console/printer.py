@@ -116,7 +116,7 @@ class Printer:
         self._background.put(write)
 
 
-class Lines:
+class LinePrinter:
     """Prints a line on `link` for each event for which `render` returns one.
 
     `patient`: wait for a slow reader, until `give_up()` is true; otherwise leave lines out.

@@ -14,7 +14,7 @@ _PATTERN: Final = re.compile(
 )
 
 
-class Address(NamedTuple):
+class HostPort(NamedTuple):
     """`host`: a name or an IP address without brackets."""
 
     host: str = DEFAULT_HOST
@@ -30,13 +30,13 @@ class Address(NamedTuple):
         return f"http://{self._replace(host=host)}/"
 
 
-def parse_address(text: str, usual: Address | None = None) -> Address:
+def parse_address(text: str, usual: HostPort | None = None) -> HostPort:
     """HOST:PORT, HOST or PORT; an IPv6 address in brackets. Raises ValueError with what was expected.
 
     `usual`: has what the text leaves out.
     """
-    usual, match = usual or Address(), _PATTERN.fullmatch(text)
+    usual, match = usual or HostPort(), _PATTERN.fullmatch(text)
     port = int(match["port"] or match["only"] or usual.port) if match else -1
     if match is None or port > 65535:
         raise ValueError(f"{text!r}: expected HOST:PORT, HOST or PORT, e.g. {usual}")
-    return Address((match["host"] or usual.host).strip("[]"), port)
+    return HostPort((match["host"] or usual.host).strip("[]"), port)

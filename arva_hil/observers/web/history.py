@@ -9,7 +9,7 @@ RECENT = 1500
 OLD = 3000
 
 
-class History:
+class TextHistory:
     """Remembers JSON texts in order, each with the version of the state in which it came.
 
     The newest `recent` are all there. Of those before, every n-th is kept; n doubles whenever there are more than

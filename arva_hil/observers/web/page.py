@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from arva_hil.events import BytesSent, Event, PacketsReceived
-from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.server import Server
 from arva_hil.observers.web.state import State
 from arva_hil.runtime.clock import RealClock
@@ -30,7 +30,7 @@ class WebPage:
     `observe` only puts the event into a queue of bounded size. Remembers when each connection has asked last.
     """
 
-    def __init__(self, address: Address, state: State) -> None:
+    def __init__(self, address: HostPort, state: State) -> None:
         self.state = state
         self._waiting: deque[Event] = deque(maxlen=_MOST_WAITING)
         self._lock = threading.Lock()  # of the state; the loop never takes it

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
 from arva_hil.errors import ArvaError
-from arva_hil.observers.web.address import Address
+from arva_hil.observers.web.address import HostPort
 
 TRIED: Final = 20  # ports, from the one wanted on
 
@@ -48,7 +48,7 @@ class WebError(ArvaError):
     """The page cannot be served. `str()` says where and why."""
 
 
-class Answer(NamedTuple):
+class Content(NamedTuple):
     """What a name stands for."""
 
     type: str
@@ -59,11 +59,11 @@ Source = Callable[[Mapping[str, str]], bytes]
 """Makes the JSON of one name, by the query of the request."""
 
 
-def pages() -> dict[str, Answer]:
+def pages() -> dict[str, Content]:
     """The files of the page, by their path in a request."""
     folder = Path(__file__).parent / "page"
     found = {
-        f"/{file.name}": Answer(_TYPES[file.suffix], file.read_bytes())
+        f"/{file.name}": Content(_TYPES[file.suffix], file.read_bytes())
         for file in sorted(folder.iterdir())
         if file.suffix in _TYPES
     }
@@ -78,12 +78,12 @@ class Server:
     used; `address` says which. Raises WebError if none of them is free, or the host is not one of this computer.
     """
 
-    def __init__(self, wanted: Address, sources: Mapping[str, Source]) -> None:
+    def __init__(self, wanted: HostPort, sources: Mapping[str, Source]) -> None:
         self._server = _open(wanted)
         self._server.files = pages()
         self._server.sources = sources
         self._server.host = wanted.host.lower()
-        self.address = Address(wanted.host, self._server.server_address[1])
+        self.address = HostPort(wanted.host, self._server.server_address[1])
         threading.Thread(target=self._server.serve_forever, name="web", args=(0.05,), daemon=True).start()
 
     def close(self) -> None:
@@ -93,7 +93,7 @@ class Server:
         self._server.forget_all()
 
 
-def _open(wanted: Address) -> _Server:
+def _open(wanted: HostPort) -> _HttpServer:
     try:
         family, _, _, _, place = socket.getaddrinfo(
             wanted.host, wanted.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
@@ -104,7 +104,7 @@ def _open(wanted: Address) -> _Server:
     ports = range(wanted.port, min(wanted.port + TRIED, 65536)) if wanted.port else [0]
     for port in ports:
         try:
-            return _Server(family, (place[0], port, *place[2:]))
+            return _HttpServer(family, (place[0], port, *place[2:]))
         except PermissionError as error:
             last = error
         except OSError as error:
@@ -118,13 +118,13 @@ def _open(wanted: Address) -> _Server:
 _TAKEN: Final = {98, 48, 10048}  # EADDRINUSE of Linux, macOS and Windows
 
 
-class _Server(ThreadingHTTPServer):
+class _HttpServer(ThreadingHTTPServer):
     """A listening socket, and the connections that are open, the oldest first."""
 
     daemon_threads = True
     block_on_close = False
     request_queue_size = 64
-    files: Mapping[str, Answer]
+    files: Mapping[str, Content]
     sources: Mapping[str, Source]
     host: str
 
@@ -180,7 +180,7 @@ def _end(connection: socket.socket) -> None:
 class _Handler(BaseHTTPRequestHandler):
     """Answers the requests of one connection."""
 
-    server: _Server
+    server: _HttpServer
     protocol_version = "HTTP/1.1"
     timeout = _TIMEOUT_S
     disable_nagle_algorithm = True
@@ -198,7 +198,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.BAD_REQUEST)
             return
         if (source := self.server.sources.get(path)) is not None:
-            self._answer(HTTPStatus.OK, Answer(_JSON, source(query)))
+            self._answer(HTTPStatus.OK, Content(_JSON, source(query)))
         elif (page := self.server.files.get(path)) is not None:
             self._answer(HTTPStatus.OK, page)
         else:
@@ -215,7 +215,7 @@ class _Handler(BaseHTTPRequestHandler):
         if status == HTTPStatus.NOT_IMPLEMENTED:
             status, message = HTTPStatus.METHOD_NOT_ALLOWED, "only GET and HEAD"
         words = status.phrase if status is HTTPStatus.BAD_REQUEST else message or status.phrase
-        self._answer(status, Answer(_PLAIN, f"{words}\n".encode("ascii", "replace")))
+        self._answer(status, Content(_PLAIN, f"{words}\n".encode("ascii", "replace")))
 
     def log_message(self, format: str, *args: Any) -> None:
         """Nothing is printed."""
@@ -257,7 +257,7 @@ class _Handler(BaseHTTPRequestHandler):
         except (ValueError, OSError):
             return False
 
-    def _answer(self, status: HTTPStatus, answer: Answer) -> None:
+    def _answer(self, status: HTTPStatus, answer: Content) -> None:
         """Send it in one piece."""
         allow = "Allow: GET, HEAD\r\n" if status == HTTPStatus.METHOD_NOT_ALLOWED else ""
         closing = "Connection: close\r\n" if self.close_connection else ""

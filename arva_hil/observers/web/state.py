@@ -12,10 +12,10 @@ from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import Notice
 from arva_hil.observers.web import jsons
 from arva_hil.observers.web.health import Health
-from arva_hil.observers.web.history import History
+from arva_hil.observers.web.history import TextHistory
 from arva_hil.observers.web.places import Places
 from arva_hil.observers.web.search_view import SEARCH, SearchView
-from arva_hil.observers.web.truth import Truth
+from arva_hil.observers.web.truth import TransmitterView
 from arva_hil.safe_text import one_line
 
 _MOST_EVENTS: Final = 200
@@ -27,11 +27,11 @@ _KAPPA_EQ: Final = 1.542
 Key = tuple[str, str]  # vehicle, receiver
 
 
-class _Receiver:
+class _ShownReceiver:
     """One receiver: its history, and what is shown of its newest frame alone."""
 
     def __init__(self) -> None:
-        self.history = History()
+        self.history = TextHistory()
         self.frames = 0
         self.sent = True
         self.faults: tuple[str, ...] = ()
@@ -76,10 +76,10 @@ class State:
         self._start_s: float | None = None  # of the run, on the driver's clock
         self._time_s = 0.0
         self._ended = ""
-        self._receivers: dict[Key, _Receiver] = {}
-        self._events = History(_MOST_EVENTS, 0)
+        self._receivers: dict[Key, _ShownReceiver] = {}
+        self._events = TextHistory(_MOST_EVENTS, 0)
         self._search = SearchView(self.places)
-        self._truth = Truth(self.places, kappa_eq)
+        self._truth = TransmitterView(self.places, kappa_eq)
         self._documents: dict[int, bytes] = {}
 
     # -- in ------------------------------------------------------------------------------------------------
@@ -106,8 +106,8 @@ class State:
 
     def put(self, key: Key, frames: int, texts: Iterable[str], faults: Iterable[str], down_m: float | None) -> None:
         """A receiver's readings are these, in place of those before. `frames`: how many they stand for."""
-        receiver = self._receivers.setdefault(key, _Receiver())
-        receiver.history = History()
+        receiver = self._receivers.setdefault(key, _ShownReceiver())
+        receiver.history = TextHistory()
         receiver.history.extend(texts, self.version)
         receiver.frames, receiver.faults, receiver.down_m = frames, tuple(faults), down_m
 
@@ -115,7 +115,7 @@ class State:
         """Forget what has happened, but not where things are."""
         self.health.forget()
         self._search = SearchView(self.places)
-        self._events = History(_MOST_EVENTS, 0)
+        self._events = TextHistory(_MOST_EVENTS, 0)
         self._time_s = 0.0
         self._new_version()
 
@@ -151,7 +151,7 @@ class State:
     def _take_frames(self, key: Key, frames: list[Event]) -> None:
         if key not in self._receivers and len(self._receivers) >= _MOST_RECEIVERS:
             return
-        receiver = self._receivers.setdefault(key, _Receiver())
+        receiver = self._receivers.setdefault(key, _ShownReceiver())
         receiver.frames += len(frames)
         stride = -(-len(frames) // _MOST_FRAMES)
         shown = frames[(len(frames) - 1) % stride :: stride]  # the newest among them

@@ -19,7 +19,7 @@ _CLIMBED_M: Final = 1.0  # of the receiver
 _HEIGHT_M: Final = 2.5  # of the plane of the lines, before there is a pose
 
 
-class Truth:
+class TransmitterView:
     """Remembers where the transmitters are, and the lines that were drawn last with their `version`.
 
     `text`: the transmitters as JSON. `lines`: `/field.json`.
