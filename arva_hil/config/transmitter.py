@@ -98,6 +98,11 @@ class VehicleNoiseOptions:
     ]
     motor_na_m: Annotated[float, _NOISE, Help("of one motor at full throttle, 0.5 m away")] = 5.2
     line_na_m: Annotated[float, _NOISE, Help("of one controller's harmonic in the band, 0.5 m away, always")] = 0.0
+    full_current_a: Annotated[
+        float | None,
+        Number(0, 10_000, above=True, unit="A"),
+        Help("of all motors at full throttle; then their load is what current they draw"),
+    ] = None
 
 
 Frame = Literal["enu", "ned"]

@@ -20,7 +20,7 @@ from arva_hil.field import LocalFrame, rotation
 from arva_hil.mavlink.codec import Packet, Parser, dialect
 from arva_hil.mavlink.packet_reader import Packets
 from arva_hil.registry import MAVLINK_FORMATS
-from arva_hil.vehicle.further_messages import MotorLoad
+from arva_hil.vehicle.motor_load import MotorLoad
 from arva_hil.vehicle.navigation import EventQueue, Navigation
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.reasons import NoPose
@@ -139,8 +139,9 @@ class EmulatedVehicle:
             for receiver in setup.receivers
         ]
         self.told_missing = False
-        noisy = any(receiver.scenario.receiver.vehicle_noise for receiver in setup.receivers)
-        self._motors = MotorLoad(setup.session) if noisy else None
+        noises = [noise for receiver in setup.receivers if (noise := receiver.scenario.receiver.vehicle_noise)]
+        full_a = next((noise.full_current_a for noise in noises if noise.full_current_a), None)
+        self._motors = MotorLoad(setup.session, full_a) if noises else None
         self._followed = followed
         self._burial = Burial(setup.scenario, setup.session, self.sources)
         if self.datum.frame:
@@ -160,7 +161,7 @@ class EmulatedVehicle:
         """The session has been fed."""
         self.true_state.hear(now)
         if self._motors:
-            self._motors.hear()
+            self._motors.hear(now)
         self._burial.hear(now)
 
     def poll(self, now: float) -> bytes:

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.config import NavigationError, Scenario
 from arva_hil.field import LocalFrame, quaternion
-from arva_hil.vehicle.further_messages import SimulatorTruth
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.reasons import NoPose
 from arva_hil.vehicle.session import Session
+from arva_hil.vehicle.simulator_truth import SimulatorTruth
 
 Array = NDArray[np.float64]
 

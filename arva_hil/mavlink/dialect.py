@@ -1,6 +1,6 @@
-"""pymavlink's dialect with the message CURRENT_MODE, which it lacks; the layout of messages in their packets.
+"""pymavlink's dialect with the messages CURRENT_MODE and ESC_STATUS, which it lacks; the layout of messages in packets.
 
-https://mavlink.io/en/messages/common.html#CURRENT_MODE
+https://mavlink.io/en/messages/common.html
 """
 
 from __future__ import annotations
@@ -9,54 +9,66 @@ import functools
 import itertools
 import struct
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, Final, cast
+from typing import Any, Final, cast
 
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega
 
 MAVLINK_MSG_ID_CURRENT_MODE: Final = 436
-
-
-class CurrentMode(ardupilotmega.MAVLink_message):  # type: ignore[misc]
-    """A vehicle's present and intended mode. The class has the form of pymavlink's own."""
-
-    id = MAVLINK_MSG_ID_CURRENT_MODE
-    msgname = name = "CURRENT_MODE"
-    fieldnames: ClassVar[list[str]] = ["standard_mode", "custom_mode", "intended_custom_mode"]
-    ordered_fieldnames: ClassVar[list[str]] = ["custom_mode", "intended_custom_mode", "standard_mode"]
-    fieldtypes: ClassVar[list[str]] = ["uint8_t", "uint32_t", "uint32_t"]
-    fielddisplays_by_name: ClassVar[dict[str, str]] = {}
-    fieldenums_by_name: ClassVar[dict[str, str]] = {}
-    fieldunits_by_name: ClassVar[dict[str, str]] = {}
-    native_format: ClassVar[bytearray] = bytearray(b"<IIB")
-    orders: ClassVar[list[int]] = [2, 0, 1]
-    lengths: ClassVar[list[int]] = [1, 1, 1]
-    array_lengths: ClassVar[list[int]] = [0, 0, 0]
-    crc_extra = 193
-    unpacker = struct.Struct("<IIB")
-    instance_field = None
-    instance_offset = -1
-
-    def __init__(self, standard_mode: int, custom_mode: int, intended_custom_mode: int) -> None:
-        super().__init__(self.id, self.msgname)
-        self._fieldnames = self.fieldnames
-        self._instance_field = self.instance_field
-        self._instance_offset = self.instance_offset
-        self.standard_mode = standard_mode
-        self.custom_mode = custom_mode
-        self.intended_custom_mode = intended_custom_mode
-
-    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
-        payload = self.unpacker.pack(self.custom_mode, self.intended_custom_mode, self.standard_mode)
-        return cast(bytes, self._pack(mav, self.crc_extra, payload, force_mavlink1=force_mavlink1))
-
-
-ardupilotmega.mavlink_map.setdefault(MAVLINK_MSG_ID_CURRENT_MODE, CurrentMode)
+MAVLINK_MSG_ID_ESC_STATUS: Final = 291
 
 
 _BYTES: Final = {"char": 1, "float": 4, "double": 8} | {
     f"{u}int{n}_t": n // 8 for u in ("", "u") for n in (8, 16, 32, 64)
 }
+_CODES: Final = {"uint8_t": "B", "uint32_t": "I", "uint64_t": "Q", "int32_t": "i", "float": "f"}
+
+
+def _lacking(msgid: int, name: str, crc_extra: int, fields: str) -> Any:
+    """A class of messages, shaped as pymavlink's own are. `fields`: "type name" or "type name[length]" of each."""
+    rows = [(kind, *field.rstrip("]").partition("[")[::2]) for kind, field in map(str.split, fields.split(","))]
+    ordered = sorted(rows, key=lambda row: -_BYTES[row[0]])
+    names = [field for _, field, _ in rows]
+
+    def init(self: Any, *values: Any) -> None:
+        ardupilotmega.MAVLink_message.__init__(self, msgid, name)
+        self._fieldnames, self._instance_field, self._instance_offset = names, None, -1
+        vars(self).update(zip(names, values, strict=True))
+
+    def pack(self: Any, mav: Any, force_mavlink1: bool = False) -> bytes:
+        write = payload_writer(msgid)
+        assert write is not None
+        return cast(bytes, self._pack(mav, crc_extra, write(self), force_mavlink1=force_mavlink1))
+
+    body = {"id": msgid, "msgname": name, "name": name, "crc_extra": crc_extra, "__init__": init, "pack": pack}
+    body |= {key: {} for key in ("fielddisplays_by_name", "fieldenums_by_name", "fieldunits_by_name")}
+    body |= {
+        "fieldnames": names,
+        "ordered_fieldnames": [field for _, field, _ in ordered],
+        "fieldtypes": [kind for kind, _, _ in rows],
+        "native_format": bytearray(f"<{''.join(_CODES[kind] for kind, _, _ in ordered)}".encode()),
+        "orders": [ordered.index(row) for row in rows],
+        "lengths": [int(length or 1) for _, _, length in ordered],
+        "array_lengths": [int(length or 0) for _, _, length in ordered],
+        "unpacker": struct.Struct("<" + "".join(length + _CODES[kind] for kind, _, length in ordered)),
+        "instance_field": None,
+        "instance_offset": -1,
+    }
+    return ardupilotmega.mavlink_map.setdefault(msgid, type(name, (ardupilotmega.MAVLink_message,), body))
+
+
+CurrentMode: Final = _lacking(
+    MAVLINK_MSG_ID_CURRENT_MODE,
+    "CURRENT_MODE",
+    193,
+    "uint8_t standard_mode, uint32_t custom_mode, uint32_t intended_custom_mode",
+)
+EscStatus: Final = _lacking(
+    MAVLINK_MSG_ID_ESC_STATUS,
+    "ESC_STATUS",
+    10,
+    "uint8_t index, uint64_t time_usec, int32_t rpm[4], float voltage[4], float current[4]",
+)
 
 
 @functools.cache

@@ -39,9 +39,9 @@ from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import BUILDERS
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.further_messages import SimulatorTruth
 from arva_hil.vehicle.reasons import NoPose
 from arva_hil.vehicle.session import Session
+from arva_hil.vehicle.simulator_truth import SimulatorTruth
 
 HOME = (46.0123, 7.7456, 1650.0)
 QUIET = Scenario((Transmitter(1, ned=(20.0, 5.0, 0.0)),), receiver=ReceiverOptions(noise=Noise("off"), rate_hz=5.0))

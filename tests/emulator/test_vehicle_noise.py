@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+
 import numpy as np
 import pytest
 
@@ -9,13 +12,14 @@ from arva_hil.config import ReceiverOptions, Scenario, Transmitter, VehicleNoise
 from arva_hil.events import FrameMade
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.mavlink.dialect import EscStatus
 from arva_hil.receiver import Look
 from arva_hil.receiver.listening import Listening
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.further_messages import MotorLoad
+from arva_hil.vehicle.motor_load import MotorLoad
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
 from tests.one_receiver import Diary, OneReceiver
@@ -34,12 +38,26 @@ def outputs(*pulses: int, port: int = 0) -> bytes:
     return AUTOPILOT.pack(dialect.MAVLink_servo_output_raw_message(0, port, *pulses, 0, 0, 0, 0))
 
 
-def heard(*chunks: bytes) -> float:
+def battery(amperes: float, id_: int = 0, function: int = 0) -> bytes:
+    m = dialect.MAVLink_battery_status_message(id_, function, 0, 0, [0] * 10, round(100 * amperes), 0, 0, -1)
+    return AUTOPILOT.pack(m)
+
+
+def telemetry(*amperes: float) -> bytes:
+    currents = [round(100 * one) for one in amperes]
+    return AUTOPILOT.pack(dialect.MAVLink_esc_telemetry_1_to_4_message(bytes(4), [0] * 4, currents, *[[0] * 4] * 3))
+
+
+def esc_status(index: int, *amperes: float) -> bytes:
+    return AUTOPILOT.pack(EscStatus(index, 0, [0] * 4, [0.0] * 4, list(amperes)))
+
+
+def heard(*chunks: bytes, full_a: float | None = None, apart_s: float = 0.0) -> float:
     session = Session()
-    load = MotorLoad(session)
-    for chunk in (AUTOPILOT.pack(HEARTBEAT), *chunks):
-        session.feed(chunk, 1.0)
-        load.hear()
+    load = MotorLoad(session, full_a)
+    for n, chunk in enumerate((AUTOPILOT.pack(HEARTBEAT), *chunks)):
+        session.feed(chunk, 1.0 + n * apart_s)
+        load.hear(1.0 + n * apart_s)
     return load.load
 
 
@@ -50,6 +68,42 @@ def test_the_load_is_the_throttle_or_else_the_mean_of_the_motors_outputs() -> No
     assert heard(hud(30), outputs(1900, 1900, 1900, 1900)) == 0.3
     assert heard(outputs(900, 900, 0, 0)) == 0.0
     assert heard(outputs(1900, 1900, 1900, 1900, port=1)) == 0.0
+
+
+def test_with_the_current_at_full_throttle_the_load_is_the_current_that_is_drawn() -> None:
+    assert heard(battery(28.0), full_a=80.0) == pytest.approx(0.35)
+    assert heard(hud(50), battery(28.0), hud(50), full_a=80.0) == pytest.approx(0.35)
+    assert heard(hud(50), battery(28.0)) == 0.5
+    assert heard(telemetry(6.0, 7.0, 8.0, 9.0), full_a=60.0) == pytest.approx(0.5)
+    assert heard(esc_status(0, 5.0, 5.0, 5.0, 5.0), esc_status(4, 2.5, 2.5, 2.5, 2.5), full_a=60.0) == 0.5
+    assert heard(battery(20.0), battery(10.0, id_=1), full_a=60.0) == 0.5
+    assert heard(battery(300.0), full_a=60.0) == 1.0
+
+
+def test_the_battery_comes_before_controllers_that_say_the_same_all_the_time() -> None:
+    for chunks in itertools.permutations([battery(30.0), telemetry(0.8, 0.8, 0.8, 0.8), hud(90), outputs(*[1900] * 4)]):
+        assert heard(*chunks, full_a=60.0) == 0.5
+
+
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        battery(-0.01),
+        battery(-1.0),
+        battery(5.0, function=4),
+        esc_status(0, math.nan, 1, 1, 1),
+        esc_status(0, -1, 1, 1, 1),
+    ],
+)
+def test_a_current_that_is_not_known_or_not_of_the_motors_leaves_it_to_the_throttle(unknown: bytes) -> None:
+    assert heard(hud(40), unknown, full_a=60.0) == 0.4
+
+
+def test_what_has_fallen_silent_gives_way_to_what_is_still_told() -> None:
+    assert heard(battery(30.0), hud(20), hud(20), full_a=60.0, apart_s=1.0) == 0.5
+    assert heard(battery(30.0), hud(20), hud(20), hud(20), hud(20), full_a=60.0, apart_s=1.0) == 0.2
+    assert heard(hud(30), *[outputs(1900, 1900, 1900, 1900)] * 4, apart_s=1.0) == 0.9
+    assert heard(battery(30.0), b"", b"", b"", b"", b"", full_a=60.0, apart_s=1.0) == 0.5
 
 
 class Hovering(Vehicle):

@@ -1,4 +1,4 @@
-"""What a vehicle sends on request besides its pose: the true pose of a simulated one, the load of its motors.
+"""What a simulated vehicle sends on request: its true pose.
 
 ArduPilot's simulator has SIM_STATE (its older SIMSTATE has no altitude), PX4's HIL_STATE_QUATERNION; neither has a
 usable time stamp. https://mavlink.io/en/messages/common.html
@@ -95,32 +95,3 @@ def _is_pose(position: PositionSample, attitude: AttitudeSample) -> bool:
     _, lat, lon, alt, velocity = position
     somewhere = (lat, lon) != (0, 0) and is_place((lat, lon, alt)) and math.hypot(*velocity) < _FASTEST
     return somewhere and 0.9 < math.hypot(*attitude.angles) < 1.1 and math.hypot(*attitude.rates) < _FASTEST
-
-
-_VFR_HUD: Final = dialect.MAVLINK_MSG_ID_VFR_HUD
-_SERVO_OUTPUT_RAW: Final = dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW
-_ASKED_HZ: Final = 4.0
-_LOWEST_US, _HIGHEST_US = 1000, 2000
-
-
-class MotorLoad:
-    """Remembers the load of a session's vehicle, 0…1: its throttle in VFR_HUD, or else the mean of the first four
-    outputs in SERVO_OUTPUT_RAW. Asks for VFR_HUD; 0 before either comes.
-    """
-
-    def __init__(self, session: Session) -> None:
-        self.load = 0.0
-        self._session = session
-        self._has_throttle = False
-        session.want({_VFR_HUD: _ASKED_HZ})
-
-    def hear(self) -> None:
-        """The session has been fed."""
-        for msgid, message in self._session.messages((_VFR_HUD, _SERVO_OUTPUT_RAW)):
-            if msgid == _VFR_HUD:
-                self._has_throttle = True
-                self.load = min(1.0, message.throttle / 100)
-            elif not self._has_throttle and getattr(message, "port", 0) == 0:
-                pulses = filter(None, (message.servo1_raw, message.servo2_raw, message.servo3_raw, message.servo4_raw))
-                if shares := [(us - _LOWEST_US) / (_HIGHEST_US - _LOWEST_US) for us in pulses]:
-                    self.load = max(0.0, min(1.0, sum(shares) / len(shares)))

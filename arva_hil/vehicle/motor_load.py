@@ -1,0 +1,103 @@
+"""How hard a vehicle's motors work, by what it sends on request.
+
+https://mavlink.io/en/messages/common.html
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import Any, Final, Literal
+
+from arva_hil.mavlink.codec import dialect
+from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_ESC_STATUS
+from arva_hil.vehicle.session import Session
+
+_BATTERY_STATUS: Final = dialect.MAVLINK_MSG_ID_BATTERY_STATUS
+_ESC_TELEMETRY: Final = dialect.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4
+_VFR_HUD: Final = dialect.MAVLINK_MSG_ID_VFR_HUD
+_ASKED_HZ: Final = 4.0
+_FRESH_S: Final = 3.0
+_LOWEST_US, _HIGHEST_US = 1000, 2000
+_OF_MOTORS: Final = (
+    dialect.MAV_BATTERY_FUNCTION_UNKNOWN,
+    dialect.MAV_BATTERY_FUNCTION_ALL,
+    dialect.MAV_BATTERY_FUNCTION_PROPULSION,
+)
+
+_Source = Literal["battery", "controllers", "throttle", "outputs"]
+_Part = tuple[_Source, int, float]  # which of several; amperes, or a load 0…1
+
+
+class MotorLoad:
+    """Remembers the load of a session's vehicle, 0…1, by the first of these that has come in the last 3 s.
+
+    With `full_current_a`, the current [A] of all motors at full throttle: BATTERY_STATUS, then ESC_TELEMETRY_1_TO_4 and
+    its like (ArduPilot) or ESC_STATUS (PX4). Then the throttle in VFR_HUD, and the mean of the first four outputs in
+    SERVO_OUTPUT_RAW. The battery comes before the controllers, because some of these report a constant current.
+    When none comes any more the last load stays; it is 0 before one comes.
+    """
+
+    def __init__(self, session: Session, full_current_a: float | None = None) -> None:
+        self.load = 0.0
+        self._session = session
+        self._full_a: Final = {"battery": full_current_a, "controllers": full_current_a}
+        self._told: dict[_Source, dict[int, tuple[float, float]]] = {}  # by part: when, and what
+        self._order: list[_Source] = ["throttle", "outputs"]
+        asked = [_VFR_HUD]
+        if full_current_a is not None:
+            self._order = ["battery", "controllers", *self._order]
+            asked += [_BATTERY_STATUS, _ESC_TELEMETRY, MAVLINK_MSG_ID_ESC_STATUS]
+        session.want(dict.fromkeys(asked, _ASKED_HZ))
+
+    def hear(self, now: float) -> None:
+        """The session was fed at `now`."""
+        news = False
+        for packet in self._session.own:
+            if packet.msgid in _READERS and (message := self._session.parser.decode(packet)) is not None:
+                for source, part, value in _READERS[packet.msgid](message):
+                    news = True
+                    self._told.setdefault(source, {})[part] = now, value
+        if not news:
+            return
+        for source in self._order:
+            fresh = [value for at, value in self._told.get(source, {}).values() if now - at <= _FRESH_S]
+            if fresh:
+                self.load = max(0.0, min(sum(fresh) / (self._full_a.get(source) or 1.0), 1.0))
+                return
+
+
+def _battery(m: Any) -> Iterator[_Part]:
+    """-1 cA is unknown; PX4 says -100."""
+    if m.current_battery >= 0 and m.battery_function in _OF_MOTORS:
+        yield "battery", m.id, m.current_battery / 100
+
+
+def _telemetry(m: Any) -> Iterator[_Part]:
+    yield "controllers", m.get_msgId(), sum(m.current) / 100
+
+
+def _esc_status(m: Any) -> Iterator[_Part]:
+    if all(0 <= amperes < math.inf for amperes in m.current):
+        yield "controllers", m.index, sum(m.current)
+
+
+def _hud(m: Any) -> Iterator[_Part]:
+    yield "throttle", 0, m.throttle / 100
+
+
+def _outputs(m: Any) -> Iterator[_Part]:
+    pulses = [us for n in range(1, 5) if (us := getattr(m, f"servo{n}_raw"))]
+    if pulses and not getattr(m, "port", 0):
+        yield "outputs", 0, (sum(pulses) / len(pulses) - _LOWEST_US) / (_HIGHEST_US - _LOWEST_US)
+
+
+_READERS: Final[dict[int, Callable[[Any], Iterator[_Part]]]] = {
+    _BATTERY_STATUS: _battery,
+    _ESC_TELEMETRY: _telemetry,
+    dialect.MAVLINK_MSG_ID_ESC_TELEMETRY_5_TO_8: _telemetry,
+    dialect.MAVLINK_MSG_ID_ESC_TELEMETRY_9_TO_12: _telemetry,
+    MAVLINK_MSG_ID_ESC_STATUS: _esc_status,
+    _VFR_HUD: _hud,
+    dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: _outputs,
+}
