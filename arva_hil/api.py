@@ -75,7 +75,9 @@ def run_live(
         ports = {name: opened(address) for name, address in sides.ports.items()}
         vehicles = live_vehicles(scenario, sides, readers, target_system, target_component, stream_hz)
         start = clock.now()
-        emulator = Emulator(vehicles, start=start, timeout_s=min(timeout_s, duration_s), max_age_s=max_age_s)
+        emulator = Emulator(
+            vehicles, start=start, timeout_s=min(timeout_s, duration_s), max_age_s=max_age_s, spread=True
+        )
         live = drivers.Live(emulator, autopilots, ports, Audience([watcher]))
         run([live], clock, until=start + duration_s, stopped=lambda: watcher.over or stopped())
     watcher.finish(", ".join(sides.autopilots.values()))

@@ -66,6 +66,7 @@ def main(options: argparse.Namespace) -> int:
             timeout_s=min(options.timeout, options.duration),
             max_age_s=options.max_age,
             tell_packets=bool(options.record),
+            spread=True,
         )
         live = Live(emulator, autopilots, ports, surroundings.audience)
         until = start + options.duration

@@ -118,7 +118,13 @@ class EmulatedVehicle:
     """Remembers one vehicle's datum and receivers. Its session remembers the rest."""
 
     def __init__(
-        self, setup: VehicleSetup, followed: Mapping[int, FollowedSystem], *, start: float, max_age_s: float
+        self,
+        setup: VehicleSetup,
+        followed: Mapping[int, FollowedSystem],
+        *,
+        start: float,
+        max_age_s: float,
+        phase: float = 0.0,
     ) -> None:
         self.name = setup.session.news.name = setup.name
         self.link = setup.link
@@ -135,6 +141,7 @@ class EmulatedVehicle:
                 host=host_form(receiver.scenario.output_format),
                 start=start,
                 max_age_s=max_age_s,
+                phase=phase,
             )
             for receiver in setup.receivers
         ]

@@ -41,10 +41,10 @@ _STATUS_S: Final = 0.25
 class Emulator:
     """Remembers its vehicles, the outputs and the events. Times are seconds on the driver's clock.
 
-    `start`: the instant of the first frames. `timeout_s`: without a heartbeat, until there is an event. `max_age_s`: an
-    older pose is not used. `look_ahead_s`: how long a frame waits for a pose after its instant, so that its pose can be
-    interpolated; 0 for live: a frame is made at its instant, with what is known then. `tell_packets`: make an event for
-    every chunk, for a record.
+    `start`: the instant of the first frames. `spread`: those of the vehicles are spread over a period. `timeout_s`:
+    without a heartbeat, until there is an event. `max_age_s`: an older pose is not used. `look_ahead_s`: how long a
+    frame waits for a pose after its instant, so that its pose can be interpolated; 0 for live: a frame is made at its
+    instant, with what is known then. `tell_packets`: make an event for every chunk, for a record.
     """
 
     def __init__(
@@ -55,11 +55,16 @@ class Emulator:
         timeout_s: float = math.inf,
         max_age_s: float = 2.0,
         look_ahead_s: float = 0.0,
+        spread: bool = False,
         tell_packets: bool = False,
     ) -> None:
         scenarios = (receiver.scenario for setup in vehicles for receiver in setup.receivers)
         self._followed = followed_systems(scenarios, start)
-        self.vehicles = [EmulatedVehicle(setup, self._followed, start=start, max_age_s=max_age_s) for setup in vehicles]
+        between = 1 / len(vehicles) if spread and vehicles else 0.0
+        self.vehicles = [
+            EmulatedVehicle(setup, self._followed, start=start, max_age_s=max_age_s, phase=number * between)
+            for number, setup in enumerate(vehicles)
+        ]
         self._vehicle_of = {source: vehicle for vehicle in self.vehicles for source in vehicle.sources}
         self._on_link: dict[str, list[EmulatedVehicle]] = {}
         for vehicle in self.vehicles:

@@ -101,7 +101,7 @@ class FrameSource:
 
     `name`: of the receiver, `sink`: of the link for its frames. `encode`: (frame, its instant in ms on the vehicle's
     clock) → bytes, b"" if it cannot be sent to anybody. `host`: how commands are encoded on the port, None if there are
-    none. `max_age_s`: an older pose is not used.
+    none. `max_age_s`: an older pose is not used. `phase`: of its frames, in periods after `start`.
     """
 
     def __init__(
@@ -115,11 +115,13 @@ class FrameSource:
         host: HostForm | None = None,
         start: float,
         max_age_s: float,
+        phase: float = 0.0,
     ) -> None:
         self.name = name
         self.sink = sink
         self.counters = Counters()
-        self.schedule = Schedule(start, scenario.receiver.rate_hz, scenario.receiver.jitter_s, scenario.seed)
+        rate_hz = scenario.receiver.rate_hz
+        self.schedule = Schedule(start + phase / rate_hz, rate_hz, scenario.receiver.jitter_s, scenario.seed)
         self.last: FrameMade | None = None
         self.events: list[Event] = []
         self.outputs: list[Output] = []

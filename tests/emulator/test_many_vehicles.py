@@ -183,3 +183,19 @@ def test_frames_that_are_due_go_before_the_rest_of_a_flood() -> None:
     assert len(frames) > 4
     assert max(b - a for a, b in pairwise(sent)) > 0.02  # while one chunk was read
     assert max(made.late_s for made in frames) < 0.002
+
+
+def test_frames_of_vehicles_that_are_spread_are_due_one_after_another_each_at_its_own_rate() -> None:
+    sessions = [Session(target_system=n + 1) for n in range(4)]
+    emulator = Emulator(fleet(sessions, "abcd"), start=10.0, spread=True)
+    diary, now = Diary(), 10.0
+    while now < 10.35:
+        emulator.advance(now)
+        for output in emulator.output():
+            emulator.written(output, True, now)
+        for event in emulator.events():
+            diary.observe(event)
+        now = max(emulator.next_deadline(), now + 1e-6)
+    made = [(frame.vehicle, round(frame.instant_s, 6)) for frame in diary.frames]
+    assert made == [(f"v{n % 4}", round(n * 0.025, 6)) for n in range(len(made))]
+    assert len(made) == 14

@@ -176,9 +176,10 @@ def _emulate(count: int, seconds: float, trouble: bool, far: Any, done: Any) -> 
                 autopilots[vehicle.name], ports[name] = line, _Timed(out, clock)
         start = clock.now()
         setups = vehicle_setups(chosen, lambda v: v.name, lambda v: Session(target_system=v.system))
-        emulator = Emulator(setups, start=start)
-        for port in ports.values():
-            port.start = start
+        emulator = Emulator(setups, start=start, spread=True)
+        for vehicle in emulator.vehicles:
+            for source in vehicle.sources:
+                ports[source.sink].start = source.schedule.deadline
         live = Live(emulator, autopilots, ports, Audience([]))
         far.send("ready")
         gc.freeze()  # as the commands do
