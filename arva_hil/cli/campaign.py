@@ -10,18 +10,18 @@ from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, closing
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from arva_hil.campaign import report, trial
+from arva_hil.campaign.plan import Planned, size, trials
+from arva_hil.campaign.results import REPORT, TABLE, Results, ResultsError, flown, opened, row
+from arva_hil.campaign.results import replace as write
+from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPool, WorkerPoolError, cluster, processes
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, SignalGuard, UsageError
 from arva_hil.cli.terminal import bar, show, show_json, tell, time_left
+from arva_hil.config.campaign import CampaignPlan, load_plan
 from arva_hil.runtime.clock import RealClock
 from arva_hil.safe_text import one_line
-
-if TYPE_CHECKING:
-    from arva_hil.campaign.plan import Planned
-    from arva_hil.campaign.results import Results
-    from arva_hil.campaign.runner import WorkerPool
-    from arva_hil.config.campaign import CampaignPlan
 
 _PLAIN_S: Final = 10.0  # between lines if stderr is no terminal
 _LIVE_S: Final = 0.1  # between updates on a terminal
@@ -30,10 +30,6 @@ _MOST: Final = 200_000  # trials in one run: all of their results are in its mem
 
 
 def main(options: argparse.Namespace) -> int:
-    from arva_hil.campaign import results
-    from arva_hil.campaign.plan import size, trials
-    from arva_hil.config.campaign import load_plan
-
     plan, name = _part(load_plan(options.plan), options.shard)
     if options.dry_run:
         return _list(trials(plan), as_json=options.json)
@@ -41,7 +37,7 @@ def main(options: argparse.Namespace) -> int:
         raise UsageError(f"{count} trials, at most {_MOST} in one run: fly it in parts, --shard 1/{-(-count // _MOST)}")
     every = list(trials(plan))
     folder = Path(options.out or f"{Path(options.plan).stem}-results{name}")
-    with results.opened(folder) as kept:
+    with opened(folder) as kept:
         return _campaign(options, plan, every, kept)
 
 
@@ -57,8 +53,6 @@ def _part(plan: CampaignPlan, shard: tuple[int, int] | None) -> tuple[CampaignPl
 
 def _list(every: Iterable[Planned], *, as_json: bool) -> int:
     """Print a line for each trial, in the order of the flights."""
-    from arva_hil.campaign.results import flown
-
     for planned in every:
         what = flown(planned)
         if as_json:
@@ -71,10 +65,6 @@ def _list(every: Iterable[Planned], *, as_json: bool) -> int:
 
 
 def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[Planned], kept: Results) -> int:
-    from arva_hil.campaign import report
-    from arva_hil.campaign.results import REPORT, TABLE, ResultsError
-    from arva_hil.campaign.results import replace as write
-
     try:
         for folder in options.merge or ():
             kept.merge(Path(folder))
@@ -112,9 +102,6 @@ def _fly(
 
     `within_s`: how long a scheduler is waited for.
     """
-    from arva_hil.campaign import trial
-    from arva_hil.campaign.results import row
-    from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPoolError
 
     def stopped() -> bool:
         if guard.caught is None:
@@ -148,8 +135,6 @@ def _fly(
 def _worker_pool(
     options: argparse.Namespace, trials: int, *, within_s: float | None
 ) -> AbstractContextManager[WorkerPool]:
-    from arva_hil.campaign.runner import cluster, processes
-
     if options.scheduler:
         return cluster(options.scheduler, trials, within_s=within_s)
     return processes(min(options.jobs or _cores(), trials))
