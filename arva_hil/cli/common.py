@@ -13,11 +13,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from arva_hil.cli import outcome
-from arva_hil.cli.live import close_all, live_observers
 from arva_hil.cli.outcome import Failure, SignalGuard, UsageError
-from arva_hil.cli.page import page_of_run
 from arva_hil.cli.summary import NO_COUNTERS, RunCounters, as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
+from arva_hil.cli.watchers import close_all, live_observers, page_of_run
 from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, parts_of_spec_2
 from arva_hil.emulator.engine import Emulator, receivers_of
 from arva_hil.errors import KindError

@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 from collections.abc import Iterator
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import yaml
 
@@ -91,30 +91,22 @@ _COMMENT_AT: Final = 42  # the column of comments, where values leave room for i
 _NONE: Final = "none"
 
 
-class ConfigRow(NamedTuple):
-    """A line of the scenario: the text before the value, the value's path, and the value. No path: no value."""
-
-    lead: str
-    key: Key = ()
-    value: Any = None
-
-
 def main(options: argparse.Namespace) -> int:
     chosen = common.scenario(options, fleet=True)
     origins = Origins(options, chosen)
     if options.json:
         for name, value, origin in _options(options):
             show_json({"key": name, "value": value, "from": origin})
-        for row in _rows(to_dict(chosen)):
-            if row.key:
-                show_json({"key": ".".join(map(str, row.key)), "value": row.value, "from": origins.of(row.key)})
+        for _, key, value in _rows(to_dict(chosen)):
+            if key:
+                show_json({"key": ".".join(map(str, key)), "value": value, "from": origins.of(key)})
         return OK
     show("# Options of `arva-hil run`. Weakest first: default, file, environment, command line.")
     for name, value, origin in _options(options):
         show(_beside(f"#   {name} {_NONE if value is None else value}", origin))
     show("# The scenario:")
-    for row in _rows(to_dict(chosen)):
-        show(_beside(f"{row.lead} {_plain(row.value)}", origins.of(row.key)) if row.key else row.lead)
+    for lead, key, value in _rows(to_dict(chosen)):
+        show(_beside(f"{lead} {_plain(value)}", origins.of(key)) if key else lead)
     return OK
 
 
@@ -138,19 +130,22 @@ def _found(port: str | None) -> tuple[str | None, str]:
     return address, "default" if address == DEFAULT_AUTOPILOT else "found on USB"
 
 
-def _rows(plain: dict[str, Any], key: Key = (), indent: int = 0, dash: str = "") -> Iterator[ConfigRow]:
-    """A mapping in YAML's block style, with lists of mappings. `dash` begins the first line of a list's item."""
+def _rows(plain: dict[str, Any], key: Key = (), indent: int = 0, dash: str = "") -> Iterator[tuple[str, Key, Any]]:
+    """A mapping in YAML's block style, with lists of mappings: the text before a value, its path, and the value.
+
+    Without a path there is no value. `dash` begins the first line of a list's item.
+    """
     for name, value in plain.items():
         lead, dash = f"{dash.rjust(indent)}{name}:", ""
         if isinstance(value, dict) and value:
-            yield ConfigRow(lead)
+            yield lead, (), None
             yield from _rows(value, (*key, name), indent + 2)
         elif isinstance(value, list) and value and isinstance(value[0], dict):
-            yield ConfigRow(lead)
+            yield lead, (), None
             for number, item in enumerate(value):
                 yield from _rows(item, (*key, name, number), indent + 4, "- ")
         else:
-            yield ConfigRow(lead, (*key, name), value)
+            yield lead, (*key, name), value
 
 
 def _plain(value: Any) -> str:

@@ -13,12 +13,11 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common
-from arva_hil.cli.live import close_all, live_observers
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, SignalGuard, UsageError
-from arva_hil.cli.page import open_page
 from arva_hil.cli.run_links import check_ground_station, signing
 from arva_hil.cli.search_report import as_dict, close_log, result, would_order
 from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there
+from arva_hil.cli.watchers import close_all, live_observers, open_page
 from arva_hil.events import Event
 from arva_hil.events.searches import SetPointPlanned, WouldOrder
 from arva_hil.field.mount import Mount

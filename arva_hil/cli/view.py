@@ -14,8 +14,8 @@ from arva_hil.cli import replay
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError
-from arva_hil.cli.page import said_of
 from arva_hil.cli.terminal import tell
+from arva_hil.cli.watchers import said_of_page
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.server import Server
 from arva_hil.recordings import Recording, load
@@ -31,7 +31,7 @@ def main(options: argparse.Namespace) -> int:
             tell(f"warning: {note}")
         server = _serve(options.web, RecordedState(recording))
         stack.callback(server.close)
-        for line in said_of(server.address, options.web):
+        for line in said_of_page(server.address, options.web):
             tell(line)
         first, last = recording.span_s
         tell(f"{recording.title}: {last - first:.0f} s; Ctrl-C ends")

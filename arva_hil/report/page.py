@@ -9,8 +9,7 @@ from typing import Any, Final, NamedTuple
 from arva_hil.pictures.run import pictures
 from arva_hil.recordings import Recording
 from arva_hil.recordings.values import mapping, text
-from arva_hil.report.facts import facts, merged
-from arva_hil.report.found import error_m
+from arva_hil.report.facts import error_m, facts, merged
 from arva_hil.report.html import render
 from arva_hil.safe_text import one_line
 

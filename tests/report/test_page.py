@@ -15,8 +15,7 @@ import pytest
 from arva_hil.config import DEFAULT, parse
 from arva_hil.recordings import Recording, load
 from arva_hil.report import page as module
-from arva_hil.report.facts import facts, merged
-from arva_hil.report.found import error_m
+from arva_hil.report.facts import error_m, facts, merged
 from arva_hil.report.page import page
 from tests.records import SILENT, frames, write, write_search
 

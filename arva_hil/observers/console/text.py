@@ -89,21 +89,10 @@ BETWEEN: Final = " | "
 _NAMES: Final = 3  # names take at most a third of the terminal's columns
 
 
-class StatusRow(NamedTuple):
-    """One receiver. `readings`: one for each channel that hears, nearest first. `rest`: the most important first."""
-
-    name: str
-    readings: Sequence[str]
-    rest: Sequence[str]
-
-
 def status_line(report: StatusReport, *, named: bool = False) -> str:
     """The whole status in one line of any length."""
-    lines = []
-    for row in _rows(report, in_columns=False):
-        name = [f"{row.name}:"] if named else []
-        lines.append(" ".join([*name, BETWEEN.join([", ".join(row.readings), *row.rest])]))
-    return " || ".join(lines)
+    rows = ((f"{name}: " if named else "", readings, rest) for name, readings, rest in _rows(report, in_columns=False))
+    return " || ".join(name + BETWEEN.join([", ".join(readings), *rest]) for name, readings, rest in rows)
 
 
 def status_table(report: StatusReport, columns: int, most: int, *, named: bool = False) -> list[str]:
@@ -111,12 +100,11 @@ def status_table(report: StatusReport, columns: int, most: int, *, named: bool =
     that hears. Parts that do not fit are left out from the right, as a whole if possible.
     """
     rows = list(_rows(report, in_columns=True))
-    width = min(max((len(row.name) for row in rows), default=0), columns // _NAMES) if named else 0
+    width = min(max((len(name) for name, _, _ in rows), default=0), columns // _NAMES) if named else 0
     lines = []
-    for row in rows:
-        indent = f"{row.name[:width]:<{width}}  " if width else ""
-        first, *further = row.readings
-        lines.append(fit([indent + first, *row.rest], columns))
+    for name, (first, *further), rest in rows:
+        indent = f"{name[:width]:<{width}}  " if width else ""
+        lines.append(fit([indent + first, *rest], columns))
         lines += [fit([" " * len(indent) + reading], columns) for reading in further]
     if len(lines) > most:
         lines = [*lines[: most - 1], f"… and {len(lines) - most + 1} lines more"[:columns]]
@@ -133,12 +121,12 @@ def fit(parts: Sequence[str], columns: int) -> str:
     return line.rstrip()
 
 
-def _rows(report: StatusReport, *, in_columns: bool) -> Iterator[StatusRow]:
+def _rows(report: StatusReport, *, in_columns: bool) -> Iterator[tuple[str, list[str], list[str]]]:
+    """Each receiver: its name, a reading for each channel that hears, nearest first, and the rest by importance."""
     for vehicle in report.vehicles:
         of_vehicle = _of_vehicle(vehicle)
         for receiver in vehicle.receivers:
-            name = f"{vehicle.name}/{receiver.name}"
-            yield StatusRow(name, _readings(receiver, in_columns), _rest(receiver, of_vehicle))
+            yield f"{vehicle.name}/{receiver.name}", _readings(receiver, in_columns), _rest(receiver, of_vehicle)
             of_vehicle = []  # once a vehicle
 
 

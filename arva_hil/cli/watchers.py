@@ -1,0 +1,108 @@
+"""Who watches a run, as the command line wants it: the page in a browser, Foxglove, ROS 2."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from arva_hil.cli.arguments.shared import FOXGLOVE
+from arva_hil.cli.terminal import tell
+from arva_hil.config import Scenario
+from arva_hil.observers.audience import Observer
+from arva_hil.observers.console.text import Notice
+from arva_hil.observers.web.address import DEFAULT_HOST, HostPort
+from arva_hil.observers.web.page import WebPage
+from arva_hil.observers.web.state import State
+
+_LOCAL: Final = ("127.", "localhost", "::1")
+_POSE: Final = ("GLOBAL_POSITION_INT", "ATTITUDE")
+
+
+def page_of_run(
+    kind: str, options: argparse.Namespace, chosen: Scenario, say: Callable[[str], None], *, named: bool
+) -> WebPage | None:
+    """The page of a run with a scenario, None if none is wanted. Raises WebError if it cannot be served.
+
+    `say` is told its address. `named`: there are several receivers.
+    """
+    rate_hz = getattr(options, "stream_rate", None)
+    datum = chosen.datum if not isinstance(chosen.datum, str) else None
+
+    def state() -> State:
+        return State(
+            kind,
+            Path(chosen.source).name,
+            datum=(datum.lat, datum.lon, datum.alt) if datum else None,
+            kappa_eq=chosen.receiver.kappa_eq,
+            asked_hz=dict.fromkeys(_POSE, rate_hz) if rate_hz else None,
+            faults=[str(fault) for fault in chosen.faults],
+            named=named,
+        )
+
+    return open_page(options.web, state, say)
+
+
+def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Callable[[str], None]) -> WebPage | None:
+    """The page at an address, None for none and "off". Raises WebError if it cannot be served. `say`: see above."""
+    if not isinstance(wanted, HostPort):
+        return None
+    page = WebPage(wanted, state())
+    for line in said_of_page(page.address, wanted):
+        say(line)
+    return page
+
+
+def said_of_page(address: HostPort, wanted: HostPort) -> Iterator[str]:
+    """What there is to say of a page: its address, and who can see it."""
+    return _served(f"page: {address.url}", address, wanted, f"see the page; --web {DEFAULT_HOST} shows it")
+
+
+def _served(where: str, address: HostPort, wanted: HostPort, who: str) -> Iterator[str]:
+    """What is said of a server: where it is, and what others can do there, if they can reach it."""
+    yield where + (f" (port {wanted.port} is taken)" if wanted.port not in (0, address.port) else "")
+    if not address.host.startswith(_LOCAL):
+        yield f"warning: everybody in this network can {who} here only"
+
+
+def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch_us: int) -> list[Observer]:
+    """Those of --foxglove and --ros2; each has a `close`. Says where they are. Raises FoxgloveError, Ros2Error.
+
+    `scenario`: of the run, None for a search. `epoch_us`: microseconds since 1970 at the loop's time 0.
+    """
+    observers: list[Observer] = []
+    if not options.foxglove and not options.ros2:
+        return observers
+    from arva_hil.messages.live import LiveMessages  # slow to import, as are those below
+
+    def messages() -> LiveMessages:
+        return LiveMessages(scenario, epoch_us, searches=hasattr(options, "strategy"))
+
+    if wanted := options.foxglove:
+        from arva_hil.observers.foxglove import FoxgloveServer
+
+        server = FoxgloveServer(messages(), wanted)
+        where, address = f"messages for Foxglove: {server.url}", wanted._replace(port=server.port)
+        for line in _served(where, address, wanted, f"read the messages; --foxglove {FOXGLOVE} serves them"):
+            tell(line)
+        observers.append(server)
+    if options.ros2:
+        from arva_hil.observers.ros2 import Ros2Publisher
+
+        publisher = Ros2Publisher(messages())
+        tell("messages in ROS 2: ros2 topic list")
+        for package in publisher.missing:
+            cure = "build tools/ros2/arva_msgs with colcon, and source it" if package == "arva_msgs" else "install it"
+            tell(f"warning: the ROS 2 package {package} is missing, its messages are not published: {cure}")
+        observers.append(publisher)
+    return observers
+
+
+def close_all(observers: Sequence[Observer], notice: Callable[[Notice], None]) -> None:
+    """Close those that can be closed; `notice` is told what fails."""
+    for observer in observers:
+        try:
+            getattr(observer, "close", lambda: None)()
+        except Exception as error:
+            notice(Notice("error", f"observer {type(observer).__name__}: close() failed: {error!r}"))
