@@ -281,8 +281,10 @@ class HeightSource(SearchEvent):
 
     "rangefinder"; "estimate": there is no rangefinder, the height is above the take-off point; "highest ground": the
     rangefinder gives no usable values any more, the height is above the highest ground that it measured; "GPS": there
-    is no rangefinder and no barometer, and the vehicle flies `margin_m` higher than asked.
+    is no rangefinder and no barometer, and the vehicle flies `margin_m` higher than asked; "terrain": there is no
+    rangefinder, and the ground falls by the autopilot's terrain data, which may be `margin_m` wrong; "doubtful
+    terrain": these data have disagreed with the vehicle's position and are not used, otherwise as "estimate".
     """
 
-    source: Literal["rangefinder", "estimate", "highest ground", "GPS"]
+    source: Literal["rangefinder", "estimate", "highest ground", "GPS", "terrain", "doubtful terrain"]
     margin_m: float = 0.0

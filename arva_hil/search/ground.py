@@ -2,7 +2,8 @@
 
 Messages, https://mavlink.io/en/messages/common.html: DISTANCE_SENSOR or ArduPilot's RANGEFINDER measure the height.
 ALTITUDE.bottom_clearance, TERRAIN_REPORT and SCALED_PRESSURE do not, but may show that it is less than the estimated
-position says. A vehicle with neither a rangefinder nor a barometer (SYS_STATUS, and no SCALED_PRESSURE) knows its
+position says. Without a rangefinder TERRAIN_REPORT is followed down a slope, well above it, while it agrees with the
+position. A vehicle with neither a rangefinder nor a barometer (SYS_STATUS, and no SCALED_PRESSURE) knows its
 height from GPS alone, with the uncertainty GPS_RAW_INT.v_acc.
 """
 
@@ -31,6 +32,11 @@ EXTRAS: Final[Mapping[int, float]] = {  # messages to request, Hz
 }
 _FRESH_S: Final = 1.0
 _SURVEY_FRESH_S: Final = 3.0  # of the terrain database
+_SURVEY_OFF_M: Final = 10.0  # that the ground may be higher than it says: the relative accuracy of SRTM (90 %)
+_PER_DEGREE_M: Final = 111_200.0  # of latitude
+_SURVEY_NEW_S: Final = 0.5  # only when so new it is compared with the position
+_SURVEY_AGREES_M: Final = (8.0, 2.0)  # its place and height, with the position
+_STEEPEST: Final = 2.0  # of a slope: steeper is no ground
 _SAMPLES: Final = 3  # of the median, so that a single echo of a bird does not count
 _NOT_INVALID: Final = 1  # DISTANCE_SENSOR.signal_quality: 1 is invalid, 0 is unknown
 _LEVEL: Final = math.cos(math.radians(30))  # with a larger tilt the beam meets the ground elsewhere
@@ -46,7 +52,17 @@ _SIGMAS: Final = 3.0  # of the GPS height, added to the height that is held
 _GPS_SIGMA_M: Final = 2.0  # without v_acc
 _MARGIN_M: Final = (1.5, 15.0)  # at least, at most
 
-_Source = Literal["rangefinder", "estimate", "highest ground", "GPS"]
+_Source = Literal["rangefinder", "estimate", "highest ground", "GPS", "terrain", "doubtful terrain"]
+
+
+class _Survey(NamedTuple):
+    """What the terrain database says: degrees, metres AMSL, metres above the ground."""
+
+    time_s: float
+    lat: float
+    lon: float
+    ground: float
+    above: float
 
 
 class Height(NamedTuple):
@@ -73,12 +89,14 @@ class Ground:
         self._same = (math.nan, 0.0)  # the rangefinder's value, and the descent [m] since it has it
         self._time_s = math.inf  # of the last height
         self._clearance = (-math.inf, 0.0)
-        self._survey = (-math.inf, 0.0)
+        self._survey: _Survey | None = None
+        self._compared: _Survey | None = None
+        self._doubted = False  # whether the survey has disagreed with the position in this flight
         self._pressure = (-math.inf, 0.0)
         self._barometer: bool | None = None  # whether there is a barometer that works; None: not reported
         self._gps_sigma = _GPS_SIGMA_M
         self._trust_gps = trust_gps
-        self._standing: tuple[float, float] | None = None  # pressure and height in the survey, on the ground
+        self._standing: tuple[float, _Survey | None] | None = None  # pressure and survey on the ground
         self._offset = 0.0  # of the barometer from the estimate
         self._offset_s = -math.inf
         self._highest = 0.0  # of the ground, above the take-off point
@@ -100,14 +118,38 @@ class Ground:
             self._highest = max(self._highest, above - measured)
             self._tell("rangefinder", now)
             return Height(measured, True)
+        base, down_slope = above - self._highest, self._followed(now, above, state)
         margin = 0.0
         if self._barometer is False and now - self._pressure[0] > _HAS_ONE_S:
             low, high = _MARGIN_M
+            down_slope = -math.inf
             margin = 0.0 if self._trust_gps else max(low, min(_SIGMAS * self._gps_sigma, high))
             self._tell("GPS", now, margin)
+        elif self._source in ("rangefinder", "highest ground"):
+            self._tell("highest ground", now)
+        elif down_slope > base:
+            self._tell("terrain", now, _SURVEY_OFF_M)
         else:
-            self._tell("highest ground" if self._source in ("rangefinder", "highest ground") else "estimate", now)
-        return Height(min([above - self._highest, *self._fears(now, above)]), False, margin)
+            self._tell("doubtful terrain" if self._doubted else "estimate", now)
+        return Height(min([max(base, down_slope), *self._fears(now, above, max(base, down_slope))]), False, margin)
+
+    def _followed(self, now: float, above: float, state: VehicleState) -> float:
+        """The least height by the terrain database, if no rangefinder has ever measured; -inf if it says nothing, is
+        old, or has ever disagreed with the position."""
+        survey, standing = self._survey, self._standing[1] if self._standing else None
+        measured = self._source in ("rangefinder", "highest ground")
+        if survey is None or standing is None or measured or now - survey.time_s > _SURVEY_FRESH_S:
+            return -math.inf
+        north, east = state.position[:2].tolist()
+        to_north = (survey.lat - standing.lat) * _PER_DEGREE_M
+        to_east = (survey.lon - standing.lon) * _PER_DEGREE_M * math.cos(math.radians(standing.lat))
+        rise, height = survey.ground - standing.ground, survey.above - standing.above
+        aside, off = _SURVEY_AGREES_M
+        if survey is not self._compared and now - survey.time_s <= _SURVEY_NEW_S:
+            self._compared = survey
+            agrees = math.dist((north, east), (to_north, to_east)) <= aside and abs(height - (above - rise)) <= off
+            self._doubted |= not (agrees and abs(rise) <= _STEEPEST * (math.hypot(to_north, to_east) + aside))
+        return -math.inf if self._doubted else above - rise - _SURVEY_OFF_M
 
     def _measured(self, now: float, level: float, sunk: float) -> float | None:
         """The rangefinder's height; None without a value, or if it does not change in a climb or descent."""
@@ -117,23 +159,23 @@ class Ground:
         self._same = fresh[-1], self._same[1] + sunk if fresh[-1] == self._same[0] else 0.0
         return median(fresh) * level if abs(self._same[1]) < _STUCK_M else None
 
-    def _fears(self, now: float, above: float) -> list[float]:
-        """Heights by other sensors, each of which may be true."""
+    def _fears(self, now: float, above: float, believed: float) -> list[float]:
+        """Heights by other sensors, each of which may be true. `believed`: the height without them."""
         fears = []
         if now - self._clearance[0] < _FRESH_S:
             fears.append(self._clearance[1])
         if self._standing is None:
             return fears
-        pressure, ground = self._standing
-        if now - self._survey[0] < _SURVEY_FRESH_S and math.isfinite(ground):
-            fears.append(self._survey[1] - ground)
+        pressure, standing = self._standing
+        if self._survey and standing and now - self._survey.time_s < _SURVEY_FRESH_S:
+            fears.append(self._survey.above - standing.above)
         at, hpa = self._pressure
         if now - at < _FRESH_S:
             share = 1 - math.exp((self._offset_s - at) / _SMOOTH_S)
             off = _SCALE_M * math.log(pressure / hpa) - above
             self._offset += (max(-_MOST_M, min(off, _MOST_M)) - self._offset) * share
             self._offset_s = at
-            fears.append(above + self._offset)
+            fears.append(max(above, believed) + self._offset)
         return fears
 
     def _on_distance(self, message: Any, now: float) -> None:
@@ -153,8 +195,9 @@ class Ground:
             self._clearance = now, message.bottom_clearance
 
     def _on_terrain(self, message: Any, now: float) -> None:
-        if message.spacing > 0 and math.isfinite(message.current_height):
-            self._survey = now, message.current_height
+        if message.spacing > 0 and math.isfinite(message.current_height) and math.isfinite(message.terrain_height):
+            place = message.lat / 1e7, message.lon / 1e7
+            self._survey = _Survey(now, *place, message.terrain_height, message.current_height)
             self._stand(now)
 
     def _on_pressure(self, message: Any, now: float) -> None:
@@ -175,11 +218,12 @@ class Ground:
         vehicle = self._session.vehicle
         if vehicle is None or vehicle.armed:
             return
-        ground = self._survey[1] if now - self._survey[0] < _SURVEY_FRESH_S else math.nan
+        survey = self._survey if self._survey and now - self._survey.time_s < _SURVEY_FRESH_S else None
         hpa = self._pressure[1]
         if hpa > 0:
             before = self._standing[0] if self._standing else hpa
-            self._standing = before + _STEADY * (hpa - before), ground
+            self._standing = before + _STEADY * (hpa - before), survey
+            self._doubted = False
 
     def _tell(self, source: _Source, now: float, margin: float = 0.0) -> None:
         if source != self._source:

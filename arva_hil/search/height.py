@@ -16,7 +16,9 @@ _CLIMB: Final = 1.0  # m/s
 _SINK: Final = 0.5
 _LEAST: Final = 0.5  # of the height wanted: below it the vehicle only climbs,
 _CLEAR: Final = 0.75  # up to this share
-_RECOVERY_S: Final = 10.0  # for that climb, and for a new margin
+_RECOVERY_S: Final = 10.0  # for that climb, and for a new margin; again after each
+_RISE_M: Final = 1.0  # of it,
+_LONGEST_S: Final = 60.0  # but no longer in all
 
 _LAND_M: Final = (0.5, 1.5)  # the height at which the autopilot lands, with and without a rangefinder
 _ABOVE_M: Final = 0.4  # from the place: nearer is above it; farther away it does not descend
@@ -38,7 +40,8 @@ class HeightKeeper:
         self.failed = False
         self.wanted = self._asked = wanted
         self._reached = False  # whether the height was reached once, after the climb from the take-off
-        self._late_s = math.inf
+        self._late_s = self._last_s = math.inf  # when it has failed without a rise, and in any case
+        self._risen_m = math.nan  # the height at the last rise
         self._emit = emit
 
     def velocity(self, time_s: float, height: Height) -> float:
@@ -51,8 +54,11 @@ class HeightKeeper:
             return max(-_CLIMB, min(_GAIN * (metres - self.wanted), _SINK))
         if not self.too_low:
             self.too_low, self._late_s = True, time_s + _RECOVERY_S + height.margin / _CLIMB
+            self._risen_m, self._last_s = metres, time_s + _LONGEST_S
             if self._reached:
                 self._emit(TooLow(time_s, metres, self.wanted))
+        elif metres >= self._risen_m + _RISE_M:  # above a falling slope there may be far to climb
+            self._risen_m, self._late_s = metres, min(max(self._late_s, time_s + _RECOVERY_S), self._last_s)
         self.failed = time_s > self._late_s
         return -_CLIMB
 

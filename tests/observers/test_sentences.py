@@ -321,6 +321,17 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (searches.TooLow(1.0, 1.4, 3.0), "warning", "only 1.4 m above the ground, 3 m are wanted: climbing"),
     (searches.HeightSource(1.0, "rangefinder"), "info", "height above the ground: from the rangefinder"),
     (
+        searches.HeightSource(1.0, "terrain", 10.0),
+        "info",
+        "the ground falls by the autopilot's terrain data: it is followed, 10 m higher than asked",
+    ),
+    (
+        searches.HeightSource(1.0, "doubtful terrain"),
+        "warning",
+        "the autopilot's terrain data do not agree with its position, and are ignored: the height is held above the "
+        "take-off point",
+    ),
+    (
         searches.HeightSource(1.0, "highest ground"),
         "warning",
         "the rangefinder gives no usable values: the height is held above the highest ground that it measured",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from arva_hil.events.searches import HeightSource
 from arva_hil.field.rotation import from_euler
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.search.ground import Ground, Height
+from arva_hil.search.height import HeightKeeper
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
 
@@ -218,3 +220,124 @@ def test_what_is_old_says_nothing(vehicle: Vehicle) -> None:
     assert vehicle.height(1.5, 3.0).measured
     late = vehicle.height(9.0, 5.0)
     assert late == Height(pytest.approx(3.0), False)  # of all that, the highest ground is left
+
+
+# -- down a slope by the terrain database --------------------------------------------------------------------
+
+
+class Slope(Vehicle):
+    """Flies north at 2 m/s, 3 m above the ground as far as that is known, above a slope that falls by `fall` m a metre.
+
+    `report`: what the autopilot's report is changed to, 2 a second; `terrain`: how it believes that the ground lies.
+    """
+
+    def __init__(self, fall: float, terrain: float | None = None) -> None:
+        super().__init__()
+        self.keeper = HeightKeeper(3.0, lambda event: None)
+        self.fall, self.terrain = fall, fall if terrain is None else terrain
+        self.now, self.north, self.above, self.velocity = 0.0, 0.0, 0.0, 0.0
+        for _ in range(20):
+            self.step(lambda report: report)
+        self.arm()
+        self.velocity = -1.0
+        for _ in range(30):
+            self.step(lambda report: report)
+        self.velocity = 0.0
+
+    def step(self, report: Callable[[Any], Any], north: float = 0.0) -> Height:
+        """A tenth of a second."""
+        self.now, self.north = self.now + 0.1, self.north + 0.1 * north
+        self.above -= 0.1 * self.velocity
+        ground = -self.terrain * self.north
+        said = [pressure(self.above)]
+        if round(self.now * 10) % 5 == 0:
+            place = round((46 + self.north / 111_200) * 1e7), 70_000_000
+            made = dialect.MAVLink_terrain_report_message(*place, 30, 1650 + ground, self.above - ground, 0, 10)
+            said += [made] if (made := report(made)) else []
+        self.says(self.now, *said)
+        at, velocity = np.array([self.north, 0.0, -self.above]), np.array([0.0, 0.0, self.velocity])
+        return self.ground.height(self.now, VehicleState(self.now, at, velocity, from_euler(0.0, 0.0, 0.0), 0.0))
+
+    def fly(self, seconds: float, report: Callable[[Any], Any] = lambda report: report) -> list[float]:
+        """The true heights above the ground."""
+        clear = []
+        for _ in range(round(10 * seconds)):
+            height = self.step(report, 0.0 if self.keeper.too_low else 2.0)
+            self.velocity = self.keeper.velocity(self.now, height)
+            clear.append(self.above + self.fall * self.north)
+        return clear
+
+
+def test_above_level_ground_the_terrain_database_changes_nothing() -> None:
+    slope = Slope(0.0)
+    assert slope.fly(20) == pytest.approx([3.0] * 200, abs=0.05)
+    assert slope.height_sources() == ["estimate"]
+
+
+def test_down_a_slope_it_is_followed_ten_metres_higher_than_asked() -> None:
+    slope = Slope(0.2)
+    clear = slope.fly(100)
+    assert clear[-1] == pytest.approx(13.0, abs=1.0)  # and not 43
+    assert slope.height_sources() == ["estimate", "terrain"]
+    for wrong_by in (0.05, -0.05):  # the slope is less steep than the database has it, or steeper
+        assert min(Slope(0.2, 0.2 + wrong_by).fly(100)) > 2.9
+
+
+def changed(**values: Any) -> Callable[[Any], Any]:
+    def report(made: Any) -> Any:
+        for name, value in values.items():
+            setattr(made, name, value)
+        return made
+
+    return report
+
+
+class Frozen:
+    """Says the same again and again, from the second report on."""
+
+    def __init__(self) -> None:
+        self.first: Any = None
+
+    def __call__(self, made: Any) -> Any:
+        self.first = self.first or made
+        return self.first
+
+
+@pytest.mark.parametrize(
+    "report",
+    [
+        Frozen(),
+        changed(lat=460_100_000),  # of another place
+        changed(current_height=60.0),  # higher than it is
+        changed(terrain_height=1560.0),  # lower ground: a cliff under the take-off point
+        changed(terrain_height=1560.0, current_height=93.0),  # both, so that they agree
+    ],
+)
+@pytest.mark.parametrize("fall", [0.4, -0.3])
+def test_reports_that_lie_are_not_followed_and_that_is_said(report: Callable[[Any], Any], fall: float) -> None:
+    slope = Slope(fall)
+    before = slope.above
+    slope.fly(30, report)
+    assert slope.above >= before - 0.05
+    assert slope.height_sources() == ["estimate", "doubtful terrain"]
+    slope.fly(5)
+    assert slope.above >= before - 0.05  # not again in this flight
+
+
+@pytest.mark.parametrize("report", [changed(spacing=0), changed(terrain_height=math.nan), lambda made: None])
+def test_without_reports_it_climbs_back_to_the_take_off_height(report: Callable[[Any], Any]) -> None:
+    slope = Slope(0.4)
+    slope.fly(60)
+    assert slope.above < -20
+    slope.fly(45, report)
+    assert slope.above == pytest.approx(3.0, abs=0.8)
+    assert not slope.keeper.failed
+
+
+def test_where_a_rangefinder_has_measured_the_database_is_not_followed() -> None:
+    slope = Slope(0.4)
+    slope.says(slope.now, distance(300))
+    slope.step(lambda report: report)
+    slope.fly(20)
+    assert slope.above >= 2.9
+    assert slope.height_sources() == ["estimate", "rangefinder", "highest ground"]

@@ -82,6 +82,20 @@ def test_what_does_not_get_up_has_failed() -> None:
     assert keeper.failed
 
 
+def test_far_below_it_has_time_for_the_climb_as_long_as_it_rises() -> None:
+    keeper = HeightKeeper(3.0, ignored)
+    for tenths in range(400):
+        assert keeper.velocity(tenths / 10, Height(-30.0 + tenths / 10, False)) <= 0.5
+        assert not keeper.failed
+
+
+def test_a_height_that_rises_for_ever_and_is_never_enough_has_failed() -> None:
+    keeper = HeightKeeper(3.0, ignored)
+    for time_s in range(62):
+        keeper.velocity(time_s, Height(-1000.0 + time_s, False))
+    assert keeper.failed
+
+
 # -- the way down ------------------------------------------------------------------------------------------
 
 

@@ -87,6 +87,9 @@ _HEIGHTS: Final = {
     "that it measured",
     "estimate": "warning: no rangefinder is heard: the height is held above the take-off point; over a slope the "
     "height above the ground is different",
+    "terrain": "the ground falls by the autopilot's terrain data: it is followed, {margin_m:g} m higher than asked",
+    "doubtful terrain": "warning: the autopilot's terrain data do not agree with its position, and are ignored: the "
+    "height is held above the take-off point",
     "GPS": "warning: no rangefinder and no barometer: the height comes from GPS alone; "
     "{margin_m:{margin_m:g} m are added (--trust-height: none)|nothing is added (--trust-height)} to the height held",
 }
