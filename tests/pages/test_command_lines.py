@@ -1,25 +1,30 @@
 """Every shell line of README and the pages is run, or is named here with the reason why it is not.
 
 Serial ports are pseudo-terminals, addresses are free ones, the vehicle is the built-in one, and what runs until it is
-told to stop is told so once it does what it is there for.
+told to stop is told so once it does what it is there for. The same flight recorded in several folders is flown once.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
 import re
+import runpy
 import shlex
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from arva_hil.cli.main import main
 from arva_hil.links.pty import PtyLink
-from tests.cli.far_ends import Program, free_port
+from tests.cli.far_ends import UNDER_TEST, Program, free_port
+from tests.once import once
 
 from .pages import ROOT, Typed, pages, shell_lines
 
@@ -28,6 +33,7 @@ NOT_RUN = {  # what a line begins with → why it is not run here
     r"python3 -m venv|\. |(~/mavproxy/bin/)?pip install": "installs from the network; so does `make dist`",
     r"sudo(edit)? ": "changes the system; tests/cli/test_service.py runs the unit's command",
     r"dask |arva-hil campaign plan\.yaml ": "tests/cli/test_campaign_shards.py runs them, with a cluster here",
+    r"gdal": "needs GDAL and the grid of a survey",
     r"docker ": "needs docker; tests/cli/test_service.py reads the Containerfile",
     r"sim_vehicle\.py|make px4|ARVA_HIL_(ARDUCOPTER|PX4)=|PX4_PARAM|px4-": "needs a simulator: tests/sitl",
     r"~/mavproxy/": "needs MAVProxy, a ground station with a screen",
@@ -62,25 +68,22 @@ def to_run(typed: Typed) -> bool:
 class Bench:
     """A folder like this project's, a vehicle and what else a page's lines need. Remembers what is running."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, factory: pytest.TempPathFactory) -> None:
         self.folder = folder
+        self._factory = factory
+        self._user = {"HOME": str(folder), "XDG_STATE_HOME": str(folder), "PATH": "/usr/bin:/bin"}
         self._open: list[Program | PtyLink] = []
         for name in ("configs", "docs", "firmware_proto", "tests", "tools"):
             (folder / name).symlink_to(ROOT / name)
         shutil.copy(ROOT / "tests/data/arducopter.tlog", folder / "flight.tlog")
+        shutil.copy(ROOT / "configs/default.yaml", folder / "scenario.yaml")
         (folder / ".arva-hil.key").write_text(KEY)
         (folder / ".arva-hil.key").chmod(0o600)
         self._vehicle = [f"pty:{folder}/vehicle-1", f"pty:{folder}/vehicle-2"]
 
-    def start(self, *words: str, **environment: str) -> Program:
+    def start(self, *words: object, **environment: str) -> Program:
         """The program, in this folder, with nothing of the environment of whoever runs the tests."""
-        everything = {
-            "HOME": str(self.folder),
-            "XDG_STATE_HOME": str(self.folder),
-            "PATH": "/usr/bin:/bin",
-            **environment,
-        }
-        program = Program(*words, env=everything, cwd=self.folder)
+        program = Program(*words, env={**self._user, **environment}, cwd=self.folder)
         self._open.append(program)
         return program
 
@@ -117,10 +120,25 @@ class Bench:
         self.fly(*links)
         return result
 
-    def record(self, folder: str) -> None:
-        """A record of a flight, in this folder."""
-        if not (self.folder / folder).exists():
-            assert self.start("demo", "--speed", "max", "--headless", "--record", folder).ends() == 0
+    def ends(self, *words: object, **environment: str) -> None:
+        """A command that ends by itself, and well: in this process, unless it is that of an installed wheel."""
+        if UNDER_TEST:
+            program = self.start(*words, **environment)
+            assert program.ends() == 0, program.err
+            return
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(self.folder)
+            for name in [name for name in os.environ if name.startswith("ARVA_HIL_")]:
+                patch.delenv(name)
+            for name, value in {**self._user, **environment}.items():
+                patch.setenv(name, value)
+            assert main([str(word) for word in words]) == 0
+
+    def record(self, *demo: str) -> None:
+        """What a demonstration records in the folder that is named last: flown once, then copied."""
+        *options, folder = demo
+        made = once(self._factory, "".join(options), lambda made: self.ends("demo", *options, made / "record"))
+        shutil.copytree(made / "record", self.folder / folder)
 
     def clear(self) -> None:
         """Nothing runs any more."""
@@ -129,8 +147,8 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
-    bench = Bench(tmp_path)
+def bench(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    bench = Bench(tmp_path, tmp_path_factory)
     yield bench
     bench.clear()
 
@@ -166,11 +184,12 @@ def run(typed: Typed, bench: Bench) -> None:
         "doctor": examines,
         "vehicle": flies,
         "view": views,
+        "demo": shows,
     }
     if "--record" not in words:
         for word in words:
-            if re.fullmatch(r"flights/\d+", word):
-                bench.record(word)
+            if re.fullmatch(r"flights/\d+", word) and not (bench.folder / word).exists():
+                bench.record("--speed", "max", "--record", word)
     try:
         ways.get(command, ends)(words[1:], bench, environment)
     except AssertionError as error:
@@ -178,11 +197,16 @@ def run(typed: Typed, bench: Bench) -> None:
 
 
 def answers_to_its_options(words: list[str]) -> None:
-    """A tool that runs for minutes or hours: it is there, and has these options."""
+    """A tool that runs for minutes or hours: it is there, and has these options. It tells them in this process."""
     count = 2 if words[0] == "-m" else 1
-    told = subprocess.run([sys.executable, *words[:count], "--help"], cwd=ROOT, capture_output=True, text=True)
-    assert told.returncode == 0, told.stderr
-    assert [word for word in words[count:] if word.startswith("-") and word not in told.stdout] == []
+    told = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(told):
+        patch.syspath_prepend(ROOT / "tools")
+        patch.setattr(sys, "argv", [words[count - 1], "--help"])
+        start = runpy.run_module if count == 2 else runpy.run_path
+        with pytest.raises(SystemExit, match=r"^0$"):
+            start(words[1] if count == 2 else str(ROOT / words[0]), run_name="__main__")
+    assert [word for word in words[count:] if word.startswith("-") and word not in told.getvalue()] == []
 
 
 def runs(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
@@ -236,6 +260,11 @@ def views(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
     program.stops()
 
 
+def shows(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
+    assert (words[-2], environment) == ("--record", {})
+    bench.record(*words[1:])
+
+
 def flies(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
     program = bench.start(*bench.here(words), **environment)
     program.says("on the ground")
@@ -254,5 +283,4 @@ def ends(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
     """A command that ends by itself, and well. A campaign's trials are listed, not flown."""
     found = [sorted(map(str, bench.folder.glob(word))) if "*" in word else [word] for word in words]
     words = [word for several in found for word in several]
-    program = bench.start(*words, *(["--dry-run"] if words[0] == "campaign" else []), **environment)
-    assert program.ends(60.0) == 0, program.err
+    bench.ends(*words, *(["--dry-run"] if words[0] == "campaign" else []), **environment)

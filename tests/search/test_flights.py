@@ -91,8 +91,7 @@ class Flight:
 # -- the ground --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("height", [1.0, 3.0])
+@pytest.mark.parametrize(("height", "seed"), [(1.0, 0), (1.0, 2), (3.0, 1), (3.0, 3)])
 def test_the_ground_is_not_touched_though_the_position_wanders(height: float, seed: int) -> None:
     flight = Flight("estimate", gps_noise_m=1.5, height=height, seed=seed)
     assert flight.outcome.kind == "found"
@@ -100,7 +99,7 @@ def test_the_ground_is_not_touched_though_the_position_wanders(height: float, se
     assert "rangefinder" in flight.height_sources
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_without_a_rangefinder_the_barometer_keeps_it_up(seed: int) -> None:
     flight = Flight("estimate", gps_noise_m=1.5, seed=seed, sensors=dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE)
     assert flight.outcome.kind == "found"
@@ -108,9 +107,9 @@ def test_without_a_rangefinder_the_barometer_keeps_it_up(seed: int) -> None:
     assert "estimate" in flight.height_sources
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_with_gps_alone_it_flies_higher(seed: int) -> None:
-    flight = Flight("estimate", gps_noise_m=1.5, seed=seed, sensors=0)
+    flight = Flight("estimate", gps_noise_m=1.5, seed=seed, sensors=0, limit_s=90.0)
     assert flight.lowest > 1.5
     assert flight.height_sources == ["GPS"]
     assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
