@@ -1,4 +1,4 @@
-"""Faults of hearing: transmitters, interference, a stuck receiver, its antennas and what is beside it."""
+"""Faults of hearing: transmitters, interference, a stuck receiver, its antennas and electronics near it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The transmitters' field: dipoles and their motion, geodesy, rotations. NED, metres; needs only numpy."""
+"""The field of the transmitters: dipoles and their motion, geodesy, rotations. NED, metres. Needs only numpy."""
 
 from .dipole import Transmitters, dipole_field
 from .geodesy import LocalFrame

@@ -1,4 +1,4 @@
-"""Checks arguments that are arrays: accepts lists of numbers, and refuses all else with the argument's name."""
+"""Checks arguments that are arrays. Accepts lists of numbers; refuses anything else, with the argument's name."""
 
 from __future__ import annotations
 

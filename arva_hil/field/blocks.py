@@ -1,7 +1,7 @@
-"""The field of dipoles at very many points, in blocks that stay in the processor's cache: for maps.
+"""The field of dipoles at many points, for maps, calculated in blocks that fit into the processor's cache.
 
-The components are apart, so that each operation runs along memory, and no array of intermediate values is larger than
-a block. `dipole.field_of` is quicker for a few points, and is what a receiver hears by.
+The components are separate arrays, so that each operation runs along memory, and no intermediate array is larger than a
+block. `dipole.field_of` is faster for few points; receivers use it.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ import numpy as np
 from arva_hil.field.arrays import Array
 
 BLOCK: Final = 4096  # points
-_NEAREST_M: Final = 0.01  # as of `dipole.field_of`
-_SQUARES: Final = (1e-200, 1e200)  # of distances: outside, they lose their digits or are no numbers
+_NEAREST_M: Final = 0.01  # as in `dipole.field_of`
+_SQUARES: Final = (1e-200, 1e200)  # of distances: others lose digits or overflow
 
 
 def fill_field(out: Array, points: Array, positions: Array, axes: Array, strengths: Array) -> Array:
     """Write the field (N, M, 3) at points (N, 3) of dipoles at `positions` (M, 3) along `axes` (M, 3) to `out`.
 
-    Gives back the points (K,) and dipoles (K,) that are too near or too far for it, as indices (2, K).
+    Returns the indices (2, K) of points and dipoles that are too near to each other or too far apart for it.
     """
     odd = []
     for start in range(0, len(points), BLOCK):
@@ -38,8 +38,8 @@ def fill_field(out: Array, points: Array, positions: Array, axes: Array, strengt
 def field_parts(
     x: Array, y: Array, z: Array, position: Array, axis: Array, strength: float
 ) -> tuple[Array, Array, Array, Array]:
-    """North, east and down (N,) of the field of one dipole at points (N,), and the indices of those that it is not
-    right for.
+    """North, east and down (N,) of the field of one dipole at points (N,), and the indices of the points for which they
+    are wrong.
     """
     ax, ay, az = axis.tolist()
     x, y, z = x - position[0], y - position[1], z - position[2]

@@ -16,9 +16,9 @@ from arva_hil.field.blocks import fill_field
 from arva_hil.field.keying import Keying
 from arva_hil.field.medium import AIR, Medium
 
-NEAREST_M: Final = 0.01  # a receiver closer than this reads as if it were this far: the field stays finite
+NEAREST_M: Final = 0.01  # nearer than this the field is that at this distance: it stays finite
 
-_MANY: Final = 300  # numbers: from so many on, blocks are quicker
+_MANY: Final = 300  # numbers: blocks are faster from here on
 
 Dipole = Sequence[float]  # position NED [m], axis NED, strength / 4π: seven numbers
 
@@ -40,7 +40,7 @@ class Transmitters:
     rotations: Array  # (M, 3, 3) R_t, transmitter → NED; the dipole lies along the transmitter's x
     strengths: Array  # (M,) κ‖m‖; 1 is the reference transmitter
     unplaced: frozenset[int] = frozenset()
-    keyings: tuple[Keying, ...] = ()  # of each; none: nothing is said of when they send
+    keyings: tuple[Keying, ...] = ()  # of each; empty: it is not known when they send
     medium: Medium = AIR
 
     def __post_init__(self) -> None:
@@ -52,13 +52,13 @@ class Transmitters:
 
     @cached_property
     def dipoles(self) -> list[Dipole]:
-        """All of them as plain numbers."""
+        """All transmitters as plain numbers."""
         axes = self.rotations[:, :, 0]
         numbers: list[Dipole] = np.column_stack((self.positions, axes, self.strengths / (4 * np.pi))).tolist()
         return numbers
 
     def field_at(self, point: Array) -> Array:
-        """The field (M, 3) of each transmitter at a point (3,), in NED, as `dipole_field` has it and in the medium."""
+        """The field (M, 3) of each transmitter at a point (3,), NED, as from `dipole_field`, in the medium."""
         strengths, medium = self.strengths, self.medium
         if medium is AIR:
             return field_of(point, self.positions, self.rotations, strengths)
@@ -108,7 +108,7 @@ def field_of(points: Array, positions: Array, rotations: Array, strengths: Array
     axis = rotations[..., 0]
     distance = np.hypot(np.hypot(r[..., 0], r[..., 1]), r[..., 2])[..., None]
     n = np.empty_like(r)
-    n[:] = axis  # stays so where r is 0
+    n[:] = axis  # remains where r is 0
     np.divide(r, distance, out=n, where=distance > 0)
     inverse = 1 / np.maximum(distance, NEAREST_M)
     along = np.add.reduce(n * axis, axis=-1, keepdims=True)

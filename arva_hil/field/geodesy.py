@@ -79,7 +79,7 @@ class LocalFrame:
         return ned
 
     def ned_of(self, lat_deg: float, lon_deg: float, alt_m: float) -> tuple[float, float, float]:
-        """`ned` of one place, in plain floats and a sixth of the time."""
+        """`ned` of one place in plain floats, in a sixth of the time."""
         lat, lon = math.radians(lat_deg), math.radians(lon_deg)
         sin, cos = math.sin(lat), math.cos(lat)
         normal = _A / math.sqrt(1 - _E2 * sin * sin)

@@ -22,7 +22,7 @@ JITTER_S: Final = 0.2e-3  # assumption
 DRIFT_PPM: Final = 20.0  # assumption
 LEAK_DB: Final = -71.0  # derived from one report: docs/explanation/pulsed.md
 
-_LOW_BATTERY: Final = 0.2  # assumption: from here on the output falls, to −3 dB when the battery is empty
+_LOW_BATTERY: Final = 0.2  # assumption: below this charge the output falls, to −3 dB with an empty battery
 _EMPTY_DB: Final = -3.0  # assumption
 _WORST_JITTER: Final = 6.0  # standard deviations; jitter is limited to that
 _GOLDEN: Final = 0x9E3779B97F4A7C15  # the step of SplitMix64
@@ -39,19 +39,19 @@ class Pulses(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Keying:
-    """When one transmitter sends. The same values give the same pulses, whatever interval is asked for first.
+    """The times at which one transmitter sends. The same values give the same pulses, in any order of calls.
 
-    Raises ValueError for timing that contradicts itself: no pause between two pulses, or a negative value.
+    Raises ValueError for contradictory times: no pause between two pulses, or a negative value.
     """
 
     period_s: float = 1.0
     pulse_s: float = 0.08
     phase_s: float = 0.0  # the start of pulse 0
     jitter_s: float = 0.0  # standard deviation of each start
-    drift_ppm: float = 0.0  # the set's clock: its period is longer by so much
+    drift_ppm: float = 0.0  # of the set's clock: its period is longer by this
     carrier_hz: float = 0.0  # offset from 457 kHz
     leak_db: float | None = None  # carrier in the pauses, relative to a pulse; None: none
-    from_s: float = -math.inf  # it sends from then on: switched on, or turned back to sending by itself
+    from_s: float = -math.inf  # it sends from this time on: it was switched on, or returned to sending by itself
     battery: float = 1.0  # charge at the start of the run, 0…1
     battery_life_s: float = math.inf  # from a full battery to an empty one
     seed: int = 0  # of the jitter
@@ -98,8 +98,9 @@ class Keying:
 
 @dataclass(frozen=True, slots=True)
 class KeyingClass:
-    """A class of sets: what they have in common, and how they differ. `spread_s`: half the width of a uniform
-    distribution of the period, or the standard deviation of a normal one."""
+    """A class of sets: their common values and distributions. `spread_s`: half the width of a uniform distribution of
+    the period, or the standard deviation of a normal one.
+    """
 
     pulse_s: float
     period_s: float
@@ -125,7 +126,7 @@ KEYING_CLASSES: Final = {
 
 
 def draw_keying(kind: KeyingClass, seed: int, id_: int, temperature_c: float = 20.0) -> Keying:
-    """One set of a class: its own period, phase, carrier and clock, drawn from a seed and the transmitter's id."""
+    """One set of a class. Period, phase, carrier and clock are drawn from a seed and the transmitter's id."""
     rng = np.random.Generator(np.random.PCG64([seed, id_]))
     uniform, clock, phase = rng.random(3).tolist()
     normal, carrier = rng.standard_normal(2).tolist()
@@ -145,7 +146,7 @@ def draw_keying(kind: KeyingClass, seed: int, id_: int, temperature_c: float = 2
 
 
 def outside_norm(keying: Keying, strength: float = 1.0) -> Iterator[str]:
-    """What of a transmitter is outside EN 300 718-1, one sentence each, with the limit.
+    """One sentence for each value of a transmitter that is outside EN 300 718-1, with the limit.
 
     `strength`: the field on the axis at 10 m, µA/m.
     """
@@ -163,7 +164,7 @@ def outside_norm(keying: Keying, strength: float = 1.0) -> Iterator[str]:
 
 
 def _normals(seed: int, numbers: NDArray[np.int64]) -> Array:
-    """Normal random numbers, one a pulse number, limited to `_WORST_JITTER`: Box and Muller, of hashed counters."""
+    """A normal random number for each pulse number, limited to `_WORST_JITTER`: Box-Muller of hashed counters."""
     counters = 2 * numbers.astype(np.uint64) + np.uint64(seed % 2**64)
     radius, angle = _uniform(counters), _uniform(counters + np.uint64(1))
     normals: Array = np.sqrt(-2 * np.log(1 - radius)) * np.cos(2 * np.pi * angle)

@@ -1,4 +1,4 @@
-"""What lies between transmitter and receiver: the full dipole field of a carrier, and the loss in snow or soil.
+"""The medium between transmitter and receiver: the full dipole field of a carrier, and the loss in snow or soil.
 
 Sources of the numbers: docs/explanation/pulsed.md.
 """
@@ -24,13 +24,13 @@ _WAVE_NUMBER: Final = _OMEGA / _LIGHT_M_S  # 1/m
 
 
 def skin_depth_m(conductivity_s_m: float, permittivity: float = 1.0) -> float:
-    """The depth at which a field at 457 kHz has fallen to 1/e; infinite without conductivity.
+    """The depth [m] at which a field at 457 kHz has fallen to 1/e; infinite without conductivity.
 
     `permittivity`: relative to that of the vacuum.
     """
     epsilon = permittivity * _EPSILON_0
     loss = conductivity_s_m / (_OMEGA * epsilon)
-    # √(1 + x²) − 1, also where x is small
+    # √(1 + x²) − 1, exact for small x
     root = loss * loss / (math.sqrt(1 + loss * loss) + 1)
     return math.inf if root == 0 else 1 / (_OMEGA * math.sqrt(_MU_0 * epsilon / 2 * root))
 
@@ -53,7 +53,7 @@ class Medium:
             raise ValueError(f"snow_skin_depth_m {self.snow_skin_depth_m:g}: expected above 0")
 
     def applied(self, h: Array, r: Array) -> Array:
-        """The field (..., M, 3) of static dipoles as it is in this medium. `r` (..., M, 3): from each to the point."""
+        """The field (..., M, 3) in this medium from that of static dipoles. `r` (..., M, 3): from each to the point."""
         if self.dipole == "full":
             squared = np.add.reduce(r * r, axis=-1, keepdims=True)
             along = r * (np.add.reduce(h * r, axis=-1, keepdims=True) / np.maximum(squared, 1e-300))
@@ -62,7 +62,7 @@ class Medium:
         return h
 
     def loss(self, positions: Array) -> Array:
-        """The factor (M,) of each transmitter at positions (M, 3), NED, for what covers it."""
+        """The factor (M,) of each transmitter at positions (M, 3), NED, for the snow above it."""
         depth = np.maximum(positions[:, 2] - self.surface_m, 0.0)
         factor: Array = np.exp(-depth / self.snow_skin_depth_m)
         return factor

@@ -1,4 +1,4 @@
-"""The pulses of several transmitters in the order of their ends, each with those of others that it touches."""
+"""The pulses of several transmitters in the order of their ends, each with the overlapping pulses of others."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from arva_hil.field.keying import Keying
 
-_STRETCH_PULSES: Final = 128  # made at a time, about
+_STRETCH_PULSES: Final = 128  # calculated at a time, about
 
 
 class Pulse(NamedTuple):
@@ -20,17 +20,17 @@ class Pulse(NamedTuple):
 
 
 class SentPulse(NamedTuple):
-    """A pulse, and the pulses of other transmitters that are on while it is on."""
+    """A pulse, and the pulses of other transmitters at the same time."""
 
     pulse: Pulse
     touching: tuple[Pulse, ...]
 
 
 class PulseTimeline:
-    """The pulses of transmitters, by `keyings` in their order. Remembers those of a stretch of time that is near, and
-    prepares the next stretch meanwhile, one transmitter at a time, so that no call takes long.
+    """The pulses of transmitters with these `keyings`. Remembers the pulses of the present stretch of time, and
+    prepares the next stretch in small parts, one transmitter at a time, so that no call takes long.
 
-    Asking goes forward: `next_end` and `take` never give a pulse that ended earlier than one already taken.
+    Calls go forward in time: `next_end` and `take` never return a pulse that ended before one already taken.
     """
 
     def __init__(self, keyings: Sequence[Keying], start_s: float) -> None:
@@ -42,7 +42,7 @@ class PulseTimeline:
         self._begin(start_s)
 
     def next_end(self, after_s: float, until_s: float) -> float:
-        """The end of the first pulse that ends after `after_s`; `until_s` if there is none before."""
+        """The end of the first pulse that ends after `after_s`; at most `until_s`."""
         while self._waiting and self._waiting[-1].pulse.end_s <= after_s:
             self._waiting.pop()
         if self._prepared < len(self._keyings):
@@ -54,15 +54,15 @@ class PulseTimeline:
         return min(self._waiting[-1].pulse.end_s, until_s) if self._waiting else until_s
 
     def take(self, until_s: float) -> Iterator[SentPulse]:
-        """The pulses that `next_end` has not passed over and that end until then, in time."""
+        """The pulses that end until `until_s` and that `next_end` has not skipped, in their order."""
         while self._waiting and self._waiting[-1].pulse.end_s <= until_s:
             yield self._waiting.pop()
 
     def _begin(self, from_s: float) -> None:
-        """The next stretch is that of the pulses that end after `from_s`."""
+        """Begin the next stretch: of pulses that end after `from_s`."""
         self._from_s = from_s
         self._next: list[Pulse] = []
-        self._prepared = 0  # so many transmitters' pulses are in it
+        self._prepared = 0  # the number of transmitters in it
 
     def _prepare(self) -> None:
         """Add one transmitter's pulses to the next stretch."""
@@ -73,7 +73,7 @@ class PulseTimeline:
         self._prepared += 1
 
     def _fill(self) -> None:
-        """Go on to the next stretch."""
+        """Change to the next stretch."""
         while self._prepared < len(self._keyings):
             self._prepare()
         until_s = self._from_s + self._stretch_s
@@ -89,7 +89,7 @@ class PulseTimeline:
 
 
 def _touching(every: Sequence[Pulse]) -> list[list[Pulse]]:
-    """For each pulse, which are sorted by their starts, those of other transmitters that are on at the same time."""
+    """For each pulse the pulses of other transmitters at the same time. `every`: sorted by their starts."""
     touching: list[list[Pulse]] = [[] for _ in every]
     for n, pulse in enumerate(every):
         for m in range(n + 1, len(every)):

@@ -1,4 +1,4 @@
-"""Single rotations as quaternions (w, x, y, z) in plain floats; `rotation` has arrays of them."""
+"""Single rotations as quaternions (w, x, y, z) in plain floats; `rotation` is for arrays of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ NO_ROTATION = "a quaternion of length 0, or not finite, is no rotation"
 
 
 def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Of angles in radians, FRD → NED, yaw first."""
+    """The quaternion of angles in radians, FRD → NED, yaw first."""
     sr, cr = math.sin(roll / 2), math.cos(roll / 2)
     sp, cp = math.sin(pitch / 2), math.cos(pitch / 2)
     sy, cy = math.sin(yaw / 2), math.cos(yaw / 2)
@@ -24,7 +24,7 @@ def from_euler(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def unit(w: float, x: float, y: float, z: float) -> Quaternion:
-    """Of length 1. It must not be 0."""
+    """The quaternion with length 1. Its length must not be 0."""
     length = math.hypot(w, x, y, z)
     return w / length, x / length, y / length, z / length
 
@@ -70,7 +70,7 @@ def matrix(w: float, x: float, y: float, z: float) -> tuple[Row, Row, Row]:
 
 
 def heading(q: Quaternion) -> float:
-    """The yaw of a rotation, body FRD → NED, in radians; right at pitch ±π/2 too, for a roll that fits."""
+    """The yaw of a rotation, body FRD → NED, in radians; also at pitch ±π/2, where it fits to the roll."""
     a, b, c = matrix(*q)
     roll = math.atan2(c[1], c[2])
     cos, sin = math.cos(roll), math.sin(roll)

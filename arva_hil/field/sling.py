@@ -1,4 +1,4 @@
-"""A receiver on a rope under its vehicle: a pendulum that the vehicle's motion swings."""
+"""A receiver on a rope under its vehicle: a pendulum that is excited by the vehicle's motion."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from arva_hil.field.arrays import Array
 
 _G_M_S2: Final = 9.81
-_STEEPEST: Final = 0.9  # the rope's horizontal part, of its length: the linear law is none for larger swings
-_LONGEST_S: Final = 5.0  # behind a gap as long as this it hangs at rest
+_STEEPEST: Final = 0.9  # the horizontal part of the rope's length: the linear law is wrong for larger swings
+_LONGEST_S: Final = 5.0  # after a longer gap it hangs at rest
 
 
 class Sling:
-    """Remembers how the load swings. Small swings: a damped oscillator on each horizontal axis, exact for the constant
-    acceleration between two instants at which the vehicle's velocity is known.
+    """Remembers the swing of the load: a damped oscillator on each horizontal axis, for small swings. It is exact for a
+    constant acceleration between two known velocities of the vehicle.
 
     `length_m`: of the rope. `damping`: of the swing, relative to critical, below 1.
     """
@@ -29,13 +29,13 @@ class Sling:
         self._pole = math.sqrt(_G_M_S2 / length_m) * complex(-damping, math.sqrt(1 - damping * damping))
         self._time_s: float | None = None
         self._velocity: tuple[float, float] = (0.0, 0.0)
-        self._swing = [(0.0, 0.0), (0.0, 0.0)]  # north, east: metres off the point of suspension, and their rate
+        self._swing = [(0.0, 0.0), (0.0, 0.0)]  # north, east: offset from the point of suspension [m], and its rate
 
     def hang(self, time_s: float, position: Array, velocity: Array, rotation: Array) -> tuple[Array, Array]:
         """The pose of the load at a time: position (3,) NED [m] and load → NED (3, 3).
 
         `position` (3,) of the point of suspension and `velocity` (3,) of the vehicle, NED; `rotation` (3, 3), vehicle →
-        NED. The load has the vehicle's heading and leans with the rope. Times of calls never go back.
+        NED. The load has the vehicle's heading and is tilted with the rope. Times of calls never go back.
         """
         north, east, _ = velocity.tolist()
         last = self._time_s
@@ -50,7 +50,7 @@ class Sling:
         return self._pose(x, y, position, rotation)
 
     def _swung(self, offset: float, rate: float, acceleration: float, span: float) -> tuple[float, float]:
-        """Offset and rate of one axis a while later, while the point of suspension accelerates."""
+        """Offset and rate of one axis after the time `span` with this acceleration of the point of suspension."""
         pole = self._pole
         rest = -acceleration / abs(pole) ** 2
         # offset − rest = Re(c · exp(pole · t)) with the rate Re(c · pole · exp(pole · t))

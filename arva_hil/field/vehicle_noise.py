@@ -1,4 +1,4 @@
-"""The noise of a vehicle at its receiver: it rises with the motors' load and falls with the cube of their distance."""
+"""The noise of a vehicle at its receiver. It rises with the motors' load and falls with the cube of their distance."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 
 Point = tuple[float, float, float]
 
-_AT_M: Final = 0.5  # where a motor's noise is given; makers ask for as much between a receiver and electronics
+_AT_M: Final = 0.5  # for the noise of a motor: the distance that makers require between a receiver and electronics
 _NEAREST_M: Final = 0.05
 
 
