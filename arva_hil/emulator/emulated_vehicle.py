@@ -6,9 +6,6 @@ from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from arva_hil.config import Scenario
 from arva_hil.emulator.burial import Burial
 from arva_hil.emulator.datum import Datum
@@ -17,6 +14,7 @@ from arva_hil.emulator.frame_source import FrameSource
 from arva_hil.emulator.true_state import true_state
 from arva_hil.events import DatumSet, Event, FollowedSystemHeard, FollowedSystemSilent, VehicleStatus
 from arva_hil.field import LocalFrame, rotation
+from arva_hil.field.arrays import Array
 from arva_hil.mavlink.codec import Packet, Parser, dialect
 from arva_hil.mavlink.packet_reader import Packets
 from arva_hil.registry import MAVLINK_FORMATS
@@ -25,8 +23,6 @@ from arva_hil.vehicle.navigation import EventQueue, Navigation
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.reasons import NoPose
 from arva_hil.vehicle.session import Session
-
-Array = NDArray[np.float64]
 
 _SILENT_S: Final = 2.0  # without a pose
 _POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT

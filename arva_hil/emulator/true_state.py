@@ -8,16 +8,15 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from arva_hil.config import NavigationError, Scenario
 from arva_hil.field import LocalFrame, quaternion
+from arva_hil.field.arrays import Array
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.reasons import NoPose
 from arva_hil.vehicle.session import Session
 from arva_hil.vehicle.simulator_truth import SimulatorTruth
-
-Array = NDArray[np.float64]
 
 _STEP_S: Final = 0.1  # of the random walk; interpolated between two steps
 _KEEP: Final = 600  # steps: for an earlier time the walk is calculated again from its start

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from arva_hil.field.arrays import Array
 from arva_hil.field.dipole import Transmitters
 
-Array = NDArray[np.float64]
 PoseOf = Callable[[int], tuple[Array, Array] | None]
 """System id → position (3,) NED, metres, and body → NED (3, 3) of that vehicle now; None: it is not heard."""
 

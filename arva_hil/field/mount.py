@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from arva_hil.field.arrays import Array
 from arva_hil.field.rotation import to_matrix
-
-Array = NDArray[np.float64]
 
 
 class Mount:

@@ -7,11 +7,10 @@ returned ones have length 1. Raises ValueError for length 0 or values that are n
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from arva_hil.field.arrays import Array
 from arva_hil.field.quaternion import NO_ROTATION, matrix
-
-Array = NDArray[np.float64]
 
 
 def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:

@@ -160,20 +160,17 @@ class PtyLink(FdLink):
 
         try:
             if (current := self._current()) is None:
-                self._reopen()
+                slave = os.open(self.path, os.O_RDWR | os.O_NOCTTY)
+                os.close(self._slave)
+                self._slave = slave
+                if self.symlink:
+                    mark_in_use(slave, self._inode)
             elif current == self._settings and not any(fcntl.ioctl(self._slave, _TIOCGEXCL, bytes(4))):
                 return
             fcntl.ioctl(self._slave, termios.TIOCNXCL)
             termios.tcsetattr(self._slave, termios.TCSANOW, self._settings)
         except (OSError, termios.error) as error:
             raise LinkError(self.name, f"lost: the terminal cannot be set up again: {error}") from error
-
-    def _reopen(self) -> None:
-        slave = os.open(self.path, os.O_RDWR | os.O_NOCTTY)
-        os.close(self._slave)
-        self._slave = slave
-        if self.symlink:
-            mark_in_use(slave, self._inode)
 
     def _shut(self) -> None:
         if self.symlink:

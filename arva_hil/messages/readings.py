@@ -8,14 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from arva_hil.config import Lla, Scenario
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.engine import receivers_of
 from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
 from arva_hil.field import LocalFrame, MovingTransmitters, Transmitters
+from arva_hil.field.arrays import Array
 from arva_hil.field.dipole import field_of
 from arva_hil.messages import frames, markers
 from arva_hil.messages import types as ros
@@ -167,7 +165,7 @@ class RunMessages:
         return True
 
 
-def _placed(there: Transmitters | None) -> list[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
+def _placed(there: Transmitters | None) -> list[tuple[int, Array, Array]]:
     """Id, place NED and rotation of each transmitter with a known place."""
     if there is None:
         return []

@@ -8,9 +8,9 @@ from statistics import NormalDist
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from arva_hil.field.arrays import Array
+
 NoiseKind = Literal["uniform", "gaussian", "off"]
 
 _NORMAL: Final = NormalDist()

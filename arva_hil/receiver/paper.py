@@ -10,13 +10,13 @@ from typing import Final, Self, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from arva_hil.field.arrays import Array
 from arva_hil.field.medium import AIR
 from arva_hil.receiver.noise import NoiseKind, NoiseSource, noise_bound
 from arva_hil.receiver.one_look import FEW, output, signals
 from arva_hil.receiver.reading import ChannelReading, Reading, Zone
 from arva_hil.receiver.receiver_model import Answer, Commands, Impairment, Look, Pose, ReceiverSettings, obey
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 INNER_M: Final = 3.0

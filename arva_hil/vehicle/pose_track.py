@@ -209,7 +209,12 @@ class PoseTrack:
             return None
         where, velocity = _position_at(boot, *position, frame)
         age = boot - min(position[0].boot, attitude[0].boot)
-        return VehicleState(boot, where, velocity, _attitude_at(boot, *attitude), age)
+        a, b = attitude
+        if b is not None:
+            there = quaternion.slerp(a.quaternion, b.quaternion, (boot - a.boot) / (b.boot - a.boot))
+        else:
+            there = attitude_ahead(a.angles, a.rates, boot - a.boot)
+        return VehicleState(boot, where, velocity, np.array(there), age)
 
 
 def _append(samples: deque[S], sample: S) -> None:
@@ -249,9 +254,3 @@ def _position_at(boot: float, a: PositionSample, b: PositionSample | None, frame
         places.append(pa + u * (span * va + u * (c2 + u * c3)))
         velocities.append(va + u * (2 * c2 + 3 * u * c3) / span)
     return np.array(places), np.array(velocities)
-
-
-def _attitude_at(boot: float, a: AttitudeSample, b: AttitudeSample | None) -> Vector:
-    if b is not None:
-        return np.array(quaternion.slerp(a.quaternion, b.quaternion, (boot - a.boot) / (b.boot - a.boot)))
-    return np.array(attitude_ahead(a.angles, a.rates, boot - a.boot))

@@ -19,7 +19,6 @@ from arva_hil.events.vehicles import (
 )
 from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.mavlink.packet_reader import Packets
-from arva_hil.mavlink.signing import Verdict
 from arva_hil.vehicle.discovery import Identity, Vehicle
 from arva_hil.vehicle.followed import FollowedVehicle
 from arva_hil.vehicle.streams import Streams
@@ -94,7 +93,9 @@ class Session(FollowedVehicle):
 
     def poll(self, now: float) -> bytes:
         """The bytes to send now: our heartbeat and requests for streams. Sets `next_due`."""
-        self._watch_vehicle(now)
+        if self.vehicle and not self._lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
+            self._lost = True
+            self.news.emit(VehicleLost(now, self.news.name, str(self.vehicle), _LOST_S))
         self.senders.look(now)
         if self._signing:
             self._signing.advance(now)
@@ -151,7 +152,9 @@ class Session(FollowedVehicle):
 
     def _take_all(self, packets: Packets, now: float, sender: Hashable) -> None:
         for packet, why in packets.doubted:
-            self._disbelieve(packet, why, now)
+            if why not in self._disbelieved:  # each reason is reported once, with the first sender
+                self._disbelieved.add(why)
+                self.news.emit(SignatureRefused(now, self.news.name, packet.system, packet.component, why))
         own, wanted, decode = self.own, self.navigation.handles, self.reader.parser.decode
         for packet in packets.believed:
             vehicle, msgid = self.vehicle, packet.msgid
@@ -241,11 +244,6 @@ class Session(FollowedVehicle):
             self.navigation.home = None  # it may have been moved, or be another vehicle: request its home again
             self.news.emit(VehicleBack(now, self.news.name, str(self.vehicle)))
 
-    def _watch_vehicle(self, now: float) -> None:
-        if self.vehicle and not self._lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
-            self._lost = True
-            self.news.emit(VehicleLost(now, self.news.name, str(self.vehicle), _LOST_S))
-
     def _navigate(self, message: Any, now: float) -> None:
         assert self._streams is not None
         if self._identity and not self._identity.owns(message, now):
@@ -260,11 +258,3 @@ class Session(FollowedVehicle):
     def _on_ack(self, message: Any, now: float) -> None:
         if self._streams and self.answers_us(message):
             self._streams.acknowledged(message.command, message.result, now)
-
-    # -- who is not believed -------------------------------------------------------------------------------
-
-    def _disbelieve(self, packet: Packet, why: Verdict, now: float) -> None:
-        """Report each reason once, with the first sender."""
-        if why not in self._disbelieved:
-            self._disbelieved.add(why)
-            self.news.emit(SignatureRefused(now, self.news.name, packet.system, packet.component, why))

@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from arva_hil.field.arrays import Array
 from arva_hil.field.dipole import Transmitters, field_of
 from arva_hil.receiver import Zone, outputs
 
@@ -25,8 +25,6 @@ _STEPS: Final = 110
 _FAR_M: Final = 75.0  # lines end there
 _NEAR_M: Final = 0.4
 _FLAT: Final = 0.3  # of a dipole's axis that is horizontal; below it the lines are rays
-
-Array = NDArray[np.float64]
 
 
 def field_lines(transmitters: Transmitters, down_m: float, kappa_eq: float) -> list[dict[str, Any]]:
