@@ -97,11 +97,9 @@ class FaultyReceiver:
         self._look: Look | None = None
 
     def next_look(self, after_s: float, frame_s: float) -> float:
-        """See `ReceiverModel`."""
         return self._model.next_look(after_s, frame_s)
 
     def look(self, look: Look) -> bool | None:
-        """See `ReceiverModel`."""
         time_us = round(look.time_s * 1e6)
         for switch, strike in self._changes:
             if switch.turn(time_us):
@@ -124,7 +122,6 @@ class FaultyReceiver:
         return replace(self._shown, channels=with_true_ranges(self._shown.channels, ranges))
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
-        """See `ReceiverModel`."""
         return self._model.command(time_s, name, values)
 
 

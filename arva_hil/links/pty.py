@@ -83,7 +83,6 @@ class PtyLink(FdLink):
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
-        """See `Link`."""
         return cls(address.path)
 
     def __init__(self, symlink: str = "") -> None:

@@ -65,7 +65,6 @@ class SerialLink(FdLink):
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
-        """See `Link`."""
         return open_serial(address.path, address.baud or how.baud, brief=how.brief)
 
     def __init__(self, name: str, port: Serial) -> None:
@@ -86,7 +85,6 @@ class PyserialLink(StreamLink):
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
-        """See `Link`."""
         return open_url(address.path, address.baud or how.baud)
 
     def __init__(self, name: str, port: Serial) -> None:

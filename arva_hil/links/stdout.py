@@ -33,7 +33,6 @@ class StdoutLink(Link):
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
-        """See `Link`."""
         return open_stdout()
 
     def __init__(self, file: BinaryIO, name: str = "-") -> None:

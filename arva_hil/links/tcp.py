@@ -53,7 +53,6 @@ class TcpLink(SocketLink):
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
-        """See `Link`."""
         return cls(address.host, address.port, BRIEF_S if how.brief else CONNECT_S, answered=how.answered)
 
     def __init__(self, host: str, port: int, timeout: float = CONNECT_S, *, answered: bool = False) -> None:

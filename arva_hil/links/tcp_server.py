@@ -29,7 +29,6 @@ class TcpServerLink(SeveralSenders):
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
-        """See `Link`."""
         return cls(address.host, address.port, how.clock, answered=how.answered)
 
     def __init__(

@@ -152,7 +152,6 @@ class TlogLink(Link):
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
-        """See `Link`."""
         return cls(address.path, how.clock)
 
     def __init__(self, path: str | os.PathLike[str], clock: Clock) -> None:

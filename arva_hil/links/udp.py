@@ -20,7 +20,6 @@ class _UdpLink(Link):
 
     @classmethod
     def open(cls, address: Address, how: Opening) -> Link:
-        """See `Link`."""
         return cls(address.host, address.port)
 
     def __init__(self, host: str, port: int) -> None:

@@ -135,7 +135,6 @@ class ListeningReceiver:
 
     @classmethod
     def from_settings(cls, settings: ReceiverSettings, seed: int) -> Self:
-        """See `ReceiverModel`."""
         return cls(settings, settings.options, seed)
 
     def next_look(self, after_s: float, frame_s: float) -> float:

@@ -57,7 +57,6 @@ class PulsedReceiver(ListeningReceiver):
         return any(news) and self._options.frames == "pulses"
 
     def show(self, time_s: float) -> Reading:
-        """See `ReceiverModel`."""
         if self._shown is None or time_s >= self._shown[0]:
             slots, more, until_s = self._slots.shown(time_s)
             channels = with_true_ranges(slots, self._listening.ranges())
@@ -66,7 +65,6 @@ class PulsedReceiver(ListeningReceiver):
         return self._shown[1]
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
-        """See `ReceiverModel`."""
         slots, self._shown = self._slots, None
         commands: Commands = {
             "mark": (range(1, 2), lambda id_: slots.mark(time_s, id_)),

@@ -54,14 +54,12 @@ class RssiReceiver(ListeningReceiver):
         return any(news) and self._options.frames == "pulses"
 
     def show(self, time_s: float) -> Reading:
-        """See `ReceiverModel`."""
         channel, newest = self._empty, self._newest
         if newest is not None and newest.pulse is not None and time_s - newest.pulse.time_s < _HOLD_S:
             channel = newest
         return Reading(with_true_ranges([channel], self._listening.ranges()), self._listening.interference, False)
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
-        """See `ReceiverModel`."""
         return obey({"restart": (range(1), lambda: self._restart(time_s))}, name, values)
 
     def _restart(self, time_s: float) -> None:

@@ -180,12 +180,11 @@ class Identity:
         self._clock = ClockMap(_WINDOW_S)
         self._last: tuple[float, float] | None = None  # boot time, and host time of its arrival
         self._place: tuple[float, Place, Velocity] | None = None
-        self._strange_times = 0
-        self._strange_places = 0
+        self._strange = {"time": 0, "place": 0}  # values in a row that did not fit
 
     @property
     def doubtful(self) -> bool:
-        return bool(self._strange_times or self._strange_places or self.why)
+        return any(self._strange.values()) or bool(self.why)
 
     def owns(self, message: Any, now: float) -> bool:
         """Whether a message that navigation handles may be from this vehicle."""
@@ -210,10 +209,7 @@ class Identity:
                 strange = f"its clock is {ahead:.1f} s ahead of the one of the vehicle that was launched"
             elif boot < boot_before - _BEHIND_S:
                 strange = "it has rebooted, or it is not the vehicle that was launched: its clock has gone back"
-        self._strange_times = self._strange_times + 1 if strange else 0
-        if self._strange_times >= _LASTING:
-            self.why = self.why or strange
-        if strange:
+        if not self._fits("time", strange):
             return False
         self._last = max(boot, self._last[0]) if self._last else boot, now
         self._clock.add(now, boot)
@@ -221,15 +217,21 @@ class Identity:
 
     def place(self, boot: float, place: Place, velocity: Velocity) -> bool:
         """Whether it may be at this place at this boot time."""
-        off = 0.0
+        strange = ""
         if self._place is not None:
             before, there, (north, east, down) = self._place
             gap = max(boot - before, 0.0)
             moved = math.dist(offset_m(there, place), (north * gap, east * gap, down * gap))
-            off = moved - _JUMP_M - _JUMP_MS * gap
-        self._strange_places = self._strange_places + 1 if off > 0 else 0
-        if self._strange_places >= _LASTING:
-            self.why = self.why or f"its position has jumped by {off + _JUMP_M:.0f} m, or it is another vehicle"
-        if off <= 0:
-            self._place = boot, place, velocity
-        return off <= 0
+            if not (off := moved - _JUMP_MS * gap) <= _JUMP_M:  # also NaN
+                strange = f"its position has jumped by {off:.0f} m, or it is another vehicle"
+        if not self._fits("place", strange):
+            return False
+        self._place = boot, place, velocity
+        return True
+
+    def _fits(self, what: str, strange: str) -> bool:
+        """Note the reason why a value does not fit, "" if it fits. Returns whether it fits."""
+        self._strange[what] = self._strange[what] + 1 if strange else 0
+        if self._strange[what] >= _LASTING:
+            self.why = self.why or strange
+        return not strange
