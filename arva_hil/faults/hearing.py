@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from random import Random
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -20,13 +20,15 @@ from arva_hil.registry import FAULTS
 
 
 class Switch:
-    """A fault of the scenario. Remembers since when it is on.
+    """A fault of the scenario. Remembers since when it is on. `stage`, `strike`: see `FaultKind`.
 
     Its effect on a frame depends only on `key` and the frame's number, not on other faults.
     """
 
     def __init__(self, fault: Fault, key: str) -> None:
-        self.fault = fault
+        kind: FaultKind = FAULTS[fault.name]
+        self.fault, self.stage = fault, kind.stage
+        self.strike: Callable[..., Any] = kind.strike or (lambda look, switch: look)
         self.since_s: float | None = None  # how long it has been on, None when it is off
         self._key = key
 
@@ -77,8 +79,6 @@ SATURATION: Final = FaultKind("heard", _SIGNAL, "no antenna says more, as next t
 ELECTRONICS: Final = FaultKind("heard", _SIGNAL, "something beside it adds noise of this deviation", _electronics)
 
 
-Strike = Callable[[Look, Switch], Look]
-
 _LIMIT_RANGE_M: Final = Antennas().floor_range_m  # the noise a receiver is made for is a transmitter's field from there
 
 
@@ -90,7 +90,7 @@ class FaultyReceiver:
 
     def __init__(self, model: ReceiverModel, scenario: Scenario, switches: Sequence[Switch]) -> None:
         self._model = model
-        self._changes = [(s, strike) for s in switches if (strike := _strike(s))]
+        self._changes = [s for s in switches if s.stage == "heard"]
         self._stuck = [s for s in switches if s.fault.name == "stuck"]
         self._loud = [(s, _interference(scenario, s)) for s in switches if s.fault.name == "interference"]
         self._shown: Reading | None = None
@@ -101,9 +101,9 @@ class FaultyReceiver:
 
     def look(self, look: Look) -> bool | None:
         time_us = round(look.time_s * 1e6)
-        for switch, strike in self._changes:
+        for switch in self._changes:
             if switch.turn(time_us):
-                look = strike(look, switch)
+                look = switch.strike(look, switch)
         m = len(look.transmitters.ids)
         if loud := [noise.draw(m) for switch, noise in self._loud if switch.turn(time_us)]:
             look = replace(look, noise=sum(loud[1:], loud[0]))
@@ -131,12 +131,6 @@ def _interference(scenario: Scenario, switch: Switch) -> NoiseSource:
     kind = "uniform" if noise.kind == "off" else noise.kind
     seed = switch.random(-1).getrandbits(63)
     return NoiseSource(kind, noise_bound(scenario.receiver.sensitivity, bound_m), seed)
-
-
-def _strike(switch: Switch) -> Strike | None:
-    """The function with which a fault changes a look, None if it does not."""
-    kind: FaultKind = FAULTS[switch.fault.name]
-    return kind.strike if kind.stage == "heard" else None
 
 
 def _off(look: Look, switch: Switch) -> Look:

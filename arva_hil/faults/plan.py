@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
 
-from arva_hil.config import FaultKind, Scenario
+from arva_hil.config import Scenario
 from arva_hil.faults.hearing import FaultyReceiver, Switch
 from arva_hil.faults.sending import Outbox, QueuedFrame, Sending
 from arva_hil.receiver import ReceiverModel
@@ -25,7 +24,6 @@ class Faults:
         order = [*FAULTS, *(fault.name for fault in scenario.faults)]  # in which they strike
         seen: Counter[str] = Counter()
         self._switches = []
-        self._kinds: dict[str, FaultKind] = {fault.name: FAULTS[fault.name] for fault in scenario.faults}
         for fault in sorted(scenario.faults, key=lambda fault: order.index(fault.name)):
             seen[fault.name] += 1
             self._switches.append(Switch(fault, f"{scenario.seed} {fault.name} {seen[fault.name]}"))
@@ -44,7 +42,7 @@ class Faults:
         self._number = number
         self.met = ()
         for switch in self._on:
-            if self._kinds[switch.fault.name].stage == "heard":
+            if switch.stage == "heard":
                 self._meet(switch)
 
     def send(self, frame: Frame, t: float, boot_ms: int, encode: Callable[[Frame, int], bytes]) -> tuple[Frame, int]:
@@ -55,8 +53,7 @@ class Faults:
         """
         sending = Sending(frame, may_wait=not self.outbox.holds)
         for switch in self._of_stage("sent"):
-            strike = self._strike(switch)
-            if sending.copies and strike(sending, switch.fault.value, switch.random(self._number)):
+            if sending.copies and switch.strike(sending, switch.fault.value, switch.random(self._number)):
                 self._meet(switch)
         queued = [QueuedFrame(sending.frame, boot_ms)] * sending.copies
         if queued and (garblers := self._of_stage("wire")):
@@ -66,11 +63,10 @@ class Faults:
 
     def counts(self) -> dict[str, dict[str, int]]:
         """For each fault by name: how many frames and how many bytes it changed."""
-        names = dict.fromkeys(switch.fault.name for switch in self._switches)
+        stages = {switch.fault.name: switch.stage for switch in self._switches}
         return {
-            name: {"frames": self._frames[name]}
-            | ({"bytes": self._bytes[name]} if self._kinds[name].stage == "wire" else {})
-            for name in names
+            name: {"frames": self._frames[name]} | ({"bytes": self._bytes[name]} if stage == "wire" else {})
+            for name, stage in stages.items()
         }
 
     def _garble(self, queued: list[QueuedFrame], data: bytes, switches: list[Switch]) -> list[QueuedFrame]:
@@ -79,7 +75,7 @@ class Faults:
         for switch in switches:
             random, hits = switch.random(self._number), 0
             for n, copy in enumerate(left):
-                left[n], hit = self._strike(switch)(copy, switch.fault.value, random)
+                left[n], hit = switch.strike(copy, switch.fault.value, random)
                 hits += hit
             if hits:
                 self._bytes[switch.fault.name] += hits
@@ -87,12 +83,7 @@ class Faults:
         return [one._replace(data=copy, whole=data in copy) for one, copy in zip(queued, left, strict=True) if copy]
 
     def _of_stage(self, stage: str) -> list[Switch]:
-        return [switch for switch in self._on if self._kinds[switch.fault.name].stage == stage]
-
-    def _strike(self, switch: Switch) -> Callable[..., Any]:
-        strike = self._kinds[switch.fault.name].strike
-        assert strike is not None
-        return strike
+        return [switch for switch in self._on if switch.stage == stage]
 
     def _meet(self, switch: Switch) -> None:
         name = switch.fault.name

@@ -16,6 +16,7 @@ from arva_hil.flight import authority
 from arva_hil.flight.state import RISEN_M, FlightState, Phase
 from arva_hil.mavlink.codec import command, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
+from arva_hil.vehicle.discovery import Vehicle
 from arva_hil.vehicle.modes import modes_of
 from arva_hil.vehicle.session import Session
 
@@ -40,6 +41,11 @@ class Commander(FlightState):
         self._heard_since = 0.0  # the messages heard now came after this time
         self._offered: list[Callable[[float], None]] = []  # called after the present messages were sent
 
+    @property
+    def _vehicle(self) -> Vehicle:
+        assert self._session.vehicle is not None
+        return self._session.vehicle
+
     # -- orders --------------------------------------------------------------------------------------------
 
     def launch(self, now: float) -> None:
@@ -47,8 +53,7 @@ class Commander(FlightState):
 
         There must be a vehicle with a pose. Raises ValueError if it cannot be flown by velocities.
         """
-        assert self._session.vehicle is not None
-        self._modes = modes_of(self._session.vehicle)
+        self._modes = modes_of(self._vehicle)
         self.sticks.mark()
         self._enter(Phase.ARMING, now, self._modes.hold, self._arm_timeout_s)
 
@@ -58,8 +63,7 @@ class Commander(FlightState):
         The origin is below that place, at the height of home. If it does not follow, it is left in that mode. Raises
         ValueError for a vehicle that cannot be flown by velocities.
         """
-        assert self._session.vehicle is not None
-        self._modes = modes_of(self._session.vehicle)
+        self._modes = modes_of(self._vehicle)
         place, home = self._session.track.last_position, self._session.home
         if place is None or home is None or self.authority.mode == -1 or not self._turn(now, place):
             raise ValueError("its pose, its home or its mode is not known")
@@ -164,14 +168,12 @@ class Commander(FlightState):
             self._news.emit(ArmingTried(now, self._news.name, self._tries, _ARM_AGAIN_S, *refused))
 
     def _set_point(self) -> Any:
-        assert self._session.vehicle is not None
         velocity = self._velocity if self.phase is Phase.FLYING else _STILL
-        return self._modes.to_steer(self._session.vehicle, velocity, self._yaw)
+        return self._modes.to_steer(self._vehicle, velocity, self._yaw)
 
     def _order(self) -> tuple[Any | None, float]:
         """The order that is not carried out yet, None if there is none, and the time [s] until it is repeated."""
-        vehicle, modes = self._session.vehicle, self._modes
-        assert vehicle is not None
+        vehicle, modes = self._vehicle, self._modes
         to = vehicle.system, vehicle.component
         if self.phase is Phase.CLIMBING:
             assert self.origin is not None
@@ -197,17 +199,15 @@ class Commander(FlightState):
             _HEARD[msgid](self, message, now)
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
-        assert self._session.vehicle is not None
-        if message.autopilot != self._session.vehicle.autopilot:
+        if message.autopilot != self._vehicle.autopilot:
             return
         self.authority.hear(message.custom_mode, self._heard_since, now)
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         mode = self._modes.name(message.custom_mode)
         if not self.phase.active:
             return
-        disarmed = (
-            self.phase is Phase.DISARMING and now - self._ordered_s > _STOPPED_S
-        )  # an order to arm was on its way
+        # an order to arm may have been on its way
+        disarmed = self.phase is Phase.DISARMING and now - self._ordered_s > _STOPPED_S
         if (self.phase is Phase.LANDING or disarmed) and not armed:
             self.phase = Phase.ENDED
         elif self.phase is Phase.DISARMING:

@@ -61,14 +61,8 @@ class Modes:
     def to_set(self, vehicle: Vehicle, mode: int) -> Any:
         """DO_SET_MODE. Only a heartbeat confirms the mode, not the acknowledgement."""
         main, sub = (mode >> 16 & 0xFF, mode >> 24) if self.px4 else (mode, 0)
-        return command(
-            vehicle.system,
-            vehicle.component,
-            dialect.MAV_CMD_DO_SET_MODE,
-            dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED,
-            main,
-            sub,
-        )
+        custom = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+        return command(vehicle.system, vehicle.component, dialect.MAV_CMD_DO_SET_MODE, custom, main, sub)
 
     def to_take_off(self, vehicle: Vehicle, height: float, ground_amsl: float) -> Any:
         """NAV_TAKEOFF to a height above the ground, straight up, heading kept.
@@ -83,23 +77,14 @@ class Modes:
     def to_steer(self, vehicle: Vehicle, velocity: tuple[float, float, float], yaw: float) -> Any:
         """A set-point: velocity [m/s, NED] and heading [rad]. It has an effect only in the mode `steer`."""
         still = (0.0, 0.0, 0.0)
-        to = vehicle.system, vehicle.component
-        frame, ignored = dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
-        return dialect.MAVLink_set_position_target_local_ned_message(
-            0, *to, frame, ignored, *still, *velocity, *still, yaw, 0.0
-        )
+        to = 0, vehicle.system, vehicle.component, dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
+        return dialect.MAVLink_set_position_target_local_ned_message(*to, *still, *velocity, *still, yaw, 0.0)
 
 
 _GUIDED: Final = dialect.COPTER_MODE_GUIDED
 _HOLD: Final = _AUTO | 3 << 24
-ARDUCOPTER: Final = Modes(
-    hold=_GUIDED,
-    take_off=_GUIDED,
-    steer=_GUIDED,
-    land=dialect.COPTER_MODE_LAND,
-    yields=dialect.COPTER_MODE_LOITER,
-    px4=False,
-)
+_LAND, _LOITER = dialect.COPTER_MODE_LAND, dialect.COPTER_MODE_LOITER
+ARDUCOPTER: Final = Modes(hold=_GUIDED, take_off=_GUIDED, steer=_GUIDED, land=_LAND, yields=_LOITER, px4=False)
 PX4: Final = Modes(hold=_HOLD, take_off=_AUTO | 2 << 24, steer=6 << 16, land=_AUTO | 6 << 24, yields=_HOLD, px4=True)
 
 
