@@ -12,7 +12,7 @@ from arva_hil.field import LocalFrame
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.loop import Task
-from arva_hil.simulated.failsafes import FAILSAFES
+from arva_hil.simulated.arducopter import FAILSAFES
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 

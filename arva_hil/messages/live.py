@@ -8,9 +8,9 @@ from arva_hil.config import Scenario
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, SearchEvent
 from arva_hil.messages.message import Message
-from arva_hil.messages.publication import Publication
 from arva_hil.messages.readings import RunMessages
 from arva_hil.messages.searches import TOPICS, SearchMessages
+from arva_hil.messages.types import Publication
 
 
 class LiveMessages:

@@ -20,7 +20,7 @@ from arva_hil.messages import types as ros
 from arva_hil.messages.diagnostics import diagnostics
 from arva_hil.messages.message import Message
 from arva_hil.messages.names import DIAGNOSTICS, MAP, TF, names_of
-from arva_hil.messages.publication import Publication, header, stamp_of
+from arva_hil.messages.types import Publication, header, stamp_of
 from arva_hil.receiver import Pose
 from arva_hil.receiver.reading import ChannelReading
 

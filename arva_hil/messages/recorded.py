@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from arva_hil.events import ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.searches import FrameHeard, PlaceFound, TakeOffPoint
 from arva_hil.field import rotation
-from arva_hil.messages.publication import Publication, stamp_of
 from arva_hil.messages.readings import RunMessages, Taken
 from arva_hil.messages.searches import SearchMessages
+from arva_hil.messages.types import Publication, stamp_of
 from arva_hil.receiver import Pose
 from arva_hil.receiver.reading import ChannelReading
 from arva_hil.recordings import RecordedReceiver, RecordedSearch, Recording

@@ -16,7 +16,7 @@ from arva_hil.messages import frames, markers
 from arva_hil.messages import types as ros
 from arva_hil.messages.message import Message
 from arva_hil.messages.names import MAP, TF
-from arva_hil.messages.publication import Publication, header, stamp_of
+from arva_hil.messages.types import Publication, header, stamp_of
 from firmware_proto import MID, Channel
 
 TAKE_OFF: Final = "takeoff"

@@ -13,13 +13,12 @@ from typing import Any, Final, NamedTuple
 from arva_hil.field.arrays import vector
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing
+from arva_hil.simulated.arducopter import Failsafe, values_requested
 from arva_hil.simulated.autopilot import Mode, SimulatedAutopilot
-from arva_hil.simulated.failsafes import Failsafe
 from arva_hil.simulated.message_rates import MessageRates
 from arva_hil.simulated.messages import BUILDERS, SENSORS, VehicleReport, read_set_point
 from arva_hil.simulated.multirotor import STEP_US, Vector
 from arva_hil.simulated.orders import ACCEPTED, DENIED, FAILED, ORDERS, UNSUPPORTED, Params, integer, set_mode
-from arva_hil.simulated.parameters import values_requested
 from arva_hil.simulated.position import Home, PositionError
 
 Message = Any  # pymavlink's generated classes carry no types

@@ -14,7 +14,7 @@ from arva_hil.links.tcp import TcpLink
 from arva_hil.links.udp import UdpInLink
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
 from arva_hil.runtime.clock import RealClock
-from arva_hil.simulated.failsafes import FAILSAFES
+from arva_hil.simulated.arducopter import FAILSAFES
 
 from .conftest import Ended
 from .far_ends import DEADLINE_S, Program, free_port

@@ -15,8 +15,8 @@ from arva_hil.events import DatumSet, FrameMade, PoseFound, ReceiverStatus, Stat
 from arva_hil.field import rotation
 from arva_hil.messages.cdr import encode
 from arva_hil.messages.names import names_of
-from arva_hil.messages.publication import Publication
 from arva_hil.messages.readings import RunMessages
+from arva_hil.messages.types import Publication
 from arva_hil.receiver import ChannelReading, Pose, Reading, Zone
 
 from .oracle import read

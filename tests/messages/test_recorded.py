@@ -10,9 +10,9 @@ import pytest
 
 from arva_hil.config import DEFAULT, load
 from arva_hil.events import DatumSet
-from arva_hil.messages.publication import Publication
 from arva_hil.messages.readings import RunMessages
 from arva_hil.messages.recorded import messages_of
+from arva_hil.messages.types import Publication
 from arva_hil.recordings import load as load_record
 from tests import records
 

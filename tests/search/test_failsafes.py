@@ -8,7 +8,7 @@ import pytest
 from test_client import World, ardupilot
 
 from arva_hil.flight.authority import BOUND_MS
-from arva_hil.simulated.failsafes import FAILSAFES
+from arva_hil.simulated.arducopter import FAILSAFES
 
 TAKEN = "the mode is {}: the pilot or a failsafe has taken over"
 
