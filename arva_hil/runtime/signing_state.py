@@ -79,22 +79,19 @@ class PersistentSigning(Signing):
 
     def _keep(self, kept: KeptTimeStamps, *, wait: bool) -> None:
         """Try to write time stamps, with those of other programs. `wait`: for another program that writes now."""
+        self._error = None
         try:
-            self._write(kept, wait=wait)
-            self._error = None
+            if self._file is None:
+                raise FileNotFoundError("there is no home folder")
+            self._file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            with files.grow(self._file.with_suffix(".lock"), _OWNERS) as lock:
+                if not _locks(lock, wait=wait):
+                    return
+                with contextlib.suppress(ValueError):  # no state: it is replaced
+                    kept = kept.with_others(_read(self._file)).recent()
+                files.replace(self._file, _written(kept), _OWNERS)
         except OSError as error:
             self._error = error
-
-    def _write(self, kept: KeptTimeStamps, *, wait: bool) -> None:
-        if self._file is None:
-            raise FileNotFoundError("there is no home folder")
-        self._file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with files.grow(self._file.with_suffix(".lock"), _OWNERS) as lock:
-            if not _locks(lock, wait=wait):
-                return
-            with contextlib.suppress(ValueError):  # no state: it is replaced
-                kept = kept.with_others(_read(self._file)).recent()
-            files.replace(self._file, _written(kept), _OWNERS)
 
     def _complain(self, error: Exception | None) -> None:
         """Report an error, once in a process."""
