@@ -1,4 +1,4 @@
-"""The transmitters of one vehicle, put where they are: by its datum, and by what is known of the ground."""
+"""Places the transmitters of one vehicle, with its datum and the known heights of the ground."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from arva_hil.field import LocalFrame
 from arva_hil.vehicle.session import Session
 from arva_hil.vehicle.terrain_questions import TerrainQuestions
 
-_ANSWER_S: Final = 10.0  # for the autopilot to tell the ground, before its silence is worth an event
+_ANSWER_S: Final = 10.0  # for the autopilot's heights, until there is an event
 
 
 class Burial:
-    """Remembers which transmitters are silent because the ground above them is not known, and asks for it if it is the
-    autopilot that knows. All `sources` hear the same transmitters.
+    """Remembers which transmitters are silent because the ground above them is not known. With
+    `terrain: autopilot` it requests the heights. All `sources` hear the same transmitters.
     """
 
     def __init__(self, scenario: Scenario, session: Session, sources: Sequence[FrameSource]) -> None:
@@ -33,7 +33,7 @@ class Burial:
         self._tell_at: float | None = None
 
     def place(self, frame: LocalFrame) -> None:
-        """The datum is there now."""
+        """The datum has changed to the origin of `frame`."""
         self._frame, self._tell_at = frame, None
         if self._questions:
             self._questions.ask(ground_places(self._scenario, frame))
@@ -46,7 +46,7 @@ class Burial:
             self._news.emit(GroundFound(now, self._news.name))
 
     def poll(self, now: float) -> bytes:
-        """What to ask the autopilot now."""
+        """The requests to the autopilot to send now."""
         if not self._unplaced:
             return b""
         if self._tell_at is None:

@@ -1,4 +1,4 @@
-"""The ground around a scenario's datum, below which transmitters with a depth lie."""
+"""The ground around a scenario's datum, for transmitters with a depth."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ LatLon = tuple[float, float]  # degrees, to 1e-7 as in MAVLink
 
 
 class Ground:
-    """The scenario's grid; or `heights` [m AMSL], as an autopilot has told them for `ground_places`; else level.
+    """The scenario's grid, or the `heights` [m AMSL] that an autopilot reported for `ground_places`; else level ground.
 
-    With `datum: home` the vehicle stands on it there, however high its autopilot believes that to be.
+    With `datum: home` the vehicle stands on the ground there, at any reported altitude.
     """
 
     def __init__(self, scenario: Scenario, frame: LocalFrame, heights: Mapping[LatLon, float] | None = None) -> None:
@@ -27,7 +27,7 @@ class Ground:
         self._level = self._grid is None or (self._grid == "autopilot" and heights is None)
 
     def place(self, transmitter: Transmitter) -> tuple[tuple[float, float, float], float]:
-        """Of a transmitter with a depth: NED, metres, and the ground there, down; NaN if its height is not known."""
+        """Of a transmitter with a depth: its place NED [m], and the ground there, down [m]; NaN if it is not known."""
         lat, lon = lat_lon(transmitter, self._frame)
         north, east, ground = self._frame.ned(lat, lon, self._alt((lat, lon))).tolist()
         if transmitter.ned is not None:
@@ -47,13 +47,13 @@ class Ground:
 
 
 def ground_places(scenario: Scenario, frame: LocalFrame) -> list[LatLon]:
-    """Where its height has to be known: at each transmitter with a depth, and at the datum if that is home."""
+    """The places with a needed height: each transmitter with a depth, and the datum if it is home."""
     places = [lat_lon(t, frame) for t in scenario.transmitters if t.depth_m is not None]
     return [_rounded(frame.lla((0.0, 0.0, 0.0))), *places] if places and scenario.datum == "home" else places
 
 
 def lat_lon(transmitter: Transmitter, frame: LocalFrame) -> LatLon:
-    """Where a transmitter at rest is."""
+    """The place of a transmitter at rest."""
     lla = transmitter.lla
     return _rounded((lla.lat, lla.lon) if lla else frame.lla(transmitter.ned or (0.0, 0.0, 0.0)))
 

@@ -1,4 +1,4 @@
-"""How hard a vehicle's motors work, by what it sends on request.
+"""The load of a vehicle's motors, from messages that it sends on request.
 
 https://mavlink.io/en/messages/common.html
 """
@@ -26,23 +26,23 @@ _OF_MOTORS: Final = (
 )
 
 _Source = Literal["battery", "controllers", "throttle", "outputs"]
-_Part = tuple[_Source, int, float]  # which of several; amperes, or a load 0…1
+_Part = tuple[_Source, int, float]  # its number; amperes, or a load 0…1
 
 
 class MotorLoad:
-    """Remembers the load of a session's vehicle, 0…1, by the first of these that has come in the last 3 s.
+    """Remembers the load of a session's vehicle, 0…1, from the first of these messages that came in the last 3 s.
 
     With `full_current_a`, the current [A] of all motors at full throttle: BATTERY_STATUS, then ESC_TELEMETRY_1_TO_4 and
-    its like (ArduPilot) or ESC_STATUS (PX4). Then the throttle in VFR_HUD, and the mean of the first four outputs in
+    the like (ArduPilot) or ESC_STATUS (PX4). Then the throttle in VFR_HUD, and the mean of the first four outputs in
     SERVO_OUTPUT_RAW. The battery comes before the controllers, because some of these report a constant current.
-    When none comes any more the last load stays; it is 0 before one comes.
+    If none comes any more, the last load stays. It is 0 before the first one.
     """
 
     def __init__(self, session: Session, full_current_a: float | None = None) -> None:
         self.load = 0.0
         self._session = session
         self._full_a: Final = {"battery": full_current_a, "controllers": full_current_a}
-        self._told: dict[_Source, dict[int, tuple[float, float]]] = {}  # by part: when, and what
+        self._told: dict[_Source, dict[int, tuple[float, float]]] = {}  # by number: time and value
         self._order: list[_Source] = ["throttle", "outputs"]
         asked = [_VFR_HUD]
         if full_current_a is not None:
@@ -53,11 +53,10 @@ class MotorLoad:
     def hear(self, now: float) -> None:
         """The session was fed at `now`."""
         news = False
-        for packet in self._session.own:
-            if packet.msgid in _READERS and (message := self._session.parser.decode(packet)) is not None:
-                for source, part, value in _READERS[packet.msgid](message):
-                    news = True
-                    self._told.setdefault(source, {})[part] = now, value
+        for msgid, message in self._session.messages(_READERS):
+            for source, part, value in _READERS[msgid](message):
+                news = True
+                self._told.setdefault(source, {})[part] = now, value
         if not news:
             return
         for source in self._order:
@@ -68,7 +67,7 @@ class MotorLoad:
 
 
 def _battery(m: Any) -> Iterator[_Part]:
-    """-1 cA is unknown; PX4 says -100."""
+    """Unknown currents are -1 cA; PX4 sends -100."""
     if m.current_battery >= 0 and m.battery_function in _OF_MOTORS:
         yield "battery", m.id, m.current_battery / 100
 

@@ -1,4 +1,4 @@
-"""Asks an autopilot with terrain data how high the ground is: TERRAIN_CHECK, answered by TERRAIN_REPORT.
+"""Requests the height of the ground from an autopilot with terrain data: TERRAIN_CHECK, answered by TERRAIN_REPORT.
 
 https://mavlink.io/en/services/terrain.html
 """
@@ -15,13 +15,13 @@ from arva_hil.vehicle.session import Session
 LatLon = tuple[float, float]  # degrees, to 1e-7
 
 _REPORT: Final = dialect.MAVLINK_MSG_ID_TERRAIN_REPORT
-_EVERY_S: Final = 0.2  # between two questions
+_EVERY_S: Final = 0.2  # between two requests
 _HEIGHTS_M: Final = (-500.0, 9000.0)
 
 
 class TerrainQuestions:
-    """Remembers the places to ask for, and the answers in `heights` [m AMSL]. Each is asked again until it is answered:
-    the autopilot may have to fetch its data first.
+    """Remembers the places to request, and the answers in `heights` [m AMSL]. Each place is requested until it is
+    answered: the autopilot may have to fetch its data first.
     """
 
     def __init__(self, session: Session) -> None:
@@ -36,25 +36,24 @@ class TerrainQuestions:
         return bool(self._open)
 
     def ask(self, places: Sequence[LatLon]) -> None:
-        """The places are these from now on."""
+        """Request these places from now on."""
         self.heights = {}
         self._open = list(dict.fromkeys(places))
 
     def hear(self) -> bool:
-        """Use the packets that the session was fed last: whether the last answer that was missing is among them."""
+        """Use the packets that the session was fed last. Returns whether the last missing answer is among them."""
         if not self._open:
             return False
-        for packet in self._session.own:
-            if packet.msgid == _REPORT and (message := self._session.parser.decode(packet)) is not None:
-                low, high = _HEIGHTS_M
-                place = message.lat / 1e7, message.lon / 1e7
-                if message.spacing and low <= message.terrain_height <= high and place in self._open:
-                    self._open.remove(place)
-                    self.heights[place] = message.terrain_height
+        low, high = _HEIGHTS_M
+        for _, message in self._session.messages((_REPORT,)):
+            place = message.lat / 1e7, message.lon / 1e7
+            if message.spacing and low <= message.terrain_height <= high and place in self._open:
+                self._open.remove(place)
+                self.heights[place] = message.terrain_height
         return not self._open
 
     def poll(self, now: float) -> bytes:
-        """The next question, if it is time for it."""
+        """The next request, if it is due."""
         if not self._open or now < self._next_s or not self._session.reachable:
             return b""
         self._next_s = now + _EVERY_S
