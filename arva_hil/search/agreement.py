@@ -11,8 +11,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from arva_hil.field.arrays import Array
 from arva_hil.search import dipole
 from arva_hil.search.drift import WHITE_M, fitted
 from arva_hil.search.history import EVIDENT, Explanation, History
@@ -30,6 +30,8 @@ _UNEXPLAINED_M: Final = 1.2  # at most
 _DEEPEST_M: Final = 8.0  # under the ground
 _STRONGEST: Final = 4.0  # times the reference transmitter's moment, or that part of it
 _BETTER: Final = 12.0  # elsewhere: more likely by e^12
+
+Array = NDArray[np.float64]
 
 
 class Judgement(NamedTuple):

@@ -17,7 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.field.arrays import Array
+Array = NDArray[np.float64]
 
 # Known beforehand.
 MOMENT: Final = 1 / 1.542  # of the reference transmitter: 1/κeq

@@ -11,8 +11,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from arva_hil.field.arrays import Array
 from arva_hil.search import dipole
 
 DRIFTS_M: Final = (0.3, 1.0, 3.0)  # sigmas on each axis thought possible
@@ -21,6 +21,8 @@ WHITE_M: Final = 0.1  # sigma of what else is wrong with a place
 _SLOW_S: Final = (30.0, 5.0)  # forgotten in, filtered with
 _STEP: Final = 1e-5
 _FARTHEST_M: Final = 2.0  # of a step
+
+Array = NDArray[np.float64]
 
 
 class DriftFit(NamedTuple):

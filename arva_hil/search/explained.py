@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from arva_hil.field.arrays import Array
 from arva_hil.search import dipole
 from arva_hil.search.strategy import Found, Observation
 
@@ -18,6 +18,8 @@ _ROUNDS: Final = 20
 _NEAR: Final = 0.8  # of d as it would be: a reading of something nearer is another's
 _ALIKE: Final = 1.2  # times that d: beyond, δ does not tell them apart
 _ASIDE_DEG: Final = 40.0  # of δ
+
+Array = NDArray[np.float64]
 
 
 class Explained:

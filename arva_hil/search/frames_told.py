@@ -6,9 +6,11 @@ import math
 from collections.abc import Callable
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from arva_hil.events import Event
 from arva_hil.events.searches import FrameHeard, TakeOffPoint
-from arva_hil.field.arrays import Array
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.field.mount import Mount
 from arva_hil.search.strategy import Position
@@ -45,7 +47,7 @@ def take_off_point(now: float, origin: LocalFrame) -> TakeOffPoint:
     return TakeOffPoint(now, lat, lon, alt)
 
 
-def as_position(place: Array) -> Position:
+def as_position(place: NDArray[np.float64]) -> Position:
     """As numbers of Python."""
     north, east, down = place.tolist()
     return north, east, down

@@ -10,8 +10,8 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from arva_hil.field.arrays import Array
 from arva_hil.search import dipole
 from arva_hil.search.drift import DRIFTS_M, WHITE_M, fitted
 from arva_hil.search.strategy import Observation, Position
@@ -25,6 +25,8 @@ _FEW: Final = 3  # hypotheses
 EVIDENT: Final = 16.0  # more likely by e^16
 _ODD: Final = 4.0  # cost of a lag or a drift
 _FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift
+
+Array = NDArray[np.float64]
 
 
 class Explanation(NamedTuple):
