@@ -60,6 +60,7 @@ class Flight:
         self._land = land
         self._log = log
         self._team = team
+        self._searching = True
         self._host = host
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
@@ -105,8 +106,10 @@ class Flight:
         self._tell_team(now, position)
         if phase is Phase.FLYING:
             if self.mission is None:
+                team = self._team if self.origin else None
+                plan = team.plan(self._plan, self.origin) if team and self.origin else self._plan
                 self.mission = Mission(
-                    self._plan,
+                    plan,
                     now - self._skipped_s,
                     position,
                     land=self._land,
@@ -127,6 +130,7 @@ class Flight:
 
     def leave(self, now: float, *, flying: bool) -> None:
         """The search is over: tell the others where the vehicle is left, and whether it is still in the air."""
+        self._searching = False
         if self.mission is not None:
             self._tell_team(now, self.mission.position, flying=flying)
 
@@ -138,7 +142,9 @@ class Flight:
             found = (mission.target,)
         elif mission is not None and mission.hunting and not mission.ended:
             hunting = mission.target
-        self._team.tell(now, lla(self.origin, *position), flying=flying, hunting=hunting, found=found)
+        searching = self._searching and (mission is None or not mission.ended)
+        place = lla(self.origin, *position)
+        self._team.tell(now, place, flying=flying, hunting=hunting, found=found, searching=searching)
 
     def _fly_blind(self, now: float) -> None:
         """Without a new pose the vehicle hovers, then lands."""

@@ -69,7 +69,7 @@ class Mission:
         self.searched_s = 0.0
         self.path_m = 0.0
         self.frames = 0
-        self._strips = Strips(plan.area, plan.speed, position, width=plan.strip_width)
+        self._strips = (team.strips if team else Strips.of)(plan, position)
         self._slow = 0  # how often the strategy took too long,
         self.slow_s = 0.0  # and how long the last time
         self._pauses = Pauses(start_s, plan.patience_s, emit)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strategy import STILL, Position, Velocity, towards
 
 _REACHED_M: Final = 1.0
@@ -28,24 +29,34 @@ class Strips:
         self._next = 0
         self._back: tuple[float, float] | None = None  # where a lane is joined again
 
+    @classmethod
+    def of(cls, plan: SearchPlan, position: Position) -> Strips:
+        """The strips of a plan's area."""
+        return Strips(plan.area, plan.speed, position, width=plan.strip_width)
+
     @property
-    def exhausted(self) -> bool:
+    def flown(self) -> bool:
         """Whether the last lane was flown."""
         return self._next == len(self.lanes)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether there is nothing left to fly, and nothing to wait for."""
+        return self.flown
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
         """The velocity to the next end of a lane; STILL after the last one."""
         if self._back and math.dist(position[:2], self._back) >= _REACHED_M:
             return towards(position, self._back, self._speed)
         self._back = None
-        while not self.exhausted and math.dist(position[:2], self.lanes[self._next]) < _REACHED_M:
+        while not self.flown and math.dist(position[:2], self.lanes[self._next]) < _REACHED_M:
             self._next += 1
-        return STILL if self.exhausted else towards(position, self.lanes[self._next], self._speed)
+        return STILL if self.flown else towards(position, self.lanes[self._next], self._speed)
 
     def resume(self, position: Position) -> None:
         """Go on from `position`: the lane that was left is joined again at its point nearest to there."""
         self._back = None
-        if self.exhausted or self._next % 2 == 0:
+        if self.flown or self._next % 2 == 0:
             return
         (a_n, a_e), (b_n, b_e) = self.lanes[self._next - 1 : self._next + 1]
         along = (position[0] - a_n) * (b_n - a_n) + (position[1] - a_e) * (b_e - a_e)

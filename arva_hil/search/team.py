@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from arva_hil.field.geodesy import LocalFrame
-from arva_hil.search.strategy import Position
-from arva_hil.search.strips import Area
+from arva_hil.search.plan import SearchPlan
+from arva_hil.search.strategy import STILL, Position, Velocity
+from arva_hil.search.strips import Area, Strips
 
 LAYER_M: Final = 3.0  # between the heights of neighbours
 _LAYERS: Final = 2
 _EVERY_S: Final = 0.2  # how often it tells
-_OLD_S: Final = 5.0  # without news of it, another one's transmitter is free again
+_OLD_S: Final = 5.0  # without news of it, another one's transmitter and part of the area are free again
+_ABSENT_S: Final = 60.0  # from its own first news: then the parts of those that were never heard are free
 _NEAR_M: Final = 6.0  # horizontally, and
 _LEVEL_M: Final = 2.5  # vertically: nearer to another one it does not fly
 _BELOW_M: Final = 8.0  # it does not descend onto one that is less below
@@ -33,9 +35,25 @@ def divide(area: Area, count: int) -> list[Area]:
     return [(south, west + n * width, north, west + (n + 1) * width) for n in range(count)]
 
 
-def layer_m(number: int) -> float:
-    """How much higher the vehicle of this number flies than the lowest ones [m]: neighbours differ."""
-    return LAYER_M * (number % _LAYERS)
+@dataclass(frozen=True)
+class TeamField:
+    """What a team searches: `area` [m] of `frame`, which all of them have in common, in `count` parts."""
+
+    area: Area
+    frame: LocalFrame
+    count: int
+
+    def seen_from(self, origin: LocalFrame, part: int | None = None) -> Area:
+        """The area, or one of its parts, from another origin."""
+        north, east, _ = (float(value) for value in self.frame.ned(*origin.lla([0.0, 0.0, 0.0])))
+        south_m, west_m, north_m, east_m = self.area if part is None else divide(self.area, self.count)[part]
+        return south_m - north, west_m - east, north_m - north, east_m - east
+
+
+def layered(plan: SearchPlan, number: int) -> SearchPlan:
+    """The plan at the height of the vehicle of this number: neighbours differ."""
+    higher = LAYER_M * (number % _LAYERS)
+    return replace(plan, height=plan.height + higher, take_off=plan.take_off + higher)
 
 
 @dataclass(frozen=True)
@@ -43,7 +61,8 @@ class News:
     """What one search tells the others. `number`: its own; `time_s`: on the common clock.
 
     `lla`: of its vehicle, degrees, degrees, metres AMSL; `flying`: whether it is in the air. `hunting`: the id of the
-    transmitter it flies to, or None; `found`: the ids of those that it has found.
+    transmitter it flies to, or None; `found`: the ids of those that it has found. `part`: of the area, which it
+    searches, None if it does not search any more; `flown`: the parts of which all strips are flown, as far as it knows.
     """
 
     number: int
@@ -52,17 +71,25 @@ class News:
     flying: bool
     hunting: int | None = None
     found: tuple[int, ...] = ()
+    part: int | None = None
+    flown: tuple[int, ...] = ()
 
 
 class Teammate:
     """Remembers what the other searches have told last. `number`: its own; the lower one goes first in a conflict.
 
-    `send`: passes news on to the others.
+    `send`: passes news on to the others. `field`: what they divide; None: each searches its plan's own area.
     """
 
-    def __init__(self, number: int, send: Callable[[News], None]) -> None:
+    def __init__(self, number: int, send: Callable[[News], None], field: TeamField | None = None) -> None:
         self.number = number
         self._send = send
+        self._field = field
+        self._origin: LocalFrame | None = None
+        self._part: int | None = number  # that it searches
+        self._flown: set[int] = set()
+        self._found: set[int] = set()
+        self._began = math.inf
         self._others: dict[int, News] = {}
         self._told: News | None = None
         self._now = -math.inf
@@ -71,6 +98,7 @@ class Teammate:
         """Another one has told this."""
         if news.number != self.number:
             self._others[news.number] = news
+            self._flown.update(news.flown)
 
     def tell(
         self,
@@ -80,12 +108,16 @@ class Teammate:
         flying: bool,
         hunting: int | None = None,
         found: tuple[int, ...] = (),
+        searching: bool = True,
     ) -> None:
         """Where its own vehicle is and what it does. It is passed on five times a second, and when that changes."""
         self._now = now
-        news, told = News(self.number, now, lla, flying, hunting, found), self._told
-        changed = told is None or (told.flying, told.hunting, told.found) != (flying, hunting, found)
-        if told is None or changed or now - told.time_s >= _EVERY_S:
+        self._began = min(self._began, now)
+        self._found.update(found)
+        part = self._part if searching else None
+        ever = tuple(sorted(self._found))
+        news, told = News(self.number, now, lla, flying, hunting, ever, part, tuple(sorted(self._flown))), self._told
+        if told is None or replace(told, time_s=now, lla=lla) != news or now - told.time_s >= _EVERY_S:
             self._told = news
             self._send(news)
 
@@ -95,6 +127,55 @@ class Teammate:
         Of two that fly there the lower number goes on.
         """
         return any(id_ in other.found or self._hunts(other, id_, own=own) for other in self._others.values())
+
+    def plan(self, plan: SearchPlan, origin: LocalFrame) -> SearchPlan:
+        """The plan with the team's area as it is seen from the take-off point."""
+        self._origin = origin
+        return plan if self._field is None else replace(plan, area=self._field.seen_from(origin))
+
+    def strips(self, plan: SearchPlan, position: Position) -> Strips:
+        """The way over its own part, then over those that others have left."""
+        area = self.area()
+        if area is None:
+            return Strips(plan.area, plan.speed, position, width=plan.strip_width)
+        return TeamStrips(area, plan, position, self)
+
+    def area(self) -> Area | None:
+        """The part that it searches, from its take-off point."""
+        if self._field is None or self._origin is None or self._part is None:
+            return None
+        return self._field.seen_from(self._origin, self._part)
+
+    def done(self) -> None:
+        """All strips of its part are flown."""
+        if self._part is not None:
+            self._flown.add(self._part)
+            self._part = None
+
+    def claim(self) -> Area | None:
+        """A part that is nobody's, the next one to its own first: from now on it is this one's. None: there is none."""
+        left = self._left()
+        if left:
+            self._part = min(left, key=lambda part: (abs(part - self.number), part))
+        return self.area() if left else None
+
+    @property
+    def yields(self) -> bool:
+        """Whether one with a lower number searches the same part, or it is flown: it is given up."""
+        part = self._part
+        if part is None:
+            return False
+        lower = any(other.part == part and other.number < self.number for other in self._alive())
+        if lower or part in self._flown:
+            self._part = None
+        return self._part is None
+
+    @property
+    def waits(self) -> bool:
+        """Whether others still search parts that they might leave."""
+        if self._field is None:
+            return False
+        return len(self._flown) < self._field.count and bool(self._held())
 
     def apart(self, frame: LocalFrame, position: Position, velocity: Position) -> Position:
         """The velocity without what would lead to another vehicle. Position NED [m] in `frame`; velocity NED [m/s]."""
@@ -112,21 +193,63 @@ class Teammate:
                 north, east = north - towards * to_n / distance, east - towards * to_e / distance
         return north, east, down
 
+    def _alive(self) -> list[News]:
+        return [other for other in self._others.values() if self._now - other.time_s <= _OLD_S]
+
+    def _held(self) -> set[int]:
+        """The parts that others search. One that was never heard may still come."""
+        assert self._field is not None
+        held = {other.part for other in self._alive() if other.part is not None}
+        if self._now - self._began < _ABSENT_S:
+            held |= set(range(self._field.count)) - self._others.keys() - {self.number}
+        return held - self._flown
+
+    def _left(self) -> set[int]:
+        if self._field is None:
+            return set()
+        return set(range(self._field.count)) - self._flown - self._held()
+
     def _hunts(self, other: News, id_: int, *, own: bool) -> bool:
         if other.hunting != id_ or self._now - other.time_s > _OLD_S:
             return False
         return not own or other.number < self.number
 
 
-class Bus:
-    """Passes the news of each search to all others in the same program."""
+class TeamStrips(Strips):
+    """The strips of one's own part of a team's area, then of the parts that others leave. While others still search,
+    it hovers at the end of its own and waits for one of them to leave its part."""
 
-    def __init__(self) -> None:
+    def __init__(self, area: Area, plan: SearchPlan, position: Position, team: Teammate) -> None:
+        super().__init__(area, plan.speed, position, width=plan.strip_width)
+        self._plan = plan
+        self._team = team
+
+    @property
+    def exhausted(self) -> bool:
+        return self.flown and not self._team.waits
+
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        velocity = super().velocity(time_s, position)
+        if self.flown:
+            self._team.done()
+        elif self._team.yields:
+            self._next = len(self.lanes)
+        if not self.flown or (area := self._team.claim()) is None:
+            return STILL if self.flown else velocity
+        Strips.__init__(self, area, self._plan.speed, position, width=self._plan.strip_width)
+        return super().velocity(time_s, position)
+
+
+class Bus:
+    """Passes the news of each search to all others in the same program. `field`: what they divide."""
+
+    def __init__(self, field: TeamField | None = None) -> None:
         self._mates: list[Teammate] = []
+        self._field = field
 
     def join(self) -> Teammate:
         """One more search."""
-        mate = Teammate(len(self._mates), self._pass_on)
+        mate = Teammate(len(self._mates), self._pass_on, self._field)
         self._mates.append(mate)
         return mate
 

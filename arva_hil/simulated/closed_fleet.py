@@ -18,8 +18,7 @@ from arva_hil.registry import FORMATS
 from arva_hil.runtime.drivers import Live
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.plan import SearchPlan
-from arva_hil.search.strips import Area
-from arva_hil.search.team import Bus, divide, layer_m
+from arva_hil.search.team import Bus, TeamField, layered
 from arva_hil.simulated.closed_loop import HOME
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
@@ -52,7 +51,6 @@ class Drone(NamedTuple):
     vehicle: SimulatedVehicle
     search: SearchClient
     commands: Link
-    area: Area  # from its take-off point
 
 
 class ClosedFleet:
@@ -79,10 +77,11 @@ class ClosedFleet:
         scenario = replace(scenario, datum=datum)
         self.frame = LocalFrame(datum.lat, datum.lon, datum.alt)
         self._scenario = scenario
-        count, bus = len(scenario.vehicles), Bus()
+        count = len(scenario.vehicles)
+        bus = Bus(TeamField(plan.area, self.frame, count))
         autopilots, ports, simulators = dict[str, Link](), dict[str, Link](), list[Simulator]()
         self.drones: list[Drone] = []
-        for n, (config, area) in enumerate(zip(scenario.vehicles, divide(plan.area, count), strict=True)):
+        for n, config in enumerate(scenario.vehicles):
             east = (n - (count - 1) / 2) * APART_M
             lat, lon, alt = (float(value) for value in self.frame.lla([0.0, east, 0.0]))
             system = config.system or n + 1
@@ -93,15 +92,8 @@ class ClosedFleet:
             (receiver,) = config.receivers
             autopilots[config.name], ports[sink_name(config, receiver)] = near, given
             simulators.append(Simulator([vehicle], [far, vehicle_end]))
-            south, west, north, east_end = area
-            own = replace(
-                plan,
-                area=(south, west - east, north, east_end - east),
-                height=plan.height + layer_m(n),
-                take_off=plan.take_off + layer_m(n),
-            )
             search = SearchClient(
-                own,
+                layered(plan, n),
                 Session(target_system=system, rate_hz=stream_hz, component=COMPONENT),
                 search_end,
                 taken,
@@ -110,7 +102,7 @@ class ClosedFleet:
                 emit=lambda event, name=config.name: emit(name, event),  # type: ignore[misc]
                 team=bus.join(),
             )
-            self.drones.append(Drone(config.name, vehicle, search, vehicle_end, own.area))
+            self.drones.append(Drone(config.name, vehicle, search, vehicle_end))
         setups = vehicle_setups(
             scenario, lambda v: v.name, lambda v: Session(target_system=v.system, rate_hz=stream_hz)
         )

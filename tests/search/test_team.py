@@ -15,7 +15,7 @@ from arva_hil.runtime.clock import Clock, StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search import STRATEGIES
 from arva_hil.search.plan import SearchPlan
-from arva_hil.search.team import Bus, News, Teammate, divide
+from arva_hil.search.team import Bus, News, TeamField, Teammate, divide
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
 
@@ -106,6 +106,79 @@ def test_no_velocity_leads_to_another_vehicle(
     mate = alone(1)
     mate.hear(News(2, 0.0, at(*other), flying))
     assert mate.apart(FRAME, (0.0, 0.0, -3.0), wanted) == pytest.approx(allowed, abs=1e-3)
+
+
+class Flyer:
+    """A vehicle without a body: it flies the strips of its team as they say, 10 m in a step of a second."""
+
+    def __init__(self, bus: Bus, east: float) -> None:
+        self.mate = bus.join()
+        self._origin = LocalFrame(*at(0, east, 0))
+        self._east = east
+        self._plan = self.mate.plan(SearchPlan(STRATEGIES["flux"], speed=10.0, strip_width=30.0), self._origin)
+        self.place = (0.0, 0.0, -3.0)
+        self.strips = self.mate.strips(self._plan, self.place)
+        self.track: list[tuple[float, float]] = []  # in the team's frame
+
+    def step(self, now: float, *, searching: bool = True) -> None:
+        self.mate.tell(now, at(self.place[0], self.place[1] + self._east, 3), flying=True, searching=searching)
+        if searching:
+            north, east = self.strips.velocity(now, self.place)
+            self.place = (self.place[0] + north, self.place[1] + east, -3.0)
+            self.track.append((self.place[0], self.place[1] + self._east))
+
+    def was_in(self, part: int) -> bool:
+        south, west, north, east = divide((-60.0, -45.0, 60.0, 45.0), 3)[part]
+        norths = [n for n, e in self.track if west < e < east]
+        return bool(norths) and min(norths) < south + 2 and max(norths) > north - 2
+
+
+def flyers() -> list[Flyer]:
+    bus = Bus(TeamField((-60.0, -45.0, 60.0, 45.0), FRAME, 3))
+    return [Flyer(bus, east) for east in (-5.0, 0.0, 5.0)]
+
+
+def test_each_searches_its_own_part_and_they_end_when_all_are_flown() -> None:
+    team = flyers()
+    for second in range(40):
+        for one in team:
+            one.step(float(second))
+    assert [[one.was_in(part) for part in range(3)] for one in team] == np.eye(3, dtype=bool).tolist()
+    assert all(one.strips.exhausted for one in team)
+
+
+@pytest.mark.parametrize("how", ["silent", "ended", "never there"])
+def test_the_strips_of_one_that_is_lost_are_flown_by_another(how: str) -> None:
+    team, lost_at = flyers(), 0 if how == "never there" else 4
+    for second in range(150):
+        for number, one in enumerate(team):
+            if number != 1 or second < lost_at:
+                one.step(float(second))
+            elif how == "ended":
+                one.step(float(second), searching=False)
+        if second == 45:  # nobody waits for a part that nobody flies, but for one that may still come
+            assert team[0].strips.exhausted is (how != "never there")
+    assert team[0].was_in(1) != team[2].was_in(1)  # by one of them
+    assert team[0].strips.exhausted
+    assert team[2].strips.exhausted
+
+
+def test_who_waits_for_another_hovers_and_of_two_that_claim_one_part_the_lower_number_goes_on() -> None:
+    mates = [Bus(TeamField((-60.0, -45.0, 60.0, 45.0), FRAME, 3)).join() for _ in range(1)]
+    first, second = mates[0], Teammate(1, lambda news: None, TeamField((-60.0, -45.0, 60.0, 45.0), FRAME, 3))
+    for mate, other in ((first, second), (second, first)):
+        mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
+        mate.tell(0.0, HOME, flying=True)
+        mate.hear(News(other.number, 0.0, at(0, 9, 3), True, part=other.number))
+        mate.hear(News(2, 0.0, at(0, 9, 3), True, part=2))
+        mate.done()
+        assert mate.claim() is None
+        assert mate.waits
+        mate.hear(News(2, 0.0, at(0, 9, 3), True, part=None))
+        assert mate.claim() == pytest.approx(divide((-60.0, -45.0, 60.0, 45.0), 3)[2], abs=1e-6)
+        mate.hear(News(other.number, 0.0, at(0, 9, 3), True, part=2))
+    assert not first.yields
+    assert second.yields
 
 
 class Field:
