@@ -55,7 +55,7 @@ def test_what_is_sent_comes_out_cut_anywhere(format, data, size):
 
 @pytest.mark.parametrize("format", FORMATS)
 @given(data=st.data())
-def test_a_decoder_of_version_1_has_the_frames_at_once_and_nothing_to_complain_of(format, data):
+def test_a_decoder_of_version_1_has_the_frames_and_no_complaint(format, data):
     frames = data.draw(st.lists(measured(format), min_size=1, max_size=3))
     decoder = Decoder()
     for frame in frames:

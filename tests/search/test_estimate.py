@@ -82,9 +82,8 @@ def test_readings_that_are_late_are_put_where_they_were_made(late_s: int, seed: 
     assert flight.error_m < 1
 
 
-@pytest.mark.parametrize("seed", [2, 4])
-def test_a_position_that_drifts_is_averaged(seed: int) -> None:
-    scenario = replace(draw(Random(50.0, (0.0, 2.0)), seed), seed=seed)
+def test_a_position_that_drifts_is_averaged() -> None:
+    scenario = replace(draw(Random(50.0, (0.0, 2.0)), 4), seed=4)
     result = trial.fly(trial.Trial("estimate", scenario, gps_noise_m=1.0))
     assert result.outcome == "found"
     assert result.error_m is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import random
 import re
@@ -219,16 +220,22 @@ class Hand:
         return self._at
 
 
+@functools.cache
+def ended_at(make: Callable[[], Any]) -> float:
+    """When a search ends that nobody takes over, s."""
+    rehearsal = World(make())
+    rehearsal.until(lambda: rehearsal.client.mission and rehearsal.client.mission.ended)
+    return rehearsal.clock.now()
+
+
 @BOTH
 @pytest.mark.parametrize("ms", range(0, 400, 25))
 def test_a_switch_just_before_the_search_ends_is_not_overridden(make: Callable[[], Any], ms: int) -> None:
     """Whenever the pilot switches: what the vehicle is in at the end is what the pilot has chosen."""
-    rehearsal = World(make())
-    rehearsal.until(lambda: rehearsal.client.mission and rehearsal.client.mission.ended)
     world = World(make())
     said = modes_said(world)
     wanted = POSITION if isinstance(world.vehicle, Px4) else int(Mode.LOITER)
-    switches = rehearsal.clock.now() + 0.061 - ms / 1e3
+    switches = ended_at(make) + 0.061 - ms / 1e3
     world._tasks.insert(0, Hand(world, wanted, switches))  # type: ignore[arg-type]
     world.end()
     world.pass_s(5)
