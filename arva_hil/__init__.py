@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from arva_hil.api import load_scenario, replay, run_live
     from arva_hil.config import FaultKind, Scenario, ScenarioError
     from arva_hil.config.constraints import Number, Whole
-    from arva_hil.emulator.emulated_vehicle import ReceiverSetup, VehicleSetup, one_vehicle
+    from arva_hil.emulator.emulated_vehicle import VehicleSetup, one_vehicle
     from arva_hil.emulator.engine import Emulator
-    from arva_hil.emulator.frame_source import Output
+    from arva_hil.emulator.frame_source import Output, ReceiverSetup
     from arva_hil.errors import ArvaError, KindError, UnknownKindError
     from arva_hil.events import Event, FrameMade
     from arva_hil.field import LocalFrame, Transmitters, dipole_field
@@ -45,9 +45,9 @@ _MODULES: Final = {
     "api": "load_scenario replay run_live",
     "config": "FaultKind Scenario ScenarioError",
     "config.constraints": "Number Whole",
-    "emulator.emulated_vehicle": "ReceiverSetup VehicleSetup one_vehicle",
+    "emulator.emulated_vehicle": "VehicleSetup one_vehicle",
     "emulator.engine": "Emulator",
-    "emulator.frame_source": "Output",
+    "emulator.frame_source": "Output ReceiverSetup",
     "errors": "ArvaError KindError UnknownKindError",
     "events": "Event FrameMade",
     "field": "LocalFrame Transmitters dipole_field",

@@ -9,8 +9,7 @@ from typing import Final
 from arva_hil.config import Scenario
 from arva_hil.emulator.burial import Burial
 from arva_hil.emulator.datum import Datum
-from arva_hil.emulator.formats import encoder, host_form
-from arva_hil.emulator.frame_source import FrameSource
+from arva_hil.emulator.frame_source import FrameSource, ReceiverSetup
 from arva_hil.emulator.true_state import true_state
 from arva_hil.events import DatumSet, Event, FollowedSystemHeard, FollowedSystemSilent, VehicleStatus
 from arva_hil.field import LocalFrame, rotation
@@ -85,15 +84,6 @@ def followed_systems(scenarios: Iterable[Scenario], start: float) -> dict[int, F
 
 
 @dataclass(frozen=True)
-class ReceiverSetup:
-    """One receiver. `sink`: the link for its frames; for formats inside MAVLink, the autopilot's own."""
-
-    name: str
-    sink: str
-    scenario: Scenario
-
-
-@dataclass(frozen=True)
 class VehicleSetup:
     """One vehicle with its receivers. `link`: the link on which it is heard; `session`: follows it there."""
 
@@ -128,17 +118,7 @@ class EmulatedVehicle:
         self.datum = Datum(setup.scenario, start)
         self.true_state = true_state(setup.scenario, setup.session, start)
         self.sources = [
-            FrameSource(
-                self.name,
-                receiver.name,
-                receiver.sink,
-                receiver.scenario,
-                encoder(receiver.scenario.output_format, setup.session),
-                host=host_form(receiver.scenario.output_format),
-                start=start,
-                max_age_s=max_age_s,
-                phase=phase,
-            )
+            FrameSource(self.name, receiver, setup.session, start=start, max_age_s=max_age_s, phase=phase)
             for receiver in setup.receivers
         ]
         self.told_missing = False

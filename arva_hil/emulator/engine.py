@@ -21,14 +21,8 @@ from typing import Final
 from arva_hil.config import ReceiverConfig, Scenario, VehicleConfig
 from arva_hil.emulator.agenda import Agenda
 from arva_hil.emulator.datum import MOVE_DATUM
-from arva_hil.emulator.emulated_vehicle import (
-    EmulatedVehicle,
-    ReceiverSetup,
-    SharedLink,
-    VehicleSetup,
-    followed_systems,
-)
-from arva_hil.emulator.frame_source import FrameSource, Output
+from arva_hil.emulator.emulated_vehicle import EmulatedVehicle, SharedLink, VehicleSetup, followed_systems
+from arva_hil.emulator.frame_source import FrameSource, Output, ReceiverSetup
 from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.events import Event, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import receiver
-from arva_hil.emulator.formats import frame_of
+from arva_hil.emulator.formats import encoder, frame_of, host_form
 from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.virtual_receiver import VirtualReceiver
 from arva_hil.events import (
@@ -26,7 +26,8 @@ from arva_hil.events import (
 from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
 from arva_hil.field import MovingTransmitters
-from firmware_proto import Frame, HostForm
+from arva_hil.vehicle.session import Session
+from firmware_proto import Frame
 
 if TYPE_CHECKING:
     from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
@@ -96,29 +97,28 @@ class Output(NamedTuple):
     answer: CommandAnswered | None = None
 
 
+@dataclass(frozen=True)
+class ReceiverSetup:
+    """One receiver. `sink`: the link for its frames; for formats inside MAVLink, the autopilot's own."""
+
+    name: str
+    sink: str
+    scenario: Scenario
+
+
 class FrameSource:
     """Remembers one receiver and its schedule, the outputs that wait, and the counters of all frames.
 
-    `name`: of the receiver, `sink`: of the link for its frames. `encode`: (frame, its instant in ms on the vehicle's
-    clock) → bytes, b"" if it cannot be sent to anybody. `host`: how commands are encoded on the port, None if there are
-    none. `max_age_s`: an older pose is not used. `phase`: of its frames, in periods after `start`.
+    `vehicle`, `session`: name and session of its vehicle. `max_age_s`: an older pose is not used. `phase`: of its
+    frames, in periods after `start`.
     """
 
     def __init__(
-        self,
-        vehicle: str,
-        name: str,
-        sink: str,
-        scenario: Scenario,
-        encode: Callable[[Frame, int], bytes],
-        *,
-        host: HostForm | None = None,
-        start: float,
-        max_age_s: float,
-        phase: float = 0.0,
+        self, vehicle: str, setup: ReceiverSetup, session: Session, *, start: float, max_age_s: float, phase: float = 0
     ) -> None:
+        name, scenario = setup.name, setup.scenario
         self.name = name
-        self.sink = sink
+        self.sink = setup.sink
         self.counters = Counters()
         rate_hz = scenario.receiver.rate_hz
         self.schedule = Schedule(start + phase / rate_hz, rate_hz, scenario.receiver.jitter_s, scenario.seed)
@@ -131,11 +131,11 @@ class FrameSource:
         self.receiver = VirtualReceiver(vehicle, name, scenario, heard_by, start=start, max_age_s=max_age_s)
         self.receiver.plan(self.schedule.deadline)
         self.commands: HostCommands | None = None
-        if host:
+        if host := host_form(scenario.output_format):
             self.commands = HostCommands(vehicle, name, scenario, host, heard_by.command, self._restart, start=start)
         self._first = 0  # the number of the first frame since the receiver was started
         self._vehicle = vehicle
-        self._encode = encode
+        self._encode = encoder(scenario.output_format, session)
         self._format = scenario.output_format
         self._start = start
         self._refused = False

@@ -10,8 +10,9 @@ import pytest
 from one_receiver import Diary
 
 from arva_hil.config import Scenario, parse
-from arva_hil.emulator.emulated_vehicle import ReceiverSetup, VehicleSetup
+from arva_hil.emulator.emulated_vehicle import VehicleSetup
 from arva_hil.emulator.engine import Emulator, scenario_of, sink_name, vehicle_setups
+from arva_hil.emulator.frame_source import ReceiverSetup
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.mavlink.codec import Encoder, dialect

@@ -23,8 +23,9 @@ from arva_hil.config import (
     Transmitter,
     parse,
 )
-from arva_hil.emulator.emulated_vehicle import ReceiverSetup, VehicleSetup
+from arva_hil.emulator.emulated_vehicle import VehicleSetup
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.frame_source import ReceiverSetup
 from arva_hil.emulator.true_state import PoseError
 from arva_hil.events import FrameMade, PoseLost, PoseMissing
 from arva_hil.field import LocalFrame, rotation

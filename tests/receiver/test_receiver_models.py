@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from arva_hil.config import MountOptions, Noise, ReceiverOptions, Scenario, Transmitter, parse_fault
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.datum import Datum
-from arva_hil.emulator.frame_source import FrameSource
+from arva_hil.emulator.frame_source import FrameSource, ReceiverSetup
 from arva_hil.events import FrameMade
 from arva_hil.field import LocalFrame
 from arva_hil.receiver import Answer, Antennas, Look, PaperReceiver, Reading, ReceiverModel, ReceiverSettings
 from arva_hil.registry import RECEIVERS
 from arva_hil.vehicle.pose_track import VehicleState
-from firmware_proto import encode
+from arva_hil.vehicle.session import Session
 
 PLACE = (46.0, 8.0, 1650.0)
 START = 12345.678  # of the run, on the driver's clock
@@ -86,9 +86,7 @@ class Vehicle:
 
 
 def source(scenario: Scenario, *, start: float = START) -> FrameSource:
-    made = FrameSource(
-        "vehicle", "receiver", "port", scenario, lambda frame, boot_ms: encode(frame), start=start, max_age_s=2.0
-    )
+    made = FrameSource("vehicle", ReceiverSetup("receiver", "port", scenario), Session(), start=start, max_age_s=2.0)
     made.place(moving_transmitters(scenario, LocalFrame(*PLACE)))
     return made
 
