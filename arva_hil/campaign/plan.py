@@ -17,7 +17,10 @@ from typing import Any, Final
 
 from arva_hil.campaign.trial import Trial
 from arva_hil.config import NoiseKind, Scenario, Transmitter, to_dict
-from arva_hil.config.campaign import CampaignPlan, Random
+from arva_hil.config.campaign import CampaignPlan
+from arva_hil.config.drawn import Random
+from arva_hil.config.receiver import ReceiverOptions
+from arva_hil.config.transmitter import KeyingOptions
 from arva_hil.field import rotation
 
 FORMAT: Final = 1  # of the results; a new one changes every key
@@ -56,6 +59,9 @@ def trials(plan: CampaignPlan) -> Iterator[Planned]:
                 wind=wind(wind_m_s, seed),
                 gps_noise_m=gps_noise_m,
                 limit_s=plan.limit_s[strategy],
+                victims=plan.victims,
+                area=plan.area_m,
+                strip_width_m=plan.strip_width_m,
             )
             rest = {f.name: getattr(trial, f.name) for f in dataclasses.fields(trial) if f.name != "scenario"}
             yield Planned(_digest([FORMAT, name, content, rest]), trial, name, wind_m_s)
@@ -68,12 +74,21 @@ def wind(speed_m_s: float, seed: int) -> tuple[float, float, float]:
 
 
 def draw(kind: Random, seed: int) -> Scenario:
-    """The random scenario of a seed. Its values are rounded to 1 mm and 0.001°, to be the same on all machines."""
+    """The random scenario of a seed: `count` transmitters. Places are rounded to 1 mm and angles to 0.001°, to be the
+    same on all machines.
+    """
     r = random.Random(f"transmitter {seed}")
-    north, east = (round((2 * r.random() - 1) * kind.within_m, 3) for _ in "ne")
-    low, high = kind.depth_m
-    down = round(low + (high - low) * r.random(), 3)
-    return Scenario((Transmitter(1, (north, east, down), attitude=_any_attitude(r)),), source=str(kind))
+    within_m = kind.within_m or 0.0
+    south, west, north, east = kind.area_m or (-within_m, -within_m, within_m, within_m)
+    sides = (south, north), (west, east)
+    keying = KeyingOptions(kind.keying) if kind.keying else None
+    buried = []
+    for id_ in range(1, kind.count + 1):
+        n, e = ((low + high) / 2 + (2 * r.random() - 1) * (high - low) / 2 for low, high in sides)
+        low, high = kind.depth_m
+        place = round(n, 3), round(e, 3), round(low + (high - low) * r.random(), 3)
+        buried.append(Transmitter(id_, place, attitude=_any_attitude(r), keying=keying))
+    return Scenario(tuple(buried), receiver=ReceiverOptions(model=kind.model), source=str(kind))
 
 
 def _axes(plan: CampaignPlan) -> tuple[Sequence[Any], ...]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Final
 
 from arva_hil.config.common import NOISE_KINDS, SEED, NoiseKind
-from arva_hil.config.constraints import Constraint, ListOf, Named, Number, Numbers, Spec, Text, Whole, Word
+from arva_hil.config.constraints import Constraint, ListOf, Named, Number, Spec, Text, Whole, Word
+from arva_hil.config.drawn import Area, AreaM, HowMany, Random
 from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation, nearest, wrong
 from arva_hil.config.nodes import Value, first_line, value_of
 from arva_hil.config.profiles import located
@@ -20,7 +21,6 @@ SPEC: Final = 1
 MOST_TRIALS: Final = 100_000_000
 _MOST_VALUES: Final = 100_000  # of one axis
 _NOT_FLOWN: Final = ("navigation_error", "follows", "vehicles", "terrain")  # one vehicle, above flat ground
-_DEPTH: Final = Number(-100, 100, unit="m")
 
 
 class _Strategy(Named):
@@ -105,27 +105,6 @@ class _ByStrategy(Constraint):
         return {"anyOf": [one, {"type": "object", "additionalProperties": one}]}
 
 
-class _Depths(Numbers):
-    def read(self, value: Any) -> Any:
-        low, high = super().read(value)
-        if low > high:
-            raise wrong("the smaller one first", f"[{low:g}, {high:g}]")
-        return low, high
-
-
-@table()
-class Random:
-    """One transmitter, another for each seed: uniform within ±`within_m` north and east of home, uniform in depth
-    from `depth_m`[0] to [1], its attitude uniform among all rotations."""
-
-    within_m: Annotated[float, Number(0, 10_000, above=True, unit="m"), Help("north and east of home, each way")]
-    depth_m: Annotated[tuple[float, float], _Depths(_DEPTH, _DEPTH), Help("from, to")] = (0.0, 2.0)
-
-    def __str__(self) -> str:
-        low, high = self.depth_m
-        return f"random within {self.within_m:g} m at {low:g} to {high:g} m"
-
-
 class _File(Constraint):
     """A scenario file, relative to a folder, or a random one; a file's own mistakes are collected in `problems`."""
 
@@ -185,6 +164,7 @@ def _stem(path: str) -> str:
 
 _HEIGHT: Final = Number(0, 1000, above=True, unit="m")
 _SPEED: Final = Number(0, 100, above=True, unit="m/s")
+_WIDTH: Final = Number(1, 1000, unit="m")
 _LIMIT: Final = Number(0, 86_400, above=True, unit="s")
 _WIND: Final = _Axis(Number(0, 100, unit="m/s"), "numbers")
 _GPS_NOISE: Final = _Axis(Number(0, 1000, unit="m"), "numbers")
@@ -207,13 +187,22 @@ class PlanFile:
     height_m: Annotated[Any, _ByStrategy(_HEIGHT), Help("held in the search")] = 3.0
     speed_m_s: Annotated[Any, _ByStrategy(_SPEED), Help("of the search")] = 1.0
     limit_s: Annotated[Any, _ByStrategy(_LIMIT), Help("of the search, then it lands")] = 900.0
+    victims: Annotated[Any, HowMany(), Help("how many transmitters are searched for, or all")] = 1
+    area_m: Annotated[Any, AreaM(), Help("searched in strips: south, west, north, east of home")] = (
+        -50.0,
+        -50.0,
+        50.0,
+        50.0,
+    )
+    strip_width_m: Annotated[float, _WIDTH, Help("of the strips")] = 40.0
     success_m: Annotated[float, _HEIGHT, Help("how near the place reported has to be")] = 2.0
 
 
 @dataclass(frozen=True)
 class CampaignPlan:
     """What a campaign tries: all of it crossed. `noise` None is the scenario's own; heights, speeds and limits are
-    by strategy; `success_m`: how near the place reported has to be to the transmitter."""
+    by strategy; `victims`: how many are searched for, None: all; `success_m`: how near the place reported has to be to
+    the transmitter."""
 
     strategies: tuple[str, ...]
     scenarios: Mapping[str, Scenario | Random]  # by name
@@ -225,6 +214,9 @@ class CampaignPlan:
     height_m: Mapping[str, float]
     speed_m_s: Mapping[str, float]
     limit_s: Mapping[str, float]
+    victims: int | None
+    area_m: Area
+    strip_width_m: float
     success_m: float
 
 
@@ -271,6 +263,10 @@ def _read(top: Value, file: _File) -> CampaignPlan:
     count = math.prod(map(len, axes))
     if count > MOST_TRIALS:
         violations.append(Violation(f"at most {MOST_TRIALS}", f"{count} trials"))
+    for name, one in given.get("scenarios", {}).items():
+        count = one.count if isinstance(one, Random) else len(one.transmitters)
+        if 0 < count < (wanted := values["victims"] or 1):
+            violations.append(Violation(f"at most {count}, the transmitters of {name}", str(wanted), path=("victims",)))
     if violations or file.problems:
         raise ConstraintError(*violations, problems=file.problems)
     return CampaignPlan(**values)

@@ -191,15 +191,16 @@ class Mission:
             with self._failing():
                 return checked_velocity(strategy.velocity(time_s, receiver))
             return STILL
+        if self.victims.several and (place := self.victims.heard_at(self.others, receiver)):
+            return towards(receiver, place, self.plan.speed)
         velocity = self._strips.velocity(time_s, receiver)
         if not self._strips.exhausted:
             return velocity
-        if self.victims.several and self.victims.back():
-            self._strips.again()
-            return STILL
-        if self.victims.wanted is None and self.victims.places and not self.others:
-            return self._end(FOUND if self.sure else NOT_SURE)
-        return self._end(self._not_all("on all strips", "no signal: all strips are flown"))
+        if self.victims.back():
+            return self._strips.again()
+        if self.victims.wanted or not self.victims.places or self.others:
+            return self._end(self._not_all("on all strips", "no signal: all strips are flown"))
+        return self._end(FOUND if self.sure else NOT_SURE)
 
     def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
         """If it lands, it lands at the place found."""
@@ -235,10 +236,9 @@ class Mission:
 
     def _not_all(self, where: str, nothing: str) -> str:
         """How it ends without all that was searched for."""
-        if not (count := len(self.victims.places)):
-            return nothing
-        wanted, more = self.victims.wanted, len(self.others)
-        return f"{count} of {wanted} found {where}" if wanted else f"{count} found {where}, {more} more heard"
+        wanted, more, count = self.victims.wanted, len(self.others), len(self.victims.places)
+        some = f"{count} of {wanted} found {where}" if wanted else f"{count} found {where}, {more} more heard"
+        return some if count else nothing
 
     def _bounded(self, velocity: Velocity) -> Velocity:
         """The velocity, limited to the planned speed."""

@@ -63,9 +63,10 @@ class Strips:
         share = min(max(along / math.dist((a_n, a_e), (b_n, b_e)) ** 2, 0.0), 1.0)
         self._back = a_n + share * (b_n - a_n), a_e + share * (b_e - a_e)
 
-    def again(self) -> None:
-        """From the first lane on."""
+    def again(self) -> Velocity:
+        """Begin with the first lane again."""
         self._next, self._back = 0, None
+        return STILL
 
 
 def _lanes(area: Area, width: float, position: Position) -> list[tuple[float, float]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -17,9 +17,9 @@ from arva_hil.events.searches import (
     VictimNoted,
 )
 from arva_hil.search.explained import Explained
-from arva_hil.search.heard import NO_ID, id_of
+from arva_hil.search.heard import NO_ID, HeardTransmitter, id_of
 from arva_hil.search.receiver_host import Asked, ReceiverHost
-from arva_hil.search.strategy import Found, Observation
+from arva_hil.search.strategy import Found, Observation, Position
 from firmware_proto import MORE_TRANSMITTERS, Frame
 from firmware_proto.commands import DONE, IDENTIFY, MARK, UNKNOWN
 
@@ -30,6 +30,7 @@ _NEAR_CM: Final = 600  # so near to it: farther away receivers refuse
 _SIGMA_M: Final = 0.4  # of a place whose strategy tells none
 _WITHIN: Final = 2.45  # sigma: 95 % of a place
 _LEAST_M: Final = 1.0  # apart, that two places are two
+_THERE_M: Final = 2.0  # from where somebody was heard
 _LONG_S: Final = 240.0  # for one transmitter, while another is heard or there are strips left
 
 
@@ -74,6 +75,7 @@ class Victims:
         self._known: dict[int, int] = {}  # which place is a transmitter's
         self._together: set[frozenset[int]] = set()  # ids of one frame: they are of different transmitters
         self._aside: set[int] = set()
+        self._visited: set[int] = set()
         self._doubted: set[int] = set()
         self._explained = Explained()
         self._more = False
@@ -153,6 +155,17 @@ class Victims:
         self._aside.add(id_)
         return True
 
+    def heard_at(self, others: Mapping[int, HeardTransmitter], position: Position) -> tuple[float, float] | None:
+        """Where to fly because somebody was heard there who is not found: the nearest place, each once a victim."""
+        there = {id_: heard.nearest_at for id_, heard in others.items() if id_ not in self._aside | self._visited}
+        while there:
+            id_ = min(there, key=lambda id_: math.dist(there[id_], position[:2]))
+            if math.dist(there[id_], position[:2]) > _THERE_M:
+                return there[id_]
+            self._visited.add(id_)
+            del there[id_]
+        return None
+
     def back(self) -> bool:
         """Who was put aside is searched for again. Whether there was anybody."""
         there = bool(self._aside)
@@ -171,6 +184,7 @@ class Victims:
     def note(self, heard: Iterable[int], time_s: float) -> None:
         """The newest place is told, and who is left of those `heard`."""
         self.noting = False
+        self._visited.clear()
         victim = self.places[-1]
         place = victim.found.north, victim.found.east
         about = len(self.places), self.wanted, *place, victim.sure, victim.marked, self.left(heard), self._more

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from arva_hil.campaign.plan import draw, size, trials, wind
 from arva_hil.config import Scenario, ScenarioError, load
-from arva_hil.config.campaign import CampaignPlan, Random, load_plan, parse_plan
+from arva_hil.config.campaign import CampaignPlan, load_plan, parse_plan
+from arva_hil.config.drawn import Random
 from arva_hil.field import rotation
 
 from .fakes import planned
@@ -44,6 +45,9 @@ take_off_m: [1, 2]
 height_m: {estimate: 2}
 speed_m_s: 1.5
 limit_s: {flux: 60, estimate: 120}
+victims: all
+area_m: [-80, -70, 60, 50]
+strip_width_m: 30
 success_m: 3
 """
     plan = parse_plan(text, str(CONFIGS / "campaigns" / "p.yaml"))
@@ -61,6 +65,9 @@ success_m: 3
         height_m={"flux": 3.0, "estimate": 2.0},
         speed_m_s={"flux": 1.5, "estimate": 1.5},
         limit_s={"flux": 60.0, "estimate": 120.0},
+        victims=None,
+        area_m=(-80.0, -70.0, 60.0, 50.0),
+        strip_width_m=30.0,
         success_m=3.0,
     )
 
@@ -74,7 +81,14 @@ def test_a_short_plan_has_the_defaults_of_a_trial() -> None:
 
 @pytest.mark.parametrize(
     ("name", "count"),
-    [("paper", 4 * 25 * 4 * 3), ("random", 500 * 3)],
+    [
+        ("paper", 4 * 25 * 4 * 3),
+        ("random", 500 * 3),
+        ("two_victims", 200),
+        ("four_victims", 200),
+        ("four_published", 3 * 200),
+        ("pila", 200),
+    ],
 )
 def test_the_plans_that_come_with_it(name: str, count: int) -> None:
     path = CONFIGS / "campaigns" / f"{name}.yaml"
@@ -106,6 +120,10 @@ def test_the_plans_that_come_with_it(name: str, count: int) -> None:
         (MINIMAL + "height_m: {estimate: 2}", ["3:12: unknown key 'estimate', expected flux"]),
         (MINIMAL + "speed_m_s: {flux: fast}", ["3:19: 'fast', expected a number above 0, at most 100"]),
         (MINIMAL + "limit_s: [1]", ["3:10: a list of 1, expected a number above 0, at most 86400"]),
+        (MINIMAL + "victims: 0", ["3:10: '0', expected a whole number 1…16, or all"]),
+        (MINIMAL + "victims: every", ["3:10: 'every', expected a whole number 1…16, or all"]),
+        (MINIMAL + "victims: 2", ["3:10: 2, expected at most 1, the transmitters of random within 50 m"]),
+        (MINIMAL + "area_m: [0, 0, -1, 5]", ["3:9: [0, 0, -1, 5], expected south, west, north, east"]),
         (MINIMAL + "success_m: .nan", ["3:12: '.nan', expected a number above 0, at most 1000"]),
         (
             "strategies: [flx]\nscenarios: {random: {within_m: 5}}",
@@ -114,7 +132,10 @@ def test_the_plans_that_come_with_it(name: str, count: int) -> None:
         ("strategies: flux\nscenarios: []", ["2:12: a list of 0, expected a list of 1 to 100000 scenarios"]),
         ("strategies: flux\nscenarios: [[a]]", ["2:13: a list of 1, expected a scenario file or {random: …}"]),
         ("strategies: flux\nscenarios: {}", ["2:12: no random, expected a mapping with random"]),
-        ("strategies: flux\nscenarios: {random: {}}", ["2:21: no within_m, expected a mapping with within_m"]),
+        (
+            "strategies: flux\nscenarios: {random: {}}",
+            ["2:21: no within_m or area_m, expected a mapping with exactly one of within_m, area_m"],
+        ),
         ("strategies: flux\nscenarios: {random: 5}", ["2:21: '5', expected a mapping with within_m, depth_m"]),
         (
             "strategies: flux\nscenarios: {random: {within_m: 0, depth_m: [2, 1]}}",
@@ -234,7 +255,16 @@ def test_a_seed_draws_the_same_whatever_else_is_planned() -> None:
 
 @pytest.mark.parametrize(
     "more",
-    ["seeds: [2]", "noise: off", "wind_m_s: 1", "gps_noise_m: 1", "take_off_m: 2", "height_m: 2", "limit_s: 5"],
+    [
+        "seeds: [2]",
+        "noise: off",
+        "wind_m_s: 1",
+        "gps_noise_m: 1",
+        "take_off_m: 2",
+        "height_m: 2",
+        "limit_s: 5",
+        "victims: all",
+    ],
 )
 def test_whatever_changes_a_trial_changes_its_key(more: str) -> None:
     assert planned(MINIMAL)[0].key != planned(MINIMAL + more)[0].key
@@ -255,6 +285,16 @@ def test_noise_is_the_scenarios_own_unless_the_plan_has_some(tmp_path: Path) -> 
     for more, kinds in [("", ["gaussian"]), ("noise: [off, uniform]", ["off", "uniform"])]:
         every = trials(parse_plan(plan + more, str(tmp_path / "p.yaml")))
         assert [one.trial.scenario.receiver.noise.kind for one in every] == kinds
+
+
+def test_several_are_drawn_each_of_its_own() -> None:
+    scenario = draw(Random(area_m=(0.0, 10.0, 5.0, 30.0), count=3, model="pulsed", keying="modern"), 7)
+    assert [transmitter.id for transmitter in scenario.transmitters] == [1, 2, 3]
+    places = [transmitter.ned for transmitter in scenario.transmitters]
+    assert len(set(places)) == 3
+    assert all(place and 0 <= place[0] <= 5 and 10 <= place[1] <= 30 for place in places)
+    assert scenario.receiver.model == "pulsed"
+    assert {transmitter.keying and transmitter.keying.kind for transmitter in scenario.transmitters} == {"modern"}
 
 
 @given(st.integers(0, 2**63 - 1), st.floats(0.1, 100), st.floats(-2, 2), st.floats(0, 5))

@@ -14,7 +14,7 @@ from world import PAPER, buried, fly
 
 from arva_hil.campaign import trial
 from arva_hil.campaign.plan import draw
-from arva_hil.config.campaign import Random
+from arva_hil.config.drawn import Random
 from arva_hil.search.estimate import Estimate
 from arva_hil.search.strategy import STILL, Observation
 

@@ -181,6 +181,18 @@ def test_who_is_hidden_by_others_is_not_silent() -> None:
     assert [o.heard for o in one.heard] == [True, False]
 
 
+def test_who_was_heard_on_the_way_is_looked_for_where_that_was() -> None:
+    rescue = Rescue(2)
+    rescue.step(beacon(1, 9), beacon(2, 20), at=(-30.0, 4.0, -1.0))
+    rescue.step(beacon(1, 9), at=(3.0, 4.0, -1.0))
+    rescue.find(beacon(1, 2))
+    place, now = AT, rescue.now
+    while place[0] > -27.0:
+        north, east = rescue.step(beacon(1, 9 + rescue.now % 7), at=place)
+        place = place[0] + north, place[1] + east, -1.0
+        assert rescue.now < now + 40
+
+
 # -- marking fails as it does for rescuers -----------------------------------------------------------------
 
 
