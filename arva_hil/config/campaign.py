@@ -10,9 +10,9 @@ from arva_hil.config.common import NOISE_KINDS, SEED, NoiseKind
 from arva_hil.config.constraints import Constraint, ListOf, Named, Number, Spec, Text, Whole, Word
 from arva_hil.config.drawn import Area, AreaM, HowMany, Random
 from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation, nearest, wrong
-from arva_hil.config.nodes import Value, first_line, value_of
+from arva_hil.config.nodes import Value, first_line
 from arva_hil.config.profiles import located
-from arva_hil.config.reading import Problems, read, read_text
+from arva_hil.config.reading import keys_in, read, read_text
 from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
 from arva_hil.config.tables import Help, TableOf, keys, read_keys, table
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
@@ -21,15 +21,6 @@ SPEC: Final = 1
 MOST_TRIALS: Final = 100_000_000
 _MOST_VALUES: Final = 100_000  # of one axis
 _NOT_FLOWN: Final = ("navigation_error", "follows", "vehicles", "terrain")  # one vehicle, above flat ground
-
-
-class _Strategy(Named):
-    """Also one that a class of the current folder is, so the JSON Schema takes any text."""
-
-    kind = "a strategy"
-
-    def json(self) -> dict[str, Any]:
-        return {"type": "string", "minLength": 1}
 
 
 class _Axis(Constraint):
@@ -175,7 +166,7 @@ class PlanFile:
     """The keys of a plan."""
 
     spec: Annotated[int, Spec(SPEC), Help("the version of this file format")] = field(default=1, kw_only=True)
-    strategies: Annotated[Any, _Axis(_Strategy(STRATEGIES)), Help("what flies")]
+    strategies: Annotated[Any, _Axis(Named(STRATEGIES, "a strategy")), Help("what flies")]
     scenarios: Annotated[Any, _Scenarios(), Help("files, relative to this one, and random ones, drawn by the seed")]
     seeds: Annotated[Any, _Seeds(SEED, "seeds"), Help("of the noise and of what is drawn")] = range(1, 2)
     noise: Annotated[Any, _Axis(Word(NOISE_KINDS)), Help("of the receiver; without it as the scenario has it")] = (
@@ -237,11 +228,8 @@ def parse_plan(text: str, source: str) -> CampaignPlan:
 
 def is_plan(text: str) -> bool:
     """Whether a text looks like a plan and not like a scenario."""
-    try:
-        root = value_of(Problems("").compose(text, ""), SPEC)
-    except ScenarioError:
-        return False
-    return isinstance(root, dict) and "transmitters" not in root and bool(root.keys() & {"strategies", "scenarios"})
+    names = keys_in(text)
+    return "transmitters" not in names and bool(names & {"strategies", "scenarios"})
 
 
 def _read(top: Value, file: _File) -> CampaignPlan:

@@ -160,12 +160,17 @@ class Word(Constraint):
 
 @dataclass(frozen=True)
 class Named(Constraint):
-    """A name of what is in a registry: built in, or of a package that works."""
+    """A name of what is in a registry: built in, or of a package that works. `word`: the kind, if not all names."""
 
     registry: Registry
+    word: str = ""
 
     def __str__(self) -> str:
         return any_of(list(self.registry))
+
+    @property
+    def kind(self) -> str:
+        return self.word or str(self)
 
     def read(self, value: Any) -> str:
         if not isinstance(value, str):
@@ -180,7 +185,7 @@ class Named(Constraint):
         return str(value)
 
     def json(self) -> dict[str, Any]:
-        return {"enum": self.registry.names()}
+        return {"type": "string", "minLength": 1} if self.registry.references else {"enum": self.registry.names()}
 
 
 @dataclass(frozen=True)

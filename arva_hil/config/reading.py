@@ -113,6 +113,15 @@ class _Loader(yaml.BaseLoader):
         return node
 
 
+def keys_in(text: str) -> set[str]:
+    """The keys of the mapping that a text is; none if it is none."""
+    try:
+        root = value_of(Problems("").compose(text, ""), 1)
+    except ScenarioError:
+        return set()
+    return set(root) if isinstance(root, Mapping) else set()
+
+
 def end_of(text: str) -> yaml.Mark:
     """The place behind a text; lines are counted as YAML does."""
     lines = _BREAK.split(text)
