@@ -25,7 +25,7 @@ from arva_hil.cli.outcome import SignalGuard, interrupting, unexpected_error
 from arva_hil.emulator.engine import Emulator
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import read_tlog
-from arva_hil.observers.record import recorder
+from arva_hil.observers.record import growing_files
 from arva_hil.runtime.clock import StepClock
 
 from .far_ends import Autopilot, Program, frames_in, read_frames, until
@@ -223,7 +223,7 @@ def test_an_error_on_a_thread_ends_the_command_with_its_cause(
 
         return write
 
-    monkeypatch.setattr(recorder, "_writing", writing)
+    monkeypatch.setattr(growing_files, "_writing", writing)
     what = ("replay", DATA / "px4.tlog") if command == "replay" else ("--port", "pty", "--autopilot", "pty")
     code, _, err = arva(*what, "--record", tmp_path)
     assert code == 1
