@@ -110,7 +110,7 @@ def main(options: argparse.Namespace) -> int:
         start = clock.now()
         loop = ClosedLoop(
             chosen,
-            search.plan_of(options),
+            search.plan_of(options, chosen),
             autopilot=autopilot,
             commands=memory.pair(),
             port=port,

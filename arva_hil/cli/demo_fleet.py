@@ -43,7 +43,7 @@ def fly(options: argparse.Namespace, base: Scenario) -> int:
 
         loop = ClosedFleet(
             chosen,
-            search.plan_of(options),
+            search.plan_of(options, chosen),
             start=clock.now(),
             observers=surroundings.observers,
             tell_packets=bool(options.record),

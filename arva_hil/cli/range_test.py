@@ -8,6 +8,7 @@ import io
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.recorded import make_folder, needing, write
@@ -18,9 +19,11 @@ from arva_hil.pictures.range_test import drawn
 from arva_hil.range_test.data_sheet import DataSheet, as_dict, lines, measured, table
 from arva_hil.range_test.walk import RangePlan
 
+_PASSES: Final = 100
+
 
 def main(options: argparse.Namespace) -> int:
-    plan = RangePlan(options.range_height, options.walking_speed, options.stable, options.walks)
+    plan = RangePlan(options.range_height, options.walking_speed, options.stable, options.walks, passes=_PASSES)
     if options.out:
         with needing("plots", "the picture of --out"):
             import matplotlib  # noqa: F401 (before minutes of walking)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import sys
 from collections.abc import Callable
@@ -16,8 +17,9 @@ from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, SignalGuard, UsageError
 from arva_hil.cli.run_links import check_ground_station, signing
 from arva_hil.cli.search_report import as_dict, close_log, result, would_order
-from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there
+from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there, tell
 from arva_hil.cli.watchers import close_all, live_observers, open_page
+from arva_hil.config import Scenario, ScenarioError, parse
 from arva_hil.events import Event
 from arva_hil.events.searches import SetPointPlanned, WouldOrder
 from arva_hil.field.mount import Mount
@@ -51,7 +53,8 @@ _EXIT: Final = {
 }
 
 
-def plan_of(options: argparse.Namespace) -> SearchPlan:
+def plan_of(options: argparse.Namespace, scenario: Scenario | None = None) -> SearchPlan:
+    """Of the options; `scenario`: whose receiver `--strip-width auto` means."""
     return SearchPlan(
         STRATEGIES[options.strategy],
         speed=options.max_speed,
@@ -59,12 +62,37 @@ def plan_of(options: argparse.Namespace) -> SearchPlan:
         take_off=options.take_off,
         trust_gps=options.trust_height,
         area=options.area,
-        strip_width=options.strip_width,
+        strip_width=_strip_width(options, scenario),
         patience_s=options.patience,
         limit_s=options.limit,
         victims=None if options.victims == "all" else options.victims,
         mount=Mount(options.mount[:3], from_euler(*map(math.radians, options.mount[3:]))),
     )
+
+
+def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> float:
+    """As given, or as wide as a receiver allows. Raises UsageError."""
+    given = options.strip_width
+    if isinstance(given, float):
+        return given
+    from arva_hil.range_test.strips import strip_width  # slow to import
+
+    if given != "auto":
+        file = {"spec": 2, "transmitters": [{"id": 0, "ned": [0, 0, 0]}], "receiver": {"profile": given}}
+        try:
+            scenario = parse(json.dumps(file), "--strip-width")
+        except ScenarioError as error:
+            raise UsageError(*error.problems) from None
+    if scenario is None:
+        raise UsageError("--strip-width auto: give the receiver's profile, e.g. --strip-width builtin:two_antennas")
+    width = strip_width(scenario, options.height, options.max_speed)
+    if width is None:
+        raise UsageError(f"--strip-width {given}: that receiver hears too little for strips")
+    tell(
+        f"strips at most {width.metres:.0f} m wide: 1.26 × the range for the weakest transmitter; "
+        f"{width.detection:.1%} of simulated flights along such a strip hear it"
+    )
+    return width.metres
 
 
 def main(options: argparse.Namespace) -> int:

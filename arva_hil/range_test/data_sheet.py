@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final, NamedTuple
 
 from arva_hil.config import Scenario
+from arva_hil.range_test.strips import detection, formula_m
 from arva_hil.range_test.walk import COUPLINGS, HOVER_LOAD, Coupling, RangePlan, Walk, walked
 from arva_hil.safe_text import table_lines
 
 _LEAST_M: Final = 30.0  # coaxially; testers find less unacceptable
 _LEAST_SHARE: Final = 0.5  # of that, turned by 90°
-_STRIP: Final = 1.26  # Schreilechner, Eck, Schober, ISSW 2009
 
 
 class Row(NamedTuple):
@@ -120,8 +120,14 @@ def _judged(sheet: DataSheet) -> Iterator[str]:
             share = turned.mean_m / coaxial.mean_m
             verdict = "enough" if share >= _LEAST_SHARE else "too little"
             yield f"{when}turned by 90° {share:.0%} of that: {verdict} (testers want {_LEAST_SHARE:.0%} or more)"
-        strip_m = _STRIP * (coaxial.mean_m - 2 * coaxial.sigma_m)
-        yield f"{when}search strips of {strip_m:.0f} m: {_STRIP:g} × (coaxial mean − 2 s.d.)"
+        strip_m = formula_m(coaxial.walks)
+        if strip_m is None:
+            continue
+        yield f"{when}search strips of {strip_m:.0f} m: 1.26 × (coaxial mean − 2 s.d.)"
+        if sheet.plan.passes:
+            widths = strip_m, 1.5 * strip_m, 2 * strip_m
+            heard = [f"{detection(sheet.scenario, sheet.plan, w, motors=motors):.1%} at {w:.0f} m" for w in widths]
+            yield f"{when}flights along strips that hear it, however and wherever it lies there: {', '.join(heard)}"
 
 
 def as_dict(sheet: DataSheet) -> dict[str, Any]:

@@ -6,6 +6,7 @@ The transmitter lies at the origin; the receiver comes from the north, at one he
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -50,6 +51,7 @@ class RangePlan:
     walks: int = 10  # in each coupling
     start_m: float = 120.0  # doubled while the signal is stable from the start on
     farthest_m: float = 2000.0
+    passes: int = 0  # flights along search strips of each width, to see how many hear the transmitter
 
 
 class Walk(NamedTuple):
@@ -94,40 +96,48 @@ def _walk(
     scenario: Scenario, coupling: Coupling, plan: RangePlan, number: int, start_m: float, motors: bool
 ) -> tuple[Floats, Floats]:
     """True range and d of each frame."""
-    alone = _alone(scenario, coupling, number)
-    model, there, noise = receiver(alone), transmitters(alone, _HERE), vehicle_noise(alone)
+
+    def place(time_s: float) -> tuple[float, float, float]:
+        return max(start_m - plan.speed_m_s * time_s, 0.0), 0.0, -plan.height_m
+
+    one, heading = alone(scenario, coupling.transmitter, number), math.radians(coupling.receiver_yaw)
+    rows = list(frames(one, place, heading, start_m / plan.speed_m_s, motors=motors))
+    return np.array([range_m for range_m, _ in rows]), np.array([d_m for _, d_m in rows])
+
+
+def frames(
+    one: Scenario, place: Callable[[float], tuple[float, float, float]], heading: float, span_s: float, *, motors: bool
+) -> Iterator[tuple[float, float]]:
+    """True range and d of each frame of a receiver that is carried past its transmitter, which lies at the origin.
+
+    `place`: NED, metres, by the time; `heading`: radians.
+    """
+    model, there, noise = receiver(one), transmitters(one, _HERE), vehicle_noise(one)
     impairment = None
     if motors and noise is not None:
-        impairment = Impairment(noise_na_m=noise.sigma_na_m(alone.receiver.mount.position, HOVER_LOAD))
-    turned = rotation.to_matrix(rotation.from_euler(0.0, 0.0, math.radians(coupling.receiver_yaw)))
-
-    def place(time_s: float) -> NDArray[np.float64]:
-        return np.array([max(start_m - plan.speed_m_s * time_s, 0.0), 0.0, -plan.height_m])
-
-    ranges: list[float] = []
-    distances: list[float] = []
-    period_s, before_s = 1 / alone.receiver.rate_hz, _START
-    for frame in range(math.floor(start_m / plan.speed_m_s / period_s) + 1):
+        impairment = Impairment(noise_na_m=noise.sigma_na_m(one.receiver.mount.position, HOVER_LOAD))
+    turned = rotation.to_matrix(rotation.from_euler(0.0, 0.0, heading))
+    period_s, before_s = 1 / one.receiver.rate_hz, _START
+    for frame in range(math.floor(span_s / period_s) + 1):
         frame_s = frame * period_s
         while before_s < frame_s and (look_s := model.next_look(before_s, frame_s)) <= frame_s:
             if not look_s > before_s:
                 raise ValueError(f"the receiver's model looks at {look_s:g} s, not later than {before_s:g} s")
-            model.look(Look(look_s, Pose(place(look_s), turned), there, impairment=impairment))
+            model.look(Look(look_s, Pose(np.array(place(look_s)), turned), there, impairment=impairment))
             before_s = look_s
         heard = [channel.d_cm for channel in model.show(frame_s).channels if channel.zone]
-        ranges.append(float(np.linalg.norm(place(frame_s))))
-        distances.append(min(heard) / 100 if heard else math.nan)
-    return np.array(ranges), np.array(distances)
+        yield float(np.linalg.norm(place(frame_s))), min(heard) / 100 if heard else math.nan
 
 
-def _alone(scenario: Scenario, coupling: Coupling, number: int) -> Scenario:
-    """The scenario with its first transmitter alone, at the origin, and the seed of a walk."""
+def alone(scenario: Scenario, attitude: tuple[float, float, float], number: int) -> Scenario:
+    """The scenario with its first transmitter alone, at the origin, and the seed of a walk. `attitude`: degrees."""
     first: Transmitter = replace(
         scenario.transmitters[0],
         ned=(0.0, 0.0, 0.0),
         lla=None,
         path=None,
         follows=None,
-        attitude=coupling.transmitter,
+        depth_m=None,
+        attitude=attitude,
     )
-    return replace(scenario, transmitters=(first,), faults=(), seed=(scenario.seed + number) % 2**32)
+    return replace(scenario, transmitters=(first,), faults=(), terrain=None, seed=(scenario.seed + number) % 2**32)

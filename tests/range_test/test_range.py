@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from arva_hil.config import DEFAULT, Noise, Scenario, parse
+from arva_hil.emulator.build import transmitters
+from arva_hil.field import LocalFrame
 from arva_hil.range_test.data_sheet import as_dict, lines, measured, table
-from arva_hil.range_test.walk import COUPLINGS, RangePlan, signals, walked
+from arva_hil.range_test.strips import detection, strip_width
+from arva_hil.range_test.walk import COUPLINGS, RangePlan, alone, signals, walked
 
 COAXIAL, TURNED, VERTICAL = COUPLINGS
 FLAT = RangePlan(height_m=0.0, walks=1)
@@ -100,11 +103,12 @@ def test_single_signals_from_far_away_do_not_count() -> None:
 
 
 def test_the_sheet_says_what_testers_ask_and_its_numbers_are_those_of_the_walks() -> None:
-    sheet = measured(quiet(), RangePlan(height_m=0.0, walks=2))
-    *_, coaxial, turned, strip = lines(sheet)
+    sheet = measured(quiet(), RangePlan(height_m=0.0, walks=2, passes=2))
+    *_, coaxial, turned, strip, heard = lines(sheet)
     assert coaxial == "coaxial 54.5 m: enough (testers want 30 m or more)"
     assert turned == "turned by 90° 100% of that: enough (testers want 50% or more)"
     assert strip == "search strips of 69 m: 1.26 × (coaxial mean − 2 s.d.)"
+    assert heard.startswith("flights along strips that hear it, however and wherever it lies there: 100.0% at 69 m")
     rows = list(table([sheet]))
     assert rows[0] == ("receiver", "coupling", "motors", "walk", "first_m", "stable_m")
     assert len(rows) == 1 + 3 * 2
@@ -118,3 +122,27 @@ def test_the_same_seed_gives_the_same_sheet_and_another_another() -> None:
     first, again = (as_dict(measured(DEFAULT, plan)) for _ in range(2))
     assert first == again
     assert as_dict(measured(replace(DEFAULT, seed=99), plan))["couplings"] != first["couplings"]
+
+
+@pytest.mark.parametrize(("profile", "metres"), [("two_antennas", 47.4), ("deafened", 29.6)])
+def test_strips_as_wide_as_the_formula_has_them_miss_one_in_a_hundred(profile: str, metres: float) -> None:
+    width = strip_width(pulsed(profile), 3.0, 1.0)
+    assert width is not None
+    assert width.metres == pytest.approx(metres, abs=0.5)
+    assert width.detection >= 0.985
+
+
+def test_wider_strips_miss_more_and_what_hears_nothing_has_none() -> None:
+    chosen = pulsed("two_antennas")
+    shares = [detection(chosen, RangePlan(passes=40), width) for width in (60.0, 140.0, 220.0)]
+    assert shares == sorted(shares, reverse=True)
+    assert shares[0] > 0.97
+    assert shares[2] < 0.7
+    deaf = replace(chosen, receiver=replace(chosen.receiver, options={"threshold_na_m": 1e9}))
+    assert strip_width(deaf, 3.0, 1.0) is None
+
+
+def test_a_transmitter_with_a_depth_lies_at_the_origin_as_every_other() -> None:
+    deep = replace(DEFAULT, transmitters=(replace(DEFAULT.transmitters[0], depth_m=5.0),))
+    at = transmitters(alone(deep, (0.0, 0.0, 0.0), 0), LocalFrame(0.0, 0.0, 0.0)).positions
+    assert at.tolist() == [[0.0, 0.0, 0.0]]

@@ -112,9 +112,21 @@ def add_plan(parser: CommandParser) -> None:
         area,
         (-50.0, -50.0, 50.0, 50.0),
     )
-    parser.option("--strip-width M", "of the strips", number(1, 1000, " of m"), 40.0)
+    parser.option(
+        "--strip-width M|auto|PROFILE",
+        "of the strips; auto: as wide as the scenario's receiver allows for the weakest transmitter; the profile of a "
+        "receiver (a file or builtin:NAME): as wide as that one allows",
+        strip_width,
+        40.0,
+    )
     parser.option("--patience S", "hover without frames, then end", seconds, 10.0)
     parser.option("--limit S", "end the search after this long", seconds, 900.0)
+
+
+def strip_width(text: str) -> float | str:
+    """A converter for a width in metres, or where it is to be taken from."""
+    is_number = not text or text[0] in "+-.0123456789"
+    return number(1, 1000, " of m")(text) if is_number else text
 
 
 def victims(text: str) -> int | str:
