@@ -24,7 +24,8 @@ class Agenda:
 
     def call(self, vehicle: EmulatedVehicle) -> None:
         """Something arrived for a vehicle: serve it next time."""
-        self._called.add(self._number[vehicle])
+        if len(self._vehicles) > 1:
+            self._called.add(self._number[vehicle])
 
     def due(self, now: float) -> Sequence[EmulatedVehicle]:
         """The vehicles to serve at `now`, in their order. Call `served` for each of them."""
