@@ -43,7 +43,7 @@ def frame_of(reading: Reading, sequence: int, time_s: float = 0.0, measured: str
     status |= firmware_proto.SELF_TEST_FAULT if reading.failed else 0
     status |= firmware_proto.OVERLAP if reading.overlapping else 0
     status |= 0 if reading.searching else firmware_proto.NOT_SEARCHING
-    channels = (Channel(c.id, c.zone, c.d_cm, c.delta_deg, c.marked) for c in reading.channels)
+    channels = [Channel(id_, zone, d, delta, marked) for id_, zone, d, delta, _, marked, _ in reading.channels]
     frame = Frame(sequence, status, tuple(channels))
     return frame._replace(measured=_measured(reading, time_s, measured)) if measured in MEASURED_FORMATS else frame
 

@@ -257,6 +257,8 @@ class FdLink(StreamLink):
         return self._fd if self._open else None
 
     def _receive(self) -> bytes:
+        if data := os.read(self._fd, CHUNK):
+            return data
         if not await_descriptors([self._fd]):  # a terminal with VMIN 0 reads b"" both when idle and when hung up
             raise BlockingIOError
         return os.read(self._fd, CHUNK)

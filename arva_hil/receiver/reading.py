@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 
 class Zone(IntEnum):
@@ -30,8 +31,7 @@ class PulseReading:
     level_dbfs: float | None = None  # of receivers that give the strength
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelReading:
+class ChannelReading(NamedTuple):
     """One slot of the receiver. An empty slot has no id, zone OUTER and the no-signal values.
 
     `true_range_m`: the distance to the slot's transmitter. Empty slots have the distances of transmitters that no slot

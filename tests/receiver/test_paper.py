@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import replace
 from decimal import ROUND_HALF_UP, Decimal
 
 import magpylib
@@ -219,7 +218,7 @@ def test_an_empty_slot(no_signal: tuple[int, int]) -> None:
     receiver = Receiver(transmitters((90, 0, 0)), QUIET, 2, no_signal)
     empty = ChannelReading(None, Zone.OUTER, *no_signal, None)
     assert receiver.nothing() == Reading((empty, empty), False, False)
-    assert here(receiver) == Reading((replace(empty, true_range_m=90.0), empty), False, False)
+    assert here(receiver) == Reading((empty._replace(true_range_m=90.0), empty), False, False)
 
 
 def test_the_true_ranges_of_what_is_not_heard_are_in_the_empty_slots_nearest_first() -> None:
