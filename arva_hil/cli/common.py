@@ -11,7 +11,6 @@ import math
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from arva_hil.cli import outcome
 from arva_hil.cli.outcome import Failure, SignalGuard, UsageError
@@ -29,13 +28,9 @@ from arva_hil.observers.console import LinePrinter, Printer, as_json, plain
 from arva_hil.observers.console.reasons import no_vehicle
 from arva_hil.observers.console.text import Notice
 from arva_hil.observers.record import Recorder, RecordError, RecordLayout
-from arva_hil.observers.web.address import Address
 from arva_hil.registry import OBSERVERS
 from arva_hil.runtime.clock import Clock
 from arva_hil.runtime.loop import Task, run
-
-if TYPE_CHECKING:
-    from arva_hil.observers.web.page import WebPage
 
 
 def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
@@ -172,11 +167,7 @@ class Run:
         self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
         render = functools.partial(as_json, named=several) if options.json else plain if lines else None
         self._lines = LinePrinter(open_stdout(), render, patient=patient) if render else None
-        self.page: WebPage | None = None
-        if isinstance(options.web, Address):
-            from arva_hil.cli.page import page_of_run  # its server takes 15 ms to import
-
-            self.page = page_of_run(options.web, kind, options, chosen, self.printer.say, named=several)
+        self.page = page_of_run(kind, options, chosen, self.printer.say, named=several)
         every = (self.printer, self._lines, self._recorder, self.page)
         self.observers: list[Observer] = [
             self,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from arva_hil.cli.arguments.shared import FOXGLOVE
 from arva_hil.cli.terminal import tell
@@ -13,8 +13,10 @@ from arva_hil.config import Scenario
 from arva_hil.observers.audience import Observer
 from arva_hil.observers.console.text import Notice
 from arva_hil.observers.web.address import DEFAULT_HOST, HostPort
-from arva_hil.observers.web.page import WebPage
-from arva_hil.observers.web.state import State
+
+if TYPE_CHECKING:  # what a page needs takes 15 ms to import: only when one is wanted
+    from arva_hil.observers.web.page import WebPage
+    from arva_hil.observers.web.state import State
 
 _LOCAL: Final = ("127.", "localhost", "::1")
 _POSE: Final = ("GLOBAL_POSITION_INT", "ATTITUDE")
@@ -31,6 +33,8 @@ def page_of_run(
     datum = chosen.datum if not isinstance(chosen.datum, str) else None
 
     def state() -> State:
+        from arva_hil.observers.web.state import State
+
         return State(
             kind,
             Path(chosen.source).name,
@@ -48,6 +52,8 @@ def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Ca
     """The page at an address, None for none and "off". Raises WebError if it cannot be served. `say`: see above."""
     if not isinstance(wanted, HostPort):
         return None
+    from arva_hil.observers.web.page import WebPage
+
     page = WebPage(wanted, state())
     for line in said_of_page(page.address, wanted):
         say(line)
