@@ -64,8 +64,8 @@ class Says:
 
 
 @pytest.fixture
-def serve() -> Iterator[Callable[[Task], None]]:
-    """Serves a far end from the first word to it until the test is over."""
+def serve(keep: Keep) -> Iterator[Callable[[Task], None]]:
+    """Serves a far end from the first word to it until the test is over, and what is kept is closed after that."""
     over = threading.Event()
     threads: list[threading.Thread] = []
 

@@ -253,7 +253,7 @@ def test_a_broken_pipe_of_frames_ends_the_run_and_its_record_is_whole(
     assert "went away" not in program.err  # who ended it knows
     run = json.loads((record / "run.json").read_bytes())
     assert (run["exit_code"], run["ended"]) == (141, "-: the reader of this pipe went away")
-    assert len(frames_in((record / "frames.bin").read_bytes())) == run["counters"]["frames"] - 1
+    assert 0 < len(frames_in((record / "frames.bin").read_bytes())) < run["counters"]["frames"]  # not the last
 
 
 # -- what is left behind ------------------------------------------------------------------------------------
