@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from arva_hil.config import Scenario
-from arva_hil.emulator.burial import Burial
 from arva_hil.emulator.datum import Datum
 from arva_hil.emulator.frame_source import FrameSource, ReceiverSetup
+from arva_hil.emulator.placed_transmitters import PlacedTransmitters
 from arva_hil.emulator.true_state import true_state
 from arva_hil.events import DatumSet, Event, FollowedSystemHeard, FollowedSystemSilent, VehicleStatus
 from arva_hil.field import LocalFrame, rotation
@@ -126,9 +126,9 @@ class EmulatedVehicle:
         full_a = next((noise.full_current_a for noise in noises if noise.full_current_a), None)
         self._motors = MotorLoad(setup.session, full_a) if noises else None
         self._followed = followed
-        self._burial = Burial(setup.scenario, setup.session, self.sources)
+        self._transmitters = PlacedTransmitters(setup.scenario, setup.session, self.sources)
         if self.datum.frame:
-            self._burial.place(self.datum.frame)
+            self._transmitters.place(self.datum.frame)
 
     @property
     def known(self) -> bool:
@@ -145,11 +145,11 @@ class EmulatedVehicle:
         self.true_state.hear(now)
         if self._motors:
             self._motors.hear(now)
-        self._burial.hear(now)
+        self._transmitters.hear(now)
 
     def poll(self, now: float) -> bytes:
-        """What it is asked now."""
-        return self.session.poll(now) + self._burial.poll(now)
+        """The requests to the vehicle to send now."""
+        return self.session.poll(now) + self._transmitters.poll(now)
 
     def load(self) -> float:
         """The load of its motors now, 0…1."""
@@ -183,7 +183,7 @@ class EmulatedVehicle:
         """The datum has changed: move the transmitters. Returns the event."""
         change = self.datum.changes[-1]
         if self.datum.frame:
-            self._burial.place(self.datum.frame)
+            self._transmitters.place(self.datum.frame)
         return DatumSet(now, self.name, *change.lat_lon_alt, change.why)
 
     def status(self, now: float) -> VehicleStatus:

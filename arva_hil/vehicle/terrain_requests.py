@@ -19,7 +19,7 @@ _EVERY_S: Final = 0.2  # between two requests
 _HEIGHTS_M: Final = (-500.0, 9000.0)
 
 
-class TerrainQuestions:
+class TerrainRequests:
     """Remembers the places to request, and the answers in `heights` [m AMSL]. Each place is requested until it is
     answered: the autopilot may have to fetch its data first.
     """
@@ -35,7 +35,7 @@ class TerrainQuestions:
         """Whether an answer is missing."""
         return bool(self._open)
 
-    def ask(self, places: Sequence[LatLon]) -> None:
+    def request(self, places: Sequence[LatLon]) -> None:
         """Request these places from now on."""
         self.heights = {}
         self._open = list(dict.fromkeys(places))
