@@ -243,23 +243,15 @@ def vehicle_setups(
     `link_of`: gives the engine's name of a vehicle's link; `session_of`: its session. Sessions on one link need the
     same reader. Frames of a receiver without a port are sent over the vehicle's link.
     """
-    return [
-        VehicleSetup(
-            vehicle.name,
-            link_of(vehicle),
-            session_of(vehicle),
-            scenario,
-            [
-                ReceiverSetup(
-                    receiver.name,
-                    sink_name(vehicle, receiver) if receiver.port else link_of(vehicle),
-                    scenario_of(scenario, receiver),
-                )
-                for receiver in vehicle.receivers
-            ],
-        )
-        for vehicle in scenario.vehicles
-    ]
+    setups = []
+    for vehicle in scenario.vehicles:
+        link = link_of(vehicle)
+        receivers = [
+            ReceiverSetup(one.name, sink_name(vehicle, one) if one.port else link, scenario_of(scenario, one))
+            for one in vehicle.receivers
+        ]
+        setups.append(VehicleSetup(vehicle.name, link, session_of(vehicle), scenario, receivers))
+    return setups
 
 
 def check_systems(source: str, link: str, vehicles: Sequence[VehicleConfig]) -> None:

@@ -257,20 +257,16 @@ class Commander(FlightState):
 
     def _watch_pilot(self, now: float) -> None:
         """After a stick was moved, or with a low battery, give the vehicle to the pilot. PX4 does so by itself."""
-        flown = self.phase in (Phase.CLIMBING, Phase.FLYING)
+        flown, steered = self.phase in (Phase.CLIMBING, Phase.FLYING), self.sticks.moved and self._steered
         if not (why := self.sticks.moved or self.battery.why(now)):
             return
         if self._leave_alone(why):
             return
         if self.phase is Phase.ARMING or (self._modes.px4 and flown and not self.sticks.moved):
             self.hold(now, why)
-        elif self._modes.px4 and self.sticks.moved and self._steered:
+        elif self._modes.px4 and steered:
             self._lose(why, handed_over=True)
-        elif (
-            not self._modes.px4
-            and (flown or (self.sticks.moved and self._steered))
-            and self.phase is not Phase.YIELDING
-        ):
+        elif not self._modes.px4 and (flown or steered) and self.phase is not Phase.YIELDING:
             self.why = why
             self._enter(Phase.YIELDING, now, self._modes.yields)
             if not self.sticks.throttle_in_middle:

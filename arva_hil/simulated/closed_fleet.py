@@ -31,16 +31,10 @@ def several(scenario: Scenario, count: int) -> Scenario:
     """The scenario with `count` vehicles, each with its receiver. A scenario with vehicles is not changed."""
     if scenario.vehicles:
         return scenario
-    vehicles = [
-        VehicleConfig(
-            f"drone-{n + 1}",
-            system=n + 1,
-            receivers=(
-                ReceiverConfig("receiver", "pty", scenario.receiver, scenario.output_format, scenario.seed + n),
-            ),
-        )
-        for n in range(count)
-    ]
+    vehicles = []
+    for n in range(count):
+        receiver = ReceiverConfig("receiver", "pty", scenario.receiver, scenario.output_format, scenario.seed + n)
+        vehicles.append(VehicleConfig(f"drone-{n + 1}", system=n + 1, receivers=(receiver,)))
     return replace(scenario, vehicles=tuple(vehicles))
 
 
