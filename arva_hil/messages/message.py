@@ -88,4 +88,4 @@ def _field_type(hint: object) -> FieldType:
         return _field_type(get_args(hint)[0])._replace(sequence=True)
     if isinstance(hint, type) and issubclass(hint, Message):
         return FieldType("", hint)
-    raise TypeError(f"{hint}: no type of a message's field")
+    raise TypeError(f"{hint}: messages cannot have a field of this type")

@@ -50,7 +50,7 @@ class PulsedOptions:
 
     def __post_init__(self) -> None:
         if not all(0 <= gain <= 1 for gain in self.gains) or not any(self.gains):
-            raise ValueError(f"gains {list(self.gains)}: expected three values in [0, 1], of which one is above 0")
+            raise ValueError(f"gains {list(self.gains)}: expected three values in [0, 1], at least one above 0")
         if self.saturation_na_m is not None and self.saturation_na_m <= self.threshold_na_m:
             raise ValueError(
                 f"saturation_na_m {self.saturation_na_m:g}: expected above threshold_na_m ({self.threshold_na_m:g})"

@@ -68,7 +68,7 @@ class PersistentSigning(Signing):
         """Store the time stamps. Takes 10 s at most, also with a blocked disk."""
         kept = self.kept()
         finished = self._background.close(lambda: self._keep(kept, wait=True))
-        self._complain(self._error if finished else TimeoutError("another program or the disk holds it up"))
+        self._complain(self._error if finished else TimeoutError("another program or the disk blocks it"))
 
     def _load(self) -> KeptTimeStamps:
         try:
@@ -100,7 +100,7 @@ class PersistentSigning(Signing):
         say, self._say = self._say, None
         why = (error.strerror if isinstance(error, OSError) else None) or str(error)
         where = f"{self._file}: " if self._file else ""
-        say(f"{where}time stamps of signatures are not kept ({why}): packets recorded now may be believed later")
+        say(f"{where}time stamps of signatures are not stored ({why}): packets recorded now may be believed later")
 
 
 def _locks(file: FileIO, *, wait: bool) -> bool:
@@ -129,7 +129,7 @@ def _read(file: Path) -> KeptTimeStamps:
         if not all(type(n) is int and 0 <= n <= LARGEST for n in numbers):
             raise ValueError
     except (ValueError, TypeError, KeyError, RecursionError):
-        raise ValueError("it held something else") from None
+        raise ValueError("it contains something else") from None
     return KeptTimeStamps(newest, streams)
 
 

@@ -120,7 +120,7 @@ def test_a_home_that_cannot_be_written_is_one_line_and_the_run_goes_on(
     options = ["--port", "pty", "--autopilot", "pty", "--duration", "0.1", "--timeout", "0.1"]
     code, _, err = arva(*options, "--signing-key", key)
     assert code == 3
-    assert err.count("time stamps of signatures are not kept (Not a directory)") == 1
+    assert err.count("time stamps of signatures are not stored (Not a directory)") == 1
 
 
 def test_with_another_key_no_autopilot_is_heard(start: Start, keep: Keep, line: PtyLink, tmp_path: Path) -> None:

@@ -213,7 +213,7 @@ def test_a_file_that_is_something_else_is_said_once_and_replaced(file: Path, con
     assert process.believes(of_a_vehicle(3)) == 3
     process.ends()
     (said,) = process.said
-    assert f"{file}: time stamps of signatures are not kept (it held something else)" in said
+    assert f"{file}: time stamps of signatures are not stored (it contains something else)" in said
     assert json.loads(file.read_bytes())["newest"] > 0
 
 
@@ -245,7 +245,7 @@ def test_without_a_home_folder_it_is_said_once() -> None:
     assert process.believes(of_a_vehicle(3)) == 3
     process.ends()
     assert process.said == [
-        "time stamps of signatures are not kept (there is no home folder): packets recorded now may be believed later"
+        "time stamps of signatures are not stored (there is no home folder): packets recorded now may be believed later"
     ]
 
 
