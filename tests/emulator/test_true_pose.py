@@ -26,7 +26,7 @@ from arva_hil.config import (
 from arva_hil.emulator.emulated_vehicle import VehicleSetup
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.frame_source import ReceiverSetup
-from arva_hil.emulator.true_state import PoseError
+from arva_hil.emulator.true_state import PoseError, SimulatorTruth
 from arva_hil.events import FrameMade, PoseLost, PoseMissing
 from arva_hil.field import LocalFrame, rotation
 from arva_hil.links import memory
@@ -42,7 +42,6 @@ from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from arva_hil.vehicle.reasons import NoPose
 from arva_hil.vehicle.session import Session
-from arva_hil.vehicle.simulator_truth import SimulatorTruth
 
 HOME = (46.0123, 7.7456, 1650.0)
 QUIET = Scenario((Transmitter(1, ned=(20.0, 5.0, 0.0)),), receiver=ReceiverOptions(noise=Noise("off"), rate_hz=5.0))
