@@ -12,6 +12,7 @@ from arva_hil.config import Scenario
 from arva_hil.field import LocalFrame
 from arva_hil.mavlink.codec import dialect
 from arva_hil.receiver import Reading
+from arva_hil.vehicle.navigation import Place
 from arva_hil.vehicle.session import Session
 
 HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position is used instead
@@ -22,8 +23,6 @@ MOVE_DATUM: Final = frozenset(  # messages after which to look again
 )
 _SAME_PLACE_M: Final = 100.0  # nothing is heard at this distance
 _ARMING_S: Final = 2.0
-
-Place = tuple[float, float, float]  # degrees, degrees, metres AMSL
 
 
 class DatumChange(NamedTuple):
