@@ -38,7 +38,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from sitl_judge import BEGINS, SILENCE, Flight, Program, judge
+from sitl_judge import BEGINS, SILENCE, Buried, Flight, Program, judge
 from sitl_relay import Hands
 from sitl_simulator import HOME, Simulator, wait
 
@@ -52,22 +52,29 @@ AFTERWARDS_S: Final = 5.0
 KINDS: Final = ("anywhere", *SILENCE, "stop", "descent", "landing")
 
 
-def fly(binary: Path, folder: Path, kind: str, seed: int, options: list[str]) -> Flight:
+def fly(
+    binary: Path, folder: Path, kind: str, seed: int, options: list[str], victims: int = 1, model: str = "paper"
+) -> Flight:
     flight = Flight(binary.name, kind, seed, height_m(options), str(folder))
     draw = random.Random(f"{kind} {seed}")
     place = random.Random(f"transmitter {seed}")
-    ned = [round(place.uniform(low, high), 2) for low, high in ((-WITHIN_M, WITHIN_M), (-WITHIN_M, WITHIN_M), (0, 2))]
-    roll, pitch, yaw = place.uniform(-180, 180), place.uniform(-90, 90), place.uniform(-180, 180)
-    if kind in ("descent", "landing"):
-        ned = [4.0, 3.0, 0.0]
-    elif kind != "anywhere":
-        ned = [20.0, 15.0, 0.0]
-    attitude = f"{{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}"
+    within = (-WITHIN_M, WITHIN_M), (-WITHIN_M, WITHIN_M), (0, 2)
+    buried, lines = Buried(), list[str]()
+    for id_ in range(1, victims + 1):
+        ned = [round(place.uniform(low, high), 2) for low, high in within]
+        roll, pitch, yaw = place.uniform(-180, 180), place.uniform(-90, 90), place.uniform(-180, 180)
+        if kind in ("descent", "landing"):
+            ned = [4.0, 3.0, 0.0]
+        elif kind != "anywhere":
+            ned = [20.0, 15.0, 0.0]
+        buried[id_] = ned
+        lines.append(f"{{id: {id_}, ned: {ned}, attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}}}")
     scenario, port = folder / "scenario.yaml", folder / "receiver"
     datum = "{{lat: {}, lon: {}, alt: {}}}".format(*HOME)
     scenario.write_text(
-        f"spec: 1\nseed: {seed}\ndatum: {datum}\ntransmitters: [{{id: 1, ned: {ned}, attitude: {attitude}}}]\n"
+        f"spec: 2\nseed: {seed}\ndatum: {datum}\ntransmitters: [{', '.join(lines)}]\nreceiver: {{model: {model}}}\n"
     )
+    options = [*options, "--victims", str(victims)]
     if kind == "end":
         options = [*options, "--limit", f"{LIMIT_S:g}", "--area=0,-1,40,1"]
     stack = contextlib.ExitStack()
@@ -97,7 +104,7 @@ def fly(binary: Path, folder: Path, kind: str, seed: int, options: list[str]) ->
                 wait(lambda: not simulator.relay.armed, 60)
         time.sleep(1.5)
         flight.load = os.getloadavg()[0]
-        judge(flight, simulator, search, acted, ned)
+        judge(flight, simulator, search, acted, buried)
     return flight
 
 
@@ -171,7 +178,7 @@ def flights(options: argparse.Namespace) -> Iterator[Flight]:
         for seed in range(options.seed, options.seed + options.runs):
             of_one = folder / f"{options.binary.name}-{kind}-{seed}-{int(time.time())}"
             of_one.mkdir(parents=True)
-            flight = fly(options.binary, of_one, kind, seed, options.options)
+            flight = fly(options.binary, of_one, kind, seed, options.options, options.victims, options.model)
             with (folder / "results.jsonl").open("a") as results:
                 print(json.dumps(vars(flight)), file=results)
             yield flight
@@ -188,6 +195,8 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--runs", type=int, default=3, metavar="N", help="of each kind; default 3")
     parser.add_argument("--seed", type=int, default=1, help="of the first run of each kind")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    parser.add_argument("--victims", type=int, default=1, metavar="N", help="transmitters, all searched for; default 1")
+    parser.add_argument("--model", default="paper", help="of the receiver; default paper")
     parser.add_argument("--folder", help="for all files; default: a new one")
     options = parser.parse_args(ours)
     options.options = theirs

@@ -24,6 +24,8 @@ from arva_hil.field import LocalFrame
 from arva_hil.flight.authority import BOUND_MS
 from arva_hil.mavlink.codec import dialect
 
+Buried = dict[int, list[float]]  # transmitters: NED from home, by id
+
 TOUCHED_M: Final = 0.05
 LEAST_M: Final = 0.3  # what hovers is higher
 BEGINS: Final = "the search begins"
@@ -97,7 +99,7 @@ class Flight:
     outcome: str = ""
     how: str = ""
     time_s: float = 0.0
-    reported_m: float | None = None  # error of the place reported, by the estimate of the vehicle's place
+    reported_m: float | None = None  # largest error of the places reported, by the estimate of the vehicle's place
     stands_m: float | None = None  # where it came down, by that estimate,
     touchdown_m: float | None = None  # and in truth
     lowest_m: float | None = None  # true height while searching
@@ -127,14 +129,14 @@ class Flight:
         )
 
 
-def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | None, ned: list[float]) -> None:
+def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | None, buried: Buried) -> None:
     relay, places = simulator.relay, simulator.places
     flight.code = search.process.poll()
     with contextlib.suppress(ValueError):
         outcome = json.loads(search.out)
         flight.outcome, flight.how = outcome["outcome"], outcome["how"]
-        if found := outcome["found"]:
-            flight.reported_m = off(found["lat_lon"][0], found["lat_lon"][1], ned)
+        found = outcome["victims"] or ([outcome["found"] | {"id": outcome["id"]}] if outcome["found"] else [])
+        flight.reported_m = max((off(*one["lat_lon"], {one["id"]: buried[one["id"]]}) for one in found), default=None)
     begun, ended = search.said(BEGINS), min(search.said(ENDS) or math.inf, acted or math.inf)
     flight.time_s = (search.lines[-1][0] if search.lines else 0.0) - search.began
     flight.disarmed = not relay.armed
@@ -148,11 +150,11 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
     if places:
         down = (place for place in places if place.time_s > ended and place.alt - ground < TOUCHED_M)
         touched = next(down, places[-1])  # later the wind may push it over the ground
-        flight.touchdown_m = off(touched.lat, touched.lon, ned)
+        flight.touchdown_m = off(touched.lat, touched.lon, buried)
         flight.standing_m = places[-1].alt - ground
         kind = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
         estimates = [n.message for n in relay.notes if type(n.message).id == kind and n.time_s <= touched.time_s]
-        flight.stands_m = off(estimates[-1].lat / 1e7, estimates[-1].lon / 1e7, ned) if estimates else None
+        flight.stands_m = off(estimates[-1].lat / 1e7, estimates[-1].lon / 1e7, buried) if estimates else None
     target = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
     times = [n.time_s for n in relay.notes if n.up and type(n.message).id == target]
     flight.apart_s = max((b - a for a, b in pairwise(times)), default=0.0)
@@ -203,6 +205,7 @@ def orders(message: Any) -> bool:
     return target or getattr(message, "command", None) in moving
 
 
-def off(lat: float, lon: float, ned: list[float]) -> float:
+def off(lat: float, lon: float, buried: Buried) -> float:
+    """From a place to the nearest of them."""
     north, east, _ = LocalFrame(*HOME).ned(lat, lon, HOME[2])
-    return math.dist((north, east), ned[:2])
+    return min(math.dist((north, east), ned[:2]) for ned in buried.values())

@@ -114,7 +114,7 @@ def main(options: argparse.Namespace) -> int:
             stack.enter_context(closing(common.open_or_fail(url, clock, opener, patient=True)))
             for url, opener in ((options.autopilot, on_the_ground), (options.receiver, open_reconnecting))
         )
-        log = SearchLog(Path(options.record)) if options.record else None
+        log = SearchLog(Path(options.record), start_s=start) if options.record else None
         printer = Printer(sys.stderr)
         printer.say(f"autopilot: {autopilot.name}, receiver: {receiver.name}")
         printer.say(f"strategy {options.strategy}; {way}")
@@ -129,7 +129,7 @@ def main(options: argparse.Namespace) -> int:
             link = common.open_or_fail(options.gcs, clock, open_reconnecting, patient=True)
             live.append(GroundStation(link, lambda: session.vehicle.system if session.vehicle else None, COMPONENT))
             printer.say(f"ground station: {link.name}")
-        audience = Audience([printer, *live, *([page] if page else [])])
+        audience = Audience([printer, *live, *(one for one in (page, log) if one)])
 
         def emit(event: Event) -> None:
             audience.tell([event])

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from arva_hil.field import LocalFrame
 from arva_hil.recordings import RecordedReceiver, Recording
+from arva_hil.recordings.search import RecordedPlace, RecordedSearch
 from arva_hil.runtime.clock import utc
 
 Floats = NDArray[np.float64]
@@ -94,22 +95,31 @@ def _track(name: str, receiver: RecordedReceiver | None, time_s: Floats, lla: Fl
 
 def _found(recording: Recording) -> Iterator[Landmark]:
     search = recording.search
-    if search is None or (found := search.found) is None or found.lat_lon is None:
+    if search is None:
         return
+    count, last = len(search.victims), (search.found,) if search.found else ()
+    for number, found in enumerate(search.victims or last, 1):
+        if found.lat_lon is not None:
+            order = f"{number} of {count} in the order of probing; " if count else ""
+            yield _place_found(search, found, found.lat_lon, order + ("" if found.sure else "not sure; ") * bool(count))
+
+
+def _place_found(search: RecordedSearch, found: RecordedPlace, lat_lon: tuple[float, float], order: str) -> Landmark:
     down = found.down or 0.0
     alt = search.origin[2] - down if search.origin else 0.0
-    there = LocalFrame(*found.lat_lon, alt)
+    there = LocalFrame(*lat_lon, alt)
     outline = [(north - found.north, east - found.east, 0.0) for north, east in found.outline(PROBABILITY)]
     edge = np.stack(there.lla(outline), axis=-1)[:, :2].tolist() if outline else []
-    about = f"{search.how}; no uncertainty is known"
+    about = f"{order}{search.how}; no uncertainty is known"
     if ellipse := found.ellipse(PROBABILITY):
         major, minor, bearing = ellipse
         about = (
-            f"{search.how}; {PROBABILITY:.0%} inside an ellipse of {major:.2f} m × {minor:.2f} m (semi-axes), "
+            f"{order}{search.how}; {PROBABILITY:.0%} inside an ellipse of {major:.2f} m × {minor:.2f} m (semi-axes), "
             f"long axis {math.degrees(bearing) % 180:.0f}°"
         )
-    name = "place found" if search.target is None else f"place found: transmitter {search.target}"
-    yield Landmark("found", name, about, (*found.lat_lon, alt), [(lat, lon) for lat, lon in edge])
+    id_ = found.id if search.victims else search.target
+    name = "place found" if id_ is None else f"place found: transmitter {id_}"
+    return Landmark("found", name, about, (*lat_lon, alt), [(lat, lon) for lat, lon in edge])
 
 
 def _transmitters(recording: Recording) -> Iterator[Landmark]:

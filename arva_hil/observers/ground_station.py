@@ -19,6 +19,7 @@ from firmware_proto import Channel, Frame
 _EVERY_S: Final = 1.0
 _FIRST_ADDRESS: Final = 0xF0A000  # of a range that ICAO gives to no state
 _NO_ID: Final = 0xFF
+_MOST_NOTED: Final = 16
 
 
 class _ShownPlace(NamedTuple):
@@ -47,6 +48,7 @@ class GroundStation:
         self._origin: tuple[LocalFrame, float] | None = None  # and its altitude
         self._reaches_autopilot = False  # so that nothing is put on the map any more
         self._place: _ShownPlace | None = None
+        self._noted: list[_ShownPlace] = []  # of a search for several
         self._frame: Frame | None = None
 
     def observe(self, event: Event) -> None:
@@ -78,6 +80,9 @@ class GroundStation:
             sigma = _sigma(event.covariance)
             self._place = _ShownPlace(event.transmitter, event.north_m, event.east_m, sigma, True)
             self._due_s = -math.inf  # at once
+        elif isinstance(event, searches.TransmitterChosen) and self._place and self._place.found:
+            self._noted.append(self._place)
+            self._place = None
 
     def _tell(self, time_s: float) -> None:
         self._link.read()  # what a ground station says is not for us
@@ -85,8 +90,9 @@ class GroundStation:
             return
         self._encoder.system = system
         messages = [_HEARTBEAT, *self._values(round(time_s * 1e3) % 2**32)]
-        if self._place and self._origin and not self._reaches_autopilot:
-            messages.append(self._on_map(self._place, *self._origin))
+        if self._origin and not self._reaches_autopilot:
+            places = [*self._noted[-_MOST_NOTED:], *([self._place] if self._place else [])]
+            messages += [self._on_map(place, *self._origin) for place in places]
         self._link.write(b"".join(map(self._encoder.pack, messages)))
 
     def _values(self, boot_ms: int) -> list[Message]:

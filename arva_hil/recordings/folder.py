@@ -10,7 +10,7 @@ from typing import Any, Final
 from arva_hil.config import Lla, ScenarioError, parse
 from arva_hil.emulator.engine import receivers_of
 from arva_hil.observers.record.layout import EVENTS, READINGS, RUN, VERSION, RecordLayout
-from arva_hil.observers.record.search_log import TRACK
+from arva_hil.observers.record.search_log import NEWS, TRACK
 from arva_hil.recordings.lines import Lines, RecordingError, json_object, table
 from arva_hil.recordings.readings_file import read_receiver
 from arva_hil.recordings.recording import RecordedDatum, RecordedRun, Recording
@@ -39,8 +39,9 @@ def load(folder: Path) -> Recording:
         )
     if not has_run:
         search, notes = read_search(folder, None)
+        news, more = _events(folder / NEWS)
         started = search.started_utc_s if search else None
-        return Recording(folder, None, (), search, (), (), started, started, {}, tuple(notes))
+        return Recording(folder, None, (), search, tuple(news), (), started, started, {}, tuple(notes + more))
     run, notes = _run(folder / RUN)
     names = receivers_of(run.scenario) if run.scenario else _receivers_there(folder)
     layout, receivers = RecordLayout(tuple(names)), []
@@ -55,6 +56,10 @@ def load(folder: Path) -> Recording:
     events = [{**event, "time_s": event["time_s"] - start_s} for event in events]
     start_utc_s = seconds_of(text(first.get("utc"))) or _start_utc_s(folder / layout.tables[0])
     search, more = read_search(folder, start_utc_s)
+    news, of_news = _events(folder / NEWS)
+    notes += of_news
+    events += [{**event, "time_s": event["time_s"] + (search.start_s if search else 0.0)} for event in news]
+    events.sort(key=lambda event: event["time_s"])
     return Recording(
         folder,
         run,

@@ -6,6 +6,7 @@ import math
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,7 +27,8 @@ _MOST_PHASES: Final = 64
 class RecordedPlace:
     """The place that a search reports, metres from the take-off point, NED; `lat_lon` in degrees, None if not known.
 
-    `covariance`: of north and east, m² (nn, ne, ee); None: the strategy does not say how sure it is.
+    `covariance`: of north and east, m² (nn, ne, ee); None: the strategy does not say how sure it is. `id`: of the
+    transmitter, None if it is not known; `sure`: the readings agree with the place.
     """
 
     north: float
@@ -34,6 +36,8 @@ class RecordedPlace:
     down: float | None
     covariance: tuple[float, float, float] | None
     lat_lon: tuple[float, float] | None
+    id: int | None = None
+    sure: bool = True
 
     def ellipse(self, probability: float = 0.95) -> tuple[float, float, float] | None:
         """Semi-major and semi-minor axis [m], and the major one's bearing from north [rad], of the area in which the
@@ -90,6 +94,13 @@ class RecordedSearch:
         """How it ended; "" if it has not."""
         return text(self.outcome.get("how"))
 
+    @cached_property
+    def victims(self) -> tuple[RecordedPlace, ...]:
+        """The places of a search for several, in the order of probing."""
+        every = self.outcome.get("victims")
+        places = (_place(one, mapping(one)) for one in every) if isinstance(every, list) else ()
+        return tuple(place for place in places if place)
+
     @property
     def target(self) -> int | None:
         """The id of the transmitter searched for."""
@@ -139,18 +150,22 @@ def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch
         values[:, 10],
         values[:, 11],
         outcome,
-        _place(outcome.get("found")),
+        _place(outcome.get("found"), {"id": outcome.get("id"), "sure": outcome.get("outcome") != "not sure"}),
         triple(outcome.get("origin")),
         started_s,
         0.0 if started_s is None or start_utc_s is None else started_s - start_utc_s,
     ), lines.note
 
 
-def _place(value: object) -> RecordedPlace | None:
-    """The place in search.json, None if there is none."""
+def _place(value: object, about: Mapping[str, Any]) -> RecordedPlace | None:
+    """A place in search.json, None if there is none; `about`: whose it is, and whether it is sure."""
     found = mapping(value)
     north, east = number(found.get("north")), number(found.get("east"))
     if north is None or east is None:
         return None
     down, covariance = number(found.get("down")), triple(found.get("covariance"))
-    return RecordedPlace(north, east, down, covariance, pair(found.get("lat_lon")))
+    id_ = about.get("id")
+    whose = id_ if isinstance(id_, int) and id_ >= 0 else None
+    return RecordedPlace(
+        north, east, down, covariance, pair(found.get("lat_lon")), whose, about.get("sure") is not False
+    )

@@ -67,6 +67,30 @@ def test_kml_has_the_track_with_its_times_and_the_place_found_with_its_ellipse(t
     assert len(marks["search"].kml_geometry.track_items) == COUNT
 
 
+def test_each_place_of_several_is_there_with_its_ellipse_and_its_order(tmp_path: Path) -> None:
+    places = [
+        {"id": id_, "north": n, "east": e, "down": 1.0, "covariance": [v, 0.0, v], "lat_lon": [46.0 + id_ / 1e4, 7.7]}
+        | {"sure": id_ != 3}
+        for id_, n, e, v in ((7, 1.0, 2.0, 0.04), (3, 9.0, 4.0, 0.25))
+    ]
+    recording = load(write_search(tmp_path, how="2 of 2", victims=places))
+    marks = placemarks(exported("kml", recording))
+    assert [name for name in marks if name.startswith("place found")] == [
+        "place found: transmitter 7",
+        "place found: transmitter 7, 95 %",
+        "place found: transmitter 3",
+        "place found: transmitter 3, 95 %",
+    ]
+    assert marks["place found: transmitter 7"].description.startswith("1 of 2 in the order of probing; 2 of 2; 95% ")
+    assert marks["place found: transmitter 3"].description.startswith("2 of 2 in the order of probing; not sure; ")
+    gpx = gpxpy.parse(exported("gpx", recording).decode())
+    assert [point.latitude for point in gpx.waypoints] == [46.0007, 46.0003]
+    assert len(gpx.routes) == 2
+    features = geojson.loads(exported("geojson", recording)).features
+    kinds = [feature["properties"]["kind"] for feature in features]
+    assert (kinds.count("found"), kinds.count("ellipse")) == (2, 2)
+
+
 def test_kml_has_d_beside_each_point_and_nothing_where_nothing_is_heard(tmp_path: Path) -> None:
     recording = load(write(tmp_path / "flight", COUNT, search=False))
     root = etree.fromstring(exported("kml", recording))

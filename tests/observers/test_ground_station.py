@@ -9,7 +9,7 @@ import pytest
 
 from arva_hil.config import DEFAULT
 from arva_hil.events import Event, StatusReport
-from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
+from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint, TransmitterChosen
 from arva_hil.field import LocalFrame
 from arva_hil.links import Link, memory
 from arva_hil.mavlink.codec import Encoder, dialect
@@ -99,6 +99,12 @@ def test_nothing_is_told_while_the_vehicle_is_not_known_and_of_no_emulator() -> 
 def test_frames_without_ids_have_a_place_too() -> None:
     (place,) = on_map(told(TAKE_OFF, PlaceFound(9.0, None, 18.0, 6.0, None, True)))
     assert place.callsign == "ARVA"
+
+
+def test_of_several_each_place_stays_on_the_map() -> None:
+    chosen, second = TransmitterChosen(10.0, 5, 20.0), PlaceFound(20.0, 5, 1.0, 2.0, None, True)
+    places = on_map(told(TAKE_OFF, FOUND, chosen, second))
+    assert [place.callsign for place in places[-2:]] == ["ARVA4", "ARVA5"]
 
 
 def test_a_search_that_finds_shows_where_and_the_vehicle_hears_nothing_of_it() -> None:

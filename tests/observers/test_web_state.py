@@ -18,6 +18,7 @@ from arva_hil.events.searches import (
     PlaceFound,
     TakeOffPoint,
     TransmitterChosen,
+    VictimNoted,
     WaitingFor,
 )
 from arva_hil.events.vehicles import AutopilotText, VehicleFound, VehicleLost
@@ -212,6 +213,11 @@ def test_a_search_beside_an_emulator_shows_what_it_believes_in_the_same_map() ->
     assert search["goal"] == pytest.approx([6.0, 6.0], abs=0.01)
     state.update([FromSearch(3.0, PlaceFound(3.0, 7, 5.0, 1.0, None, False))])
     assert shown(state)["search"]["found"]["place"] == pytest.approx([6.0, 1.0], abs=0.01)
+    noted = VictimNoted(4.0, 7, 1, 2, 5.0, 1.0, True, True, 1, False)
+    state.update([FromSearch(event.time_s, event) for event in (noted, TransmitterChosen(5.0, 8, 20.0))])
+    search = shown(state)["search"]  # of the next one, and the first is still there
+    assert (search["found"], search["target"]) == (None, 8)
+    assert search["noted"] == [[7, pytest.approx(6.0, abs=0.01), 1.0]]
 
 
 def test_a_search_alone_shows_the_frames_that_it_hears() -> None:

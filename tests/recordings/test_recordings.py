@@ -10,9 +10,12 @@ import numpy as np
 import pytest
 
 from arva_hil.config import DEFAULT, parse
+from arva_hil.events.searches import PlaceFound, TransmitterHeard
 from arva_hil.field import LocalFrame
+from arva_hil.observers.record.search_log import SearchLog
 from arva_hil.recordings import RecordingError, load
 from arva_hil.recordings.readings_file import read_receiver
+from arva_hil.search.outcome import SearchStep
 from tests.records import HOME, SILENT, frames, pose_at, write, write_search
 
 
@@ -134,6 +137,26 @@ def test_the_log_of_a_search_alone_is_a_record_without_receivers(tmp_path: Path)
     assert read.search is not None
     assert read.start_utc_s == 1_798_761_603.0
     assert read.span_s == pytest.approx((0.0, 5.8))
+
+
+def test_the_events_of_a_search_alone_are_in_its_log_on_the_clock_of_its_steps(tmp_path: Path) -> None:
+    log = SearchLog(tmp_path, start_s=50.0)
+    log.row(SearchStep(0.2, "flying", 0.0, 0.0, -3.0, 0.0, 0.0, 0.0, 0.0, None, None, None))
+    log.observe(TransmitterHeard(52.5, 3, 20.0, 1.0, 2.0))
+    log.observe(PlaceFound(60.0, 3, 4.0, 5.0, None, True))
+    log.close({"started": "2027-01-01T00:00:03.000Z"})
+    read = load(tmp_path)
+    assert [(event["event"], event["time_s"]) for event in read.events] == [
+        ("transmitter_heard", 2.5),
+        ("place_found", 10.0),
+    ]
+    assert read.events[0]["notice"]["text"].startswith("transmitter 3 is heard")
+
+
+def test_the_events_of_a_search_beside_a_run_are_on_the_clock_of_the_run(tmp_path: Path) -> None:
+    folder = write(tmp_path / "flight", 30)
+    (folder / "search.jsonl").write_text('{"event": "place_found", "time_s": 10.0}\n')
+    assert [event["time_s"] for event in load(folder).events if event["event"] == "place_found"] == [11.0]
 
 
 def test_several_receivers_each_have_their_own(tmp_path: Path) -> None:

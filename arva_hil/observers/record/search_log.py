@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from arva_hil.events import Event
 from arva_hil.observers.record.growing_files import GrowingFiles, refuse_old
+from arva_hil.observers.record.layout import EventLines
 from arva_hil.runtime.clock import Clock
 from arva_hil.search.outcome import SearchStep
 
-TRACK, OUTCOME = SEARCH_FILES = ("search.csv", "search.json")
+TRACK, OUTCOME, NEWS = SEARCH_FILES = ("search.csv", "search.json", "search.jsonl")
 _BATCH_BYTES: Final = 1 << 12
 
 
@@ -23,12 +26,15 @@ def refuse_search(folder: Path) -> None:
 class SearchLog(GrowingFiles):
     """Writes `search.csv` and, at the end, `search.json` into a folder, which may contain the emulator's record too.
 
+    With `start_s` also the events that it is told, as lines of `search.jsonl`: the time 0 of the steps on their clock.
     `clock`: real time, independent of the loop's clock. Raises RecordError if the folder cannot be written or contains
     a search already.
     """
 
-    def __init__(self, folder: Path, clock: Clock | None = None) -> None:
-        super().__init__(folder, [TRACK], "a search", OUTCOME, clock=clock)
+    def __init__(self, folder: Path, clock: Clock | None = None, *, start_s: float | None = None) -> None:
+        super().__init__(folder, [TRACK] if start_s is None else [TRACK, NEWS], "a search", OUTCOME, clock=clock)
+        self._start_s = start_s
+        self._lines = EventLines(0)
         self.rows: list[SearchStep] = []
         self._line = io.StringIO()
         self._csv = csv.writer(self._line, lineterminator="\n")
@@ -39,6 +45,12 @@ class SearchLog(GrowingFiles):
         self.rows.append(row)
         self._add(row)
         self._flush_now_and_then(full=len(self._pending[TRACK]) > _BATCH_BYTES)
+
+    def observe(self, event: Event) -> None:
+        """Add an event."""
+        if self._start_s is not None:
+            self._pending[NEWS] += self._lines.of(replace(event, time_s=event.time_s - self._start_s))
+            self._flush_now_and_then(full=False)
 
     def _add(self, cells: tuple[object, ...]) -> None:
         self._csv.writerow(cells)

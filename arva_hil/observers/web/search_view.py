@@ -35,6 +35,7 @@ class SearchView:
         self._belief: searches.BeliefChanged | None = None
         self._found: searches.PlaceFound | None = None
         self._heard: dict[int | None, tuple[float, float, float]] = {}
+        self._noted: list[searches.VictimNoted] = []
         self._ended = ""
 
     def observe(self, event: Event) -> None:
@@ -47,6 +48,9 @@ class SearchView:
                 self._heard[event.transmitter] = (event.north_m, event.east_m, event.distance_m)
         elif isinstance(event, searches.TransmitterChosen):
             self._target = event.transmitter
+            self._found = None  # it goes on to the next
+        elif isinstance(event, searches.VictimNoted):
+            self._noted = [*self._noted, event][-_MOST_HEARD:]
         elif isinstance(event, searches.TransmitterFaded):
             self._belief = None
         elif isinstance(event, searches.BeliefChanged):
@@ -67,6 +71,9 @@ class SearchView:
             "target": self._target,
             "take_off": [_rounded(north), _rounded(east)],
             "heard": [[id_, _rounded(n + north), _rounded(e + east), d] for id_, (n, e, d) in self._heard.items()],
+            "noted": [
+                [one.transmitter, _rounded(one.north_m + north), _rounded(one.east_m + east)] for one in self._noted
+            ],
             "hypotheses": [],
             "mean": None,
             "covariance": None,

@@ -55,6 +55,7 @@ function bounds() {
     add(...scene.search.take_off, 1);
     for (const [n, e, share] of scene.search.hypotheses) if (share > 0.02) add(n, e, 1);
     if (scene.search.found) add(...scene.search.found.place, 3);
+    for (const [, n, e] of scene.search.noted ?? []) add(n, e, 3);
   }
   return box[0] === Infinity ? [-25, -25, 25, 25] : box;
 }
@@ -271,15 +272,16 @@ function drawSearch(search) {
     for (const [dx, dy] of [[1, 0], [-1, 0], [0, 1], [0, -1]]) { ink.moveTo(x + dx * 7, y + dy * 7); ink.lineTo(x + dx * 18, y + dy * 18); }
     ink.stroke();
   }
-  if (search.found) {
-    const x = view.x(search.found.place[1]), y = view.y(search.found.place[0]);
+  const noted = (search.noted ?? []).map(([, n, e], at) => [n, e, `victim ${at + 1}`]);
+  for (const [n, e, name] of [...noted, ...(search.found && !noted.length ? [[...search.found.place, "found"]] : [])]) {
+    const x = view.x(e), y = view.y(n);
     for (const [width, style] of [[7, css("--ground")], [3.4, colour]]) {
       ink.lineWidth = width; ink.strokeStyle = style;
       ink.beginPath();
       ink.moveTo(x - 11, y - 11); ink.lineTo(x + 11, y + 11); ink.moveTo(x - 11, y + 11); ink.lineTo(x + 11, y - 11);
       ink.stroke();
     }
-    label("found", x - 16, y - 14, colour, FONT, "right");
+    label(name, x - 16, y - 14, colour, FONT, "right");
   }
 }
 
