@@ -98,13 +98,9 @@ def show_json(value: Any) -> None:
 @contextlib.contextmanager
 def binary_stdout() -> Iterator[BinaryIO]:
     """Stdout, for data that are no lines. Raises StdoutError."""
-    try:
+    with _stdout_errors():
         yield sys.stdout.buffer
         sys.stdout.buffer.flush()
-    except BrokenPipeError as error:
-        raise StdoutReaderGone(error) from None
-    except OSError as error:
-        raise StdoutError(error) from None
 
 
 def flush() -> None:
@@ -113,8 +109,14 @@ def flush() -> None:
 
 
 def _print(text: str, end: str = "\n") -> None:
-    try:
+    with _stdout_errors():
         print(text, end=end, flush=True)
+
+
+@contextlib.contextmanager
+def _stdout_errors() -> Iterator[None]:
+    try:
+        yield
     except BrokenPipeError as error:
         raise StdoutReaderGone(error) from None
     except OSError as error:

@@ -79,7 +79,7 @@ def plot(parser: CommandParser) -> None:
         "a folder for one file a picture, or a file that ends with .png, .svg or .pdf for all on one sheet; "
         "default: the folder RUN/plots",
     )
-    what, kinds = "of the pictures in a folder; default png", ("png", "svg", "pdf")
+    what, kinds = "format of the pictures in a folder; default png", ("png", "svg", "pdf")
     parser.option("--format", what, environment=False, dest="picture_format", choices=kinds)
 
 
@@ -102,7 +102,7 @@ def view(parser: CommandParser) -> None:
     parser.add_argument("record_or_log", metavar="RUN|LOG", help="folder of a record, or MAVLink telemetry log")
     where = "where the page is: HOST, PORT or HOST:PORT; if the port is taken, the next free one"
     parser.option("--web HOST:PORT", f"{where}; default {HostPort()}", parse_address, HostPort())
-    parser.option("--scenario FILE", "of a log: scenario (YAML), or builtin:NAME")
+    parser.option("--scenario FILE", "scenario for a log (YAML), or builtin:NAME")
     add_duration(parser)
 
 
@@ -120,7 +120,7 @@ def range_test(parser: CommandParser) -> None:
     height, height_m = "height of the receiver above the transmitter", number(0, 100, " of m")
     parser.option("--height M", height, height_m, 3.0, environment=False, dest="range_height")
     speed = number(0.1, 30, " of m/s")
-    parser.option("--speed M/S", "how fast it is carried", speed, 1.0, environment=False, dest="walking_speed")
+    parser.option("--speed M/S", "how fast it is walked", speed, 1.0, environment=False, dest="walking_speed")
     stable = "a signal is stable if there is no gap in it for so long"
     parser.option("--stable S", stable, number(0, 1000, " of s"), 10.0, environment=False)
     parser.option("--out DIR", "folder for the data sheet and its picture")

@@ -28,7 +28,7 @@ def search(parser: CommandParser) -> None:
     Exit codes: 0 found (all that --victims asks for), or a dry run that would have flown, 1 not sure, not found or
     failed, 2 usage or not allowed to arm, 3 no autopilot or no frames, 130 interrupted.
     """
-    parser.option("--autopilot --master URL", "where the autopilot is", link)
+    parser.option("--autopilot --master URL", "link to the autopilot", link)
     parser.option("--receiver URL", "the receiver's port", link)
     shared.add_format(parser, default="binary", without=MAVLINK_FORMATS)
     add_plan(parser)
@@ -45,7 +45,7 @@ def search(parser: CommandParser) -> None:
         "set-points for the readings of 5 s, and end; heartbeats and questions are sent (streams, parameters, "
         "whether it is a simulator), nothing that moves the vehicle",
     )
-    parser.option("--countdown S", "said before it arms, when all is ready", number(0, 60, " of s"), 3.0)
+    parser.option("--countdown S", "count down this long before arming, when all is ready", number(0, 60, " of s"), 3.0)
     parser.option(
         "--take-over",
         "begin in the air: take a vehicle that hovers, armed, in AUTO, GUIDED, LOITER or BRAKE (PX4: mission or "
@@ -54,7 +54,7 @@ def search(parser: CommandParser) -> None:
     )
     shared.add_target(parser)
     shared.add_signing(parser)
-    parser.option("--stream-rate HZ", "of the pose", number(4, 50, " of Hz"), 10.0)
+    parser.option("--stream-rate HZ", "rate of position and attitude to request", number(4, 50, " of Hz"), 10.0)
     shared.add_live(parser)
     parser.option(
         "--gcs URL",
@@ -64,7 +64,7 @@ def search(parser: CommandParser) -> None:
     )
     parser.option("--record DIR", "record the flight, how it ended and a picture into DIR")
     shared.add_web(parser)
-    parser.option("--json", "how it ended, as a JSON object on stdout")
+    parser.option("--json", "print how the search ended as a JSON object on stdout")
 
 
 def demo(parser: CommandParser) -> None:
@@ -82,7 +82,7 @@ def demo(parser: CommandParser) -> None:
 
 
 def add_plan(parser: CommandParser) -> None:
-    """Options that say how is searched."""
+    """Options that say how to search."""
     names = f"{', '.join(STRATEGIES)}, or MODULE:CLASS of your own"
     parser.option("--strategy NAME", names, kind(STRATEGIES), "estimate")
     parser.option(
@@ -92,10 +92,10 @@ def add_plan(parser: CommandParser) -> None:
         victims,
         1,
     )
-    parser.option("--max-speed M/S", "horizontal", number(0.2, 10, " of m/s"), 1.0)
+    parser.option("--max-speed M/S", "largest horizontal speed", number(0.2, 10, " of m/s"), 1.0)
     metres, seconds = number(0.3, 100, " of m"), number(1, 86400, " of s")
-    parser.option("--height M", "held above the ground", metres, 3.0)
-    trust = "hold --height as it is where neither rangefinder nor barometer tells it: not 3 sigma of GPS higher"
+    parser.option("--height M", "height above the ground to hold", metres, 3.0)
+    trust = "hold --height also where only GPS tells the height; without this option 3 sigma are added to it then"
     parser.option("--trust-height", trust)
     parser.option("--take-off M", "height of the take-off", metres, 3.0)
     parser.option(
@@ -114,7 +114,7 @@ def add_plan(parser: CommandParser) -> None:
     )
     parser.option(
         "--strip-width M|auto|PROFILE",
-        "of the strips; auto: as wide as the scenario's receiver allows for the weakest transmitter; the profile of a "
+        "width of the strips; auto: as wide as the scenario's receiver allows for the weakest transmitter; the profile of a "
         "receiver (a file or builtin:NAME): as wide as that one allows",
         strip_width,
         40.0,

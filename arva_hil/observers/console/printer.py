@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Final, TextIO
 
 from arva_hil.events import Event, FrameMade, StatusReport
@@ -77,12 +78,8 @@ class Printer:
         self._display(time_s, lambda columns, _: [fit(parts, columns)], lambda: BETWEEN.join(parts))
 
     def _show(self, report: StatusReport) -> None:
-        named = self._named
-        self._display(
-            report.time_s,
-            lambda columns, lines: status_table(report, columns, lines, named=named),
-            lambda: status_line(report, named=named),
-        )
+        table = partial(status_table, report, named=self._named)
+        self._display(report.time_s, table, partial(status_line, report, named=self._named))
 
     def _display(self, time_s: float, table: Callable[[int, int], list[str]], line: Callable[[], str]) -> None:
         """Show a table on a terminal, or a line if it is time for one. `table`: makes it for (columns, lines)."""
