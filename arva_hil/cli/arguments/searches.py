@@ -114,8 +114,8 @@ def add_plan(parser: CommandParser) -> None:
     )
     parser.option(
         "--strip-width M|auto|PROFILE",
-        "width of the strips; auto: as wide as the scenario's receiver allows for the weakest transmitter; the profile of a "
-        "receiver (a file or builtin:NAME): as wide as that one allows",
+        "width of the strips; auto: as wide as the scenario's receiver allows for the weakest transmitter; the profile "
+        "of a receiver (a file or builtin:NAME): as wide as that one allows",
         strip_width,
         40.0,
     )
