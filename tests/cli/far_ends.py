@@ -191,11 +191,12 @@ def free_port(kind: socket.SocketKind) -> int:
 
 
 def until(condition: Callable[[], object]) -> None:
-    """Wait, with a deadline, until a condition holds."""
-    clock = RealClock()
+    """Wait, with a deadline, until a condition holds; what takes long is looked at less often."""
+    clock, pause_s = RealClock(), 0.005
     while not condition():
         assert clock.now() < DEADLINE_S, "the deadline passed"
-        clock.wait(clock.now() + 0.01)
+        clock.wait(clock.now() + pause_s)
+        pause_s = min(0.1, 1.2 * pause_s)
 
 
 class Consumer:
