@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from arva_hil.receiver.paper import outputs
+from arva_hil.receiver.one_look import near, output
 from arva_hil.receiver.pulsed_options import PulsedOptions
 from arva_hil.receiver.reading import Zone
 from arva_hil.receiver.separation import Vector
@@ -22,9 +22,10 @@ class Display:
 
     def __init__(self, options: PulsedOptions, kappa_eq: float) -> None:
         self._options = options
-        self._kappa_eq = kappa_eq
+        self._cbrt = math.cbrt(kappa_eq / (4 * math.pi))
         self._scale = options.scale_na_m
         self._inner_m = options.third_within_m if options.antennas > 2 else -1.0
+        self._near = near(kappa_eq, self._inner_m) if self._inner_m > 0 else math.inf
         self._mid_m = options.range_m(kappa_eq)
         self._directions: dict[int, int] = {}  # by the transmitter's index
 
@@ -36,10 +37,9 @@ class Display:
 
     def shown(self, index: int, signal: Vector) -> Shown | None:
         """The values for a signal; None: it is below the threshold."""
-        d, delta, zone_ = outputs(signal, self._kappa_eq, self._inner_m, self._mid_m)
-        zone, d_cm, delta_deg = int(zone_), int(d), int(delta)
-        if zone == Zone.OUTER:
+        if (heard := output(signal, self._cbrt, self._near, self._inner_m, self._mid_m)) is None:
             return None
+        d_cm, delta_deg, zone = heard
         options = self._options
         if options.antennas == 1:
             delta_deg = 0

@@ -9,9 +9,11 @@ import numpy as np
 
 from arva_hil.field.dipole import Transmitters
 from arva_hil.field.keying import KEYING_CLASSES, Keying, draw_keying
+from arva_hil.field.medium import AIR
 from arva_hil.field.pulse_timeline import PulseTimeline, SentPulse
 from arva_hil.receiver.display import Display
 from arva_hil.receiver.noise import noise_bound
+from arva_hil.receiver.one_look import FEW, signals
 from arva_hil.receiver.pulsed_options import PulsedOptions
 from arva_hil.receiver.receiver_model import Impairment, Look, ReceiverSettings
 from arva_hil.receiver.separation import Vector
@@ -94,8 +96,12 @@ class Listening:
             return None
         own, gains = self._options.gains, (look.impairment or _SOUND).gains
         a, b, c = (one * more for one, more in zip(own, gains, strict=True))
-        h_r = look.transmitters.field_at(look.pose.position) @ look.pose.rotation
-        return [(x * a, y * b, z * c) for x, y, z in h_r.tolist()]
+        there, position, rotation = look.transmitters, look.pose.position, look.pose.rotation
+        if len(there.ids) <= FEW and there.medium is AIR:
+            silence = [(0.0, 0.0, 0.0)] * len(there.ids)
+            every = signals(position.tolist(), rotation.tolist(), (1.0, 1.0, 1.0), there.dipoles, silence)
+            return [(x * a, y * b, z * c) for _, (x, y, z) in every]
+        return [(x * a, y * b, z * c) for x, y, z in (there.field_at(position) @ rotation).tolist()]
 
     def noise(self, sender: int) -> Vector:
         """The noise of the next pulse: the receiver's own, or interference."""

@@ -55,6 +55,11 @@ def signals(
     return heard
 
 
+def near(kappa_eq: float, inner_m: float) -> float:
+    """A field that is weaker is not in the inner zone."""
+    return 0.9999 / inner_m**3 * kappa_eq / (4 * math.pi)
+
+
 def output(signal: Vector, scale: float, near: float, inner_m: float, mid_m: float) -> Heard | None:
     """The output for a signal at the antennas; None: it is not heard.
 

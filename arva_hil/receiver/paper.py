@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from arva_hil.field.arrays import Array
 from arva_hil.field.medium import AIR
 from arva_hil.receiver.noise import NoiseKind, NoiseSource, noise_bound
-from arva_hil.receiver.one_look import FEW, output, signals
+from arva_hil.receiver.one_look import FEW, near, output, signals
 from arva_hil.receiver.reading import ChannelReading, Reading, Zone
 from arva_hil.receiver.receiver_model import Answer, Commands, Impairment, Look, Pose, ReceiverSettings, obey
 
@@ -23,7 +23,6 @@ INNER_M: Final = 3.0
 MID_M: Final = 50.0
 _FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
 _REFERENCE_NA_M: Final = 2e6 * math.pi  # of a field of 1, if the reference transmitter has 1 µA/m on its axis at 10 m
-_AT_INNER: Final = 0.9999 / INNER_M**3  # 1/m³: a field that is weaker, with eq. 6's factor, is not in the inner zone
 _Heard = tuple[int, int, int, int]  # d in cm, id, δ in degrees, zone; sorted like slots
 
 
@@ -108,7 +107,7 @@ class PaperReceiver:
             raise ValueError(f"{channels} channels: expected 1 or more")
         self._kappa_eq = antennas.kappa_eq
         self._scale = math.cbrt(antennas.kappa_eq / (4 * math.pi))
-        self._near = _AT_INNER * antennas.kappa_eq / (4 * math.pi)
+        self._near = near(antennas.kappa_eq, INNER_M)
         self._sensitivity = antennas.sensitivity
         self._q = np.array(antennas.sensitivity)
         bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)

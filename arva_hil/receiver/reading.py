@@ -66,14 +66,8 @@ def with_true_ranges(channels: Iterable[ChannelReading], ranges: Mapping[int, fl
     shown = {c.id for c in every}
     rest = iter(sorted(metres for id_, metres in ranges.items() if id_ not in shown))
     return tuple(
-        ChannelReading(
-            c.id,
-            c.zone,
-            c.d_cm,
-            c.delta_deg,
-            next(rest, None) if c.id is None else ranges.get(c.id),
-            c.marked,
-            c.pulse,
-        )
+        c
+        if (metres := next(rest, None) if c.id is None else ranges.get(c.id)) == c.true_range_m
+        else ChannelReading(c.id, c.zone, c.d_cm, c.delta_deg, metres, c.marked, c.pulse)
         for c in every
     )
