@@ -59,6 +59,7 @@ SLOW: Final = {
     "cli/test_report.py": DRAWN,
     "cli/test_search.py": REAL_TIME,
     "cli/test_search_permission.py": REAL_TIME,
+    "cli/test_search_team.py": REAL_TIME,
     "cli/test_standard_streams.py": PROCESS,
     "cli/test_start_up.py": PROCESS,
     "cli/test_web.py": PROCESS,

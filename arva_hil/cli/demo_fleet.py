@@ -31,7 +31,7 @@ def fly(options: argparse.Namespace, base: Scenario) -> int:
     """The demo. Raises UsageError for what several drones cannot do."""
     _check(options, base)
     chosen = several(base, options.count or 1)
-    _check_width(options, len(chosen.vehicles))
+    check_width(options, len(chosen.vehicles))
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     with ExitStack() as stack:
@@ -78,6 +78,11 @@ def _check(options: argparse.Namespace, base: Scenario) -> None:
         raise UsageError(
             "navigation_error: the demo does not support it, its vehicles report their true poses: leave it out"
         )
+    check_receivers(base)
+
+
+def check_receivers(base: Scenario) -> None:
+    """Check that each vehicle has one receiver, whose frames carry ids. Raises UsageError."""
     for vehicle in base.vehicles:
         if len(vehicle.receivers) > 1:
             raise UsageError(f"{base.source}: {vehicle.name}: {len(vehicle.receivers)} receivers; a drone has one here")
@@ -87,7 +92,8 @@ def _check(options: argparse.Namespace, base: Scenario) -> None:
             raise UsageError(f"format {of}: several drones need {' or '.join(_WITH_IDS)}, whose frames carry ids")
 
 
-def _check_width(options: argparse.Namespace, count: int) -> None:
+def check_width(options: argparse.Namespace, count: int) -> None:
+    """Check that the parts of the area are wide enough. Raises UsageError."""
     _, west, _, east = divide(options.area, count)[0]
     if east - west < _NARROWEST_M:
         raise UsageError(

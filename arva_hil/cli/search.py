@@ -11,7 +11,7 @@ from contextlib import ExitStack, closing
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, SignalGuard, UsageError
@@ -39,10 +39,14 @@ from arva_hil.search.outcome import SearchStep
 from arva_hil.search.permission import Permission
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strips import Strips
+from arva_hil.search.team import layered
 from arva_hil.vehicle.session import Session
 from firmware_proto import INNER
 
-_EXIT: Final = {
+if TYPE_CHECKING:
+    from arva_hil.cli import search_team
+
+EXIT: Final = {
     "found": OK,
     "not sure": FAILED,
     "not found": FAILED,
@@ -96,14 +100,23 @@ def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> floa
 
 
 def main(options: argparse.Namespace) -> int:
+    team: search_team.Joined | None = None
+    if options.scenario:
+        from arva_hil.cli import search_team
+
+        if options.vehicle is None:
+            return search_team.main(options)
+        team = search_team.join(options)
+    elif options.vehicle:
+        raise UsageError(f"--vehicle {options.vehicle}: one of the vehicles of --scenario FILE, which is missing")
     for name in ("autopilot", "receiver"):
         if getattr(options, name) in (None, "-"):
             example = "arva-hil search --autopilot udpin:127.0.0.1:14540 --receiver /tmp/arva0"
             raise UsageError(f"--{name} is missing, e.g. {example}")
     if options.gcs:
         check_ground_station(options.gcs, options.autopilot, options.receiver)
-    plan = plan_of(options)
-    way = describe(plan)
+    plan = layered(plan_of(options), team.member.number) if team else plan_of(options)
+    way = f"a part of the area of {team.size}" if team else describe(plan)
     clock, guard = RealClock(), SignalGuard()
     start = clock.now()
     client: SearchClient | None = None
@@ -161,6 +174,8 @@ def main(options: argparse.Namespace) -> int:
             emit=emit,
             log=rows_to(printer, log),
             host=getattr(FORMATS[options.format], "host", None),
+            team=team.mate if team else None,
+            tunnel=team.tunnel if team else None,
         )
 
         def over() -> bool:
@@ -171,7 +186,7 @@ def main(options: argparse.Namespace) -> int:
         with guard:
             run([client], clock, stopped=over)
     assert client.outcome is not None
-    code = INTERRUPTED if guard.caught else _EXIT[client.outcome.kind]
+    code = INTERRUPTED if guard.caught else EXIT[client.outcome.kind]
     first, *lines = result(client.outcome)
     printer.notice(Notice("info" if code in (OK, INTERRUPTED) else "error", first))
     if log is not None:

@@ -50,7 +50,7 @@ def main(options: argparse.Namespace) -> int:
             tell(f"vehicle {vehicle.system} at {lat:.7f}, {lon:.7f}, {alt:.1f} m")
         for link in links:
             tell(f"link: {link.name}")
-        tasks: list[Task] = [Simulator(vehicles, links), *logs]
+        tasks: list[Task] = [Simulator(vehicles, links, relays=len(vehicles) > 1 and len(links) > 1), *logs]
         return INTERRUPTED if common.attend(tasks, clock, until=options.duration) else OK
 
 

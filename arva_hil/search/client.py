@@ -30,6 +30,7 @@ from arva_hil.search.plan import SearchPlan
 from arva_hil.search.preflight import INTERRUPTED, Preflight
 from arva_hil.search.receiver_link import ReceiverLink
 from arva_hil.search.team import Teammate
+from arva_hil.search.team_tunnel import TeamTunnel
 from arva_hil.vehicle.session import Session
 from firmware_proto import FrameDecoder, HostForm
 
@@ -51,7 +52,8 @@ class SearchClient:
     `land`: whether it lands at the end, else it hovers. `timeout_s`: from `start` until everything is ready for the
     flight. `permission`: to arm this vehicle; None if all vehicles are simulated. `countdown_s`: before it is armed.
     `dry_run`: nothing is armed, and the orders are only reported. `emit` gets the events, `log` five rows a second.
-    `team`: the other searches, if there are several. `host`: the form of commands to the receiver, if it takes any.
+    `team`: the other searches, if there are several; `tunnel`: to them, if they are other programs. `host`: the form of
+    commands to the receiver, if it takes any.
     `outcome`: None until the end, when the vehicle has landed or is left hovering.
     """
 
@@ -74,10 +76,13 @@ class SearchClient:
         emit: Callable[[Event], None] = lambda _: None,
         log: Callable[[SearchStep], None] = lambda _: None,
         team: Teammate | None = None,
+        tunnel: TeamTunnel | None = None,
         host: HostForm | None = None,
     ) -> None:
         self.outcome: Outcome | None = None
         self._session = session
+        self._team = team
+        self._tunnel = tunnel
         self._line = AutopilotLink(autopilot, start, hear=self._hear, anew=self._begin_anew)
         self._receiver = ReceiverLink(receiver, decoder, session.news.emit, host)
         self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=arm_timeout_s)
@@ -169,6 +174,9 @@ class SearchClient:
             mark = packet.msgid == dialect.MAVLINK_MSG_ID_ADSB_VEHICLE and packet.component == COMPONENT
             if mark and self._session.vehicle and packet.system == self._session.vehicle.system:
                 self._session.news.emit(OwnMarkHeard(now))
+        for packet in self._session.believed if self._tunnel else ():
+            if self._tunnel and self._team and (news := self._tunnel.hear(packet, now)):
+                self._team.hear(news)
         self._preflight.hear(self._session.own)
         self._commander.hear(now, since)
         self._ground.hear(now)
@@ -187,7 +195,8 @@ class SearchClient:
 
     def _due(self, now: float) -> tuple[bytes, bytes]:
         """The bytes to send: those without and those with orders."""
-        return self._session.poll(now) + self._preflight.poll(now), self._commander.poll(now)
+        told = [self._session.encoder.pack(message) for message in self._tunnel.poll()] if self._tunnel else []
+        return self._session.poll(now) + self._preflight.poll(now) + b"".join(told), self._commander.poll(now)
 
     def _pass_on(self) -> None:
         for event in self._session.take_events():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Sequence
 from typing import Any, Final, Literal
 
 from arva_hil.field import LocalFrame
@@ -42,6 +42,7 @@ class FollowedVehicle:
         self.vehicle: Vehicle | None = None
         self.navigation = Navigation(self.news)
         self.own: list[Packet] = []  # the accepted packets of the vehicle in the last chunk
+        self.believed: Sequence[Packet] = ()  # those of all systems in it
         self.ignored = 0  # packets of other systems and components, and of senders that only claim to be the vehicle
         self.rate_hz = rate_hz
         self.next_due = -math.inf

@@ -146,6 +146,7 @@ class Session(FollowedVehicle):
     def _is_heard(self, sender: Hashable, now: float) -> bool:
         """Whether the packets of a sender are used. Called first for each chunk."""
         self.own.clear()
+        self.believed = ()
         if sender is not None:
             self.senders.look(now)
         return self.vehicle is None or sender == self.senders.vehicle or self.senders.believes(sender, now)
@@ -155,6 +156,7 @@ class Session(FollowedVehicle):
             if why not in self._disbelieved:  # each reason is reported once, with the first sender
                 self._disbelieved.add(why)
                 self.news.emit(SignatureRefused(now, self.news.name, packet.system, packet.component, why))
+        self.believed = packets.believed
         own, wanted, decode = self.own, self.navigation.handles, self.reader.parser.decode
         for packet in packets.believed:
             vehicle, msgid = self.vehicle, packet.msgid

@@ -32,6 +32,10 @@ def search(parser: CommandParser) -> None:
     parser.option("--receiver URL", "the receiver's port", link)
     shared.add_format(parser, default="binary", without=MAVLINK_FORMATS)
     add_plan(parser)
+    team = "a spec-2 scenario whose vehicles divide the area, around its datum; its transmitters are not looked at"
+    parser.option("--scenario FILE", f"{team}; has no ARVA_HIL_ variable", environment=False)
+    one = "fly only this vehicle of the scenario; the searches of the others are other programs, told by MAVLink TUNNEL"
+    parser.option("--vehicle NAME", one, environment=False)
     parser.option("--end", "what to do at the end", None, "land", choices=("land", "hover"))
     seconds = number(0.1, math.inf, " of s")
     until = "from the start until there are both links, a heartbeat, frames and a pose"

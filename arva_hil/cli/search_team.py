@@ -1,0 +1,204 @@
+"""`arva-hil search --scenario`: the vehicles of a scenario search one area, in one program or each in its own."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import ExitStack, closing
+from functools import partial
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from arva_hil.cli import common, search
+from arva_hil.cli.demo_fleet import check_receivers, check_width
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, SignalGuard, UsageError
+from arva_hil.cli.search_report import as_dict, close_log, result
+from arva_hil.cli.terminal import show_json
+from arva_hil.config import Lla, Scenario, VehicleConfig, load
+from arva_hil.events import Event
+from arva_hil.field import LocalFrame
+from arva_hil.links import Link, parse
+from arva_hil.links.reconnecting import open_reconnecting
+from arva_hil.links.shared import SharedLink
+from arva_hil.links.url import show
+from arva_hil.observers.console import Printer
+from arva_hil.observers.console.sentences import sentence
+from arva_hil.observers.console.text import Notice
+from arva_hil.observers.record.search_log import SearchLog
+from arva_hil.registry import FORMATS
+from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.loop import run
+from arva_hil.search.client import COMPONENT, SearchClient
+from arva_hil.search.outcome import Outcome
+from arva_hil.search.permission import Permission
+from arva_hil.search.team import Bus, TeamField, Teammate, layered
+from arva_hil.search.team_tunnel import MOST_MEMBERS, TeamTunnel
+from arva_hil.vehicle.session import Session
+
+_ONE_ONLY: Final = ("receiver", "gcs", "web", "foxglove", "ros2", "signing_key", "target_system", "target_component")
+_READ_AT: Final = {"udpout": "udpin", "tcpin": "tcp", "tcp": "tcpin", "udpin": "udpout"}  # where frames go: other end
+
+
+class Member(NamedTuple):
+    """One search of a team. `number`: of its part of the area; `receiver`: where its frames are read."""
+
+    number: int
+    name: str
+    system: int
+    autopilot: str
+    receiver: str
+    format: str
+
+
+class Joined(NamedTuple):
+    """The team of a search that has a program for itself."""
+
+    member: Member
+    mate: Teammate
+    tunnel: TeamTunnel
+    size: int
+
+
+def join(options: argparse.Namespace) -> Joined:
+    """The team of `--vehicle`; its links, system and format become those of the options. Raises UsageError."""
+    scenario = load(options.scenario)
+    names = [vehicle.name for vehicle in scenario.vehicles]
+    if options.vehicle not in names:
+        raise UsageError(f"--vehicle {options.vehicle}: {scenario.source} has {', '.join(names) or 'no vehicles'}")
+    number = names.index(options.vehicle)
+    _, field, systems = _team(options, scenario)
+    member = _member(options, scenario.vehicles[number], number, scenario.source)
+    options.autopilot, options.receiver = member.autopilot, member.receiver
+    options.target_system, options.format = member.system, member.format
+    tunnel = TeamTunnel(systems, COMPONENT)
+    return Joined(member, Teammate(number, tunnel.send, field), tunnel, len(systems))
+
+
+def main(options: argparse.Namespace) -> int:
+    """All vehicles of the scenario, flown by this program."""
+    for name in _ONE_ONLY:
+        if getattr(options, name, None) not in (None, False, "", "off"):
+            flag = name.replace("_", "-")
+            raise UsageError(f"--{flag}: of one search: with --scenario, name its --vehicle, or leave it out")
+    scenario = load(options.scenario)
+    vehicles, field, _ = _team(options, scenario)
+    members = [_member(options, vehicle, number, scenario.source) for number, vehicle in enumerate(vehicles)]
+    plan, clock, bus = search.plan_of(options), RealClock(), Bus(field)
+    start, clients, logs = clock.now(), dict[str, SearchClient](), dict[str, SearchLog]()
+    guard, printer = SignalGuard(), Printer(sys.stderr)
+    with ExitStack() as stack:
+
+        def opened(url: str, of: list[Member]) -> Link:
+            """A link that is looked for until one of its searches has launched its vehicle."""
+
+            def wanted() -> bool:
+                return not any(clients[m.name].launched for m in of if m.name in clients)
+
+            opener = partial(open_reconnecting, wanted=wanted) if of else open_reconnecting
+            return stack.enter_context(closing(common.open_or_fail(url, clock, opener, patient=True)))
+
+        users = {url: [m for m in members if m.autopilot == url] for url in dict.fromkeys(m.autopilot for m in members)}
+        shared = {url: SharedLink(opened(url, of)) for url, of in users.items()}
+        for member in members:
+            autopilot, receiver = shared[member.autopilot].user(), opened(member.receiver, [])
+            printer.say(
+                f"{member.name}: system {member.system}, autopilot: {autopilot.name}, receiver: {receiver.name}"
+            )
+            if options.record:
+                logs[member.name] = SearchLog(Path(options.record) / member.name)
+            session = Session(target_system=member.system, rate_hz=options.stream_rate, component=COMPONENT)
+            clients[member.name] = SearchClient(
+                layered(plan, member.number),
+                session,
+                autopilot,
+                receiver,
+                FORMATS[member.format].decoder(),
+                start=start,
+                land=options.end == "land",
+                timeout_s=options.timeout,
+                arm_timeout_s=options.arm_timeout,
+                permission=Permission(session, yes=options.yes, question=None, dry_run=options.dry_run),
+                take_over=options.take_over,
+                countdown_s=options.countdown,
+                dry_run=options.dry_run,
+                emit=partial(_tell, printer, member.name),
+                log=logs[member.name].row if options.record else lambda _: None,
+                team=bus.join(),
+                host=getattr(FORMATS[member.format], "host", None),
+            )
+
+        def over() -> bool:
+            for client in clients.values() if guard.caught else ():
+                client.stop()
+            return all(client.outcome for client in clients.values())
+
+        with guard:
+            run(list(clients.values()), clock, stopped=over)
+    outcomes = {name: client.outcome or Outcome("failed", "interrupted") for name, client in clients.items()}
+    code = INTERRUPTED if guard.caught else exit_code(list(outcomes.values()))
+    for name, outcome in outcomes.items():
+        lines = result(outcome)
+        if options.record:
+            lines += close_log(logs[name], outcome, code, clock.epoch_us + start * 1e6)
+            code = code or (FAILED if logs[name].error else OK)
+        for line in lines:
+            printer.say(f"{name}: {line}")
+        if options.json:
+            show_json({"vehicle": name} | as_dict(outcome))
+    printer.close()
+    return code
+
+
+def exit_code(outcomes: list[Outcome]) -> int:
+    """0 if something was found surely and nothing has failed: who finds nothing on its strips has not failed."""
+    kinds = [outcome.kind for outcome in outcomes]
+    wrong = [kind for kind in kinds if kind not in ("found", "would fly", "not found", "not sure")]
+    if wrong or not {"found", "would fly"} & set(kinds):
+        return max(search.EXIT[kind] for kind in wrong or kinds)
+    return OK
+
+
+def _tell(printer: Printer, name: str, event: Event) -> None:
+    if said := sentence(event):
+        printer.notice(Notice(said.level, f"{name}: {said.text}"))
+
+
+def _team(
+    options: argparse.Namespace, scenario: Scenario
+) -> tuple[tuple[VehicleConfig, ...], TeamField, tuple[int, ...]]:
+    """The vehicles, what they divide, and their systems. Raises UsageError for a scenario that has no team."""
+    source, vehicles = scenario.source, scenario.vehicles
+    if options.victims != 1:
+        raise UsageError("--victims: several drones share the transmitters, one each: leave it out")
+    if not 1 <= len(vehicles) <= MOST_MEMBERS:
+        raise UsageError(f"{source}: {len(vehicles)} vehicles, expected 1 to {MOST_MEMBERS} that search")
+    if not isinstance(scenario.datum, Lla):
+        raise UsageError(f"{source}: datum: home: several searches need one in common: datum: {{lat, lon, alt}}")
+    systems = tuple(vehicle.system or 0 for vehicle in vehicles)
+    if again := next((s for s in systems if not s or systems.count(s) > 1), None) if len(systems) > 1 else None:
+        raise UsageError(f"{source}: system {again} twice: each vehicle that searches needs its own")
+    if 0 in systems:
+        raise UsageError(f"{source}: {vehicles[systems.index(0)].name}: its system is missing")
+    check_receivers(scenario)
+    check_width(options, len(vehicles))
+    datum = scenario.datum
+    return vehicles, TeamField(options.area, LocalFrame(datum.lat, datum.lon, datum.alt), len(vehicles)), systems
+
+
+def _member(options: argparse.Namespace, vehicle: VehicleConfig, number: int, source: str) -> Member:
+    if not (autopilot := options.autopilot or vehicle.autopilot):
+        raise UsageError(f"{source}: {vehicle.name}: its autopilot is missing: name its link, or --autopilot")
+    (receiver,) = vehicle.receivers
+    port = options.receiver or _far_end(receiver.port or "", f"{source}: {vehicle.name}")
+    assert vehicle.system is not None
+    return Member(number, vehicle.name, vehicle.system, autopilot, port, receiver.output_format)
+
+
+def _far_end(port: str, whose: str) -> str:
+    """Where frames are read that go to a port."""
+    there = parse(port)
+    if there.kind == "pty" and not there.path:
+        raise UsageError(f"{whose}: its port is a new pseudo-terminal each time: name it, e.g. pty:/tmp/NAME")
+    if there.kind in _READ_AT:
+        return f"{_READ_AT[there.kind]}:{show(there.host, there.port)}"
+    return there.path or port

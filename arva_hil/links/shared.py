@@ -1,0 +1,89 @@
+"""One link for several users in the same program, each of whom reads all of it and follows a sender of its own."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection
+from typing import Any, Final
+
+from arva_hil.links.base import Link, Sender
+
+_MOST: Final = 1 << 18  # bytes that wait for a user; one that takes none loses them
+
+
+class SharedLink:
+    """Remembers the link and its users. Whoever opened the link closes it."""
+
+    def __init__(self, link: Link) -> None:
+        self.link = link
+        self._users: list[LinkUser] = []
+
+    def user(self) -> Link:
+        """One more user of the link."""
+        user = LinkUser(self)
+        self._users.append(user)
+        return user
+
+    def take_in(self) -> None:
+        """Hand what has come to all users. Raises LinkError if the link is lost."""
+        for sender, data in self.link.receive():
+            for user in self._users:
+                user.put(sender, data)
+        for user in self._users:
+            user.note()
+
+
+class LinkUser(Link):
+    """The link as one of its users has it. Writes go to every sender on the link: what is in them has addresses.
+
+    After `pin` only the peer that was followed then is read.
+    """
+
+    def __init__(self, shared: SharedLink) -> None:
+        self._shared = shared
+        self._waiting = deque[tuple[Sender, bytes]]()
+        self._size = 0
+        self._peer: Any = None
+        self._pinned = False
+        self.note()
+
+    def put(self, sender: Sender, data: bytes) -> None:
+        """Something came on the link."""
+        if self._pinned and sender != self._peer:
+            return
+        if self._size + len(data) > _MOST:
+            self._waiting.clear()
+            self._size = 0
+        self._waiting.append((sender, data))
+        self._size += len(data)
+
+    def note(self) -> None:
+        """The state of the link is that of all its users."""
+        link = self._shared.link
+        self.name, self.why, self.losses, self.renewals = link.name, link.why, link.losses, link.renewals
+        self.returns = link.returns
+
+    def receive(self) -> list[tuple[Sender, bytes]]:
+        self._shared.take_in()
+        came, self._size = list(self._waiting), 0
+        self._waiting.clear()
+        return came
+
+    def read(self) -> bytes:
+        return b"".join(data for _, data in self.receive())
+
+    def write(self, data: bytes) -> bool:
+        return self._shared.link.write(data)
+
+    def follow(self, peer: Sender, others: Collection[Sender] = ()) -> None:
+        if not self._pinned:
+            self._peer = peer
+
+    def pin(self) -> None:
+        self._pinned = True
+
+    def ready(self) -> bool:
+        return bool(self._waiting) or self._shared.link.ready()
+
+    def close(self) -> None:
+        """Nothing: the link is not this user's."""

@@ -1,0 +1,100 @@
+"""`arva-hil search` with the vehicles of a scenario: what it refuses, and that each vehicle has its own search."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from arva_hil.cli.search_team import exit_code
+from arva_hil.search.outcome import Outcome
+
+from .far_ends import Program, free_port
+from .test_search import Beacon
+
+DATUM = "datum: {lat: 46.0123, lon: 7.7456, alt: 1650}\n"
+FIELD = f"spec: 2\n{DATUM}transmitters: [{{id: 4, ned: [14, -10, 0.5]}}]\nvehicles:\n"
+ONE = "  - {name: a, system: 1, receivers: [{name: r, port: 'pty:/tmp/none-a'}]}\n"
+TWO = "  - {name: b, system: 2, receivers: [{name: r, port: 'pty:/tmp/none-b'}]}\n"
+
+Arva = Callable[..., Any]
+Start = Callable[..., Program]
+Keep = Callable[[Any], Any]
+
+
+@pytest.fixture
+def field(tmp_path: Path) -> Path:
+    path = tmp_path / "field.yaml"
+    path.write_text(FIELD + ONE + TWO)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words", "what"),
+    [
+        (DATUM, "", "", "datum: home: several searches need one in common: datum: {lat, lon, alt}"),
+        ("vehicles:\n" + ONE + TWO, "", "", "0 vehicles, expected 1 to 64 that search"),
+        ("system: 2", "system: 1, autopilot: /dev/b", "", "system 1 twice: each vehicle that searches needs its own"),
+        ("system: 2", "autopilot: /dev/b", "", "b: its system is missing"),
+        ("pty:/tmp/none-b", "pty", "", "b: its port is a new pseudo-terminal each time: name it, e.g. pty:/tmp/NAME"),
+        ("[{name: r, port: 'pty:/tmp/none-b'}]", "[{name: r, port: pty}, {name: s, port: pty}]", "", "b: 2 receivers"),
+        ("none-b'", "none-b', format: text", "", "format text: several drones need binary or nmea"),
+        ("", "", "--victims 2", "--victims: several drones share the transmitters"),
+        ("", "", "--receiver /tmp/x", "--receiver: of one search: with --scenario, name its --vehicle"),
+        ("", "", "--gcs udpout:127.0.0.1:1", "--gcs: of one search"),
+        ("", "", "--web on", "--web: of one search"),
+        ("", "", "--area=-20,-3,20,3", "2 drones would have 3.0 m each"),
+        ("", "", "--vehicle c", "--vehicle c: "),
+    ],
+)
+def test_what_is_no_team_is_refused(arva: Arva, field: Path, old: str, new: str, words: str, what: str) -> None:
+    field.write_text(field.read_text().replace(old, new))
+    ended = arva("search", "--scenario", field, "--autopilot", "/dev/none", *words.split())
+    assert (ended.code, what in ended.err) == (2, True), ended.err
+
+
+def test_without_links_and_without_a_scenario_it_says_what_is_missing(arva: Arva, field: Path) -> None:
+    assert "a: its autopilot is missing: name its link, or --autopilot" in arva("search", "--scenario", field).err
+    ended = arva("search", "--vehicle", "a")
+    assert (ended.code, "--vehicle a: one of the vehicles of --scenario FILE, which is missing" in ended.err) == (
+        2,
+        True,
+    )
+
+
+def test_two_searches_on_one_link_have_a_vehicle_each(start: Start, field: Path, keep: Keep, tmp_path: Path) -> None:
+    ports = {name: f"{tmp_path}/{name}" for name in "ab"}
+    for port in ports.values():
+        keep(Beacon(symlink=port))
+    field.write_text(field.read_text().replace("/tmp/none-a", ports["a"]).replace("/tmp/none-b", ports["b"]))
+    port = free_port(socket.SOCK_DGRAM)
+    start("vehicle", "--count", 2, "--link", f"udpout:127.0.0.1:{port}")
+    words = ("--autopilot", f"udpin:127.0.0.1:{port}", "--dry-run", "--json")
+    search = start("search", "--scenario", field, *words)
+    assert search.ends() == 0, search.err
+    for name, system in (("a", 1), ("b", 2)):
+        assert f"{name}: vehicle ardupilotmega quadrotor {system}/1" in search.err
+        assert f'"vehicle": "{name}"' in search.out.decode()
+    alone = start("search", "--scenario", field, "--vehicle", "b", *words)
+    assert alone.ends() == 0, alone.err
+    assert "vehicle ardupilotmega quadrotor 2/1" in alone.err
+    assert "quadrotor 1/1" not in alone.err.replace("ignored", "")
+
+
+@pytest.mark.parametrize(
+    ("kinds", "code"),
+    [
+        (["found", "not found"], 0),
+        (["not found", "not found"], 1),
+        (["not sure"], 1),
+        (["found", "failed"], 1),
+        (["found", "refused"], 2),
+        (["no link", "found"], 3),
+        (["would fly", "would fly"], 0),
+    ],
+)
+def test_a_team_succeeds_if_something_was_found_and_nothing_failed(kinds: list[Any], code: int) -> None:
+    assert exit_code([Outcome(kind, "") for kind in kinds]) == code
