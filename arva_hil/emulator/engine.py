@@ -35,10 +35,10 @@ _STATUS_S: Final = 0.25
 class Emulator:
     """Remembers its vehicles, the outputs and the events. Times are seconds on the driver's clock.
 
-    `start`: the instant of the first frames. `spread`: those of the vehicles are spread over a period. `timeout_s`:
-    without a heartbeat, until there is an event. `max_age_s`: an older pose is not used. `look_ahead_s`: how long a
-    frame waits for a pose after its instant, so that its pose can be interpolated; 0 for live: a frame is made at its
-    instant, with what is known then. `tell_packets`: make an event for every chunk, for a record.
+    `start`: the instant of the first frames. `spread`: those of the vehicles are spread over a period, 0.1 s at most.
+    `timeout_s`: without a heartbeat, until there is an event. `max_age_s`: an older pose is not used. `look_ahead_s`:
+    how long a frame waits for a pose after its instant, so that its pose can be interpolated; 0 for live: a frame is
+    made at its instant, with what is known then. `tell_packets`: make an event for every chunk, for a record.
     """
 
     def __init__(

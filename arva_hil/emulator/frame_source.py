@@ -32,6 +32,7 @@ from firmware_proto import Frame
 if TYPE_CHECKING:
     from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 
+_SPREAD_S: Final = 0.1  # the first frames of several vehicles wait no longer than this
 _LATE_S: Final = 0.05  # a frame that is made later than this is late
 _OFTEN: Final = 10  # late frames more than others, until there is an event
 _WORST_BACKLOG_S: Final = 1.0  # frames later than this are skipped, not sent in a burst
@@ -110,7 +111,7 @@ class FrameSource:
     """Remembers one receiver and its schedule, the outputs that wait, and the counters of all frames.
 
     `vehicle`, `session`: name and session of its vehicle. `max_age_s`: an older pose is not used. `phase`: of its
-    frames, in periods after `start`.
+    frames, in periods, or tenths of a second, after `start`.
     """
 
     def __init__(
@@ -121,7 +122,9 @@ class FrameSource:
         self.sink = setup.sink
         self.counters = Counters()
         rate_hz = scenario.receiver.rate_hz
-        self.schedule = Schedule(start + phase / rate_hz, rate_hz, scenario.receiver.jitter_s, scenario.seed)
+        self.schedule = Schedule(
+            start + phase * min(1 / rate_hz, _SPREAD_S), rate_hz, scenario.receiver.jitter_s, scenario.seed
+        )
         self.last: FrameMade | None = None
         self.events: list[Event] = []
         self.outputs: list[Output] = []

@@ -18,6 +18,7 @@ from arva_hil.mavlink.packet_reader import PacketReader, Packets
 from arva_hil.observers.audience import Audience
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.drivers import Live
+from arva_hil.runtime.loop import run
 from arva_hil.vehicle.session import Session
 
 MANY = 32
@@ -199,3 +200,20 @@ def test_frames_of_vehicles_that_are_spread_are_due_one_after_another_each_at_it
     made = [(frame.vehicle, round(frame.instant_s, 6)) for frame in diary.frames]
     assert made == [(f"v{n % 4}", round(n * 0.025, 6)) for n in range(len(made))]
     assert len(made) == 14
+
+
+def test_a_tenth_of_a_hertz_and_fifty_beside_each_other_are_in_time_and_nobody_waits_for_the_slow_one() -> None:
+    setups = []
+    for n, rate in enumerate((50, 0.1, 7)):
+        own = parse(f"transmitters: [{{id: 7, ned: [20, 5, 0]}}]\nreceiver: {{rate_hz: {rate}}}", "test")
+        receiver = ReceiverSetup("r", f"v{n}/r", own)
+        setups.append(VehicleSetup(f"v{n}", f"l{n}", Session(target_system=n + 1), own, [receiver]))
+    links = {f"l{n}": memory.pair()[0] for n in range(3)}
+    ports = {f"v{n}/r": memory.pair()[0] for n in range(3)}
+    diary = Diary()
+    live = Live(Emulator(setups, start=0.0, spread=True), links, ports, Audience([diary]))
+    run([live], StepClock(), until=21.0)
+    of = {f"v{n}": [frame for frame in diary.frames if frame.vehicle == f"v{n}"] for n in range(3)}
+    assert {name: len(frames) for name, frames in of.items()} == {"v0": 1051, "v1": 3, "v2": 147}
+    assert [round(frame.instant_s, 6) for frame in of["v1"]] == [0.033333, 10.033333, 20.033333]
+    assert max(frame.late_s for frame in diary.frames) < 1e-3
