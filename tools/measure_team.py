@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from arva_hil.config import Scenario, parse
+from arva_hil.config import Scenario, load, parse
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
@@ -79,8 +79,18 @@ def main() -> None:
     parser.add_argument("--transmitters", type=int, default=4)
     parser.add_argument("--half", type=float, default=45.0, help="transmitters within ± this, m; default 45")
     parser.add_argument("--strategy", default="flux")
+    parser.add_argument("--layout", nargs="+", metavar="SCENARIO", help="only the team, on these, with several seeds")
+    parser.add_argument("--area", type=float, default=50.0, help="searched within ± this, m; default 50")
+    parser.add_argument("--speed", type=float, default=1.0, help="m/s; default 1")
     options = parser.parse_args()
-    plan = SearchPlan(STRATEGIES[options.strategy], limit_s=LIMIT_S)
+    area = (-options.area, -options.area, options.area, options.area)
+    plan = SearchPlan(STRATEGIES[options.strategy], speed=options.speed, area=area, limit_s=LIMIT_S)
+    for name in options.layout or ():
+        same = [replace(load(name), seed=seed) for seed in range(options.fields)]
+        flown = [fly(scenario, options.drones, plan) for scenario in same]
+        print(f"{name}, {options.drones} drones: {tell(flown, len(same[0].transmitters))}", flush=True)
+    if options.layout:
+        return
     fields = [field(seed, options.transmitters, options.half) for seed in range(options.fields)]
     one = [again_and_again(scenario, plan) for scenario in fields]
     team = [fly(scenario, options.drones, plan) for scenario in fields]
