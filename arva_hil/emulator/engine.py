@@ -79,6 +79,7 @@ class Emulator:
         self._lost: set[str] = set()
         self._outputs: list[Output] = []
         self._events: list[Event] = []
+        self._later: list[tuple[float, Sequence[Packet]]] = []  # chunks behind the newest that was told
 
     # -- in ------------------------------------------------------------------------------------------------
 
@@ -105,7 +106,12 @@ class Emulator:
             else:
                 packets = read.every if vehicles[0].session.hear(read, now, sender) else []
         if self._tell_packets:
-            self._events.append(PacketsReceived(now, link, packets))
+            newest = self._events[-1] if self._events else None
+            if isinstance(newest, PacketsReceived) and newest.link == link:
+                self._later.append((now, packets))
+            else:
+                self._later = []
+                self._events.append(PacketsReceived(now, link, packets, self._later))
         for vehicle in vehicles:
             self._agenda.call(vehicle)
             vehicle.hear(now)

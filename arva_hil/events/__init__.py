@@ -70,9 +70,13 @@ class StrangersIgnored(LinkEvent):
 
 
 class PacketsReceived(LinkEvent):
-    """All packets of one chunk, of every sender, also those that are not used."""
+    """All packets of one chunk, of every sender, also those that are not used.
+
+    `later`: the chunks that came on the link before anything else happened, each with its time.
+    """
 
     packets: Sequence[Packet]
+    later: Sequence[tuple[float, Sequence[Packet]]] = ()
 
 
 class LogLayout(Event):

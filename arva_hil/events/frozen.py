@@ -24,7 +24,7 @@ class Frozen:
         fields = self.__dataclass_fields__
         if named or len(values) != len(fields):
             values = _complete(type(self).__name__, fields, values, named)
-        self.__dict__.update(zip(fields, values, strict=True))
+        self.__dict__.update(zip(fields, values))  # noqa: B905  # `strict` costs half as much again
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self.__dict__.items())})"

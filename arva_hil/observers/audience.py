@@ -25,10 +25,10 @@ class Audience:
     def tell(self, events: Sequence[Event]) -> None:
         """Give each event to all observers."""
         for event in events:
-            for observer in tuple(self._observers):
+            for observer in self._observers:
                 try:
                     observer.observe(event)
                 except Exception as error:
                     self.failed += 1
-                    self._observers.remove(observer)
+                    self._observers = [one for one in self._observers if one is not observer]
                     self.tell([ObserverFailed(event.time_s, type(observer).__name__, repr(error))])

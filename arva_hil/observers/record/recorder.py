@@ -75,11 +75,12 @@ class Recorder(GrowingFiles):
         self._flush_now_and_then(full=len(self._pending[readings]) > _BATCH_BYTES)
 
     def _on_packets(self, event: PacketsReceived) -> None:
-        time_us = self._epoch_us + round(event.time_s * 1e6)
         pending = self._pending[self._layout.tlog(event.link)]
-        for packet in event.packets:
-            if packet.msgid != dialect.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds a key
-                pending += tlog_record(time_us, packet.raw)
+        for time_s, packets in ((event.time_s, event.packets), *event.later):
+            time_us = self._epoch_us + round(time_s * 1e6)
+            for packet in packets:
+                if packet.msgid != dialect.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds a key
+                    pending += tlog_record(time_us, packet.raw)
         if len(pending) > _BATCH_BYTES:
             self._flush()
 
