@@ -186,7 +186,7 @@ class Mission:
                 self._end(stuck, broken=True)
             return STILL
         if (strategy := self._choice.strategy) is not None:
-            if self.victims.several and self.victims.put_aside(self.target, self._choice.since_s, time_s):
+            if self.victims.several and self.victims.put_aside(self._choice, self.others, time_s):
                 return self._go_on(position)
             with self._failing():
                 return checked_velocity(strategy.velocity(time_s, receiver))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -16,6 +16,7 @@ from arva_hil.events.searches import (
     VictimAgain,
     VictimNoted,
 )
+from arva_hil.search.choice import Choice
 from arva_hil.search.explained import Explained
 from arva_hil.search.heard import NO_ID, HeardTransmitter, id_of
 from arva_hil.search.receiver_host import Asked, ReceiverHost
@@ -148,11 +149,14 @@ class Victims:
         self._emit(PlaceDoubted(time_s, id_of(id_), found.north, found.east))
         return True
 
-    def put_aside(self, id_: int | None, since_s: float, time_s: float) -> bool:
-        """Whether a transmitter that was flown to since then takes too long: others are searched for first."""
-        if id_ is None or time_s - since_s <= _LONG_S:
+    def put_aside(self, choice: Choice, others: Collection[int], time_s: float) -> bool:
+        """Whether the transmitter that is flown to takes too long: `others`, who are heard and not found, are searched
+        for first; without any it gets as long again.
+        """
+        alone = not set(others) - self._aside - {choice.target}
+        if choice.target is None or time_s - choice.since_s <= _LONG_S * (1 + alone):
             return False
-        self._aside.add(id_)
+        self._aside.add(choice.target)
         return True
 
     def heard_at(self, others: Mapping[int, HeardTransmitter], position: Position) -> tuple[float, float] | None:
@@ -185,6 +189,7 @@ class Victims:
         """The newest place is told, and who is left of those `heard`."""
         self.noting = False
         self._visited.clear()
+        self._aside.clear()
         victim = self.places[-1]
         place = victim.found.north, victim.found.east
         about = len(self.places), self.wanted, *place, victim.sure, victim.marked, self.left(heard), self._more
