@@ -47,9 +47,12 @@ class Readings:
     """Remembers the readings that say most; number 0 stands for what is known beforehand.
 
     Of the real and the imaginary part of each: `told`, it is a value; `limit`, it is the most that it can be.
+    `gains`: of the antennas x and y, 0 for a dead one; `lost`, None or (3, N): what they miss of a field.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, gains: tuple[float, float] = (1.0, 1.0)) -> None:
+        self._gains = gains
+        self.lost: NDArray[np.complex128] | None = None
         self._all: tuple[NDArray[Any], ...] = (
             np.full((_MOST, 3), 1e3),
             np.ones((_MOST, 3), complex),
@@ -85,6 +88,10 @@ class Readings:
     def _show(self, n: int) -> None:
         at, axis, self.said, self.inner, told, limit, self.variance, self.time_s = (column[:n] for column in self._all)
         self.at, self.axis = np.ascontiguousarray(at.T), np.ascontiguousarray(axis.T)  # sums over 3 are quick so
+        if self._gains != (1.0, 1.0):
+            (x, y), (miss_x, miss_y) = self._gains, (math.sqrt(1 - gain**2) for gain in self._gains)
+            self.lost = miss_x * self.axis.real + 1j * miss_y * self.axis.imag
+            self.axis = x * self.axis.real + 1j * y * self.axis.imag
         self.told, self.limit = told.ravel(), limit.ravel()
 
 
@@ -110,7 +117,11 @@ def evaluate(x: Array, o: Readings, pose_error: float) -> Fit:
     along = _dot(n, m)
     h = 3 * along * n - m  # for ρ = 1
     h2 = _dot(h, h) + 1e-20
-    axis = np.where(o.inner, h / np.sqrt(h2), o.axis)
+    if o.lost is None:
+        axis = np.where(o.inner, h / np.sqrt(h2), o.axis)
+    else:
+        left = h - (_dot(o.lost, h).conj() * o.lost).real
+        axis = np.where(o.inner, left / np.sqrt(np.maximum(_dot(left, h), 1e-20)), o.axis)
     z = _dot(axis, h) + 1e-12
     heard2 = z.real**2 + z.imag**2
     hidden = np.maximum(h2 / heard2 - 1, 0)  # of the field, across the two antennas

@@ -2,20 +2,23 @@
 
 Several hypotheses are kept, with weights from the likelihood of all readings; unlikely ones are dropped. The vehicle
 flies to their average, which separates them. Before it stops, it looks for other hypotheses again, and listens above
-the place. Readings that are late, and places that drift as those of a GPS, are noticed and taken into account.
+the place. Readings that are late, places that drift as those of a GPS, and dead antennas are noticed and taken into
+account.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import dipole
+from .agreement import Evidence, beginning, judged
 from .drift import WHITE_M, DriftFit, fitted
-from .history import History
+from .history import NOTHING, Explanation
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
 _STEP_M: Final = 0.48  # flown between two readings that are kept,
@@ -41,6 +44,9 @@ _AVERAGE_S: Final = 90.0  # or it listens for so long
 _EXPLAIN_EVERY: Final = 15  # readings between two looks for how late they are,
 _EXPLAIN_LATER: Final = 60  # and when not,
 _ODD_M: Final = 0.3  # when their places seem wrong by so much
+_EVIDENT: Final = 16.0  # another cause is believed if it is more likely by e^16,
+_LIKELIER: Final = 6.0  # and by e^6 where the place is doubtful
+_DOUBTFUL_S: Final = 90.0  # then the place is told as it is
 _DRIFT: Final = 0.3  # of a drift: what sigma may be more of the place where it hovers
 
 
@@ -51,10 +57,11 @@ class Estimate:
         self._speed = speed
         self._found: Found | None = None
         self._readings = dipole.Readings()
-        self._history = History()
-        self._lag_s, self._drift_m, self._unexplained = 0.0, 0.0, 0
+        self._evidence = Evidence()
+        self._cause, self._unexplained = NOTHING, 0
         self._drifts: list[DriftFit] = []
         self._listens_s: float | None = None  # since when
+        self._doubtful_s = math.inf  # since when the readings do not agree with the place
         self._strongest: Observation | None = None
         self._last_s = -math.inf
         self._silent = self._age = self._turns = 0
@@ -83,7 +90,7 @@ class Estimate:
         o = observation
         if self._found or not (np.isfinite(o.position).all() and np.isfinite(o.rotation).all()):
             return
-        self._history.pose(o)
+        self._evidence.add(o)
         if 0 <= o.time_s - self._last_s < max(_STEP_S, _STEP_M / self._speed):
             return
         if o.heard and (self._strongest is None or o.d_cm < self._strongest.d_cm):
@@ -93,8 +100,7 @@ class Estimate:
         self._last_s = o.time_s
         self._silent = 0 if o.heard else self._silent + 1
         self._age += 1
-        self._history.read(o)
-        at, rotation = self._history.at(o.time_s - self._lag_s)
+        at, rotation = self._evidence.at(o.time_s - self._cause.lag_s)
         self._readings.add(at, rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s)
         if not len(self._x):
             self._heading = np.array([math.cos(o.bearing), math.sin(o.bearing)])
@@ -103,7 +109,7 @@ class Estimate:
             self._seed(self._strongest)
         self._weigh(o, _ROUNDS)
         self._unexplained += 1
-        odd = bool(self._drift_m) or self._pose_error > _ODD_M
+        odd = bool(self._cause.drift_m) or self._pose_error > _ODD_M
         if self._unexplained > (_EXPLAIN_EVERY if odd else _EXPLAIN_LATER):
             self._explain(o)
         self._listen(o)
@@ -111,7 +117,9 @@ class Estimate:
 
     def _listen(self, o: Observation) -> None:
         """Above the place, listen for a while before it is told."""
-        if not self._arrived(o):
+        if o.time_s - self._doubtful_s > _DOUBTFUL_S:
+            self._found = self._settled()
+        elif not self._arrived(o):
             off = math.dist(o.position[:2], self._share @ self._places[:, :2])
             if off > _ASTRAY_M or not (self._sure or self._drifts):
                 self._listens_s = None
@@ -120,7 +128,7 @@ class Estimate:
             self._listens_s = o.time_s if self._arrived(o) else None
         elif self._heard_enough(o.time_s - self._listens_s):
             self._doubt(o)
-            if (self._drifts or not self._explain(o)) and self._arrived(o):
+            if self._certain(o) and self._arrived(o):
                 self._found = self._settled()
 
     def _heard_enough(self, listened_s: float) -> bool:
@@ -128,15 +136,30 @@ class Estimate:
         sigma = float(np.linalg.eigvalsh(self._drifts[0].covariance[:2, :2])[1]) ** 0.5 if self._drifts else 0.0
         return listened_s >= (_LISTEN_S if sigma < _AVERAGE_M else _AVERAGE_S)
 
-    def _explain(self, o: Observation) -> bool:
-        """Find out how late the readings are, and how their places drift. Whether that is not as it was believed."""
+    def _certain(self, o: Observation) -> bool:
+        """Whether the readings agree with the place; if not, listen again, for some other cause or hypothesis."""
+        north, east, *_ = self._settled()
+        every = self._evidence.explanations(beginning((north, east), self._evidence), self._cause)
+        judgement = judged((north, east), every)
+        agrees = judgement is not None and judgement.agrees(-o.position[2])
+        if not agrees:
+            self._doubtful_s = min(self._doubtful_s, o.time_s)
+            self._listens_s = o.time_s
+        return not self._believe(every, _EVIDENT if agrees else _LIKELIER, o) and agrees
+
+    def _explain(self, o: Observation) -> None:
+        """Find out how late the readings are, how their places drift, and which antennas fail."""
+        self._believe(self._evidence.explanations(self._x[:3], self._cause), _EVIDENT, o)
+
+    def _believe(self, every: Sequence[Explanation], evident: float, o: Observation) -> bool:
+        """Believe the best explanation, if it is more likely by e^evident than the present one, the first. Whether."""
         self._unexplained = 0
-        best = self._history.explained(self._x[:3], self._lag_s, self._drift_m)
-        if (best.lag_s, best.drift_m) == (self._lag_s, self._drift_m):
+        best, before = min(every, key=lambda one: one.cost), self._cause
+        if best.cause == before or every[0].cost - best.cost < evident:
             return False
-        if best.lag_s != self._lag_s or not (best.drift_m and self._drift_m):
+        if best.cause.lag_s != before.lag_s or not (best.cause.drift_m and before.drift_m):
             self._listens_s = None
-        self._lag_s, self._drift_m, self._readings = best.lag_s, best.drift_m, best.readings
+        self._cause, self._readings = best.cause, best.readings
         self._drifts = []
         self._x, self._damping, self._pose_error = best.x, np.full(len(best.x), 0.01), min(best.pose_error, 1.0)
         self._weigh(o, _ROUNDS)
@@ -145,7 +168,7 @@ class Estimate:
     def _doubt(self, o: Observation) -> None:
         """Look for other hypotheses once more."""
         assert self._strongest is not None
-        if self._drift_m:
+        if self._cause.drift_m:
             return
         self._seed(self._strongest)
         for rounds in _DOUBTS:
@@ -167,7 +190,7 @@ class Estimate:
 
     def _weigh(self, o: Observation, rounds: int) -> None:
         """Fit the hypotheses, and drop unlikely and equal ones."""
-        if self._drift_m:
+        if self._cause.drift_m:
             self._weigh_drifting(rounds)
             return
         fit, damping = dipole.refine(self._x, self._damping, self._readings, self._pose_error, rounds)
@@ -186,7 +209,7 @@ class Estimate:
 
     def _weigh_drifting(self, rounds: int) -> None:
         """The same, when the places drift: the hypotheses are where they would be in the places reported now."""
-        every = [fitted(x, self._readings, WHITE_M, self._drift_m, rounds) for x in self._x[:_FEW]]
+        every = [fitted(x, self._readings, WHITE_M, self._cause.drift_m, rounds) for x in self._x[:_FEW]]
         best = min(one.cost for one in every)
         self._drifts = sorted((one for one in every if one.cost - best < _FORGET), key=lambda one: one.cost)
         self._x, self._places = (np.array(column) for column in zip(*((d.x, d.now) for d in self._drifts), strict=True))
@@ -200,7 +223,7 @@ class Estimate:
         off = self._places[:, :2] - self._share @ self._places[:, :2]
         each = each + off[:, :, None] * off[:, None]
         self._covariance = np.einsum("k,kij->ij", self._share, each)
-        sigma = _SURE_M + _DRIFT * self._drift_m
+        sigma = _SURE_M + _DRIFT * self._cause.drift_m
         self._sure = bool(np.linalg.eigvalsh(self._covariance)[1] < sigma**2) and self._pose_error < _MISFIT_M
 
     def _arrived(self, o: Observation) -> bool:

@@ -1,6 +1,7 @@
-"""What was read of one transmitter and where the receiver was, so that readings can be put where they were made.
+"""What was read of one transmitter and where the receiver was, and what explains that.
 
-A receiver, its cable or its host may be late. How late, the way flown tells: several lags are tried.
+A receiver, its cable or its host may be late, the places reported may drift, and an antenna may be dead or detuned. The
+way flown tells which it is: several are tried.
 """
 
 from __future__ import annotations
@@ -13,31 +14,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.search import dipole
-from arva_hil.search.drift import DRIFTS_M, WHITE_M, fitted
+from arva_hil.search.drift import DRIFTS_M, WHITE_M, DriftFit, fitted
 from arva_hil.search.strategy import Observation, Position
 
 _LAGS_S: Final = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)
-_EXPLANATIONS: Final = (*((lag_s, 0.0) for lag_s in _LAGS_S), *((0.0, drift_m) for drift_m in DRIFTS_M))  # tried
+_GAINS: Final = ((1.0, 0.0), (0.0, 1.0), (1.0, 0.5), (0.5, 1.0))  # of the antennas x and y
 _NEXT_S: Final = 0.1  # between two poses that are kept
 _MOST: Final = (4096, 192)  # poses, readings
 _ROUNDS: Final = 6
 _FEW: Final = 3  # hypotheses
-EVIDENT: Final = 16.0  # more likely by e^16
 _ODD: Final = 4.0  # cost of a lag or a drift
-_FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift
+_FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift,
+_DOWNS: Final = (-2.5, 3.5)  # if the transmitter lies so far below the take-off point [m]
+_STRENGTH: Final = 2.3  # and has at most so many times the reference transmitter's moment, or that part of it
 
 Array = NDArray[np.float64]
 
 
-class Explanation(NamedTuple):
-    """How late readings are and how their places drift, and what fits them then. `cost`: −ln of how likely it is."""
+class Cause(NamedTuple):
+    """Why readings do not agree: how late they are, how their places drift, and the gains of the antennas x and y."""
 
-    lag_s: float
-    drift_m: float
+    lag_s: float = 0.0
+    drift_m: float = 0.0
+    gains: tuple[float, float] = (1.0, 1.0)
+
+
+NOTHING: Final = Cause()  # is wrong
+_CAUSES: Final = (
+    *(Cause(lag_s=lag_s) for lag_s in _LAGS_S),
+    *(Cause(drift_m=drift_m) for drift_m in DRIFTS_M),
+    *(Cause(gains=gains) for gains in _GAINS),
+)
+
+
+class Explanation(NamedTuple):
+    """A cause, and what fits the readings then. `cost`: −ln of how likely `best` is; `costs`: of all, best first."""
+
+    cause: Cause
     readings: dipole.Readings
     x: Array  # (K, 6)
     pose_error: float
+    best: DriftFit
     cost: float
+    costs: Array  # (K,)
 
 
 class History:
@@ -63,35 +82,36 @@ class History:
         if len(self._read) > _MOST[1]:
             del self._read[: _MOST[1] // 4]
 
-    def readings(self, lag_s: float) -> dipole.Readings:
-        """All readings, where the receiver was `lag_s` before each."""
-        there = dipole.Readings()
+    @property
+    def nearest(self) -> Observation | None:
+        """The strongest reading, None before the first."""
+        return min(self._read, key=lambda o: o.d_cm if o.heard else math.inf, default=None)
+
+    def readings(self, cause: Cause = NOTHING) -> dipole.Readings:
+        """All readings, where the receiver was when each was made, by its antennas."""
+        there = dipole.Readings(cause.gains)
         for o in self._read:
-            position, rotation = self.at(o.time_s - lag_s)
+            position, rotation = self.at(o.time_s - cause.lag_s)
             there.add(position, rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s)
         return there
 
-    def explained(self, x: Array, lag_s: float, drift_m: float) -> Explanation:
-        """What explains the readings best, for hypotheses (K, 6) that were fitted with this lag and drift.
+    def explanations(self, x: Array, cause: Cause = NOTHING) -> list[Explanation]:
+        """What fits the readings under each cause, for hypotheses (K, 6) to begin with; this cause first.
 
-        Without evidence, what was believed is left as it is.
+        Where readings in time and in place fit a usual transmitter, no other cause is tried.
         """
-        every = self.explanations(x, lag_s, drift_m)
-        best = min(every, key=lambda one: one.cost)
-        return best if every[0].cost - best.cost > EVIDENT else every[0]
-
-    def explanations(self, x: Array, lag_s: float = 0.0, drift_m: float = 0.0) -> list[Explanation]:
-        """All that are tried, this lag and drift first. Where readings in time and in place fit, no other is."""
-        first = self._fitted(x, lag_s, drift_m)
-        if not (lag_s or drift_m) and first.pose_error < _FITS_M:
+        first = self._fitted(x, cause)
+        if cause == NOTHING and first.pose_error < _FITS_M and _usual(first.best.x):
             return [first]
-        return [first, *(self._fitted(x, *how) for how in _EXPLANATIONS if how != (lag_s, drift_m))]
+        return [first, *(self._fitted(x, one) for one in _CAUSES if one != cause)]
 
-    def _fitted(self, x: Array, lag_s: float, drift_m: float) -> Explanation:
-        there, error = self.readings(lag_s), max(0.3, drift_m)
-        nearest = min(self._read, key=lambda o: o.d_cm if o.heard else math.inf)
-        position, _ = self.at(nearest.time_s - lag_s)
-        if drift_m:
+    def _fitted(self, x: Array, cause: Cause) -> Explanation:
+        drift_m = cause.drift_m
+        there, error = self.readings(cause), max(0.3, drift_m)
+        nearest = self.nearest
+        assert nearest is not None
+        position, _ = self.at(nearest.time_s - cause.lag_s)
+        if drift_m or cause.gains != NOTHING.gains:
             x = np.concatenate([x, dipole.seeds(position, nearest.bearing, nearest.d_m)])
         damping, given = np.full(len(x), 0.01), x[:_FEW]
         for _ in range(2):
@@ -100,16 +120,16 @@ class History:
             x, damping = fit.x[best], damping[best]
             if not drift_m:
                 error = dipole.likely_pose_error(fit, int(best[0]), there, dipole.WIDE)
-        cost = _ODD if lag_s or drift_m else 0.0
         if drift_m:
             begin = np.concatenate([given, x])
             every = sorted((fitted(one, there, WHITE_M, drift_m, _ROUNDS) for one in begin), key=lambda one: one.cost)
-            cost += every[0].cost
+            one, costs = every[0], np.array([one.cost for one in every[:_FEW]])
             x, error = np.array([one.x for one in every[:_FEW]]), WHITE_M
         else:
-            cost += fitted(x[0], there, error, 0.0, 0).cost
-            cost += 0.5 * (math.log(error / dipole.USUAL[0]) / dipole.USUAL[1]) ** 2
-        return Explanation(lag_s, drift_m, there, x, error, cost)
+            one, costs = fitted(x[0], there, error, 0.0, 0), fit.cost[best]
+        surprise = 0.0 if drift_m else 0.5 * (math.log(error / dipole.USUAL[0]) / dipole.USUAL[1]) ** 2
+        cost = one.cost + surprise + (_ODD if cause != NOTHING else 0.0)
+        return Explanation(cause, there, x, error, one, cost, cost + costs - costs[0])
 
     def at(self, time_s: float) -> tuple[Position, Array]:
         """The pose then: position and rotation; before all the first one, after all the last one."""
@@ -121,3 +141,9 @@ class History:
         share = (time_s - a.time_s) / (b.time_s - a.time_s)
         north, east, down = (p + (q - p) * share for p, q in zip(a.position, b.position, strict=True))
         return (north, east, down), b.rotation
+
+
+def _usual(x: Array) -> bool:
+    """Whether a dipole (6,) has the depth and the moment of a transmitter as it should be."""
+    strength = float(np.linalg.norm(x[3:])) / dipole.MOMENT
+    return _DOWNS[0] < x[2] < _DOWNS[1] and 1 / _STRENGTH < strength < _STRENGTH

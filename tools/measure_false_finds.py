@@ -1,0 +1,151 @@
+"""Prints how searches end while anything of configs/faults.yaml goes wrong, and how many finds are false.
+
+    python tools/measure_false_finds.py [--strategy estimate] [--runs 2000] [--first 1] [--faults 3] [--verbose]
+
+Each run draws transmitters within ±40 m, up to 2 m deep, and up to three faults, each for all the time or for a part
+of it. A find is false that is more than 3 m from the true place. A transmitter that a fault has moved is where it was,
+or where it is when the search ends.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import random
+from collections import Counter
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from arva_hil.campaign.plan import draw
+from arva_hil.config import Fault, Scenario, load
+from arva_hil.config.campaign import Random
+from arva_hil.links import memory
+from arva_hil.registry import STRATEGIES
+from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.loop import run
+from arva_hil.search.mission import FOUND, SearchPlan
+from arva_hil.simulated.closed_loop import ClosedLoop
+
+FALSE_M: Final = 3.0
+_LIMIT_S: Final = 300.0
+_FAULTS: Final = Path(__file__).parents[1] / "configs" / "faults.yaml"
+_SCHEDULE_S: Final = (5.0, 50.0)  # when a fault begins
+_LASTS_S: Final = (2.0, 40.0)
+_ALWAYS: Final = 0.4  # of the faults, if the search can work with it at all
+_NEVER_ALWAYS: Final = ("silence", "transmitter_off", "transmitter_fading", "transmitter_moved", "stuck", "baud_ratio")
+
+
+class Flown(NamedTuple):
+    """`error_m`: of the place reported, horizontally."""
+
+    seed: int
+    faults: tuple[str, ...]
+    outcome: str
+    error_m: float | None
+    time_s: float
+
+    @property
+    def kind(self) -> str:
+        if self.outcome != FOUND or self.error_m is None:
+            return self.outcome.partition(":")[0]
+        return FOUND if self.error_m <= FALSE_M else "false"
+
+
+def scenario(seed: int, most: int) -> Scenario:
+    """Two transmitters and at most so many faults, drawn by the seed."""
+    base, r = load(_FAULTS), random.Random(f"faults {seed}")
+    there = [draw(Random(40.0, (0.0, 2.0)), 2 * seed + n).transmitters[0] for n in range(2)]
+    chosen = r.sample(base.faults, r.randint(1, most))
+    faults = tuple(scheduled(fault, r) for fault in chosen)
+    return replace(base, transmitters=(there[0], replace(there[1], id=2)), faults=faults, seed=seed)
+
+
+def scheduled(fault: Fault, r: random.Random) -> Fault:
+    """The fault at other times, and of another size where it has one."""
+    begin, lasts = r.uniform(*_SCHEDULE_S), r.uniform(*_LASTS_S)
+    always = r.random() < _ALWAYS
+    if fault.name in ("transmitter_off", "transmitter_moved", "transmitter_fading"):
+        fault = replace(fault, value=r.choice((1, 2)))
+    if fault.by_ned:
+        north, east = (round(r.uniform(-8, 8), 1) for _ in "ne")
+        fault = replace(fault, by_ned=(north, east, 0.0))
+    if fault.name == "delay_s":
+        fault = replace(fault, value=r.choice((0.3, 1.0, 2.0, 5.0)))
+    if fault.name == "interference" and always:
+        return replace(fault, from_s=0.0)
+    if fault.name not in _NEVER_ALWAYS and always:
+        return replace(fault, from_s=0.0, every_s=None, for_s=None)
+    return replace(fault, from_s=round(begin, 1), until_s=round(begin + lasts, 1), every_s=None, for_s=None)
+
+
+def flown(strategy: str, seed: int, most: int, gps_noise_m: float = 0.0) -> Flown:
+    """One search with a stepped clock, as a campaign flies it."""
+    world, clock = scenario(seed, most), StepClock()
+    plan = SearchPlan(STRATEGIES[strategy], limit_s=_LIMIT_S)
+    autopilot, commands, port = memory.pair(), memory.pair(), memory.pair()
+    loop = ClosedLoop(
+        world,
+        plan,
+        autopilot=autopilot,
+        commands=commands,
+        port=port,
+        start=clock.now(),
+        gps_noise_m=gps_noise_m,
+        stream_hz=10.0,
+    )
+    run(loop.tasks, clock, until=_LIMIT_S + 120.0, stopped=lambda: loop.over)
+    mission, outcome = loop.search.mission, loop.search.outcome
+    told = mission.ended if mission else outcome.how if outcome else "no take-off"
+    return Flown(
+        seed, tuple(map(str, world.faults)), told, error(loop, world, clock.now()), mission.searched_s if mission else 0
+    )
+
+
+def error(loop: ClosedLoop, world: Scenario, now: float) -> float | None:
+    """From the place reported to where the transmitter searched for is, or was before a fault moved it."""
+    mission = loop.search.mission
+    if mission is None or mission.found is None:
+        return None
+    place, north, east = mission.found[:2], *loop.truth()[mission.target or 0]
+    moves = [f.by_ned for f in world.faults if f.by_ned and f.value == mission.target and _on(f, now)]
+    true = [(north, east), *((north + move[0], east + move[1]) for move in moves)]
+    return min(math.dist(place, one) for one in true)
+
+
+def _on(fault: Fault, now: float) -> bool:
+    return fault.since(round(now * 1e6)) is not None
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--strategy", default="estimate")
+    parser.add_argument("--runs", type=int, default=2000)
+    parser.add_argument("--first", type=int, default=1, help="seed")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--faults", type=int, default=3, help="at most so many at once")
+    parser.add_argument("--gps-noise-m", type=float, default=0.0)
+    parser.add_argument("--verbose", action="store_true", help="print every run")
+    options = parser.parse_args()
+    seeds = range(options.first, options.first + options.runs)
+    with ProcessPoolExecutor(options.jobs) as workers:
+        each = [workers.submit(flown, options.strategy, s, options.faults, options.gps_noise_m) for s in seeds]
+        told = [tell(one.result(), options.verbose) for one in each]
+    print(f"{options.strategy}: {len(told)} runs: {counted(one.kind for one in told)}")
+
+
+def tell(one: Flown, verbose: bool) -> Flown:
+    if verbose or one.kind == "false":
+        error = "" if one.error_m is None else f" {one.error_m:.2f} m"
+        print(f"{one.seed} {one.kind}{error} after {one.time_s:.0f} s: {' '.join(one.faults)}", flush=True)
+    return one
+
+
+def counted(kinds: Iterable[str]) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in Counter(kinds).most_common())
+
+
+if __name__ == "__main__":
+    main()
