@@ -29,9 +29,10 @@ _DEEPEST_M: Final = 8.0  # under the ground
 _STRONGEST: Final = 4.0  # times the reference transmitter's moment, or that part of it
 _BETTER: Final = 6.0  # there than elsewhere: more likely by e^6
 _SIGMA_M: Final = 1.2  # of the place, at most
-_OUTLIER: Final = 9.0  # variances, if the receiver's place is known
-_ROUGH_M: Final = 0.5  # so well
-_OUTLIERS: Final = 0.15  # of the readings, at most
+_ROUGH_M, _FINE_M = 0.5, 0.2  # errors of the receiver's place that are no surprise
+_OUTLIERS: Final = 0.15  # of the readings, at most,
+_NEWEST: Final = 0.4  # and of the newest
+_NEWEST_S: Final = 10.0
 
 Array = NDArray[np.float64]
 
@@ -44,12 +45,13 @@ class Judgement(NamedTuple):
     strength: float  # of the reference transmitter's moment
     better: float  # the logarithm of how much more likely it is there than elsewhere
     sigma_m: float  # of the place, whatever the cause
-    outliers: float  # share of the readings that it does not explain
+    outliers: float  # share of the readings that it does not explain,
+    newest: float  # and of the newest ones
 
     def agrees(self, height_m: float) -> bool:
         """It can be true; the receiver was flown at that height."""
         buried = self.below_m < height_m + _DEEPEST_M and 1 / _STRONGEST < self.strength < _STRONGEST
-        fits = self.unexplained_m < _UNEXPLAINED_M and self.outliers < _OUTLIERS
+        fits = self.unexplained_m < _UNEXPLAINED_M and self.outliers < _OUTLIERS and self.newest < _NEWEST
         return buried and fits and self.better > _BETTER and self.sigma_m < _SIGMA_M
 
 
@@ -104,12 +106,19 @@ def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> J
     strength = float(np.linalg.norm(x[3:])) / dipole.MOMENT
     if there.cause.drift_m:
         strength = math.sqrt(strength)  # where heights drift, it is less known
-    error = max(_ROUGH_M, there.pose_error, there.cause.drift_m)
-    fit = dipole.evaluate(x[None], o, error)
-    out = fit.error[0] ** 2 > _OUTLIER * (error**2 * fit.slope[0] + fit.variance[0])
-    outliers = float((out & o.told).reshape(-1, 2).any(axis=1)[1:].mean())
     likely = [(math.exp(here - one.cost), one.best) for one in nears]
     spread = sum(share * float(np.linalg.eigvalsh(fit.covariance[:2, :2])[1]) for share, fit in likely)
     sigma = math.sqrt(spread / sum(share for share, _ in likely))
     below = float(there.best.now[2] - o.at[2, 1:].max())
-    return Judgement(there.pose_error, below, strength, elsewhere - here, sigma, outliers)
+    everything = float(_unexplained(there, _ROUGH_M, 9.0).mean())
+    newest = _unexplained(there, _FINE_M, 4.0)[o.time_s[1:] > o.time_s[1:].max() - _NEWEST_S]
+    return Judgement(there.pose_error, below, strength, elsewhere - here, sigma, everything, float(newest.mean()))
+
+
+def _unexplained(there: Explanation, place_m: float, variances: float) -> NDArray[np.bool_]:
+    """Which readings (N − 1,) are farther off than that, were the receiver's place known so well at most [m]."""
+    o, error = there.readings, max(place_m, there.pose_error, there.cause.drift_m)
+    fit = dipole.evaluate(there.best.x[None], o, error)
+    out = fit.error[0] ** 2 > variances * (error**2 * fit.slope[0] + fit.variance[0])
+    parts: NDArray[np.bool_] = (out & o.told).reshape(-1, 2)[1:]
+    return parts[:, 0] | parts[:, 1]
