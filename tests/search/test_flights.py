@@ -157,6 +157,13 @@ def test_a_mount_that_nobody_told_of_is_an_error_of_the_place() -> None:
     assert flight.off == pytest.approx(0.5, abs=0.1)
 
 
+def test_mounted_aside_with_late_readings_and_a_position_that_wanders_no_find_is_false() -> None:
+    flight = Flight("estimate", MOUNTED, "faults: [{delay_s: 1}]", mount=mount(), gps_noise_m=1.0, limit_s=300.0)
+    if flight.outcome.kind == "found":
+        assert flight.off is not None
+        assert flight.off < 3.0
+
+
 # -- what is not found -------------------------------------------------------------------------------------
 
 
