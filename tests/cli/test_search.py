@@ -152,7 +152,7 @@ def test_without_matplotlib_there_is_a_log_and_the_cure(
     code, _, err = arva(*arguments, "--record", tmp_path)
     assert code == 3
     assert err.endswith(f"log: {tmp_path}/search.csv; for a picture: pip install 'arva-hil[plots]'\n")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["search.csv", "search.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["search.csv", "search.json", "search.jsonl"]
 
 
 def test_a_port_that_is_none_leaves_no_record(arva: Arva, tmp_path: Path) -> None:
