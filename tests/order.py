@@ -2,7 +2,8 @@
 
 pytest-xdist gives each worker one piece of the list, and one that has finished takes from the end of another's piece.
 Tests that wait (for processes, for real time) stand together in a few folders: left as they are, one worker waits for
-minutes, and it is the last. So every piece gets as many of them, spread over it, and none at its end.
+minutes, and it is the last. So every piece gets as many of them, spread over it, the longest (of the last folders: pages,
+sitl) first, and none at its end.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Final, TypeVar
 _T = TypeVar("_T")
 
 BLOCK: Final = 4  # tests of one file that stay together, for what they share is made once
-_SPREAD: Final = 0.9  # of a piece: its end is left to tests that take no time
+_SPREAD: Final = 0.8  # of a piece: its end is left to tests that take no time
 
 
 def dealt(tests: Sequence[_T], workers: int, waits: Callable[[_T], bool], file: Callable[[_T], object]) -> list[_T]:
@@ -25,7 +26,7 @@ def dealt(tests: Sequence[_T], workers: int, waits: Callable[[_T], bool], file: 
         for _, group in groupby(slow, file)
         for same in [list(group)]
         for i in range(0, len(same), BLOCK)
-    ]
+    ][::-1]
     quick = [test for test in tests if not waits(test)]
     order: list[_T] = []
     for worker in range(workers):
