@@ -2,8 +2,8 @@
 
 pytest-xdist gives each worker one piece of the list, and one that has finished takes from the end of another's piece.
 Tests that wait (for processes, for real time) stand together in a few folders: left as they are, one worker waits for
-minutes, and it is the last. So every piece gets as many of them, spread over it, the longest (of the last folders: pages,
-sitl) first, and none at its end.
+minutes, and it is the last. So every piece gets as many of them, spread over it, the last folders (pages, sitl) first,
+for they wait longest, and none at its end.
 """
 
 from __future__ import annotations
