@@ -46,7 +46,8 @@ _EXPLAIN_LATER: Final = 60  # and when not,
 _ODD_M: Final = 0.3  # when their places seem wrong by so much
 _EVIDENT: Final = 16.0  # another cause is believed if it is more likely by e^16,
 _LIKELIER: Final = 6.0  # and by e^6 where the place is doubtful
-_DOUBTFUL_S: Final = 90.0  # then the place is told as it is
+_DOUBTFUL_S: Final = 90.0  # then the place is told as it is,
+_LONGEST_S: Final = 240.0  # and so long after it first came above a place, whatever has happened since
 _DRIFT: Final = 0.3  # of a drift: what sigma may be more of the place where it hovers
 
 
@@ -62,6 +63,7 @@ class Estimate:
         self._drifts: list[DriftFit] = []
         self._listens_s: float | None = None  # since when
         self._doubtful_s = math.inf  # since when the readings do not agree with the place
+        self._above_s = math.inf  # when it first came above a place
         self._strongest: Observation | None = None
         self._last_s = -math.inf
         self._silent = self._age = self._turns = 0
@@ -116,8 +118,10 @@ class Estimate:
         self._steer(o, self._strongest)
 
     def _listen(self, o: Observation) -> None:
-        """Above the place, listen for a while before it is told."""
-        if o.time_s - self._doubtful_s > _DOUBTFUL_S:
+        """Above the place, listen for a while before it is told. Causes may change, but it ends in bounded time."""
+        if self._arrived(o):
+            self._above_s = min(self._above_s, o.time_s)
+        if o.time_s - self._doubtful_s > _DOUBTFUL_S or o.time_s - self._above_s > _LONGEST_S:
             self._found = self._settled()
         elif not self._arrived(o):
             off = math.dist(o.position[:2], self._share @ self._places[:, :2])
