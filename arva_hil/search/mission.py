@@ -90,7 +90,7 @@ class Mission:
         channels = {}
         for id_, channel in nearest(frame).items():
             o = Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER)
-            if id_ != NO_ID or not self.victims.explain(o):
+            if not self._pauses.repeats(id_of(id_)) and (id_ != NO_ID or not self.victims.explain(o)):
                 channels[id_] = channel
                 self._choice.note(id_, o)
         if self.victims.several:
@@ -263,7 +263,7 @@ class Mission:
             return
         if target in ids:
             strategy.hear(self.heard[target].past[-1])
-        elif not masked:
+        elif not masked and not self._pauses.repeats(id_of(target)):
             strategy.hear(nothing)
         if (found := checked_found(strategy.found)) is None:
             return

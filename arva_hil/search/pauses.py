@@ -33,6 +33,10 @@ class Pauses:
         self._standstill.hear(frame, position, time_s)
         return not self._standstill.old
 
+    def repeats(self, id_: int | None) -> bool:
+        """Whether the last frame's reading of this transmitter is from another place."""
+        return self._standstill.repeats(id_)
+
     def silent(self, time_s: float) -> str:
         """How the search ends because no frame came for too long, "" if it does not."""
         too_long = time_s - self._last_frame_s > self._patience_s

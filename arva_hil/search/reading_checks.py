@@ -36,30 +36,68 @@ class NewFrames:
 
 
 class StuckReadings:
-    """Remembers where and when the present reading began, and the largest distance from there since then.
+    """Remembers of the whole frame, and of each transmitter in it, where and when its present reading began.
 
-    `old`: so far away that the reading is not of this place. `stuck`: too far for an equal reading, or away for too
-    long.
+    `old`: the whole frame came so far away that it is not of this place. `stuck`: too far for an equal one, or away
+    for too long. `moved_m`: the largest distance from where it began.
     """
 
     def __init__(self) -> None:
-        self.old = self.stuck = False
-        self.moved_m = 0.0
-        self._channels: tuple[Channel, ...] = ()
-        self._at: Position = (0.0, 0.0, 0.0)
-        self._old_since = math.inf
-        self._frames = 0
+        self._whole = _SameReading((), (0.0, 0.0, 0.0))
+        self._each: dict[int | None, _SameReading] = {}
+
+    @property
+    def old(self) -> bool:
+        return self._whole.old
+
+    @property
+    def stuck(self) -> bool:
+        return self._whole.stuck
+
+    @property
+    def moved_m(self) -> float:
+        return self._whole.moved_m
+
+    def repeats(self, id_: int | None) -> bool:
+        """Whether the reading of this transmitter is not of this place, though others of the frame may be."""
+        return id_ in self._each and self._each[id_].old
 
     def hear(self, frame: Frame, position: Position, time_s: float) -> None:
         """Use a new frame and the receiver's place."""
-        if frame.channels != self._channels:
-            self._channels, self._at, self._frames = frame.channels, position, 0
-            self.old, self.stuck, self.moved_m, self._old_since = False, False, 0.0, math.inf
+        heard = tuple(channel for channel in frame.channels if channel.valid)
+        self._whole = self._whole.after(heard, position, time_s)
+        before, self._each = self._each, {}
+        for id_ in {channel.id for channel in heard}:
+            channels = tuple(channel for channel in heard if channel.id == id_)
+            same = before.get(id_) or _SameReading(channels, position)
+            self._each[id_] = same.after(channels, position, time_s)
+
+
+class _SameReading:
+    """Remembers a reading, where and when it began, and how far away it came again.
+
+    `old`: so far away that it is not of this place. `stuck`: too far for an equal reading, or away for too long.
+    """
+
+    def __init__(self, channels: tuple[Channel, ...], at: Position) -> None:
+        self.channels = channels
+        self.old = self.stuck = False
+        self.moved_m = 0.0
+        self._at = at
+        self._old_since = math.inf
+        self._frames = 0
+
+    def after(self, channels: tuple[Channel, ...], position: Position, time_s: float) -> _SameReading:
+        """This one, if these channels are the same, otherwise a new one."""
+        same = self if channels == self.channels else _SameReading(channels, position)
+        if channels:
+            same._again(position, time_s)
+        return same
+
+    def _again(self, position: Position, time_s: float) -> None:
         self._frames += 1
-        if not any(channel.valid for channel in frame.channels):
-            return
         self.moved_m = max(self.moved_m, math.dist(position, self._at))
-        self.old = self.old or self.moved_m > _OLD_M
+        self.old = self.moved_m > _OLD_M
         self._old_since = min(self._old_since, time_s) if self.old else math.inf
         long = self.moved_m > _STUCK_M or time_s - self._old_since > _STUCK_S
         self.stuck = self.stuck or (long and self._frames >= _SAME_FRAMES)

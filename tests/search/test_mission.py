@@ -488,6 +488,20 @@ def test_what_the_receiver_says_again_elsewhere_tells_the_strategy_nothing(strat
     assert m.found == Found(3.0, 4.0)
 
 
+def test_a_reading_said_again_elsewhere_tells_nothing_though_another_transmitter_s_changes(
+    strategy: type[Scripted],
+) -> None:
+    """Nor is that transmitter told as silent."""
+    m = mission(strategy)
+    for k in range(4):
+        heard(m, beacon(1, 9, 20), beacon(2, 30 - k, 20), at_s=101.0 + k, position=(1.0 * k, 0.0, -1.0))
+    (told,) = strategy.made
+    assert [(o.position[0], o.heard) for o in told.heard] == [(0.0, True)]
+    heard(m, beacon(1, 8, 20), beacon(2, 26, 20), at_s=105.0, position=(4.0, 0.0, -1.0))
+    assert [(o.position[0], o.heard) for o in told.heard] == [(0.0, True), (4.0, True)]
+    assert m.heard[2].last_m == 26.0
+
+
 def test_a_stuck_receiver_whose_frames_stop_too_has_no_frames(strategy: type[Scripted]) -> None:
     m = mission(strategy)
     for k in range(6):

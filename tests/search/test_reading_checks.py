@@ -90,3 +90,18 @@ def test_a_change_frees_it() -> None:
     same = [(frame(n), 1.0 * n) for n in range(8)]
     standstill = after(*same, (frame(9, Channel(1, MID, 901, 20)), 8.0))
     assert (standstill.old, standstill.stuck, standstill.moved_m) == (False, False, 0.0)
+
+
+def test_a_stuck_reading_is_noticed_though_another_transmitter_s_changes() -> None:
+    frames = [(frame(n, Channel(1, MID, 900, 20), Channel(2, MID, 1500 - n, 40)), 1.0 * n) for n in range(8)]
+    standstill = after(*frames)
+    assert standstill.repeats(1)
+    assert not standstill.repeats(2)
+    assert not standstill.repeats(3)
+    assert not standstill.old
+    assert not standstill.stuck
+
+
+def test_an_empty_channel_that_changes_hides_no_stuck_reading() -> None:
+    frames = [(frame(n, Channel(1, MID, 900, 20), Channel(n, MID, -1, -1)), 1.0 * n) for n in range(8)]
+    assert after(*frames).stuck
