@@ -24,6 +24,7 @@ from arva_hil.events import Event
 from arva_hil.events.searches import SetPointPlanned, WouldOrder
 from arva_hil.field.mount import Mount
 from arva_hil.field.rotation import from_euler
+from arva_hil.links import Link
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.observers.audience import Audience
 from arva_hil.observers.console import Printer
@@ -36,10 +37,11 @@ from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.outcome import SearchStep
-from arva_hil.search.permission import Permission
+from arva_hil.search.permission import Permission, Question
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strips import Strips
-from arva_hil.search.team import layered
+from arva_hil.search.team import Teammate, layered
+from arva_hil.search.team_tunnel import TeamTunnel
 from arva_hil.vehicle.session import Session
 from firmware_proto import INNER
 
@@ -157,23 +159,15 @@ def main(options: argparse.Namespace) -> int:
             signing=key,
         )
         question = TerminalQuestion(printer.say) if somebody_is_there() else None
-        client = SearchClient(
+        client = client_of(
+            options,
             plan,
-            session,
-            autopilot,
-            receiver,
-            FORMATS[options.format].decoder(),
+            (session, autopilot, receiver),
+            options.format,
             start=start,
-            land=options.end == "land",
-            timeout_s=options.timeout,
-            arm_timeout_s=options.arm_timeout,
-            permission=Permission(session, yes=options.yes, question=question, dry_run=options.dry_run),
-            take_over=options.take_over,
-            countdown_s=options.countdown,
-            dry_run=options.dry_run,
+            question=question,
             emit=emit,
             log=rows_to(printer, log),
-            host=getattr(FORMATS[options.format], "host", None),
             team=team.mate if team else None,
             tunnel=team.tunnel if team else None,
         )
@@ -199,6 +193,44 @@ def main(options: argparse.Namespace) -> int:
     if options.json:
         show_json(as_dict(client.outcome) | ({"would_order": would_order(planned)} if options.dry_run else {}))
     return code
+
+
+def client_of(
+    options: argparse.Namespace,
+    plan: SearchPlan,
+    vehicle: tuple[Session, Link, Link],
+    format_: str,
+    *,
+    start: float,
+    question: Question | None,
+    emit: Callable[[Event], None],
+    log: Callable[[SearchStep], None],
+    team: Teammate | None,
+    tunnel: TeamTunnel | None = None,
+) -> SearchClient:
+    """One search. `vehicle`: its session, its link, and the receiver's, which speaks `format_`."""
+    session, autopilot, receiver = vehicle
+    kind = FORMATS[format_]
+    return SearchClient(
+        plan,
+        session,
+        autopilot,
+        receiver,
+        kind.decoder(),
+        start=start,
+        land=options.end == "land",
+        timeout_s=options.timeout,
+        arm_timeout_s=options.arm_timeout,
+        permission=Permission(session, yes=options.yes, question=question, dry_run=options.dry_run),
+        take_over=options.take_over,
+        countdown_s=options.countdown,
+        dry_run=options.dry_run,
+        emit=emit,
+        log=log,
+        host=getattr(kind, "host", None),
+        team=team,
+        tunnel=tunnel,
+    )
 
 
 def describe(plan: SearchPlan) -> str:

@@ -25,12 +25,10 @@ from arva_hil.observers.console import Printer
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import Notice
 from arva_hil.observers.record.search_log import SearchLog
-from arva_hil.registry import FORMATS
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.outcome import Outcome
-from arva_hil.search.permission import Permission
 from arva_hil.search.team import Bus, TeamField, Teammate, layered
 from arva_hil.search.team_tunnel import MOST_MEMBERS, TeamTunnel
 from arva_hil.vehicle.session import Session
@@ -104,27 +102,20 @@ def main(options: argparse.Namespace) -> int:
             printer.say(
                 f"{member.name}: system {member.system}, autopilot: {autopilot.name}, receiver: {receiver.name}"
             )
-            if options.record:
-                logs[member.name] = SearchLog(Path(options.record) / member.name)
+            log = SearchLog(Path(options.record) / member.name, start_s=start) if options.record else None
+            if log:
+                logs[member.name] = log
             session = Session(target_system=member.system, rate_hz=options.stream_rate, component=COMPONENT)
-            clients[member.name] = SearchClient(
+            clients[member.name] = search.client_of(
+                options,
                 layered(plan, member.number),
-                session,
-                autopilot,
-                receiver,
-                FORMATS[member.format].decoder(),
+                (session, autopilot, receiver),
+                member.format,
                 start=start,
-                land=options.end == "land",
-                timeout_s=options.timeout,
-                arm_timeout_s=options.arm_timeout,
-                permission=Permission(session, yes=options.yes, question=None, dry_run=options.dry_run),
-                take_over=options.take_over,
-                countdown_s=options.countdown,
-                dry_run=options.dry_run,
-                emit=partial(_tell, printer, member.name),
-                log=logs[member.name].row if options.record else lambda _: None,
+                question=None,
+                emit=partial(_tell, printer, member.name, log),
+                log=log.row if log else lambda _: None,
                 team=bus.join(),
-                host=getattr(FORMATS[member.format], "host", None),
             )
 
         def over() -> bool:
@@ -138,7 +129,7 @@ def main(options: argparse.Namespace) -> int:
     code = INTERRUPTED if guard.caught else exit_code(list(outcomes.values()))
     for name, outcome in outcomes.items():
         lines = result(outcome)
-        if options.record:
+        if name in logs:
             lines += close_log(logs[name], outcome, code, clock.epoch_us + start * 1e6)
             code = code or (FAILED if logs[name].error else OK)
         for line in lines:
@@ -158,7 +149,9 @@ def exit_code(outcomes: list[Outcome]) -> int:
     return OK
 
 
-def _tell(printer: Printer, name: str, event: Event) -> None:
+def _tell(printer: Printer, name: str, log: SearchLog | None, event: Event) -> None:
+    if log:
+        log.observe(event)
     if said := sentence(event):
         printer.notice(Notice(said.level, f"{name}: {said.text}"))
 

@@ -35,12 +35,10 @@ class DriftFit(NamedTuple):
     cost: float  # −ln of the likelihood
 
 
-def fitted(
-    x: Array, o: dipole.Readings, pose_error: float, drift_m: float, rounds: int, *, held: bool = False
-) -> DriftFit:
+def fitted(x: Array, o: dipole.Readings, pose_error: float, drift_m: float, rounds: int) -> DriftFit:
     """The hypothesis (6,) near x that fits the readings best; sigmas of each place and of the drift [m].
 
-    `held`: its north and east stay as they are. The cost of a fit with `drift_m` 0 can be compared with others.
+    The cost of a fit with `drift_m` 0 can be compared with others.
     """
     alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s)
     newest = drift_m**2 * _alike(o.time_s - o.time_s[1:].max(initial=0.0))
@@ -63,8 +61,7 @@ def fitted(
         each = np.diag(exact * tail) + (j[:3].T @ j[:3]) * spread
         solved = np.linalg.solve(each, np.column_stack([j.T, e]))
         information = j @ solved[:, :6] + dipole.RIDGE
-        free, step = slice(2 if held else 0, 6), np.zeros(6)
-        step[free] = -np.linalg.solve(information[free, free], (j @ solved[:, 6])[free])
+        step = -np.linalg.solve(information, j @ solved[:, 6])
         left = -(solved[:, 6] + solved[:, :6] @ step)
         if n < rounds:
             share = min(1.0, _FARTHEST_M / max(float(np.abs(step[:3]).max()), 1e-9))

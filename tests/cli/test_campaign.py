@@ -35,13 +35,7 @@ Arva = Callable[..., Any]
 
 @pytest.fixture
 def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A plan's file; in this process the flights are fakes, one at a time, and the report is without charts."""
-    monkeypatch.setattr(trial, "fly", fakes.fake)
-    monkeypatch.setattr(charts, "draw", lambda rows, success_m: {})
-    monkeypatch.setenv("ARVA_HIL_JOBS", "1")
-    path = tmp_path / "plan.yaml"
-    path.write_text(PLAN)
-    return path
+    return plan_file(tmp_path, monkeypatch, PLAN)
 
 
 @pytest.fixture
@@ -52,6 +46,16 @@ def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv(fakes.FOLDER, str(folder))
     monkeypatch.setattr(far_ends, "PROGRAM", [sys.executable, str(TESTS / "campaign" / "driver.py"), "gated"])
     return folder
+
+
+def plan_file(folder: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> Path:
+    """A plan's file; in this process the flights are fakes, one at a time, and the report is without charts."""
+    monkeypatch.setattr(trial, "fly", fakes.fake)
+    monkeypatch.setattr(charts, "draw", lambda rows, success_m: {})
+    monkeypatch.setenv("ARVA_HIL_JOBS", "1")
+    path = folder / "plan.yaml"
+    path.write_text(text)
+    return path
 
 
 def flights(gate: Path) -> list[tuple[int, str]]:

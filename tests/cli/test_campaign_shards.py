@@ -14,12 +14,11 @@ from typing import Any
 import pytest
 from campaign import fakes
 
-from arva_hil.campaign import charts, trial
 from arva_hil.campaign.results import opened, row
 
 from . import far_ends
 from .far_ends import Program
-from .test_campaign import flights, rows, until
+from .test_campaign import flights, plan_file, rows, until
 
 TESTS = Path(__file__).parent.parent
 SEEDS = 260
@@ -32,13 +31,7 @@ Arva = Callable[..., Any]
 
 @pytest.fixture
 def plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A plan's file; in this process the flights are fakes, and the report is without charts."""
-    monkeypatch.setattr(trial, "fly", fakes.fake)
-    monkeypatch.setattr(charts, "draw", lambda rows, success_m: {})
-    monkeypatch.setenv("ARVA_HIL_JOBS", "1")
-    path = tmp_path / "plan.yaml"
-    path.write_text(PLAN)
-    return path
+    return plan_file(tmp_path, monkeypatch, PLAN)
 
 
 class Cluster:

@@ -73,11 +73,12 @@ def test_two_searches_on_one_link_have_a_vehicle_each(start: Start, field: Path,
     port = free_port(socket.SOCK_DGRAM)
     start("vehicle", "--count", 2, "--link", f"udpout:127.0.0.1:{port}")
     words = ("--autopilot", f"udpin:127.0.0.1:{port}", "--dry-run", "--json")
-    search = start("search", "--scenario", field, *words)
+    search = start("search", "--scenario", field, *words, "--record", tmp_path / "record")
     assert search.ends() == 0, search.err
     for name, system in (("a", 1), ("b", 2)):
         assert f"{name}: vehicle ardupilotmega quadrotor {system}/1" in search.err
         assert f'"vehicle": "{name}"' in search.out.decode()
+        assert '"vehicle_found"' in (tmp_path / "record" / name / "search.jsonl").read_text()
     alone = start("search", "--scenario", field, "--vehicle", "b", *words)
     assert alone.ends() == 0, alone.err
     assert "vehicle ardupilotmega quadrotor 2/1" in alone.err
