@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -222,6 +223,21 @@ def test_what_is_old_says_nothing(vehicle: Vehicle) -> None:
     assert late == Height(pytest.approx(3.0), False)  # of all that, the highest ground is left
 
 
+@pytest.mark.parametrize("stranger", [(2, 1), (1, 99), (255, 190)])
+def test_other_systems_and_components_say_nothing_of_the_ground(vehicle: Vehicle, stranger: tuple[int, int]) -> None:
+    own = vehicle._encoder
+    vehicle.says(1.0, pressure(0.0), terrain(-7.0))
+    vehicle.arm()
+    vehicle.says(2.0, pressure(3.0), terrain(-4.0))
+    vehicle._encoder = Encoder(*stranger)
+    vehicle.says(2.0, terrain(-9.0), distance(100), rangefinder(1.0), altitude(1.0), pressure(2.0), status(0))
+    assert vehicle.height(2.0, 3.0) == Height(pytest.approx(3.0, abs=0.01), False)
+    vehicle._encoder = own
+    vehicle.says(2.0, terrain(-6.0))
+    assert vehicle.height(2.1, 3.0) == Height(pytest.approx(1.0), False)
+    assert vehicle.height_sources() == ["estimate"]
+
+
 # -- down a slope by the terrain database --------------------------------------------------------------------
 
 
@@ -303,6 +319,17 @@ class Frozen:
         return self.first
 
 
+class Delayed:
+    """Says everything so many reports later."""
+
+    def __init__(self, by: int) -> None:
+        self.waiting: deque[Any] = deque([None] * by)
+
+    def __call__(self, made: Any) -> Any:
+        self.waiting.append(made)
+        return self.waiting.popleft()
+
+
 @pytest.mark.parametrize(
     "report",
     [
@@ -311,6 +338,7 @@ class Frozen:
         changed(current_height=60.0),  # higher than it is
         changed(terrain_height=1560.0),  # lower ground: a cliff under the take-off point
         changed(terrain_height=1560.0, current_height=93.0),  # both, so that they agree
+        Delayed(10),  # 5 s old
     ],
 )
 @pytest.mark.parametrize("fall", [0.4, -0.3])
