@@ -12,10 +12,11 @@ from typing import Final, NamedTuple
 from arva_hil.cli import common, search
 from arva_hil.cli.demo_fleet import check_receivers, check_width
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, SignalGuard, UsageError
-from arva_hil.cli.search_report import as_dict, close_log, result
+from arva_hil.cli.search_report import as_dict, close_log, result, would_order
 from arva_hil.cli.terminal import show_json
 from arva_hil.config import Lla, Scenario, VehicleConfig, load
 from arva_hil.events import Event
+from arva_hil.events.searches import SetPointPlanned, WouldOrder
 from arva_hil.field import LocalFrame
 from arva_hil.links import Link, parse
 from arva_hil.links.reconnecting import open_reconnecting
@@ -83,6 +84,7 @@ def main(options: argparse.Namespace) -> int:
     members = [_member(options, vehicle, number, scenario.source) for number, vehicle in enumerate(vehicles)]
     plan, clock, bus = search.plan_of(options), RealClock(), Bus(field)
     start, clients, logs = clock.now(), dict[str, SearchClient](), dict[str, SearchLog]()
+    planned = {member.name: list[Event]() for member in members}
     guard, printer = SignalGuard(), Printer(sys.stderr)
     with ExitStack() as stack:
 
@@ -113,7 +115,7 @@ def main(options: argparse.Namespace) -> int:
                 member.format,
                 start=start,
                 question=None,
-                emit=partial(_tell, printer, member.name, log),
+                emit=partial(_tell, printer, member.name, log, planned[member.name]),
                 log=log.row if log else lambda _: None,
                 team=bus.join(),
             )
@@ -135,7 +137,8 @@ def main(options: argparse.Namespace) -> int:
         for line in lines:
             printer.say(f"{name}: {line}")
         if options.json:
-            show_json({"vehicle": name} | as_dict(outcome))
+            orders = {"would_order": would_order(planned[name])} if options.dry_run else {}
+            show_json({"vehicle": name} | as_dict(outcome) | orders)
     printer.close()
     return code
 
@@ -149,9 +152,11 @@ def exit_code(outcomes: list[Outcome]) -> int:
     return OK
 
 
-def _tell(printer: Printer, name: str, log: SearchLog | None, event: Event) -> None:
+def _tell(printer: Printer, name: str, log: SearchLog | None, planned: list[Event], event: Event) -> None:
     if log:
         log.observe(event)
+    if isinstance(event, WouldOrder | SetPointPlanned):
+        planned.append(event)
     if said := sentence(event):
         printer.notice(Notice(said.level, f"{name}: {said.text}"))
 
