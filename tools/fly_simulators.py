@@ -53,7 +53,15 @@ KINDS: Final = ("anywhere", *SILENCE, "stop", "descent", "landing")
 
 
 def fly(
-    binary: Path, folder: Path, kind: str, seed: int, options: list[str], victims: int = 1, model: str = "paper"
+    binary: Path,
+    folder: Path,
+    kind: str,
+    seed: int,
+    options: list[str],
+    victims: int = 1,
+    model: str = "paper",
+    slope: float = 0.0,
+    rangefinder: bool = False,
 ) -> Flight:
     flight = Flight(binary.name, kind, seed, height_m(options), str(folder))
     draw = random.Random(f"{kind} {seed}")
@@ -68,9 +76,10 @@ def fly(
         elif kind != "anywhere":
             ned = [20.0, 15.0, 0.0]
         buried[id_] = ned
-        lines.append(f"{{id: {id_}, ned: {ned}, attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}}}")
+        place_of_it = f"ned: {[*ned[:2], 0.0]}, depth_m: {ned[2]}" if slope else f"ned: {ned}"
+        lines.append(f"{{id: {id_}, {place_of_it}, attitude: {{roll: {roll}, pitch: {pitch}, yaw: {yaw}}}}}")
     scenario, port = folder / "scenario.yaml", folder / "receiver"
-    datum = "{{lat: {}, lon: {}, alt: {}}}".format(*HOME)
+    datum = "home\nterrain: autopilot" if slope else "{{lat: {}, lon: {}, alt: {}}}".format(*HOME)
     scenario.write_text(
         f"spec: 2\nseed: {seed}\ndatum: {datum}\ntransmitters: [{', '.join(lines)}]\nreceiver: {{model: {model}}}\n"
     )
@@ -79,7 +88,7 @@ def fly(
         options = [*options, "--limit", f"{LIMIT_S:g}", "--area=0,-1,40,1"]
     stack = contextlib.ExitStack()
     with stack:
-        simulator = Simulator(binary, folder, kind, seed)
+        simulator = Simulator(binary, folder, kind, seed, slope, rangefinder)
         stack.callback(simulator.close)
         emulator = Program(
             *(folder, "run", "--scenario", scenario, "--record", folder / "record", "--timeout", 60),
@@ -178,7 +187,8 @@ def flights(options: argparse.Namespace) -> Iterator[Flight]:
         for seed in range(options.seed, options.seed + options.runs):
             of_one = folder / f"{options.binary.name}-{kind}-{seed}-{int(time.time())}"
             of_one.mkdir(parents=True)
-            flight = fly(options.binary, of_one, kind, seed, options.options, options.victims, options.model)
+            ground = options.slope, options.rangefinder
+            flight = fly(options.binary, of_one, kind, seed, options.options, options.victims, options.model, *ground)
             with (folder / "results.jsonl").open("a") as results:
                 print(json.dumps(vars(flight)), file=results)
             yield flight
@@ -197,9 +207,15 @@ def main(arguments: list[str]) -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     parser.add_argument("--victims", type=int, default=1, metavar="N", help="transmitters, all searched for; default 1")
     parser.add_argument("--model", default="paper", help="of the receiver; default paper")
+    parser.add_argument(
+        "--slope", type=float, default=0.0, metavar="M", help="ArduPilot: ground that rises to the north"
+    )
+    parser.add_argument("--rangefinder", action="store_true", help="ArduPilot: with one")
     parser.add_argument("--folder", help="for all files; default: a new one")
     options = parser.parse_args(ours)
     options.options = theirs
+    if (options.slope or options.rangefinder) and options.binary.name != "arducopter":
+        parser.error("--slope and --rangefinder are for arducopter")
     good = True
     for flight in flights(options):
         print(flight, flush=True)

@@ -102,7 +102,8 @@ class Flight:
     reported_m: float | None = None  # largest error of the places reported, by the estimate of the vehicle's place
     stands_m: float | None = None  # where it came down, by that estimate,
     touchdown_m: float | None = None  # and in truth
-    lowest_m: float | None = None  # true height while searching
+    lowest_m: float | None = None  # true heights above the ground while searching
+    highest_m: float | None = None
     standing_m: float | None = None
     disarmed: bool = False
     kept: bool | None = None  # the mode of the pilot is the vehicle's at the end
@@ -123,7 +124,7 @@ class Flight:
         return (
             f"{self.simulator:10} {self.kind:9} {self.seed:3} {'ok ' if self.good else 'BAD'} {self.code!s:>4} "
             f"{self.outcome:9} {self.time_s:5.0f} s  {m(self.reported_m)} {m(self.stands_m)} {m(self.touchdown_m)}  "
-            f"low {m(self.lowest_m)}  {'disarmed' if self.disarmed else 'armed   '} "
+            f"low {m(self.lowest_m)} high {m(self.highest_m)}  {'disarmed' if self.disarmed else 'armed   '} "
             f"kept {self.kept!s:5} {silence}  "
             f"set-points {self.apart_s:.2f} s apart  load {self.load:.1f}  {self.how} {self.problem}"
         )
@@ -140,18 +141,18 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
     begun, ended = search.said(BEGINS), min(search.said(ENDS) or math.inf, acted or math.inf)
     flight.time_s = (search.lines[-1][0] if search.lines else 0.0) - search.began
     flight.disarmed = not relay.armed
-    ground = simulator.ground_m
+    heights = dict(zip(places, simulator.heights(places), strict=True))
     with (Path(flight.folder) / "truth.csv").open("w") as file:
         for place in places:
-            print(f"{place.time_s - search.began:.3f},{place.lat},{place.lon},{place.alt - ground:.3f}", file=file)
+            print(f"{place.time_s - search.began:.3f},{place.lat},{place.lon},{heights[place]:.3f}", file=file)
     if begun is not None:
-        heights = [place.alt - ground for place in places if begun <= place.time_s <= ended]
-        flight.lowest_m = min(heights, default=None)
+        searching = [height for place, height in heights.items() if begun <= place.time_s <= ended]
+        flight.lowest_m, flight.highest_m = min(searching, default=None), max(searching, default=None)
     if places:
-        down = (place for place in places if place.time_s > ended and place.alt - ground < TOUCHED_M)
+        down = (place for place in places if place.time_s > ended and heights[place] < TOUCHED_M)
         touched = next(down, places[-1])  # later the wind may push it over the ground
         flight.touchdown_m = off(touched.lat, touched.lon, buried)
-        flight.standing_m = places[-1].alt - ground
+        flight.standing_m = heights[places[-1]]
         kind = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
         estimates = [n.message for n in relay.notes if type(n.message).id == kind and n.time_s <= touched.time_s]
         flight.stands_m = off(estimates[-1].lat / 1e7, estimates[-1].lon / 1e7, buried) if estimates else None

@@ -6,16 +6,37 @@ import contextlib
 import socket
 import threading
 import time
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any, Final, NamedTuple
 
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
+
+SPACING_M: Final = 30  # TERRAIN_SPACING
+PER_DEGREE_M: Final = 111_318.8  # of latitude, ArduPilot's
 
 
 class Note(NamedTuple):
     time_s: float
     up: bool  # from the search
     message: Any
+
+
+class Slope(NamedTuple):
+    """Ground that rises to the north, `rise` m a metre, as ArduPilot's terrain data: whole metres every SPACING_M."""
+
+    rise: float
+    lat: float  # of home, and the height there, about
+    alt: float
+
+    def data(self, request: Any) -> Iterator[Any]:
+        """What a TERRAIN_REQUEST asks for: 7 rows to the north, each of 8 squares of 4 × 4 heights."""
+        for bit in range(56):
+            if request.mask >> bit & 1:
+                south = (request.lat / 1e7 - self.lat) * PER_DEGREE_M + bit // 8 * 4 * request.grid_spacing
+                heights = [round(self.alt + self.rise * (south + i // 4 * request.grid_spacing)) for i in range(16)]
+                place = request.lat, request.lon
+                yield dialect.MAVLink_terrain_data_message(*place, request.grid_spacing, bit, heights)
 
 
 class Relay:
@@ -29,6 +50,8 @@ class Relay:
         self.armed = False
         self.height = 0.0
         self.ready = False  # ArduPilot knows its place
+        self.slope: Slope | None = None  # the ground, for ArduPilot
+        self.surveyed = False  # it has all of the ground that it wants
         self._up, self._down = Parser(), Parser()
         self._pilot = Encoder(255, 190)
         self._ended = threading.Event()
@@ -63,6 +86,11 @@ class Relay:
             self.mode = message.custom_mode
         elif kind == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
             self.height = message.relative_alt / 1e3
+        elif kind == dialect.MAVLINK_MSG_ID_TERRAIN_REQUEST and self.slope:
+            for data in self.slope.data(message):
+                self.say(data)
+        elif kind == dialect.MAVLINK_MSG_ID_TERRAIN_REPORT:
+            self.surveyed = bool(message.spacing) and not message.pending
         elif kind == dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT:
             self.ready = bool(message.flags & dialect.EKF_POS_HORIZ_ABS)
 

@@ -8,11 +8,11 @@ import random
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from sitl_relay import Relay, TcpRelay, UdpRelay
+from sitl_relay import PER_DEGREE_M, SPACING_M, Relay, Slope, TcpRelay, UdpRelay
 
 from arva_hil.mavlink.codec import command, dialect
 
@@ -51,9 +51,13 @@ class Weather:
 
 
 class Simulator:
-    """A simulator as a process. `telemetry`: the emulator's link."""
+    """A simulator as a process. `telemetry`: the emulator's link. ArduPilot's may have ground that rises to the north,
+    `slope` m a metre, and a rangefinder."""
 
-    def __init__(self, binary: Path, folder: Path, kind: str, seed: int) -> None:
+    def __init__(
+        self, binary: Path, folder: Path, kind: str, seed: int, slope: float = 0.0, rangefinder: bool = False
+    ) -> None:
+        self.slope = slope
         self.copter = binary.name == "arducopter"
         self.system = 1 if self.copter else PX4 + 1
         self.weather = Weather(seed) if self.copter and kind == "anywhere" else None
@@ -65,12 +69,18 @@ class Simulator:
             port = 5760 + 10 * COPTER
             parameters = binary.parents[3] / "Tools/autotest/default_params/copter.parm"
             home = "{},{},{},0".format(*HOME)
+            own = folder / "own.parm"
+            own.write_text(
+                f"TERRAIN_ENABLE {int(slope != 0)}\nTERRAIN_SPACING {SPACING_M}\n"
+                f"RNGFND1_TYPE {100 * rangefinder}\nRNGFND1_ORIENT 25\n"
+            )
             self._start(
                 *(binary, f"-I{COPTER}", "--model", "quad", "--serial0", "tcp:0", "--speedup", SPEEDUP),
-                *("--home", home, "--defaults", parameters),
+                *("--home", home, "--defaults", f"{parameters},{own}"),
             )
             self.telemetry = f"tcp:127.0.0.1:{port + 2}"
             self.relay = TcpRelay(port)
+            self.relay.slope = Slope(slope, HOME[0], HOME[2]) if slope else None
             self._waits("SERIAL1 on TCP port")
             self._settle()
             self.witness = Witness(f"tcp:127.0.0.1:{port + 3}", dialect.MAVLINK_MSG_ID_SIM_STATE, self.weather)
@@ -94,12 +104,16 @@ class Simulator:
         """Until ArduPilot knows its place, some 40 s of its time, run faster than real time."""
         interval, status = dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAVLINK_MSG_ID_EKF_STATUS_REPORT
         end = time.monotonic() + 90
-        while not self.relay.ready:
+        terrain = dialect.MAVLINK_MSG_ID_TERRAIN_REQUEST, dialect.MAVLINK_MSG_ID_TERRAIN_REPORT
+        asked = [status, *terrain] if self.slope else [status]
+        while not self.relay.ready or (self.slope and not self.relay.surveyed):
             if time.monotonic() > end:
                 raise TimeoutError("ArduPilot does not find its place")
-            self.relay.say(command(1, 1, interval, status, 100_000))
+            for kind in asked:
+                self.relay.say(command(1, 1, interval, kind, 100_000))
             time.sleep(0.3)
-        self.relay.say(command(1, 1, interval, status, -1))
+        for kind in asked:
+            self.relay.say(command(1, 1, interval, kind, -1))
         real = dialect.MAV_PARAM_TYPE_REAL32
         self.relay.say(dialect.MAVLink_param_set_message(1, 1, b"SIM_SPEEDUP", 1.0, real))
         time.sleep(1)
@@ -111,10 +125,10 @@ class Simulator:
         zero = time.monotonic() - clock.now()
         return [place._replace(time_s=place.time_s + zero) for place in list(self.witness.places)]
 
-    @property
-    def ground_m(self) -> float:
-        """Its altitude."""
-        return ground_m(self.witness.places) if self.witness.places else math.nan
+    def heights(self, places: Sequence[Place]) -> list[float]:
+        """True ones [m] above the ground below."""
+        level = ground_m(self.witness.places) if self.witness.places else math.nan
+        return [place.alt - level - self.slope * (place.lat - HOME[0]) * PER_DEGREE_M for place in places]
 
     def _start(self, *arguments: object, **environment: str) -> None:
         self.process = subprocess.Popen(
