@@ -91,6 +91,8 @@ class Keying:
         return Pulses(numbers[within], starts, starts + self.pulse_s, self._amplitudes(starts))
 
     def _amplitudes(self, times: Array) -> Array:
+        if self.battery >= _LOW_BATTERY and self.battery_life_s == math.inf:
+            return np.ones_like(times)
         charge = np.clip(self.battery - np.maximum(times, 0.0) / self.battery_life_s, 0.0, 1.0)
         amplitudes: Array = 10 ** (_EMPTY_DB / 20 * np.maximum(0.0, 1 - charge / _LOW_BATTERY))
         return amplitudes
@@ -166,9 +168,9 @@ def outside_norm(keying: Keying, strength: float = 1.0) -> Iterator[str]:
 def _normals(seed: int, numbers: NDArray[np.int64]) -> Array:
     """A normal random number for each pulse number, limited to `_WORST_JITTER`: Box-Muller of hashed counters."""
     counters = 2 * numbers.astype(np.uint64) + np.uint64(seed % 2**64)
-    radius, angle = _uniform(counters), _uniform(counters + np.uint64(1))
+    radius, angle = _uniform(np.stack([counters, counters + np.uint64(1)]))
     normals: Array = np.sqrt(-2 * np.log(1 - radius)) * np.cos(2 * np.pi * angle)
-    return np.clip(normals, -_WORST_JITTER, _WORST_JITTER)
+    return np.minimum(np.maximum(normals, -_WORST_JITTER), _WORST_JITTER)
 
 
 def _uniform(counters: NDArray[np.uint64]) -> Array:

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from arva_hil.field.keying import Keying
 
-_STRETCH_PULSES: Final = 128  # calculated at a time, about
+_STRETCH_PULSES: Final = 64  # calculated at a time, about
 
 
 class Pulse(NamedTuple):
