@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from arva_hil.config import Scenario
-from arva_hil.emulator.datum import Datum
-from arva_hil.emulator.frame_source import FrameSource, ReceiverSetup
+from arva_hil.emulator.datum import MOVE_DATUM, Datum
+from arva_hil.emulator.frame_source import FrameSource, Output, ReceiverSetup
 from arva_hil.emulator.placed_transmitters import PlacedTransmitters
 from arva_hil.emulator.true_state import true_state
 from arva_hil.events import DatumSet, Event, FollowedSystemHeard, FollowedSystemSilent, VehicleStatus
@@ -72,15 +72,8 @@ class FollowedSystem:
         if silent == self._silent:
             return None
         self._silent = silent
-        return (
-            FollowedSystemSilent(now, self.system, self._was_heard) if silent else FollowedSystemHeard(now, self.system)
-        )
-
-
-def followed_systems(scenarios: Iterable[Scenario], start: float) -> dict[int, FollowedSystem]:
-    """Every system that a transmitter of these scenarios follows, by system id."""
-    followed = (t.follows.system for scenario in scenarios for t in scenario.transmitters if t.follows)
-    return {system: FollowedSystem(system, start) for system in followed}
+        back = FollowedSystemHeard(now, self.system)
+        return FollowedSystemSilent(now, self.system, self._was_heard) if silent else back
 
 
 @dataclass(frozen=True)
@@ -101,12 +94,14 @@ def one_vehicle(scenario: Scenario, session: Session, *, link: str = "autopilot"
 
 
 class EmulatedVehicle:
-    """Remembers one vehicle's datum and receivers. Its session remembers the rest."""
+    """Remembers one vehicle's datum and receivers. Its session remembers the rest. It adds to `events`, `outputs`."""
 
     def __init__(
         self,
         setup: VehicleSetup,
         followed: Mapping[int, FollowedSystem],
+        events: list[Event],
+        outputs: list[Output],
         *,
         start: float,
         max_age_s: float,
@@ -117,16 +112,19 @@ class EmulatedVehicle:
         self.session = setup.session
         self.datum = Datum(setup.scenario, start)
         self.true_state = true_state(setup.scenario, setup.session, start)
+        shared = setup.session, events, outputs
         self.sources = [
-            FrameSource(self.name, receiver, setup.session, start=start, max_age_s=max_age_s, phase=phase)
+            FrameSource(self.name, receiver, *shared, start=start, max_age_s=max_age_s, phase=phase)
             for receiver in setup.receivers
         ]
         self.told_missing = False
         noises = [noise for receiver in setup.receivers if (noise := receiver.scenario.receiver.vehicle_noise)]
         full_a = next((noise.full_current_a for noise in noises if noise.full_current_a), None)
         self._motors = MotorLoad(setup.session, full_a) if noises else None
+        self._events = events
         self._followed = followed
-        self._transmitters = PlacedTransmitters(setup.scenario, setup.session, self.sources)
+        receivers = [source.receiver for source in self.sources]
+        self._transmitters = PlacedTransmitters(setup.scenario, setup.session, receivers)
         if self.datum.frame:
             self._transmitters.place(self.datum.frame)
 
@@ -146,6 +144,11 @@ class EmulatedVehicle:
         if self._motors:
             self._motors.hear(now)
         self._transmitters.hear(now)
+        if any(packet.msgid in MOVE_DATUM for packet in self.session.own) and self.datum.update(self.session, now):
+            assert self.datum.frame is not None
+            self._transmitters.place(self.datum.frame)
+            change = self.datum.changes[-1]
+            self._events.append(DatumSet(now, self.name, *change.lat_lon_alt, change.why))
 
     def poll(self, now: float) -> bytes:
         """The requests to the vehicle to send now."""
@@ -154,10 +157,6 @@ class EmulatedVehicle:
     def load(self) -> float:
         """The load of its motors now, 0…1."""
         return self._motors.load if self._motors else 0.0
-
-    def boot(self, t: float) -> float | None:
-        """The time `t` on the vehicle's clock [s]."""
-        return self.session.clock.boot(t)
 
     def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
         """The true and the reported state at `t`, NED from the datum; None: not known.
@@ -178,13 +177,6 @@ class EmulatedVehicle:
         if self.datum.frame is None and self.session.track.newest is not None:
             return NoPose("no home")
         return self.true_state.lacking() or self.session.why_no_pose()
-
-    def place(self, now: float) -> Event:
-        """The datum has changed: move the transmitters. Returns the event."""
-        change = self.datum.changes[-1]
-        if self.datum.frame:
-            self._transmitters.place(self.datum.frame)
-        return DatumSet(now, self.name, *change.lat_lon_alt, change.why)
 
     def status(self, now: float) -> VehicleStatus:
         session, receivers = self.session, [source.status() for source in self.sources]

@@ -20,9 +20,8 @@ from typing import Final
 
 from arva_hil.config import ReceiverConfig, Scenario, VehicleConfig
 from arva_hil.emulator.agenda import Agenda
-from arva_hil.emulator.datum import MOVE_DATUM
-from arva_hil.emulator.emulated_vehicle import EmulatedVehicle, SharedLink, VehicleSetup, followed_systems
-from arva_hil.emulator.frame_source import FrameSource, Output, ReceiverSetup
+from arva_hil.emulator.emulated_vehicle import EmulatedVehicle, FollowedSystem, SharedLink, VehicleSetup
+from arva_hil.emulator.frame_source import Output, ReceiverSetup
 from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.events import Event, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet
@@ -52,11 +51,15 @@ class Emulator:
         spread: bool = False,
         tell_packets: bool = False,
     ) -> None:
-        scenarios = (receiver.scenario for setup in vehicles for receiver in setup.receivers)
-        self._followed = followed_systems(scenarios, start)
+        self._outputs: list[Output] = []
+        self._events: list[Event] = []
+        scenarios = [receiver.scenario for setup in vehicles for receiver in setup.receivers]
+        followed = (t.follows.system for scenario in scenarios for t in scenario.transmitters if t.follows)
+        self._followed = {system: FollowedSystem(system, start) for system in followed}
         between = 1 / len(vehicles) if spread and vehicles else 0.0
+        shared = self._followed, self._events, self._outputs
         self.vehicles = [
-            EmulatedVehicle(setup, self._followed, start=start, max_age_s=max_age_s, phase=number * between)
+            EmulatedVehicle(setup, *shared, start=start, max_age_s=max_age_s, phase=number * between)
             for number, setup in enumerate(vehicles)
         ]
         self._vehicle_of = {source: vehicle for vehicle in self.vehicles for source in vehicle.sources}
@@ -77,8 +80,6 @@ class Emulator:
         self._tell_packets = tell_packets
         self._next_status = start
         self._lost: set[str] = set()
-        self._outputs: list[Output] = []
-        self._events: list[Event] = []
         self._later: list[tuple[float, Sequence[Packet]]] = []  # chunks behind the newest that was told
 
     # -- in ------------------------------------------------------------------------------------------------
@@ -115,11 +116,6 @@ class Emulator:
         for vehicle in vehicles:
             self._agenda.call(vehicle)
             vehicle.hear(now)
-            for packet in vehicle.session.own:
-                if packet.msgid in MOVE_DATUM:
-                    if vehicle.datum.update(vehicle.session, now):
-                        self._events.append(vehicle.place(now))
-                    break
 
     def link_lost(self, link: str, why: str, now: float) -> None:
         """A link is lost: until `link_back` nothing can be sent there, and silence does not count."""
@@ -165,7 +161,8 @@ class Emulator:
 
     def output(self) -> list[Output]:
         """The outputs to write, in this order. Call `written` for each of them."""
-        outputs, self._outputs = self._outputs, []
+        outputs = self._outputs.copy()
+        self._outputs.clear()
         return outputs
 
     def addressees(self, link: str) -> tuple[Hashable, Sequence[Hashable]]:
@@ -177,15 +174,14 @@ class Emulator:
 
     def written(self, output: Output, taken: bool, now: float) -> None:
         """An output was written. `taken`: the link has accepted all of it."""
-        source = output.source
-        if source is not None:
+        if (source := output.source) is not None:
             known = self._vehicle_of[source].known
             source.written(output, taken, now, lost=output.sink in self._lost, vehicle_known=known)
-            self._collect(source)
 
     def events(self) -> list[Event]:
         """The events since the last call, in their order."""
-        events, self._events = self._events, []
+        events = self._events.copy()
+        self._events.clear()
         return events
 
     # -- inside --------------------------------------------------------------------------------------------
@@ -196,19 +192,12 @@ class Emulator:
                 ready = self._ready(vehicle, math.inf if last else now)  # the last frames do not wait
                 source.advance(now, vehicle, live=not self._look_ahead_s, ready=ready)
             source.obey(now)
-            self._collect(source)
 
     def _ready(self, vehicle: EmulatedVehicle, now: float) -> Callable[[float], bool]:
         if not self._look_ahead_s:
             return lambda t: True
         known = [vehicle.true_state.known_at, *(followed.known_at for followed in self._followed.values())]
         return lambda t: now - t >= self._look_ahead_s or all(known_at(t) for known_at in known)
-
-    def _collect(self, source: FrameSource) -> None:
-        if source.outputs:
-            self._outputs += source.take_outputs()
-        if source.events:
-            self._events += source.take_events()
 
     def _answer(self, vehicle: EmulatedVehicle, now: float) -> None:
         """Send requests to the vehicle, and collect its events."""

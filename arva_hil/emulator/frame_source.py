@@ -25,9 +25,7 @@ from arva_hil.events import (
 )
 from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
-from arva_hil.field import MovingTransmitters
 from arva_hil.vehicle.session import Session
-from firmware_proto import Frame
 
 if TYPE_CHECKING:
     from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
@@ -108,14 +106,23 @@ class ReceiverSetup:
 
 
 class FrameSource:
-    """Remembers one receiver and its schedule, the outputs that wait, and the counters of all frames.
+    """Remembers one receiver, its schedule and the counters of all frames.
 
     `vehicle`, `session`: name and session of its vehicle. `max_age_s`: an older pose is not used. `phase`: of its
-    frames, in periods, or tenths of a second, after `start`.
+    frames, in periods, or tenths of a second, after `start`. It adds to `events` and `outputs`.
     """
 
     def __init__(
-        self, vehicle: str, setup: ReceiverSetup, session: Session, *, start: float, max_age_s: float, phase: float = 0
+        self,
+        vehicle: str,
+        setup: ReceiverSetup,
+        session: Session,
+        events: list[Event],
+        outputs: list[Output],
+        *,
+        start: float,
+        max_age_s: float,
+        phase: float = 0,
     ) -> None:
         name, scenario = setup.name, setup.scenario
         self.name = name
@@ -126,18 +133,19 @@ class FrameSource:
             start + phase * min(1 / rate_hz, _SPREAD_S), rate_hz, scenario.receiver.jitter_s, scenario.seed
         )
         self.last: FrameMade | None = None
-        self.events: list[Event] = []
-        self.outputs: list[Output] = []
+        self.events = events
+        self.outputs = outputs
         model = receiver(scenario)
         self.faults = Faults(scenario, model) if scenario.faults else None
         heard_by = self.faults.receiver if self.faults else model
-        self.receiver = VirtualReceiver(vehicle, name, scenario, heard_by, start=start, max_age_s=max_age_s)
+        self.receiver = VirtualReceiver(vehicle, name, scenario, heard_by, events, start=start, max_age_s=max_age_s)
         self.receiver.plan(self.schedule.deadline)
         self.commands: HostCommands | None = None
         if host := host_form(scenario.output_format):
             self.commands = HostCommands(vehicle, name, scenario, host, heard_by.command, self._restart, start=start)
         self._first = 0  # the number of the first frame since the receiver was started
         self._vehicle = vehicle
+        self._session = session
         self._encode = encoder(scenario.output_format, session)
         self._format = scenario.output_format
         self._start = start
@@ -151,10 +159,6 @@ class FrameSource:
         due = min(self.schedule.deadline, self.receiver.next_due)
         return min(due, self.faults.outbox.next_due) if self.faults else due
 
-    def place(self, transmitters: MovingTransmitters) -> None:
-        """The datum has changed: these are the transmitters now."""
-        self.receiver.place(transmitters)
-
     def advance(self, now: float, vehicle: EmulatedVehicle, *, live: bool, ready: Callable[[float], bool]) -> None:
         """Look and make frames at the instants until `now` that are `ready`, and send what faults have delayed.
 
@@ -163,11 +167,8 @@ class FrameSource:
         schedule, receiver = self.schedule, self.receiver
         while (t := min(receiver.next_due, schedule.deadline)) <= now and ready(t):
             at = now if live else t
-            if receiver.next_due <= t:
-                wanted, told = receiver.look(at, vehicle)
-                self.events += told
-                if wanted:
-                    schedule.bring_forward(t)
+            if receiver.next_due <= t and receiver.look(at, vehicle):
+                schedule.bring_forward(t)
             if t < schedule.deadline:
                 receiver.plan(schedule.deadline)
                 continue
@@ -216,21 +217,12 @@ class FrameSource:
         there = self.receiver.seen.transmitters
         return ReceiverStatus(self.name, self.last, c.delivered + c.damaged + c.dropped, c.dropped, there)
 
-    def take_events(self) -> list[Event]:
-        events, self.events = self.events, []
-        return events
-
-    def take_outputs(self) -> list[Output]:
-        outputs, self.outputs = self.outputs, []
-        return outputs
-
     def _make(self, t: float, now: float, vehicle: EmulatedVehicle) -> None:
         number, instant_s = self.schedule.number, t - self._start
         if self.faults:
             self.faults.begin(number, instant_s)
-        boot = vehicle.boot(t)
-        reading, told = self.receiver.show(t, now, vehicle)
-        self.events += told
+        boot = self._session.clock.boot(t)
+        reading = self.receiver.show(t, now, vehicle)
         _, pose, reported_pose, _, _ = self.receiver.seen
         age = self.receiver.age_s(t)
         frame = frame_of(reading, (number - self._first) % 256, instant_s, self._format)
@@ -242,16 +234,22 @@ class FrameSource:
         counters.no_pose += pose is None
         counters.latest_s = max(counters.latest_s, now - t)
         self._note_late(now, now - t)
+        self._release(t)
+        before = len(self.outputs)
         if self.faults:
-            frame, sent, outputs = self._send_by(self.faults, frame, t, boot_ms)
+            frame, copies = self.faults.send(frame, t, boot_ms, self._encode)
+            counters.withheld += not copies
+            counters.duplicated += max(0, copies - 1)
+            counters.waiting = len(self.faults.outbox)
+            self._release(t)
         else:
-            sent = outputs = self._put(QueuedFrame(frame, boot_ms), t)
+            copies = self._put(QueuedFrame(frame, boot_ms), t)
         met = self.faults.met if self.faults else ()
         about = now, self._vehicle, self.name
         made = FrameMade(
-            *about, number, instant_s, boot, pose, age, reading, frame, sent > 0, now - t, met, reported_pose
+            *about, number, instant_s, boot, pose, age, reading, frame, copies > 0, now - t, met, reported_pose
         )
-        if outputs:
+        if len(self.outputs) > before:
             self.outputs[-1] = self.outputs[-1]._replace(made=made)
         else:
             self._tell(made)
@@ -270,24 +268,13 @@ class FrameSource:
         self.last = made
         self.events.append(made)
 
-    def _send_by(self, faults: Faults, frame: Frame, t: float, boot_ms: int) -> tuple[Frame, int, int]:
-        """Apply the faults. Returns the changed frame, how many copies are sent, and how many outputs were made now."""
-        self._release(t)
-        said, copies = faults.send(frame, t, boot_ms, self._encode)
-        self.counters.withheld += not copies
-        self.counters.duplicated += max(0, copies - 1)
-        self.counters.waiting = len(faults.outbox)
-        return said, copies, self._release(t) if copies else 0
-
-    def _release(self, until: float) -> int:
-        """Send what faults have delayed until then. Returns how many outputs were made."""
-        made = 0
+    def _release(self, until: float) -> None:
+        """Send what faults have delayed until then."""
         if self.faults:
             outbox = self.faults.outbox
             while (due := outbox.next_due) <= until and (queued := outbox.take(until)):
                 self.counters.waiting = len(outbox)
-                made += self._put(queued, due)
-        return made
+                self._put(queued, due)
 
     def _put(self, queued: QueuedFrame, due: float) -> int:
         """Make an output if it can be sent to somebody. Returns how many were made."""

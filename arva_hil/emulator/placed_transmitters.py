@@ -8,8 +8,8 @@ from typing import Final
 
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import moving_transmitters
-from arva_hil.emulator.frame_source import FrameSource
 from arva_hil.emulator.ground import ground_places
+from arva_hil.emulator.virtual_receiver import VirtualReceiver
 from arva_hil.events import GroundFound, GroundMissing
 from arva_hil.field import LocalFrame
 from arva_hil.vehicle.session import Session
@@ -20,13 +20,13 @@ _ANSWER_S: Final = 10.0  # for the autopilot's heights, until there is an event
 
 class PlacedTransmitters:
     """Remembers which transmitters are silent because the ground above them is not known. With
-    `terrain: autopilot` it requests the heights. All `sources` hear the same transmitters.
+    `terrain: autopilot` it requests the heights. All `receivers` hear the same transmitters.
     """
 
-    def __init__(self, scenario: Scenario, session: Session, sources: Sequence[FrameSource]) -> None:
+    def __init__(self, scenario: Scenario, session: Session, receivers: Sequence[VirtualReceiver]) -> None:
         self._scenario = scenario
         self._news = session.news
-        self._sources = sources
+        self._receivers = receivers
         self._requests = TerrainRequests(session) if scenario.terrain == "autopilot" else None
         self._frame: LocalFrame | None = None
         self._unplaced: frozenset[int] = frozenset()
@@ -60,5 +60,5 @@ class PlacedTransmitters:
     def _put(self, frame: LocalFrame) -> None:
         there = moving_transmitters(self._scenario, frame, self._requests.heights if self._requests else None)
         self._unplaced = there.unplaced
-        for source in self._sources:
-            source.place(there)
+        for receiver in self._receivers:
+            receiver.place(there)

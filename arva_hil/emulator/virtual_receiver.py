@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -37,15 +36,25 @@ class Seen(NamedTuple):
 class VirtualReceiver:
     """Remembers one receiver's model, the transmitters, its newest look and the time of the next one.
 
-    `vehicle`, `name`: for its events. `start`: of the run, on the driver's clock. `max_age_s`: of a pose.
+    `vehicle`, `name`: for the events that it adds to `events`. `start`: of the run, on the driver's clock. `max_age_s`:
+    of a pose.
     """
 
     def __init__(
-        self, vehicle: str, name: str, scenario: Scenario, model: ReceiverModel, *, start: float, max_age_s: float
+        self,
+        vehicle: str,
+        name: str,
+        scenario: Scenario,
+        model: ReceiverModel,
+        events: list[Event],
+        *,
+        start: float,
+        max_age_s: float,
     ) -> None:
         self.next_due = math.inf  # of the looks, on the driver's clock, once `plan` was called
         self.seen = Seen(start, None, None, None)
         self._about = vehicle, name
+        self._events = events
         self._model = model
         self._mount = mount(scenario)
         self._sling = sling(scenario)
@@ -76,35 +85,31 @@ class VirtualReceiver:
             raise ValueError(f"the receiver's model looks at {self._next_look_s:g} s, not later than {after_s:g} s")
         self.next_due = frame if self._next_look_s == frame_s else self._start + self._next_look_s
 
-    def look(self, now: float, vehicle: EmulatedVehicle) -> tuple[bool, list[Event]]:
-        """Look at the instant `next_due`. Returns whether a frame is wanted at once, and the events of `now`."""
+    def look(self, now: float, vehicle: EmulatedVehicle) -> bool:
+        """Look at the instant `next_due`. Returns whether a frame is wanted at once. Its events are of `now`."""
         t, self._look_s = self.next_due, self._next_look_s
         state, reported = vehicle.states(t)
-        fresh = self._is_fresh(state)
-        events = self._pose_events(fresh, state, now, vehicle)
+        self._tell_pose(state, now, vehicle)
         pose = reported_pose = self._pose(state, swings=True)
         if reported is not state:
             reported_pose = self._pose(reported, swings=False)
         there = self._transmitters.at(self._look_s, lambda system: vehicle.pose_of(system, t))
         self.seen = Seen(t, pose, reported_pose, state.age_s if state else None, there)
-        return bool(self._model.look(Look(self._look_s, pose, there, impairment=self._deafened(vehicle)))), events
+        noise = self._vehicle_noise
+        impairment = Impairment(noise_na_m=noise.sigma_na_m(self._place, vehicle.load())) if noise else None
+        return bool(self._model.look(Look(self._look_s, pose, there, impairment=impairment)))
 
-    def show(self, t: float, now: float, vehicle: EmulatedVehicle) -> tuple[Reading, Sequence[Event]]:
-        """The reading at `t`, and the events of `now`."""
+    def show(self, t: float, now: float, vehicle: EmulatedVehicle) -> Reading:
+        """The reading at `t`."""
         reading = self._model.show(t - self._start)
         pose, datum = self.seen.pose, vehicle.datum
         if pose is not None and (far := datum.far(pose.position, reading)):
-            return reading, [TooFar(now, *self._about, *far, datum.fixed)]
-        return reading, ()
+            self._events.append(TooFar(now, *self._about, *far, datum.fixed))
+        return reading
 
     def age_s(self, t: float) -> float | None:
         """The age at `t` of the pose of the newest look."""
         return None if self.seen.age_s is None else self.seen.age_s + (t - self.seen.t)
-
-    def _deafened(self, vehicle: EmulatedVehicle) -> Impairment | None:
-        """The noise of the vehicle at the receiver."""
-        noise = self._vehicle_noise
-        return Impairment(noise_na_m=noise.sigma_na_m(self._place, vehicle.load())) if noise else None
 
     def _pose(self, state: VehicleState | None, *, swings: bool) -> Pose | None:
         """Its pose on a vehicle in this state, None if that is unknown or too old. `swings`: if it hangs on a rope."""
@@ -120,19 +125,17 @@ class VirtualReceiver:
     def _is_fresh(self, state: VehicleState | None) -> bool:
         return state is not None and state.age_s <= self._max_age_s
 
-    def _pose_events(
-        self, fresh: bool, state: VehicleState | None, now: float, vehicle: EmulatedVehicle
-    ) -> list[Event]:
-        """An event if the pose is lost, does not come, or is there again."""
-        about = now, *self._about
+    def _tell_pose(self, state: VehicleState | None, now: float, vehicle: EmulatedVehicle) -> None:
+        """Add an event if the pose is lost, does not come, or is there again."""
+        about, fresh, told = (now, *self._about), self._is_fresh(state), self._events
         if fresh != self._had_pose:
             self._had_pose = fresh
             self._blind_since = math.inf
-            return [PoseFound(*about) if fresh else PoseLost(*about, state.age_s if state else None, vehicle.lacking())]
-        if not fresh and vehicle.known:
+            age_s = state.age_s if state else None
+            told.append(PoseFound(*about) if fresh else PoseLost(*about, age_s, vehicle.lacking()))
+        elif not fresh and vehicle.known:
             if self._blind_since is None:
                 self._blind_since = now
             elif now - self._blind_since > _BLIND_S:
                 self._blind_since = math.inf
-                return [PoseMissing(*about, vehicle.lacking())]
-        return []
+                told.append(PoseMissing(*about, vehicle.lacking()))

@@ -9,6 +9,7 @@ import math
 import select
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Final
 
 from arva_hil.emulator.engine import Emulator
@@ -117,7 +118,10 @@ class Live:
         self._autopilots = autopilots
         self._ports = ports
         self._sinks = {**ports, **autopilots}
-        self._monitors = [LinkMonitor(name, link) for name, link in self._sinks.items()]
+        lost, back = emulator.link_lost, emulator.link_back
+        self._monitors = [
+            LinkMonitor(name, link, partial(lost, name), partial(back, name)) for name, link in self._sinks.items()
+        ]
         self._audience = audience
         self._ready = ReadyLinks(autopilots)
         self._next_look = -math.inf
@@ -225,10 +229,6 @@ class Live:
                     self.emulator.receive(name, data, now)
         self._ready.renew()
         for monitor in self._monitors:
-            if monitor.lost_again:
-                self.emulator.link_lost(monitor.name, monitor.link.why, now)
-            if monitor.renewed_again:
-                self.emulator.link_back(monitor.name, now)
             self._audience.tell(monitor.look(now))
 
 

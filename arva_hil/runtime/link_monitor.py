@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+import operator
+from collections.abc import Callable
+from typing import Final
 
 from arva_hil.events import Event, LinkBack, LinkBlocked, LinkLost, LinkThere, StrangersIgnored
 from arva_hil.links import Link
@@ -10,58 +12,49 @@ from arva_hil.links import Link
 _WORTH_SAYING_S: Final = 0.05  # a shorter absence is not reported
 
 
-class _Seen(NamedTuple):
-    """The attributes of a `Link` at one time."""
-
-    losses: int
-    renewals: int
-    returns: int
-    strangers: int
-    away: bool
-    why: str
+_STATE: Final = operator.attrgetter("losses", "renewals", "returns", "strangers", "away", "why")
 
 
 class LinkMonitor:
-    """Remembers the last state of one link that may be lost and come back."""
+    """Remembers the last state of one link that may be lost and come back.
 
-    def __init__(self, name: str, link: Link) -> None:
-        self.name = name
-        self.link = link
+    `lost` is called after a loss with the reason and the time, `renewed` with the time when there is a new far end.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        link: Link,
+        lost: Callable[[str, float], None] = lambda why, now: None,
+        renewed: Callable[[float], None] = lambda now: None,
+    ) -> None:
+        self._name = name
+        self._link = link
+        self._lost = lost
+        self._renewed = renewed
         self._lost_at = 0.0
-        self._seen = _seen(link)
-
-    @property
-    def lost_again(self) -> bool:
-        """Whether it was lost since the last `look`."""
-        return self.link.losses > self._seen.losses
-
-    @property
-    def renewed_again(self) -> bool:
-        """Whether it has a new far end since the last `look`."""
-        return self.link.renewals > self._seen.renewals
+        self._state = _STATE(link)
 
     def look(self, now: float) -> list[Event]:
         """The events since the last call."""
-        before, link, events = self._seen, self.link, list[Event]()
-        counts = link.losses, link.renewals, link.returns, link.strangers
-        if counts == before[:4] and link.why == before.why and link.away == before.away:
+        before, self._state, events = self._state, _STATE(self._link), list[Event]()
+        if self._state == before:
             return events
-        self._seen = seen = _seen(link)
-        about = now, self.name, self.link.name
-        if seen.losses > before.losses:
+        lost, renewed, returned, strange = map(operator.gt, self._state[:4], before[:4])
+        (was_away, why_before), (away, why), about = before[4:], self._state[4:], (now, self._name, self._link.name)
+        if lost:
             self._lost_at = now
-            events.append(LinkLost(*about, seen.why))
-        elif seen.away and seen.why != before.why:
-            events.append(LinkBlocked(*about, seen.why))
-        if seen.returns > before.returns:
-            away = now - self._lost_at
-            events.append(LinkBack(*about, away if away > _WORTH_SAYING_S else 0.0))
-        elif before.away and not seen.away:
+            self._lost(why, now)
+            events.append(LinkLost(*about, why))
+        elif away and why != why_before:
+            events.append(LinkBlocked(*about, why))
+        if renewed:
+            self._renewed(now)
+        if returned:
+            away_s = now - self._lost_at
+            events.append(LinkBack(*about, away_s if away_s > _WORTH_SAYING_S else 0.0))
+        elif was_away and not away:
             events.append(LinkThere(*about))
-        if seen.strangers and not before.strangers:
-            events.append(StrangersIgnored(*about, self.link.stranger))
+        if strange and not before[3]:
+            events.append(StrangersIgnored(*about, self._link.stranger))
         return events
-
-
-def _seen(link: Link) -> _Seen:
-    return _Seen(link.losses, link.renewals, link.returns, link.strangers, link.away, link.why)

@@ -49,7 +49,7 @@ class Preflight:
         self.failsafes = Failsafes()
         self._session = session
         self._autopilot = autopilot
-        self._monitor = LinkMonitor("autopilot", autopilot)
+        self._monitor = LinkMonitor("autopilot", autopilot, self._lost, session.resume)
         self._receiver = receiver
         self._battery = battery
         self._since = start
@@ -93,15 +93,12 @@ class Preflight:
 
     def watch_link(self, now: float) -> None:
         """After a loss the link is new, and the vehicle may have rebooted."""
-        if self._monitor.lost_again:
-            self._session.interrupt(self._autopilot.why)
-            self._greeted = False
-            if self._permission:
-                self._permission.forget()
-        if self._monitor.renewed_again:
-            self._session.resume(now)
         for event in self._monitor.look(now):
             self._session.news.emit(event)
+
+    def _lost(self, why: str, now: float) -> None:
+        self._session.interrupt(why)
+        self.restart()
 
     def look(self, now: float) -> Refusal | bool:
         """Whether everything is ready for the flight, or why there will be none."""

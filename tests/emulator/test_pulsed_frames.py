@@ -73,7 +73,7 @@ def test_all_receivers_of_a_scenario_hear_the_same_pulses_and_each_its_own_noise
     ends = []
     for receiver in setup.receivers:
         of = source(receiver.scenario)
-        of.place(moving_transmitters(setup.scenario, LocalFrame(*PLACE)))  # as the engine does
+        of.receiver.place(moving_transmitters(setup.scenario, LocalFrame(*PLACE)))  # as the engine does
         pulses = [one.reading.channels[0].pulse for one in frames(of, START + 12.0)]
         ends.append([(pulse.time_s, pulse.signal_na_m) for pulse in pulses if pulse])
     (front, rear) = ends

@@ -86,17 +86,21 @@ class Vehicle:
 
 
 def source(scenario: Scenario, *, start: float = START) -> FrameSource:
-    made = FrameSource("vehicle", ReceiverSetup("receiver", "port", scenario), Session(), start=start, max_age_s=2.0)
-    made.place(moving_transmitters(scenario, LocalFrame(*PLACE)))
+    setup = ReceiverSetup("receiver", "port", scenario)
+    made = FrameSource("vehicle", setup, Session(), [], [], start=start, max_age_s=2.0)
+    made.receiver.place(moving_transmitters(scenario, LocalFrame(*PLACE)))
     return made
 
 
 def frames(of: FrameSource, until: float, *, live: bool = False) -> list[FrameMade]:
     """Those made until an instant; each is taken."""
     of.advance(until, Vehicle(), live=live, ready=lambda t: True)
-    for output in of.take_outputs():
+    for output in of.outputs:
         of.written(output, True, until, lost=False, vehicle_known=True)
-    return [event for event in of.take_events() if isinstance(event, FrameMade)]
+    made = [event for event in of.events if isinstance(event, FrameMade)]
+    of.outputs.clear()
+    of.events.clear()
+    return made
 
 
 @pytest.fixture
