@@ -328,7 +328,7 @@ class Bench:
         if session.home:
             assert np.isfinite(session.home).all()
         told = session.navigation
-        counts = told.reboots, told.refused, told.unpositioned, told.stray_times, told.stray_positions
+        counts = told.reboots, told.refused, told.unpositioned, told.times.strays, told.places.strays
         known = session.vehicle, session.home, session.track.newest, session.track.first_position
         return pose, rates, counts, known, session.clock.boot(now)
 

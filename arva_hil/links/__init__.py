@@ -7,25 +7,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from arva_hil.links.base import Absent, Link, LinkEnded, LinkError, Opening, Sender
+from arva_hil.links.base import Link, LinkEnded, LinkError, Opening, Sender
 from arva_hil.links.url import Address, AddressError, parse
 from arva_hil.registry import LINKS
 
 if TYPE_CHECKING:
     from arva_hil.runtime.clock import Clock
 
-__all__ = [
-    "Absent",
-    "Address",
-    "AddressError",
-    "Link",
-    "LinkEnded",
-    "LinkError",
-    "Opening",
-    "Sender",
-    "open_link",
-    "parse",
-]
+__all__ = ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "Opening", "Sender", "open_link", "parse"]
 
 
 def open_link(

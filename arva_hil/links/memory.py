@@ -17,11 +17,9 @@ class MemoryLink(Link):
         self._far: MemoryLink = self
 
     def read(self) -> bytes:
-        self._check_open()
         inbox = self._inbox
         if not inbox:
-            if not self._far._open:
-                raise LinkError(self.name, "lost: closed by the far end")
+            self._check_open()
             return b""
         data = b"".join(inbox)
         inbox.clear()
@@ -29,8 +27,6 @@ class MemoryLink(Link):
 
     def write(self, data: bytes) -> bool:
         self._check_open()
-        if not self._far._open:
-            raise LinkError(self.name, "lost: closed by the far end")
         inbox = self._far._inbox
         if self._capacity is not None and sum(map(len, inbox)) + len(data) > self._capacity:
             self.dropped += 1
@@ -40,6 +36,12 @@ class MemoryLink(Link):
 
     def close(self) -> None:
         self._open = False
+        self._inbox.clear()
+
+    def _check_open(self) -> None:
+        super()._check_open()
+        if not self._far._open:
+            raise LinkError(self.name, "lost: closed by the far end")
 
     def ready(self) -> bool:
         return self._open and (bool(self._inbox) or not self._far._open)

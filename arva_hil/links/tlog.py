@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from functools import partial
 from typing import BinaryIO, Final
 
@@ -35,7 +35,7 @@ def read_tlog(path: str | os.PathLike[str]) -> TlogReader:
     return TlogReader(path)
 
 
-class TlogReader(Iterator[Record]):
+class TlogReader(Iterable[Record]):
     """Iterates once over the records of a log, in the file's order. Skips garbage. Needs little memory.
 
     Counters, right during the iteration too: `records`; `skipped`: bytes of garbage between records; `torn`: bytes of
@@ -71,9 +71,6 @@ class TlogReader(Iterator[Record]):
 
     def __iter__(self) -> Iterator[Record]:
         return self._records
-
-    def __next__(self) -> Record:
-        return next(self._records)
 
     def close(self) -> None:
         self._records.close()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import socket
-from abc import abstractmethod
 from collections.abc import Iterator
 from typing import Any, Final
 
@@ -27,19 +26,14 @@ class _UdpLink(Link):
         family, address = resolve(self.name, host, port, socket.SOCK_DGRAM)
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        listens = self.scheme == "udpin"
         try:
-            self._attach(address)
+            (self._socket.bind if listens else self._socket.connect)(address)
         except OSError as error:
             self._socket.close()
-            raise self._refused(error, port) from error
-
-    @abstractmethod
-    def _attach(self, address: Any) -> None:
-        """Connect or bind the socket."""
-
-    @abstractmethod
-    def _refused(self, error: OSError, port: int) -> LinkError:
-        """Why `_attach` was not possible."""
+            if listens:
+                raise listen_error(self.name, error, port, "udp") from error
+            raise LinkError(self.name, f"cannot be reached: {error.strerror}") from error
 
     def fileno(self) -> int | None:
         fd = self._socket.fileno()
@@ -100,12 +94,6 @@ class UdpOutLink(_UdpLink):
 
     scheme = "udpout"
 
-    def _attach(self, address: Any) -> None:
-        self._socket.connect(address)
-
-    def _refused(self, error: OSError, port: int) -> LinkError:
-        return LinkError(self.name, f"cannot be reached: {error.strerror}")
-
 
 class UdpInLink(SeveralSenders, _UdpLink):
     """Listens at `host:port`. Each address that sends there is a sender, see `receive`.
@@ -123,12 +111,6 @@ class UdpInLink(SeveralSenders, _UdpLink):
         self.port: int = self._socket.getsockname()[1]
         self.name = f"udpin:{show(host, self.port)}"
         self._senders: dict[Any, None] = {}  # in the order in which they were heard
-
-    def _attach(self, address: Any) -> None:
-        self._socket.bind(address)
-
-    def _refused(self, error: OSError, port: int) -> LinkError:
-        return listen_error(self.name, error, port, "udp")
 
     def receive(self) -> list[tuple[Sender, bytes]]:
         by_sender: dict[Any, list[bytes]] = {}

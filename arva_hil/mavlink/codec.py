@@ -147,23 +147,19 @@ class Parser:
         The checksum of an unknown message id cannot be verified. Such a candidate is accepted only if the next byte, if
         any, starts a packet, if no verified packet starts inside it, and if its flags are known.
         """
-        raw = data[at : at + size]
-        if raw[0] == _MAGIC_V2:
-            version, signed, crc_at = 2, raw[2] == _SIGNED, 10 + raw[1]
-            system, component = raw[5], raw[6]
-            msgid = raw[7] | raw[8] << 8 | raw[9] << 16
-        else:
-            version, signed, crc_at = 1, False, 6 + raw[1]
-            system, component, msgid = raw[3], raw[4], raw[5]
-        seed = _CRC_EXTRA.get(msgid)
-        if seed is None:
+        raw, msgid = data[at : at + size], _msgid(data, at)
+        later = raw[0] == _MAGIC_V2
+        system, component = raw[5:7] if later else raw[3:5]
+        assert msgid is not None
+        if msgid not in _CRC_EXTRA:
             behind = data[at + size : at + size + 1]
             if behind not in (b"", b"\xfd", b"\xfe") or self._is_false_head(data, at):
                 return None
-        elif crc16.mcrf4xx(raw[1:crc_at] + seed) != raw[crc_at] | raw[crc_at + 1] << 8:
+        elif not _is_good(data, at, msgid):
             self.bad_crc += 1
             return None
-        return _packet((raw, version, signed, system, component, msgid, seed is not None))
+        signed = later and raw[2] == _SIGNED
+        return _packet((raw, 2 if later else 1, signed, system, component, msgid, msgid in _CRC_EXTRA))
 
     def _is_false_head(self, data: bytes, at: int) -> bool:
         """Whether the header at `at` is certainly false: its message id is unknown, and a verified packet starts before
@@ -201,24 +197,17 @@ class Parser:
 class Encoder:
     """Encodes messages of one MAVLink component. Remembers the sequence number.
 
-    `version` may be set to 1 for a vehicle with MAVLink 1; messages that exist only in MAVLink 2 (id above 255) are
-    sent as MAVLink 2 anyway. `signing`: MAVLink 2 packets are signed with it.
+    `system` may be set, and `version` to 1 for a vehicle with MAVLink 1; messages that exist only in MAVLink 2 (id
+    above 255) are sent as MAVLink 2 anyway. `signing`: MAVLink 2 packets are signed with it.
     """
 
     def __init__(self, system: int, component: int, version: int = 2, signing: Signing | None = None) -> None:
         self.version = version
+        self.system = system
         self._codec = dialect.MAVLink(None, system, component)
         self._signing = signing
         if signing:
             self._codec.signing.secret_key, self._codec.signing.link_id = signing.key, signing.link
-
-    @property
-    def system(self) -> int:
-        return int(self._codec.srcSystem)
-
-    @system.setter
-    def system(self, system: int) -> None:
-        self._codec.srcSystem = system
 
     def pack(self, message: Message) -> bytes:
         """The bytes of one packet. Raises ValueError if a value does not fit; long text is cut."""
@@ -229,7 +218,7 @@ class Encoder:
         try:
             if write:  # MAVLink 2 leaves out zeros at the end, but keeps one byte
                 payload = write(message).rstrip(b"\0") or b"\0"
-                source = codec.seq, codec.srcSystem, codec.srcComponent
+                source = codec.seq, self.system, codec.srcComponent
                 covered = _COVERED_V2.pack(len(payload), 0, 0, *source, msgid & 0xFFFF, msgid >> 16) + payload
                 raw = b"\xfd" + covered + _U16.pack(crc16.mcrf4xx(covered + _CRC_EXTRA[msgid]))
             else:
@@ -241,7 +230,7 @@ class Encoder:
 
     def _packed(self, message: Message, *, first: bool) -> bytes:
         """Encoded by pymavlink, in three times the time: as MAVLink 1 (`first`), signed, or with text."""
-        signing = self._codec.signing
+        signing, self._codec.srcSystem = self._codec.signing, self.system
         if self._signing and not first:
             signing.timestamp = self._signing.stamp()
         signing.sign_outgoing = self._signing is not None and not first
@@ -277,12 +266,15 @@ def _first_good(data: bytes, start: int, stop: int) -> int:
     for found in _MAGIC.finditer(data, start, stop):
         at = found.start()
         msgid = _msgid(data, at)
-        if msgid is None or msgid not in _CRC_EXTRA or at + _size(data, at) > len(data):
-            continue
-        crc_at = at + data[at + 1] + (10 if data[at] == _MAGIC_V2 else 6)
-        if _crc(data[at + 1 : crc_at], msgid) == data[crc_at] | data[crc_at + 1] << 8:
+        if msgid in _CRC_EXTRA and at + _size(data, at) <= len(data) and _is_good(data, at, msgid):
             return at
     return -1
+
+
+def _is_good(data: bytes, at: int, msgid: int) -> bool:
+    """Whether the checksum of the complete candidate at `at`, a known message, is correct."""
+    crc_at = at + data[at + 1] + (10 if data[at] == _MAGIC_V2 else 6)
+    return _crc(data[at + 1 : crc_at], msgid) == data[crc_at] | data[crc_at + 1] << 8
 
 
 def _crc(data: bytes, msgid: int) -> int:

@@ -1,14 +1,17 @@
-"""What the built-in vehicle has of ArduCopter: failsafes by name, with their texts and modes; some parameters.
+"""What the built-in vehicle has of ArduCopter: commands for flying; failsafes by name, with their texts and modes; some
+parameters.
 
 https://ardupilot.org/copter/docs/failsafe-landing-page.html
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 from arva_hil.mavlink.codec import dialect
-from arva_hil.simulated.autopilot import Mode
+from arva_hil.simulated.autopilot import Mode, SimulatedAutopilot
 
 
 class Failsafe(NamedTuple):
@@ -43,3 +46,50 @@ def values_requested(message: Any) -> list[Any]:
 def _value(index: int) -> Any:
     name, kind = _NAMES[index], dialect.MAV_PARAM_TYPE_REAL32
     return dialect.MAVLink_param_value_message(name.encode(), _VALUES[name], kind, len(_NAMES), index)
+
+
+Params = tuple[float, ...]  # of a command, seven
+
+ACCEPTED: Final[int] = dialect.MAV_RESULT_ACCEPTED
+DENIED: Final[int] = dialect.MAV_RESULT_DENIED
+UNSUPPORTED: Final[int] = dialect.MAV_RESULT_UNSUPPORTED
+FAILED: Final[int] = dialect.MAV_RESULT_FAILED
+_BY_FORCE: Final = 21196  # MAV_CMD_COMPONENT_ARM_DISARM, param 2
+
+
+def integer(value: float) -> int:
+    """A parameter as an integer; -2, which is never valid, for NaN and infinity."""
+    return int(value) if math.isfinite(value) else -2
+
+
+def set_mode(pilot: SimulatedAutopilot, params: Params, _: int) -> int:
+    """The first two parameters are `base_mode` and `custom_mode`."""
+    if not integer(params[0]) & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        return DENIED
+    return ACCEPTED if pilot.set_mode(integer(params[1])) else FAILED
+
+
+def _arm(pilot: SimulatedAutopilot, params: Params, _: int) -> int:
+    if (wanted := integer(params[0])) not in (0, 1):
+        return DENIED
+    by_force = integer(params[1]) == _BY_FORCE
+    return ACCEPTED if (pilot.arm() if wanted else pilot.disarm(by_force)) else FAILED
+
+
+def _take_off(pilot: SimulatedAutopilot, params: Params, frame: int) -> int:
+    if frame not in (dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT):
+        return DENIED
+    return ACCEPTED if pilot.take_off(params[6]) else FAILED
+
+
+def _land(pilot: SimulatedAutopilot, _: Params, __: int) -> int:
+    return ACCEPTED if pilot.set_mode(Mode.LAND) else FAILED
+
+
+# MAV_CMD → (pilot, its parameters, the MAV_FRAME of its place) → MAV_RESULT
+ORDERS: Final[dict[int, Callable[[SimulatedAutopilot, Params, int], int]]] = {
+    dialect.MAV_CMD_COMPONENT_ARM_DISARM: _arm,
+    dialect.MAV_CMD_DO_SET_MODE: set_mode,
+    dialect.MAV_CMD_NAV_TAKEOFF: _take_off,
+    dialect.MAV_CMD_NAV_LAND: _land,
+}

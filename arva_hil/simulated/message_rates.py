@@ -29,14 +29,14 @@ class MessageRates:
     """
 
     def __init__(self, defaults: Mapping[int, float]) -> None:
-        self._defaults = {msgid: round(1e6 / hz) for msgid, hz in defaults.items()}
+        self._defaults = {_HEARTBEAT: _HEARTBEAT_US} | {msgid: round(1e6 / hz) for msgid, hz in defaults.items()}
         if not all(msgid in BUILDERS and us >= _SHORTEST_US for msgid, us in self._defaults.items()):
             raise ValueError(f"streams {dict(defaults)}: an id the vehicle does not send, or a rate above 333 Hz")
         self.boot(0)
 
     def boot(self, at: int) -> None:
         """Return to the defaults. The first heartbeat is due at once."""
-        self._intervals = {_HEARTBEAT: _HEARTBEAT_US} | self._defaults
+        self._intervals = self._defaults.copy()
         self._due = {msgid: at + interval for msgid, interval in self._intervals.items()}
         self._due[_HEARTBEAT] = self.next_due = at
 
@@ -57,9 +57,7 @@ class MessageRates:
         """SET_MESSAGE_INTERVAL: 0 is the default, -1 is never. Returns False if it is denied."""
         if msgid not in BUILDERS or (interval_us not in (0, -1) and interval_us < _SHORTEST_US):
             return False
-        if msgid == _HEARTBEAT and interval_us in (0, -1):
-            self._set(msgid, _HEARTBEAT_US, now)
-        elif interval_us == 0:
+        if interval_us == 0 or (msgid == _HEARTBEAT and interval_us == -1):
             self._set(msgid, self._defaults.get(msgid), now)
         else:
             self._set(msgid, None if interval_us == -1 else interval_us, now)

@@ -1,8 +1,8 @@
 """The built-in vehicle: a simulated multirotor that answers like ArduCopter, over any link.
 
 It sends a HEARTBEAT once a second, and other messages only on request. It has a few parameters. It knows the commands
-in `orders.py` and those that request messages; all others are UNSUPPORTED. A rate above 333 Hz or an unknown message is
-DENIED, and the old rate stays.
+in `arducopter.py` and those that request messages; all others are UNSUPPORTED. A rate above 333 Hz or an unknown
+message is DENIED, and the old rate stays.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import Any, Final, NamedTuple
 from arva_hil.field.arrays import vector
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing
-from arva_hil.simulated.arducopter import Failsafe, values_requested
+from arva_hil.simulated import arducopter
+from arva_hil.simulated.arducopter import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Failsafe, Params, integer
 from arva_hil.simulated.autopilot import Mode, SimulatedAutopilot
 from arva_hil.simulated.message_rates import MessageRates
 from arva_hil.simulated.messages import BUILDERS, SENSORS, VehicleReport, read_set_point
 from arva_hil.simulated.multirotor import STEP_US, Vector
-from arva_hil.simulated.orders import ACCEPTED, DENIED, FAILED, ORDERS, UNSUPPORTED, Params, integer, set_mode
 from arva_hil.simulated.position import Home, PositionError
 
 Message = Any  # pymavlink's generated classes carry no types
@@ -226,8 +226,8 @@ class SimulatedVehicle:
 
     def _carry_out(self, command: int, params: Params, frame: int) -> int:
         """Execute a command. Returns a MAV_RESULT."""
-        if command in ORDERS:
-            return ORDERS[command](self._pilot, params, frame)
+        if command in arducopter.ORDERS:
+            return arducopter.ORDERS[command](self._pilot, params, frame)
         if command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:
             return ACCEPTED if self._rates.request(integer(params[0]), integer(params[1]), self._now) else DENIED
         if command in (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_GET_MESSAGE_INTERVAL):
@@ -235,14 +235,11 @@ class SimulatedVehicle:
         return UNSUPPORTED
 
     def _acknowledge(self, command: int, result: int, packet: Packet) -> None:
-        self._send(
-            dialect.MAVLink_command_ack_message(
-                command, result, target_system=packet.system, target_component=packet.component
-            )
-        )
+        to = packet.system, packet.component
+        self._send(dialect.MAVLink_command_ack_message(command, result, 0, 0, *to))
 
     def _on_set_mode(self, message: Message, packet: Packet) -> None:
-        result = set_mode(self._pilot, (message.base_mode, message.custom_mode), 0)
+        result = arducopter.set_mode(self._pilot, (message.base_mode, message.custom_mode), 0)
         self._acknowledge(packet.msgid, result, packet)
 
     def _on_data_stream(self, message: Message, _: Packet) -> None:
@@ -261,7 +258,7 @@ class SimulatedVehicle:
         self._send(dialect.MAVLink_terrain_report_message(message.lat, message.lon, 30, alt_m, height, 0, 1))
 
     def _on_parameter(self, message: Message, _: Packet) -> None:
-        for value in values_requested(message):
+        for value in arducopter.values_requested(message):
             self._send(value)
 
     def _on_mission_list(self, message: Message, packet: Packet) -> None:

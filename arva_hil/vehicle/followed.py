@@ -35,6 +35,7 @@ class FollowedVehicle:
     ) -> None:
         self.news = EventQueue()
         self.reader = reader = reader or PacketReader(signing)
+        self.parser = reader.parser
         self.target_system = target_system
         self.senders = Senders()
         self.encoder = Encoder(target_system or 1, component, signing=reader.signing)
@@ -55,13 +56,8 @@ class FollowedVehicle:
         self._strangers = Parser()  # for the packets of other senders
         self._extras: dict[int, float] = {}
         self._next_heartbeat = self._last_heartbeat = -math.inf
-        self._lost = False
+        self.lost = False  # its heartbeat has stopped
         self._interrupted = ""  # why the link is lost
-
-    @property
-    def parser(self) -> Parser:
-        """The parser of the link."""
-        return self.reader.parser
 
     @property
     def usurped(self) -> str:
@@ -89,14 +85,9 @@ class FollowedVehicle:
         return self.navigation.home
 
     @property
-    def lost(self) -> bool:
-        """Whether the heartbeat of the vehicle has stopped."""
-        return self._lost
-
-    @property
     def reachable(self) -> bool:
         """Whether something can be sent to the vehicle."""
-        return self.vehicle is not None and not (self._lost or self._passive or self._interrupted)
+        return self.vehicle is not None and not (self.lost or self._passive or self._interrupted)
 
     def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
         """The vehicle's pose at host time `now` in the NED frame `frame`, None if it is unknown."""
@@ -140,8 +131,8 @@ class FollowedVehicle:
             "packets_malformed": self.parser.malformed,
             **{f"packets_{why}": count for why, count in signatures.items()},
             "values_refused": self.navigation.refused,
-            "stray_times": self.navigation.stray_times,
-            "stray_positions": self.navigation.stray_positions,
+            "stray_times": self.navigation.times.strays,
+            "stray_positions": self.navigation.places.strays,
         }
 
     def disbelieved_signatures(self) -> dict[str, int] | None:

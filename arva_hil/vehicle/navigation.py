@@ -98,7 +98,7 @@ class Navigation:
     """Remembers what the vehicle's own messages say, and emits events to `news`. Times are host seconds.
 
     Counters of values that are not used: `refused` (no valid pose), `unpositioned` (positions before the first fix),
-    `stray_times` and `stray_positions` (single values that do not fit those before). Counters of changes that are
+    `strays` of `times` and `places` (single values that do not fit those before). Counters of changes that are
     accepted: `reboots`, `leaps` of the vehicle's clock ahead, `jumps` of its position.
     """
 
@@ -112,8 +112,8 @@ class Navigation:
         self.leaps = 0
         self.jumps = 0
         self._news = news
-        self._time = Plausibility(self._time_follows, best=max)
-        self._place = Plausibility(_place_follows)
+        self.times = Plausibility(self._time_follows, best=max)
+        self.places = Plausibility(_place_follows)
         self._reorder_s = _REORDER_S
         self._stamped: dict[int, Callable[[Any, float, float], None]] = {
             _POSITION: self._on_position,
@@ -122,26 +122,18 @@ class Navigation:
         }
         self.handles = frozenset({*self._stamped, _HOME})
 
-    @property
-    def stray_times(self) -> int:
-        return self._time.strays
-
-    @property
-    def stray_positions(self) -> int:
-        return self._place.strays
-
     def hear(self, message: Any, now: float) -> Judgement:
         """Use a message that it `handles`. Returns "anew" if the vehicle has rebooted: its boot time has gone back."""
         if message.id == _HOME:
             self._on_home(message)
             return "follows"
         boot = message.time_boot_ms / 1e3
-        judgement = self._time.judge(boot, now)
+        judgement = self.times.judge(boot, now)
         if judgement == "stray":
             self.unpositioned += is_zero(message)  # without a fix some autopilots send no time either
             return judgement
         if judgement == "anew":
-            before = self._time.replaced
+            before = self.times.replaced
             if before is None or boot < before:
                 self._on_reboot()
             else:
@@ -165,12 +157,12 @@ class Navigation:
         self.track = PoseTrack()
         self.clock = ClockMap()
         self.home = None
-        self._place.forget()
+        self.places.forget()
 
     def _on_leap(self, ahead_s: float, now: float) -> None:
         """Earlier packets were delayed or came from a buffer. The vehicle may be far from where it was then."""
         self.leaps += 1
-        self._place.forget()
+        self.places.forget()
         self._news.emit(ClockLeapt(now, self._news.name, ahead_s))
 
     def _on_position(self, message: Any, boot: float, now: float) -> None:
@@ -181,7 +173,7 @@ class Navigation:
         if not is_place(place):
             self.refused += 1
             return
-        judgement = self._place.judge(place, now)
+        judgement = self.places.judge(place, now)
         if judgement == "stray":
             return
         if judgement == "anew" and (before := self.track.last_position):

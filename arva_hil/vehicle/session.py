@@ -93,8 +93,8 @@ class Session(FollowedVehicle):
 
     def poll(self, now: float) -> bytes:
         """The bytes to send now: our heartbeat and requests for streams. Sets `next_due`."""
-        if self.vehicle and not self._lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
-            self._lost = True
+        if self.vehicle and not self.lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
+            self.lost = True
             self.news.emit(VehicleLost(now, self.news.name, str(self.vehicle), _LOST_S))
         self.senders.look(now)
         if self._signing:
@@ -110,7 +110,7 @@ class Session(FollowedVehicle):
             due = self._next_heartbeat + _HEARTBEAT_S
             self._next_heartbeat = due if due > now else now + _HEARTBEAT_S
             out += self.encoder.pack(heartbeat())
-        if self.vehicle and self._streams and not self._lost:
+        if self.vehicle and self._streams and not self.lost:
             self._streams.home_wanted = self.home is None
             for message in self._streams.poll(now, self.vehicle.system, self.vehicle.component):
                 out += self.encoder.pack(message)
@@ -131,7 +131,7 @@ class Session(FollowedVehicle):
         self._interrupted = ""
         self._next_heartbeat = now
         self._last_heartbeat = now
-        self._lost = False
+        self.lost = False
         self.senders.resume(now)
         self.navigation.renew()
         if self._streams:
@@ -196,7 +196,7 @@ class Session(FollowedVehicle):
         found = self._finder.vehicle(packet, message)
         if found and known and known.sent(packet) and self._identity:
             self._identity.why = f"the vehicle that was launched is {known}, and now {found} speaks with its ids"
-        elif found and (known is None or (self._lost and known.sent(packet))):
+        elif found and (known is None or (self.lost and known.sent(packet))):
             self.own.append(packet)
             self.senders.hear(sender, now)
             self._follow(found, now, signed=packet.signed)
@@ -224,7 +224,7 @@ class Session(FollowedVehicle):
 
     def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
         self.vehicle = vehicle
-        self._lost = False
+        self.lost = False
         self.encoder.system = vehicle.system
         self.encoder.version = vehicle.version
         self._streams = Streams(self.rate_hz, now, self._extras, self.news)
@@ -241,8 +241,8 @@ class Session(FollowedVehicle):
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
         if armed != self.vehicle.armed:
             self.vehicle = replace(self.vehicle, armed=armed)
-        if self._lost:
-            self._lost = False
+        if self.lost:
+            self.lost = False
             self.navigation.home = None  # it may have been moved, or be another vehicle: request its home again
             self.news.emit(VehicleBack(now, self.news.name, str(self.vehicle)))
 

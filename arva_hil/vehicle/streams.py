@@ -35,9 +35,6 @@ class Request(NamedTuple):
     result: str = ""
 
 
-_NOT_ASKED: Final = Request()
-
-
 @dataclass
 class Stream:
     """One stream: what was received, and how it was requested."""
@@ -46,7 +43,7 @@ class Stream:
     ids: tuple[int, ...]  # the message ids that can be used; the first one is requested
     group: int  # the MAV_DATA_STREAM it belongs to
     want_hz: float
-    asked: Request = _NOT_ASKED  # the last one that was answered or timed out
+    asked: Request = field(default_factory=Request)  # the last one that was answered or timed out
     promised: bool = False  # the vehicle accepted a request
     seen: dict[int, deque[float]] = field(default_factory=dict)  # the latest times at which each id came
     tries: int = 0  # requests since it was fast enough

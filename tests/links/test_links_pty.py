@@ -18,7 +18,8 @@ from typing import Any
 import pytest
 from links_waiting import DEADLINE_S, receive, until
 
-from arva_hil.links import Absent, Link, LinkError, pty
+from arva_hil.links import Link, LinkError, pty
+from arva_hil.links.base import Absent
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.serial import open_serial

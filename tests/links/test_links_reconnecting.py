@@ -17,7 +17,8 @@ import pytest
 import serial
 from links_waiting import receive, until
 
-from arva_hil.links import Absent, Address, Link, LinkEnded, LinkError, parse, serial_ports
+from arva_hil.links import Address, Link, LinkEnded, LinkError, parse, serial_ports
+from arva_hil.links.base import Absent
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.processes import far_program, holders
 from arva_hil.links.pty import PtyLink

@@ -363,7 +363,7 @@ def test_a_disk_that_fails_while_reading(tmp_path: Path, monkeypatch: pytest.Mon
     reader._file.close()
     monkeypatch.setattr(reader, "_file", Failing())
     with pytest.raises(LinkError, match="cannot be read: Input/output error"):
-        next(reader)
+        next(iter(reader))
 
 
 def test_closing_a_reader_early(tmp_path: Path) -> None:
@@ -371,7 +371,7 @@ def test_closing_a_reader_early(tmp_path: Path) -> None:
     for started in (False, True):
         reader = read_tlog(tmp_path / "a.tlog")
         if started:
-            next(reader)
+            next(iter(reader))
         reader.close()
         reader.close()
         assert reader._file.closed

@@ -379,7 +379,7 @@ def test_one_time_out_of_line_changes_nothing_and_is_counted(stray: float) -> No
         tell(session, message(stray), 100.02)
         assert repr(session.state_at(100.02, FRAME)) == repr(before)
         tell(session, attitude(10.0), 100.02)
-    assert session.navigation.stray_times == 3
+    assert session.navigation.times.strays == 3
     assert session.navigation.reboots == 0
     assert session.take_events() == []
 
@@ -415,7 +415,7 @@ def test_of_two_clocks_at_once_the_first_is_believed(other: float) -> None:
         for late in (0.005, 0.01):
             tell(session, attitude(other + now + late), 100.0 + now + late)
     assert session.navigation.reboots == 0
-    assert session.navigation.stray_times == 1000
+    assert session.navigation.times.strays == 1000
     assert session.clock.boot(110.0) == pytest.approx(20.0)
 
 
@@ -445,10 +445,10 @@ def northing(session: Session, now: float) -> float:
 def test_one_position_far_off_changes_nothing_and_is_counted(stray: tuple[float, float, float]) -> None:
     session = following(100.0)
     tell(session, position(10.02, *stray), 100.02)
-    assert session.navigation.stray_positions == 1
+    assert session.navigation.places.strays == 1
     assert abs(northing(session, 100.02)) < 1
     tell(session, position(10.04), 100.04)
-    assert session.navigation.stray_positions == 1
+    assert session.navigation.places.strays == 1
     assert abs(northing(session, 100.04)) < 1
     assert session.take_events() == []
 
@@ -457,7 +457,7 @@ def test_an_estimator_may_correct_itself_by_some_metres() -> None:
     session = following(100.0)
     tell(session, position(10.02, *NEAR), 100.02)
     assert northing(session, 100.02) == pytest.approx(55.6, abs=0.1)
-    assert session.navigation.stray_positions == 0
+    assert session.navigation.places.strays == 0
 
 
 def test_a_position_that_stays_far_off_is_believed_after_half_a_second() -> None:
@@ -467,7 +467,7 @@ def test_a_position_that_stays_far_off_is_believed_after_half_a_second() -> None
         now = 0.02 * i
         tell(session, position(10.0 + now, *FAR), 100.0 + now)
         assert (northing(session, 100.0 + now) > 5000) == (now >= 0.5)
-    assert session.navigation.stray_positions == 24
+    assert session.navigation.places.strays == 24
     (event,) = session.take_events()
     assert isinstance(event, PositionJumped)
     assert event.by_m == pytest.approx(5566, abs=0.5)
