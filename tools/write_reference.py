@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from arva_hil.config.campaign import PlanFile
+from arva_hil.config.campaign import CampaignPlan
 from arva_hil.config.constraints import ListOf
 from arva_hil.config.drawn import Random
 from arva_hil.config.faults import Fault
@@ -69,7 +69,7 @@ def page() -> str:
         "",
         "Each axis is one value or a list of them, and all are crossed.",
         "",
-        *_table([*_rows(PlanFile), *_rows(Random, "scenarios[].random.")]),
+        *_table([*_rows(CampaignPlan), *_rows(Random, "scenarios[].random.")]),
     ]
     return "\n".join(lines) + "\n"
 

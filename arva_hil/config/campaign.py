@@ -2,22 +2,23 @@
 
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, Any, Final
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import InitVar
+from typing import Any, Final
 
 from arva_hil.config.common import NOISE_KINDS, SEED, NoiseKind
-from arva_hil.config.constraints import Constraint, ListOf, Named, Number, Spec, Text, Whole, Word
+from arva_hil.config.constraints import Constraint, ListOf, Named, Number, Text, Whole, Word
 from arva_hil.config.drawn import Area, AreaM, HowMany, Random
-from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation, nearest, wrong
-from arva_hil.config.nodes import Value, first_line
+from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, elsewhere, nearest, wrong
+from arva_hil.config.nodes import folder_of
 from arva_hil.config.profiles import located
 from arva_hil.config.reading import keys_in, read, read_text
 from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
-from arva_hil.config.tables import Help, TableOf, keys, read_keys, table
+from arva_hil.config.tables import TableOf, fields_of, key, read_keys, table
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1
+WHAT: Final = "a mapping with strategies and scenarios"
 MOST_TRIALS: Final = 100_000_000
 _MOST_VALUES: Final = 100_000  # of one axis
 _NOT_FLOWN: Final = ("navigation_error", "follows", "vehicles", "terrain")  # one vehicle, above flat ground
@@ -44,23 +45,24 @@ class _Axis(Constraint):
     def read(self, value: Any) -> Any:
         if not isinstance(value, list | tuple):
             return (self.item.read(value),)
-        return _each_once(value, self._list.read(value))
+        values = self._list.read(value)
+        _each_once(values)
+        return values
 
     def json(self) -> dict[str, Any]:
         return {"anyOf": [self.item.json(), self._list.json()]}
 
 
-def _each_once(items: Iterable[Any], values: Sequence[Any]) -> Sequence[Any]:
-    """The values of some items. Raises ConstraintError for those that are there again."""
-    seen: dict[Any, Any] = {}
-    again = []
-    for at, (item, value) in enumerate(zip(items, values, strict=True)):
-        if value in seen:
-            again.append(Violation("each once", f"{value} again{first_line(seen[value])}", path=(at,)))
-        seen.setdefault(value, item)
+def _each_once(values: Iterable[Any]) -> None:
+    """Raises ConstraintError for values that are there again."""
+    seen: dict[Any, int] = {}
+    again = [
+        Violation("each once", f"{value} again", path=(at,), first=(first,))
+        for at, value in enumerate(values)
+        if (first := seen.setdefault(value, at)) != at
+    ]
     if again:
         raise ConstraintError(*again)
-    return values
 
 
 class _Seeds(_Axis):
@@ -70,7 +72,9 @@ class _Seeds(_Axis):
     kind = "a list of seeds, or how many"
 
     def read(self, value: Any) -> Any:
-        return super().read(value) if isinstance(value, list) else range(1, self.count.read(value) + 1)
+        if isinstance(value, range):
+            return value
+        return super().read(value) if isinstance(value, list | tuple) else range(1, self.count.read(value) + 1)
 
     def json(self) -> dict[str, Any]:
         return {"anyOf": [self.count.json(), self._list.json()]}
@@ -97,11 +101,7 @@ class _ByStrategy(Constraint):
 
 
 class _File(Constraint):
-    """A scenario file, relative to a folder, or a random one; a file's own mistakes are collected in `problems`."""
-
-    def __init__(self, folder: str = "") -> None:
-        self._folder = folder
-        self.problems: list[Problem] = []
+    """A scenario file, relative to the plan's folder, or a random one."""
 
     def __str__(self) -> str:
         return "a scenario file or {random: …}"
@@ -114,7 +114,7 @@ class _File(Constraint):
             random: Random = values["random"]
             return random
         name = Text(str(self)).read(value)
-        path = os.path.join(self._folder, name)
+        path = os.path.join(folder_of(value), name)
         if not os.path.isfile(path):
             folder = os.path.dirname(path) or "."
             names = os.listdir(folder) if os.path.isdir(folder) else []
@@ -123,8 +123,7 @@ class _File(Constraint):
         try:
             scenario = load(path)
         except ScenarioError as error:
-            self.problems += error.problems
-            return Scenario((), source=path)
+            raise elsewhere(error) from None
         unserved = [part for part, there in parts_of_spec_2(scenario).items() if there and part in _NOT_FLOWN]
         if scenario.output_format in MAVLINK_FORMATS:
             unserved.append(f"format {scenario.output_format}")
@@ -139,13 +138,14 @@ class _File(Constraint):
 
 
 class _Scenarios(_Axis):
-    def __init__(self, file: _File | None = None) -> None:
-        super().__init__(file or _File(), "scenarios")
+    """Scenarios by name; in a file one or a list of them."""
 
-    def read(self, value: Any) -> dict[str, Scenario | Random]:
+    def read(self, value: Any) -> Mapping[str, Scenario | Random]:
+        if isinstance(value, Mapping) and not hasattr(value, "node"):
+            return value
         every = self._list.read(value) if isinstance(value, list) else (self.item.read(value),)
         names = [str(one) if isinstance(one, Random) else _stem(one.source) for one in every]
-        _each_once(value if isinstance(value, list) else [value], names)
+        _each_once(names)
         return dict(zip(names, every, strict=True))
 
 
@@ -159,56 +159,64 @@ _WIDTH: Final = Number(1, 1000, unit="m")
 _LIMIT: Final = Number(0, 86_400, above=True, unit="s")
 _WIND: Final = _Axis(Number(0, 100, unit="m/s"), "numbers")
 _GPS_NOISE: Final = _Axis(Number(0, 1000, unit="m"), "numbers")
+_AREA: Final = (-50.0, -50.0, 50.0, 50.0)
 
 
 @table()
-class PlanFile:
-    """The keys of a plan."""
-
-    spec: Annotated[int, Spec(SPEC), Help("the version of this file format")] = field(default=1, kw_only=True)
-    strategies: Annotated[Any, _Axis(Named(STRATEGIES, "a strategy")), Help("what flies")]
-    scenarios: Annotated[Any, _Scenarios(), Help("files, relative to this one, and random ones, drawn by the seed")]
-    seeds: Annotated[Any, _Seeds(SEED, "seeds"), Help("of the noise and of what is drawn")] = range(1, 2)
-    noise: Annotated[Any, _Axis(Word(NOISE_KINDS)), Help("of the receiver; without it as the scenario has it")] = (
-        None,
-    )
-    wind_m_s: Annotated[Any, _WIND, Help("from a direction that the seed draws")] = (0.0,)
-    gps_noise_m: Annotated[Any, _GPS_NOISE, Help("sigma on each axis")] = (0.0,)
-    take_off_m: Annotated[Any, _Axis(_HEIGHT, "numbers"), Help("height of the take-off")] = (3.0,)
-    height_m: Annotated[Any, _ByStrategy(_HEIGHT), Help("held in the search")] = 3.0
-    speed_m_s: Annotated[Any, _ByStrategy(_SPEED), Help("of the search")] = 1.0
-    limit_s: Annotated[Any, _ByStrategy(_LIMIT), Help("of the search, then it lands")] = 900.0
-    victims: Annotated[Any, HowMany(), Help("how many transmitters are searched for, or all")] = 1
-    area_m: Annotated[Any, AreaM(), Help("searched in strips: south, west, north, east of home")] = (
-        -50.0,
-        -50.0,
-        50.0,
-        50.0,
-    )
-    strip_width_m: Annotated[float, _WIDTH, Help("of the strips")] = 40.0
-    success_m: Annotated[float, _HEIGHT, Help("how near the place reported has to be")] = 2.0
-
-
-@dataclass(frozen=True)
 class CampaignPlan:
-    """What a campaign tries: all of it crossed. `noise` None is the scenario's own; heights, speeds and limits are
-    by strategy; `victims`: how many are searched for, None: all; `success_m`: how near the place reported has to be to
-    the transmitter."""
+    """What a campaign tries: all of it crossed. `scenarios` by name; `noise` None is the scenario's own; heights,
+    speeds and limits by strategy, or one for all; `victims`: how many are searched for, None: all. Raises ValueError
+    for what does not fit.
+    """
 
-    strategies: tuple[str, ...]
-    scenarios: Mapping[str, Scenario | Random]  # by name
-    seeds: Sequence[int]
-    noise: tuple[NoiseKind | None, ...]
-    wind_m_s: tuple[float, ...]
-    gps_noise_m: tuple[float, ...]
-    take_off_m: tuple[float, ...]
-    height_m: Mapping[str, float]
-    speed_m_s: Mapping[str, float]
-    limit_s: Mapping[str, float]
-    victims: int | None
-    area_m: Area
-    strip_width_m: float
-    success_m: float
+    spec: InitVar[int] = key(Whole(1, SPEC, "a spec"), "the version of this file format", default=SPEC, kw_only=True)
+    strategies: tuple[str, ...] = key(_Axis(Named(STRATEGIES, "a strategy")), "what flies")
+    scenarios: Mapping[str, Scenario | Random] = key(
+        _Scenarios(_File(), "scenarios"), "files, relative to this one, and random ones, drawn by the seed"
+    )
+    seeds: Sequence[int] = key(_Seeds(SEED, "seeds"), "of the noise and of what is drawn", default=range(1, 2))
+    noise: tuple[NoiseKind | None, ...] = key(
+        _Axis(Word(NOISE_KINDS)), "of the receiver; without it as the scenario has it", default=(None,)
+    )
+    wind_m_s: tuple[float, ...] = key(_WIND, "from a direction that the seed draws", default=(0.0,))
+    gps_noise_m: tuple[float, ...] = key(_GPS_NOISE, "sigma on each axis", default=(0.0,))
+    take_off_m: tuple[float, ...] = key(_Axis(_HEIGHT, "numbers"), "height of the take-off", default=(3.0,))
+    height_m: Mapping[str, float] = key(_ByStrategy(_HEIGHT), "held in the search", default=3.0)
+    speed_m_s: Mapping[str, float] = key(_ByStrategy(_SPEED), "of the search", default=1.0)
+    limit_s: Mapping[str, float] = key(_ByStrategy(_LIMIT), "of the search, then it lands", default=900.0)
+    victims: int | None = key(HowMany(), "how many transmitters are searched for, or all", default=1)
+    area_m: Area = key(AreaM(), "searched in strips: south, west, north, east of home", default=_AREA)
+    strip_width_m: float = key(_WIDTH, "of the strips", default=40.0)
+    success_m: float = key(_HEIGHT, "how near the place reported has to be", default=2.0)
+
+    def __post_init__(self, spec: int) -> None:
+        for name, number, value in _by_strategy(self):
+            usual = fields_of(CampaignPlan)[name].default
+            own = value if isinstance(value, Mapping) else dict.fromkeys(self.strategies, value)
+            each = {strategy: number.read(own[strategy]) for strategy in own}
+            object.__setattr__(self, name, dict.fromkeys(self.strategies, usual) | each)
+
+    @classmethod
+    def conflicts(cls, of: Any) -> Iterator[Violation]:
+        for name, number, value in _by_strategy(of):
+            if isinstance(value, Mapping) and of.strategies and None not in of.strategies:
+                _, violations = read_keys(value, dict.fromkeys(of.strategies, number))
+                yield from ConstraintError(*violations).below(name)
+        axes = [getattr(of, name) for name, one in fields_of(cls).items() if isinstance(one.constraint, _Axis)]
+        count = math.prod(len(axis) for axis in axes if axis)
+        if count > MOST_TRIALS:
+            yield Violation(f"at most {MOST_TRIALS}", f"{count} trials")
+        for name, one in of.scenarios.items() if isinstance(of.scenarios, Mapping) else ():
+            count = one.count if isinstance(one, Random) else len(one.transmitters)
+            if 0 < count < (wanted := of.victims or 1):
+                yield Violation(f"at most {count}, the transmitters of {name}", str(wanted), path=("victims",))
+
+
+def _by_strategy(plan: Any) -> Iterator[tuple[str, Number, Any]]:
+    """What may differ by strategy: its name, its constraint, and its value, a mapping or one for all."""
+    for name, one in fields_of(CampaignPlan).items():
+        if isinstance(one.constraint, _ByStrategy):
+            yield name, one.constraint.number, getattr(plan, name)
 
 
 def load_plan(path: str | os.PathLike[str]) -> CampaignPlan:
@@ -219,42 +227,11 @@ def load_plan(path: str | os.PathLike[str]) -> CampaignPlan:
 
 def parse_plan(text: str, source: str) -> CampaignPlan:
     """The plan in `text`; files that it names are looked for from where `source` is. Raises ScenarioError."""
-
-    def plan(top: Value) -> CampaignPlan:
-        return _read(top, _File(os.path.dirname(source)))
-
-    return read(text, source, "a mapping with strategies and scenarios", plan, SPEC)
+    plan: CampaignPlan = read(text, source, WHAT, TableOf(CampaignPlan).read, SPEC)
+    return plan
 
 
 def is_plan(text: str) -> bool:
     """Whether a text looks like a plan and not like a scenario."""
     names = keys_in(text)
     return "transmitters" not in names and bool(names & {"strategies", "scenarios"})
-
-
-def _read(top: Value, file: _File) -> CampaignPlan:
-    if not isinstance(top, dict):
-        raise wrong(str(TableOf(PlanFile)))
-    constraints = {name: one.constraint for name, one in keys(PlanFile).items()} | {"scenarios": _Scenarios(file)}
-    given, violations = read_keys(top, constraints, PlanFile.__required__)  # type: ignore[attr-defined]
-    values = {name: given.get(name, one.default) for name, one in keys(PlanFile).items() if name != "spec"}
-    strategies = given.get("strategies", ())
-    for name, constraint in constraints.items():
-        if isinstance(constraint, _ByStrategy):
-            value = values[name]
-            values[name] = dict.fromkeys(strategies, keys(PlanFile)[name].default if isinstance(value, dict) else value)
-            if isinstance(value, dict) and strategies:
-                own, violations_of_own = read_keys(value, dict.fromkeys(strategies, constraint.number))
-                violations += ConstraintError(*violations_of_own).below(name)
-                values[name] |= own
-    axes = [given[name] for name, one in constraints.items() if isinstance(one, _Axis) and name in given]
-    count = math.prod(map(len, axes))
-    if count > MOST_TRIALS:
-        violations.append(Violation(f"at most {MOST_TRIALS}", f"{count} trials"))
-    for name, one in given.get("scenarios", {}).items():
-        count = one.count if isinstance(one, Random) else len(one.transmitters)
-        if 0 < count < (wanted := values["victims"] or 1):
-            violations.append(Violation(f"at most {count}, the transmitters of {name}", str(wanted), path=("victims",)))
-    if violations or file.problems:
-        raise ConstraintError(*violations, problems=file.problems)
-    return CampaignPlan(**values)

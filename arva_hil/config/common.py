@@ -1,11 +1,12 @@
 """Constraints that several tables share, and ranges that commands offer as options too."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Final, Literal, get_args
+from typing import Any, Final, Literal, get_args
 
-from arva_hil.config import FRAMES_HZ, LARGEST_SEED
 from arva_hil.config.constraints import Named, Number, Numbers, Whole
-from arva_hil.config.tables import Help, TableOf, table
+from arva_hil.config.nodes import NEWEST_SPEC
+from arva_hil.config.tables import TableOf, key, table
+from arva_hil.ranges import FRAMES_HZ, LARGEST_SEED
 from arva_hil.registry import FORMATS
 
 Triple = tuple[float, float, float]
@@ -14,6 +15,7 @@ Pose = Literal["estimate", "truth"]
 
 NOISE_KINDS: Final[tuple[NoiseKind, ...]] = get_args(NoiseKind)
 
+SPEC: Final = Whole(1, NEWEST_SPEC, "a spec")
 FORMAT: Final = Named(FORMATS)
 RATE_HZ: Final = Number(*FRAMES_HZ, unit="Hz")
 SEED: Final = Whole(0, LARGEST_SEED)
@@ -33,9 +35,9 @@ SPAN: Final = Number(0, 1_000_000, "seconds", above=True, unit="s")
 class Angles:
     """An attitude as a file has it."""
 
-    roll: Annotated[float, ANGLE, Help("about x")] = 0.0
-    pitch: Annotated[float, ANGLE, Help("about y")] = 0.0
-    yaw: Annotated[float, ANGLE, Help("about z")] = 0.0
+    roll: float = key(ANGLE, "about x", default=0.0)
+    pitch: float = key(ANGLE, "about y", default=0.0)
+    yaw: float = key(ANGLE, "about z", default=0.0)
 
 
 class Attitude(TableOf):

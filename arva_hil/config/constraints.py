@@ -118,25 +118,6 @@ def whole(value: Any) -> int | None:
     return int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else None
 
 
-class Spec(Constraint):
-    """The version of a file's format, the `newest` or an older one."""
-
-    def __init__(self, newest: int) -> None:
-        self._every = range(1, newest + 1)
-
-    def __str__(self) -> str:
-        return f"spec {' or '.join(map(str, self._every))}"
-
-    def read(self, value: Any) -> int:
-        number = whole(value)
-        if number is None or number not in self._every:
-            raise wrong(str(self))
-        return number
-
-    def json(self) -> dict[str, Any]:
-        return {"enum": list(self._every)}
-
-
 @dataclass(frozen=True)
 class Word(Constraint):
     """One of some words, quoted or not."""
@@ -248,7 +229,10 @@ class Numbers(Constraint):
     def read(self, value: Any) -> Any:
         if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(self.each):
             raise wrong(str(self))
-        return read_each(value, (one.read for one in self.each))
+        values, violations = read_each(value, (one.read for one in self.each))
+        if violations:
+            raise ConstraintError(*violations)
+        return tuple(values)
 
     def json(self) -> dict[str, Any]:
         every = [one.json() for one in self.each]
@@ -269,8 +253,12 @@ class ListOf(Constraint):
     def read(self, value: Any) -> tuple[Any, ...]:
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise wrong(str(self))
-        wrong_length = isinstance(value, Items) and not self.low <= len(value) <= self.high
-        return read_each(value, [self.item.read] * len(value), [Violation(str(self))] if wrong_length else ())
+        values, violations = read_each(value, [self.item.read] * len(value))
+        if isinstance(value, Items) and not self.low <= len(value) <= self.high:
+            violations.insert(0, Violation(str(self)))
+        if violations:
+            raise ConstraintError(*violations, given=values)
+        return tuple(values)
 
     def plain(self, value: Any, spec: int) -> Any:
         return [self.item.plain(item, spec) for item in value]
@@ -279,16 +267,13 @@ class ListOf(Constraint):
         return {"type": "array", "items": self.item.json(), "minItems": self.low, "maxItems": self.high}
 
 
-def read_each(
-    items: Sequence[Any], reads: Iterable[Callable[[Any], Any]], violations: Iterable[Violation] = ()
-) -> tuple[Any, ...]:
-    """Every item read by its function. Raises ConstraintError with the violations of all, behind those given."""
-    values, found = [], list(violations)
+def read_each(items: Sequence[Any], reads: Iterable[Callable[[Any], Any]]) -> tuple[list[Any], list[Violation]]:
+    """Every item read by its function, or what is given of it if it is wrong; and all that is wrong."""
+    values, violations = list[Any](), list[Violation]()
     for index, (item, read) in enumerate(zip(items, reads, strict=True)):
         try:
             values.append(read(item))
         except ConstraintError as error:
-            found += error.below(index)
-    if found:
-        raise ConstraintError(*found)
-    return tuple(values)
+            values.append(error.given)
+            violations += error.below(index)
+    return values, violations

@@ -1,10 +1,10 @@
 """Scenarios of a campaign's plan that are drawn by the seed, and how many transmitters a search is for."""
 
-from typing import Annotated, Any, Final, get_args
+from typing import Any, Final, get_args
 
 from arva_hil.config.constraints import Constraint, Named, Number, Numbers, Whole, Word
 from arva_hil.config.errors import ConstraintError, wrong
-from arva_hil.config.tables import Help, table
+from arva_hil.config.tables import key, table
 from arva_hil.config.transmitter import KeyingKind
 from arva_hil.registry import RECEIVERS
 
@@ -61,16 +61,14 @@ class Random:
     """`count` transmitters, others for each seed: uniform within ±`within_m` north and east of home, or in `area_m`,
     uniform in depth from `depth_m`[0] to [1], their attitudes uniform among all rotations."""
 
-    within_m: Annotated[
-        float | None, Number(0, 10_000, above=True, unit="m"), Help("north and east of home, each way")
-    ] = None
-    depth_m: Annotated[tuple[float, float], _Depths(_DEPTH, _DEPTH), Help("from, to")] = (0.0, 2.0)
-    area_m: Annotated[Area | None, AreaM(), Help("instead: south, west, north, east of home")] = None
-    count: Annotated[int, Whole(1, 16), Help("how many, each anywhere")] = 1
-    model: Annotated[str, Named(RECEIVERS), Help("of the receiver")] = "paper"
-    keying: Annotated[KeyingKind | None, Word(get_args(KeyingKind)), Help("of the transmitters: the class of sets")] = (
-        None
+    within_m: float | None = key(
+        Number(0, 10_000, above=True, unit="m"), "north and east of home, each way", default=None
     )
+    depth_m: tuple[float, float] = key(_Depths(_DEPTH, _DEPTH), "from, to", default=(0.0, 2.0))
+    area_m: Area | None = key(AreaM(), "instead: south, west, north, east of home", default=None)
+    count: int = key(Whole(1, 16), "how many, each anywhere", default=1)
+    model: str = key(Named(RECEIVERS), "of the receiver", default="paper")
+    keying: KeyingKind | None = key(Word(get_args(KeyingKind)), "of the transmitters: the class of sets", default=None)
 
     def __str__(self) -> str:
         low, high = self.depth_m

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from arva_hil.errors import ArvaError
 
@@ -40,13 +41,16 @@ class ScenarioError(ArvaError):
 class Violation:
     """A value that violates a constraint: what was `expected`; what was `found`, if describing the value is not enough;
     the `nearest` valid value. `path` leads to it from the value that was read, through keys and indices; with `at_key`
-    not the value there is meant, but its key."""
+    not the value there is meant, but its key. `first`: the path of a value, or key, that it repeats. `problem`: that of
+    another file, which the value names."""
 
     expected: str
     found: str | None = None
     nearest: str | None = None
     path: tuple[str | int, ...] = ()
     at_key: bool = False
+    first: tuple[str | int, ...] = ()
+    problem: Problem | None = None
 
     def __str__(self) -> str:
         where = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in self.path).lstrip(".")
@@ -56,21 +60,26 @@ class Violation:
 class ConstraintError(ArvaError, ValueError):
     """A value violates its constraints: all `violations`, those of an object with its class in `of`.
 
-    `problems` are those of other files that the value names.
+    `given`: what is valid of the value, None if nothing is.
     """
 
-    def __init__(self, *violations: Violation, of: str = "", problems: Sequence[Problem] = ()) -> None:
+    def __init__(self, *violations: Violation, of: str = "", given: Any = None) -> None:
         super().__init__(*violations)
-        self.violations = violations
-        self.of = of
-        self.problems = tuple(problems)
+        self.violations, self.of, self.given = violations, of, given
 
     def __str__(self) -> str:
         return f"{self.of} {'; '.join(map(str, self.violations))}".lstrip()
 
     def below(self, *steps: str | int) -> list[Violation]:
         """The violations of a part, as those of the whole."""
-        return [replace(one, path=(*steps, *one.path)) for one in self.violations]
+        return [
+            replace(one, path=(*steps, *one.path), first=one.first and (*steps, *one.first)) for one in self.violations
+        ]
+
+
+def elsewhere(error: ScenarioError) -> ConstraintError:
+    """The error of a value that names a file with mistakes."""
+    return ConstraintError(*(Violation(p.expected, p.found, problem=p) for p in error.problems))
 
 
 def wrong(expected: str, found: str | None = None, nearest: str | None = None) -> ConstraintError:

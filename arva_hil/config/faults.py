@@ -4,12 +4,12 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 from arva_hil.config.common import SPAN, TRANSMITTER_ID, WORLD_POINT, Triple
 from arva_hil.config.constraints import Anything, Constraint, Named, Number, On, Whole
 from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, wrong
-from arva_hil.config.tables import Help, NotAKey, fields_of, read_keys, table, unknown_key
+from arva_hil.config.tables import fields_of, key, read_keys, table, unknown_key
 from arva_hil.errors import KindError
 from arva_hil.registry import FAULTS, FORMATS, MAVLINK_FORMATS
 
@@ -52,14 +52,14 @@ class Fault:
     Raises ValueError for a name, value or schedule that no fault has.
     """
 
-    name: Annotated[str, Named(FAULTS), NotAKey()]
-    value: Annotated[float, Anything(), NotAKey()]
-    from_s: Annotated[float, _TIME, Help("on from this time of the run")] = 0.0
-    until_s: Annotated[float, _TIME, Help("off from this time of the run; without it never")] = math.inf
-    every_s: Annotated[float | None, SPAN, Help("again and again: from one start to the next")] = None
-    for_s: Annotated[float | None, SPAN, Help("with every_s: how long each time")] = None
-    by_ned: Annotated[Triple | None, WORLD_POINT, Help("of transmitter_moved: north, east, down")] = None
-    over_s: Annotated[float | None, SPAN, Help("of transmitter_fading: until nothing is left")] = None
+    name: str = key(Named(FAULTS))
+    value: float = key(Anything())
+    from_s: float = key(_TIME, "on from this time of the run", default=0.0)
+    until_s: float = key(_TIME, "off from this time of the run; without it never", default=math.inf)
+    every_s: float | None = key(SPAN, "again and again: from one start to the next", default=None)
+    for_s: float | None = key(SPAN, "with every_s: how long each time", default=None)
+    by_ned: Triple | None = key(WORLD_POINT, "of transmitter_moved: north, east, down", default=None)
+    over_s: float | None = key(SPAN, "of transmitter_fading: until nothing is left", default=None)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "value", FAULTS[self.name].constraint.read(self.value))
@@ -71,9 +71,9 @@ class Fault:
             kind.constraint.read(fault.value)
         except ConstraintError as error:
             yield from error.below("value")
-        for key in kind.needs:
-            if getattr(fault, key) is None:
-                yield Violation(f"a fault with {key}", f"{fault.name} without {key}")
+        for name in kind.needs:
+            if getattr(fault, name) is None:
+                yield Violation(f"a fault with {name}", f"{fault.name} without {name}")
         if fault.until_s <= fault.from_s:
             yield Violation(f"later than from_s ({fault.from_s:g})", f"until_s {fault.until_s:g}", path=("until_s",))
         if fault.every_s is None or fault.for_s is None:
@@ -182,10 +182,10 @@ def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] |
 def plain_fault(fault: Fault) -> dict[str, Any]:
     """The fault as plain JSON types; a file reads it back equal."""
     plain: dict[str, Any] = {fault.name: True if FAULTS[fault.name].valid is None else fault.value}
-    for key in fields(fault):
-        value = getattr(fault, key.name)
-        if key.name not in ("name", "value") and value != key.default:
-            plain[key.name] = list(value) if isinstance(value, tuple) else value
+    for one in fields(fault):
+        value = getattr(fault, one.name)
+        if one.name not in ("name", "value") and value != one.default:
+            plain[one.name] = list(value) if isinstance(value, tuple) else value
     return plain
 
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import Any, Final, Literal
 
-from arva_hil.config.campaign import PlanFile
+from arva_hil.config.campaign import CampaignPlan
 from arva_hil.config.profiles import ReceiverProfile, TransmitterProfile
 from arva_hil.config.scenario import Scenario
 from arva_hil.config.tables import TableOf, keys
@@ -14,7 +14,7 @@ from arva_hil.config.tables import TableOf, keys
 SchemaKind = Literal["scenario", "campaign", "receiver", "transmitter"]
 FILES: Final[Mapping[SchemaKind, tuple[Any, str]]] = {
     "scenario": (Scenario, "A scenario of arva-hil"),
-    "campaign": (PlanFile, "The plan of a campaign of arva-hil"),
+    "campaign": (CampaignPlan, "The plan of a campaign of arva-hil"),
     "receiver": (ReceiverProfile, "The profile of a receiver of arva-hil"),
     "transmitter": (TransmitterProfile, "The profile of a transmitter of arva-hil"),
 }

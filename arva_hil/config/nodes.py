@@ -5,6 +5,7 @@ Scalars keep the text as written, so `off` is a word and `1e3` a number, whateve
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
@@ -63,6 +64,11 @@ class Mapping(dict[str, Any]):
                 self.key_nodes[name] = other.key_nodes[name]
                 self[name] = other[name]
 
+    def tables(self, key: str) -> list[Mapping]:
+        """The mappings in a list."""
+        items = self.get(key)
+        return [one for one in items if isinstance(one, Mapping)] if isinstance(items, Items) else []
+
 
 Value = Scalar | Items | Mapping
 
@@ -81,6 +87,6 @@ def spec_of(value: Any) -> int:
     return getattr(value, "spec", NEWEST_SPEC)
 
 
-def first_line(value: Any) -> str:
-    """The line of a value, as a remark for a second one like it."""
-    return f" (first on line {value.node.start_mark.line + 1})" if hasattr(value, "node") else ""
+def folder_of(value: Any) -> str:
+    """The folder of the file that a scalar is from, "" for others."""
+    return os.path.dirname(value.node.start_mark.name) if isinstance(value, Scalar) else ""

@@ -3,14 +3,14 @@
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 from arva_hil.config import nodes
-from arva_hil.config.constraints import Number, Spec
+from arva_hil.config.common import SPEC
 from arva_hil.config.errors import Problem, ScenarioError, Violation, any_of, nearest
 from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.tables import Help, TableOf, table
-from arva_hil.config.transmitter import KeyingOptions
+from arva_hil.config.tables import Given, TableOf, key, table
+from arva_hil.config.transmitter import STRENGTH, KeyingOptions
 
 PREFIX: Final = "builtin:"
 
@@ -39,12 +39,12 @@ def located(path: str | os.PathLike[str]) -> str:
 class ReceiverProfile:
     """A file with what a kind of receiver is like."""
 
-    spec: Annotated[int, Spec(nodes.NEWEST_SPEC), Help("the version of this file format")]
-    receiver: Annotated[ReceiverOptions, Help("the keys of a scenario's receiver")]
+    spec: int = key(SPEC, "the version of this file format")
+    receiver: ReceiverOptions = key(help="the keys of a scenario's receiver")
 
     @classmethod
-    def conflicts(cls, holder: Any) -> Iterator[Violation]:
-        receiver = holder.get("receiver") if isinstance(holder, Mapping) else None
+    def conflicts(cls, of: Any) -> Iterator[Violation]:
+        receiver = of.mapping.get("receiver") if isinstance(of, Given) else None
         if isinstance(receiver, Mapping) and "profile" in receiver:
             yield Violation("none in a profile", "profile", path=("receiver", "profile"), at_key=True)
 
@@ -53,16 +53,16 @@ class ReceiverProfile:
 class TransmitterTraits:
     """What a kind of transmitter is like, wherever it is."""
 
-    strength: Annotated[float, Number(0, 1000, above=True), Help("relative to the reference transmitter")] = 1.0
-    keying: Annotated[KeyingOptions | None, Help("when it sends")] = None
+    strength: float = key(STRENGTH, "relative to the reference transmitter", default=1.0)
+    keying: KeyingOptions | None = key(help="when it sends", default=None)
 
 
 @table()
 class TransmitterProfile:
     """A file with what a kind of transmitter is like."""
 
-    spec: Annotated[int, Spec(nodes.NEWEST_SPEC), Help("the version of this file format")]
-    transmitter: Annotated[TransmitterTraits, Help("keys of a scenario's transmitter")]
+    spec: int = key(SPEC, "the version of this file format")
+    transmitter: TransmitterTraits = key(help="keys of a scenario's transmitter")
 
 
 _TABLES: Final[Mapping[str, Any]] = {"receiver": ReceiverProfile, "transmitter": TransmitterProfile}
@@ -76,23 +76,23 @@ def profile_kind(text: str) -> str | None:
     return next((of for of in _TABLES if names == {"spec", of}), None)
 
 
-def take_over(entry: Any, of: str, source: str) -> None:
+def take_over(entry: Any, of: str) -> None:
     """Give a receiver or a transmitter of a file the keys of its profile that it has not of its own.
 
-    `source`: the file, beside which a profile is looked for. Raises ScenarioError with the problems of the profile.
+    A profile is looked for beside the file. Raises ScenarioError with the problems of the profile.
     """
     if not isinstance(entry, nodes.Mapping) or not isinstance(name := entry.get("profile"), nodes.Scalar):
         return
-    value = read_profile(name, of, source)[of]
+    value = read_profile(name, of)[of]
     _place(value, name.node)
     entry.inherit(value, list(value))
 
 
-def read_profile(name: str, of: str, source: str = "") -> nodes.Mapping:
+def read_profile(name: str, of: str) -> nodes.Mapping:
     """The mapping in a profile's file, which is valid. Raises ScenarioError."""
     from arva_hil.config.reading import read_text  # slow to import
 
-    own = str(Path(source).parent / name)
+    own = str(Path(nodes.folder_of(name)) / name)
     path = located(f"{PREFIX}{of}s/{name.removeprefix(PREFIX)}") if name.startswith(PREFIX) else own
     return parse_profile(read_text(path, f"the profile of a {of}"), of, path)
 

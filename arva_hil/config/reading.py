@@ -88,6 +88,7 @@ class _Loader(yaml.BaseLoader):
 
     def __init__(self, text: str, problems: Problems) -> None:
         super().__init__(text)
+        self.name = problems.source  # of all marks
         self._problems = problems
         self._depth = 0
 
@@ -193,7 +194,6 @@ def read(text: str, source: str, what: str, reader: Callable[[Value], _T], newes
         value = reader(top)
     except ConstraintError as error:
         _add(problems, top, error.violations)
-        problems.found += error.problems
         raise ScenarioError(problems.found) from None
     problems.raise_any()
     return value
@@ -203,18 +203,23 @@ def _add(problems: Problems, top: Value, violations: Iterable[Violation]) -> Non
     """Add violations at the places of their values, each once, those of keys before those of values."""
     seen = set()
     for one in sorted(violations, key=lambda one: not one.at_key):
-        node = _node(top, one)
+        if one.problem:
+            problems.found.append(one.problem)
+            continue
+        node = _node(top, one.path, at_key=one.at_key)
         found = describe(node) if one.found is None else one.found
+        if one.first:
+            found += f" (first on line {_node(top, one.first, at_key=True).start_mark.line + 1})"
         if (place := (node.start_mark.index, found, one.expected)) not in seen:
             seen.add(place)
             problems.add(node, found, one.expected, one.nearest)
 
 
-def _node(top: Value, violation: Violation) -> yaml.Node:
-    """The node of a violation: as far along its path as there is one."""
+def _node(top: Value, path: Iterable[str | int], *, at_key: bool) -> yaml.Node:
+    """The node at a path, as far along it as there is one: of a key, or of a value."""
     value: Any = top
     node: yaml.Node = top.node
-    for step in violation.path:
+    for step in path:
         if isinstance(value, Mapping) and step in value:
             node, value = value.key_nodes[str(step)], value[str(step)]
         elif isinstance(value, Items) and isinstance(step, int) and step < len(value):
@@ -222,7 +227,7 @@ def _node(top: Value, violation: Violation) -> yaml.Node:
             node = value.node
         else:
             return node
-    return node if violation.at_key else value.node
+    return node if at_key else value.node
 
 
 def _spec(problems: Problems, root: yaml.Node, newest: int) -> int:

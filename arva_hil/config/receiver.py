@@ -5,15 +5,15 @@ pydantic validates a model's own keys by their annotations (`Annotated[int, pyda
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from dataclasses import InitVar, asdict, field
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from dataclasses import InitVar, asdict
+from typing import TYPE_CHECKING, Any, Final
 
 from arva_hil.config.common import BODY_POINT, NOISE_KINDS, RATE_HZ, Attitude, NoiseKind, Triple
-from arva_hil.config.constraints import FLOAT, WHOLE, Anything, Named, Number, Numbers, Text, Whole, Word
+from arva_hil.config.constraints import FLOAT, WHOLE, Anything, Named, Number, Numbers, Whole, Word
 from arva_hil.config.errors import Violation, any_of, wrong
 from arva_hil.config.nodes import Scalar
-from arva_hil.config.tables import Help, NotAKey, OtherKeys, Since, table, valid_value
-from arva_hil.config.transmitter import VehicleNoiseOptions
+from arva_hil.config.tables import OtherKeys, key, table, valid_value
+from arva_hil.config.transmitter import PROFILE, VehicleNoiseOptions
 from arva_hil.errors import KindError
 from arva_hil.registry import RECEIVERS
 
@@ -136,18 +136,18 @@ class _NoSignal(Numbers):
 class Noise:
     """The noise of eq. 4; `floor_range_m` is r_en, where it is as strong as the reference transmitter."""
 
-    kind: Annotated[NoiseKind, Word(NOISE_KINDS), Help("how it is distributed")] = "uniform"
-    floor_range_m: Annotated[
-        float, Number(0, 1_000_000, above=True, unit="m"), Help("it is like a transmitter that far away")
-    ] = 80.0
+    kind: NoiseKind = key(Word(NOISE_KINDS), "how it is distributed", default="uniform")
+    floor_range_m: float = key(
+        Number(0, 1_000_000, above=True, unit="m"), "it is like a transmitter that far away", default=80.0
+    )
 
 
 @table()
 class SlingOptions:
     """A rope from `position` to the receiver."""
 
-    length_m: Annotated[float, Number(0, 100, above=True, unit="m"), Help("of the rope")]
-    damping: Annotated[float, Number(0, 0.99), Help("of its swing, relative to critical")] = 0.05
+    length_m: float = key(Number(0, 100, above=True, unit="m"), "of the rope")
+    damping: float = key(Number(0, 0.99), "of its swing, relative to critical", default=0.05)
 
 
 @table()
@@ -155,9 +155,15 @@ class MountOptions:
     """Where the receiver sits: `position` in body FRD, metres; `attitude` roll, pitch, yaw in degrees. With a `sling`
     it hangs from there, leans with the rope, and has the heading of vehicle and `attitude`."""
 
-    position: Annotated[Triple, BODY_POINT, Help("body FRD, from the vehicle's position")] = (0.0, 0.0, 0.0)
-    attitude: Annotated[Triple, Attitude(), Help("receiver FRD to body FRD")] = (0.0, 0.0, 0.0)
-    sling: Annotated[SlingOptions | None, Since(2), Help("it swings on a rope from there")] = None
+    position: Triple = key(BODY_POINT, "body FRD, from the vehicle's position", default=(0.0, 0.0, 0.0))
+    attitude: Triple = key(Attitude(), "receiver FRD to body FRD", default=(0.0, 0.0, 0.0))
+    sling: SlingOptions | None = key(help="it swings on a rope from there", since=2, default=None)
+
+
+_JITTER: Final = Number(0, 5, unit="s")
+_KAPPA_EQ: Final = Number(0, 1000, above=True)
+_SENSITIVITY: Final = Numbers(*[Number(0, 1, above=True)] * 3)
+_ONE_SLOT: Final = _NoSignal(*[Whole(-1, 0)] * 2)
 
 
 @table()
@@ -169,34 +175,22 @@ class ReceiverOptions:
     ValueError when it does not fit.
     """
 
-    channels: Annotated[int, Whole(1, 16), Help("how many transmitters it can show at once, the nearest first")] = 4
-    rate_hz: Annotated[float, RATE_HZ, Help("frames a second")] = 1.0
-    jitter_s: Annotated[
-        float, Number(0, 5, unit="s"), Help("each frame is up to this late; less than half the period")
-    ] = 0.0
-    kappa_eq: Annotated[
-        float, Number(0, 1000, above=True), Help("what turns field into distance; 1.542 is right on average")
-    ] = 1.542
-    sensitivity: Annotated[
-        Triple, Numbers(*[Number(0, 1, above=True)] * 3), Help("of the antennas along x, y and z")
-    ] = (1.0, 0.8, 0.6)
-    noise: Annotated[Noise, Help("what it hears besides")] = Noise()
-    mount: Annotated[MountOptions, Help("where on the vehicle it sits")] = MountOptions()
-    no_signal: Annotated[
-        tuple[int, int], _NoSignal(*[Whole(-1, 0)] * 2), Help("distance and angle when there is nothing")
-    ] = (-1, -1)
-    model: Annotated[str, Named(RECEIVERS), Since(2), Help("what computes a reading; its own keys stand beside it")] = (
-        PAPER
+    channels: int = key(Whole(1, 16), "how many transmitters it can show at once, the nearest first", default=4)
+    rate_hz: float = key(RATE_HZ, "frames a second", default=1.0)
+    jitter_s: float = key(_JITTER, "each frame is up to this late; less than half the period", default=0.0)
+    kappa_eq: float = key(_KAPPA_EQ, "what turns field into distance; 1.542 is right on average", default=1.542)
+    sensitivity: Triple = key(_SENSITIVITY, "of the antennas along x, y and z", default=(1.0, 0.8, 0.6))
+    noise: Noise = key(help="what it hears besides", default=Noise())
+    mount: MountOptions = key(help="where on the vehicle it sits", default=MountOptions())
+    no_signal: tuple[int, int] = key(_ONE_SLOT, "distance and angle when there is nothing", default=(-1, -1))
+    model: str = key(Named(RECEIVERS), "what computes a reading; its own keys stand beside it", since=2, default=PAPER)
+    options: Any = key(Anything(), default=None)
+    vehicle_noise: VehicleNoiseOptions | None = key(
+        help="what the motors add; only receivers of pulses care", since=2, default=None
     )
-    options: Annotated[Any, Anything(), NotAKey()] = None
-    vehicle_noise: Annotated[
-        VehicleNoiseOptions | None, Since(2), Help("what the motors add; only receivers of pulses care")
-    ] = None
-    profile: InitVar[
-        Annotated[
-            str | None, Text("the name of a profile"), Since(2), Help("a file to take keys from, or builtin:NAME")
-        ]
-    ] = field(default=None, kw_only=True)
+    profile: InitVar[str | None] = key(
+        PROFILE, "a file to take keys from, or builtin:NAME", since=2, default=None, kw_only=True
+    )
 
     def __post_init__(self, profile: str | None) -> None:
         object.__setattr__(self, "options", checked_options(self.model, self.options))
@@ -216,8 +210,7 @@ class ReceiverOptions:
         return schemas()
 
     @classmethod
-    def conflicts(cls, holder: Any) -> Iterator[Violation]:
-        rate_hz, jitter_s = (valid_value(cls, holder, name) for name in ("rate_hz", "jitter_s"))
-        if rate_hz is not None and jitter_s is not None and jitter_s >= 0.5 / rate_hz:
-            expected = f"less than half the period ({0.5 / rate_hz:.4g} s)"
-            yield Violation(expected, f"jitter_s {jitter_s:.4g}", path=("jitter_s",))
+    def conflicts(cls, of: Any) -> Iterator[Violation]:
+        if of.rate_hz is not None and of.jitter_s is not None and of.jitter_s >= 0.5 / of.rate_hz:
+            expected = f"less than half the period ({0.5 / of.rate_hz:.4g} s)"
+            yield Violation(expected, f"jitter_s {of.jitter_s:.4g}", path=("jitter_s",))

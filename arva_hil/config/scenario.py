@@ -5,22 +5,21 @@ metres, degrees, seconds, hertz. World frame NED, body frame FRD.
 """
 
 import os
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import InitVar, field, replace
-from typing import Annotated, Any, Final, Literal, get_args
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import InitVar, replace
+from typing import Any, Final, Literal, get_args
 
 from arva_hil.config import nodes
-from arva_hil.config.common import FORMAT, SEED, Pose
-from arva_hil.config.constraints import ListOf, Spec, Text, Word
-from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation
+from arva_hil.config.common import FORMAT, SEED, SPEC, Pose
+from arva_hil.config.constraints import ListOf, Text, Word
+from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, elsewhere
 from arva_hil.config.faults import Fault, FaultItem, misfit
 from arva_hil.config.profiles import located, take_over
 from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.tables import Help, NotAKey, Since, TableOf, duplicates, items_of, keys, table, valid_value
-from arva_hil.config.terrain import Terrain, find_beside, ground_conflicts
+from arva_hil.config.tables import Given, TableOf, duplicates, items_of, key, keys, lacks, table, valid_value
+from arva_hil.config.terrain import Terrain, ground_conflicts
 from arva_hil.config.transmitter import Lla, MediumOptions, Transmitter
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, vehicle_conflicts
-from arva_hil.registry import FORMATS
 
 Datum = Literal["home"] | Lla
 
@@ -49,7 +48,12 @@ class _HomeOrPlace(TableOf):
 class OutputOptions:
     """The frames, as a file has it."""
 
-    format: Annotated[str, FORMAT, Help("of the frames")] = "binary"
+    format: str = key(FORMAT, "of the frames", default="binary")
+
+
+_TRANSMITTERS: Final = ListOf(TableOf(Transmitter), 1, 255, "transmitters")
+_FAULTS: Final = ListOf(FaultItem(), 0, 1000, "faults")
+_VEHICLES: Final = ListOf(TableOf(VehicleConfig), 1, 250, "vehicles")
 
 
 @table()
@@ -62,31 +66,25 @@ class Scenario:
     id or a name occurs twice, and for a navigation_error with `pose: truth`.
     """
 
-    spec: InitVar[Annotated[int, Spec(nodes.NEWEST_SPEC), Help("the version of this file format")]] = field(
-        default=1, kw_only=True
+    spec: InitVar[int] = key(SPEC, "the version of this file format", default=1, kw_only=True)
+    transmitters: tuple[Transmitter, ...] = key(_TRANSMITTERS, "who is to be found")
+    datum: Datum = key(_HomeOrPlace(Lla), "the vehicle's home, or a place", default="home")
+    receiver: ReceiverOptions = key(help="what it is like", default=ReceiverOptions())
+    output: InitVar[OutputOptions | None] = key(help="what is sent", default=None, kw_only=True)
+    output_format: str = key(FORMAT, default="binary")
+    seed: int = key(SEED, "same seed, same noise, same faults", default=1)
+    faults: tuple[Fault, ...] = key(_FAULTS, "on purpose and on time", default=())
+    source: str = key(Text("a name", r"(?s:.*)"), default="default scenario", compare=False)
+    pose: Pose = key(
+        Word(get_args(Pose)),
+        "the vehicle's: an autopilot's estimate or a simulator's truth",
+        since=2,
+        default="estimate",
     )
-    transmitters: Annotated[
-        tuple[Transmitter, ...], ListOf(TableOf(Transmitter), 1, 255, "transmitters"), Help("who is to be found")
-    ]
-    datum: Annotated[Datum, _HomeOrPlace(Lla), Help("the vehicle's home, or a place")] = "home"
-    receiver: Annotated[ReceiverOptions, Help("what it is like")] = ReceiverOptions()
-    output: InitVar[Annotated[OutputOptions | None, Help("what is sent")]] = field(default=None, kw_only=True)
-    output_format: Annotated[str, FORMAT, NotAKey()] = "binary"
-    seed: Annotated[int, SEED, Help("same seed, same noise, same faults")] = 1
-    faults: Annotated[tuple[Fault, ...], ListOf(FaultItem(), 0, 1000, "faults"), Help("on purpose and on time")] = ()
-    source: Annotated[str, Text("a name", r"(?s:.*)"), NotAKey()] = field(default="default scenario", compare=False)
-    pose: Annotated[
-        Pose, Word(get_args(Pose)), Since(2), Help("the vehicle's: an autopilot's estimate or a simulator's truth")
-    ] = "estimate"
-    navigation_error: Annotated[NavigationError | None, Since(2), Help("true pose = reported pose + this")] = None
-    vehicles: Annotated[
-        tuple[VehicleConfig, ...],
-        ListOf(TableOf(VehicleConfig), 1, 250, "vehicles"),
-        Since(2),
-        Help("without it one, the command line's"),
-    ] = ()
-    medium: Annotated[MediumOptions | None, Since(2), Help("what lies between; without it air")] = None
-    terrain: Annotated[Any, Terrain(), Since(2), Help("the ground: an ESRI ASCII grid, or the autopilot's data")] = None
+    navigation_error: NavigationError | None = key(help="true pose = reported pose + this", since=2, default=None)
+    vehicles: tuple[VehicleConfig, ...] = key(_VEHICLES, "without it one, the command line's", since=2, default=())
+    medium: MediumOptions | None = key(help="what lies between; without it air", since=2, default=None)
+    terrain: Any = key(Terrain(), "the ground: an ESRI ASCII grid, or the autopilot's data", since=2, default=None)
 
     def __post_init__(self, spec: int, output: OutputOptions | None) -> None:
         if output is not None:
@@ -97,37 +95,28 @@ class Scenario:
         return {"output": {"format": self.output_format}}
 
     @classmethod
-    def conflicts(cls, holder: Any) -> Iterator[Violation]:
-        """What does not fit together, in a scenario or in a file's mapping."""
-        transmitters = [(("transmitters", at), one) for at, one in items_of(holder, "transmitters")]
-        yield from duplicates(Transmitter, transmitters, "id", "id")
-        yield from vehicle_conflicts(holder)
-        yield from ground_conflicts(cls, holder)
-        in_file = isinstance(holder, Mapping)
-        errs = "navigation_error" in holder if in_file else holder.navigation_error is not None
-        if valid_value(cls, holder, "pose") == "truth" and errs:
+    def conflicts(cls, of: Any) -> Iterator[Violation]:
+        """What does not fit together, in a scenario or in what is given of one."""
+        transmitters = [(("transmitters", at), one) for at, one in items_of(of, "transmitters")]
+        yield from duplicates(transmitters, "id", "id")
+        yield from vehicle_conflicts(of)
+        yield from ground_conflicts(of)
+        if of.pose == "truth" and not lacks(of, "navigation_error"):
             expected = "none with `pose: truth`, which has no error"
             yield Violation(expected, "navigation_error", None, ("navigation_error",), at_key=True)
-        ids = [valid_value(Transmitter, one, "id") for _, one in transmitters]
+        ids = [one.id for _, one in transmitters]
         known: Collection[int] = range(255) if not ids or None in ids else ids
-        for at, item in items_of(holder, "faults") if in_file else ():
-            try:
-                fault = FaultItem().read(item)
-            except ConstraintError:
-                continue
-            found = next(filter(None, (misfit(fault, known, of) for of in _formats(holder))), None)
+        for at, fault in items_of(of, "faults") if isinstance(of, Given) else ():
+            found = next(filter(None, (misfit(fault, known, form) for form in _formats(of))), None)
             if found:
                 yield Violation(found[1], found[0], path=("faults", at))
 
 
-def _formats(file: Mapping[str, Any]) -> list[str]:
+def _formats(of: Given) -> list[str]:
     """The formats of all receivers in a file, as far as they are right."""
-    receivers = [r for _, vehicle in items_of(file, "vehicles") for _, r in items_of(vehicle, "receivers")]
-    given = [r.get("format", "binary") for r in receivers]
-    formats = [str(of) for of in given if isinstance(of, str) and of in FORMATS]
-    output = file.get("output")
-    usual = valid_value(OutputOptions, output, "format") if isinstance(output, Mapping) else None
-    return formats or [usual or "binary"]
+    receivers = [one for _, vehicle in items_of(of, "vehicles") for _, one in items_of(vehicle, "receivers")]
+    formats = [one.format if isinstance(one, Given) else one.output_format for one in receivers]
+    return list(filter(None, formats)) or [(of.output and of.output.format) or "binary"]
 
 
 DEFAULT: Final = Scenario((Transmitter(id=1, ned=(20.0, 5.0, 0.0)),))
@@ -146,46 +135,43 @@ def parse(text: str, source: str) -> Scenario:
     """The scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
     from arva_hil.config.reading import read  # slow to import
 
-    return replace(read(text, source, WHAT, lambda top: _read(top, source), nodes.NEWEST_SPEC), source=source)
+    return replace(read(text, source, WHAT, _read, nodes.NEWEST_SPEC), source=source)
 
 
-def _read(top: nodes.Value, source: str) -> Scenario:
-    problems: list[Problem] = []
+def _read(top: nodes.Value) -> Scenario:
+    violations: list[Violation] = []
     if isinstance(top, nodes.Mapping):
+        receivers = [one for vehicle in top.tables("vehicles") for one in vehicle.tables("receivers")]
         if nodes.spec_of(top) > 1:
-            problems += _take_profiles(top, source)
-            find_beside(top, source)
-        _inherit(top)
+            violations = _take_profiles(top, receivers)
+        _inherit(top, receivers)
     try:
         scenario: Scenario = TableOf(Scenario).read(top)
     except ConstraintError as error:
-        raise ConstraintError(*error.violations, problems=[*problems, *error.problems]) from None
-    if problems:
-        raise ConstraintError(problems=problems)
+        violations += error.violations
+    if violations:
+        raise ConstraintError(*violations)
     return scenario
 
 
-def _take_profiles(top: nodes.Mapping, source: str) -> list[Problem]:
+def _take_profiles(top: nodes.Mapping, receivers: Iterable[nodes.Mapping]) -> list[Violation]:
     """Give transmitters and receivers the keys of their profiles; what is wrong with those."""
-    entries = [(one, "transmitter") for _, one in items_of(top, "transmitters")]
-    vehicles = (vehicle for _, vehicle in items_of(top, "vehicles"))
-    entries += [(one, "receiver") for vehicle in vehicles for _, one in items_of(vehicle, "receivers")]
-    problems: list[Problem] = []
-    for entry, of in [(top.get("receiver"), "receiver"), *entries]:
+    violations: list[Violation] = []
+    entries = [(one, "receiver") for one in (top.get("receiver"), *receivers)]
+    for entry, of in [*entries, *((one, "transmitter") for one in top.tables("transmitters"))]:
         try:
-            take_over(entry, of, source)
+            take_over(entry, of)
         except ScenarioError as error:
-            problems += error.problems
-    return problems
+            violations += elsewhere(error).violations
+    return violations
 
 
-def _inherit(top: nodes.Mapping) -> None:
+def _inherit(top: nodes.Mapping, receivers: Iterable[nodes.Mapping]) -> None:
     """Add the keys that a vehicle's receiver does not have: those of `receiver`, the format, and a seed. The seed of
     the n-th receiver (from 0) is the scenario's plus n, so that no two hear the same noise."""
     receiver, output = top.get("receiver"), top.get("output")
     seed = valid_value(Scenario, top, "seed") or 0
-    entries = [entry for _, vehicle in items_of(top, "vehicles") for _, entry in items_of(vehicle, "receivers")]
-    for number, entry in enumerate(entries):
+    for number, entry in enumerate(receivers):
         if isinstance(receiver, nodes.Mapping):
             of_all = keys(ReceiverOptions)
             same = entry.get("model", receiver.get("model")) == receiver.get("model")

@@ -1,39 +1,30 @@
-"""Tables: frozen dataclasses that are mappings of a file too. Each field declares its constraint and its help once.
+"""Tables: frozen dataclasses that are mappings of a file too. Each key is declared once, with its constraint and help.
 
-    rate_hz: Annotated[float, Number(0.1, 50, unit="Hz"), Help("frames a second")] = 1.0
+    rate_hz: float = key(Number(0.1, 50, unit="Hz"), "frames a second", default=1.0)
 
 is one key of a file, checked there and in Python, and has its place in the JSON Schema and on the reference page.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import MISSING, InitVar, dataclass, field, replace
+from types import SimpleNamespace
 from typing import Any, NamedTuple, TypeVar, dataclass_transform, get_args
 
 from arva_hil.config.constraints import Anything, Constraint
 from arva_hil.config.errors import ConstraintError, Violation, any_of, nearest, short
-from arva_hil.config.nodes import first_line, spec_of
+from arva_hil.config.nodes import spec_of
 
 _T = TypeVar("_T")
 
 
-@dataclass(frozen=True)
-class Help:
-    """What a key means, in a few words."""
+def key(constraint: Constraint | None = None, help: str = "", *, since: int = 1, **more: Any) -> Any:
+    """A field of a table, and a key of files from spec `since` on. Without `help` it is no key of a file.
 
-    text: str
-
-
-@dataclass(frozen=True)
-class Since:
-    """The key is one of files of this `spec` and newer ones."""
-
-    spec: int
-
-
-class NotAKey:
-    """The field is no key of a file."""
+    `constraint`: None if it is the table of the annotation. `more`: as of `dataclasses.field`, e.g. `default`.
+    """
+    return field(**more, metadata={"constraint": constraint, "help": help, "since": since if help else 0})
 
 
 class Field(NamedTuple):
@@ -47,15 +38,19 @@ class Field(NamedTuple):
     optional: bool  # may be None in Python
 
 
-@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+class Given(SimpleNamespace):
+    """A table of a file that is not valid as a whole: its fields, None where they are wrong. `mapping`: the file's."""
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(key,))
 def table(*, required: str = "", one_of: str = "") -> Callable[[type[_T]], type[_T]]:
     """A frozen dataclass that checks its values, and can be read from a mapping of a file (`TableOf`).
 
-    Its fields are the mapping's keys, an InitVar one of the file alone, a field marked NotAKey none. A file has all
-    keys without a default, those in `required`, and exactly one of those in `one_of`. The class may have class methods:
-    `conflicts(holder)` gives the violations between values, of a file's mapping or of an object (see `valid_value`);
-    `other_keys(mapping)` reads keys of a file's mapping that are not declared. A method `file_keys()` gives the keys of
-    a file that are not as in Python. Raises ConstraintError, a ValueError.
+    Its fields are made by `key`; an InitVar is a key of files alone. A file has all keys without a default, those in
+    `required`, and exactly one of those in `one_of`. The class may have class methods: `conflicts(of)` gives the
+    violations between values, of an object or of `Given`; `other_keys(mapping)` reads keys of a file's mapping that are
+    not declared. A method `file_keys()` gives the keys of a file that are not as in Python. Raises ConstraintError, a
+    ValueError.
     """
 
     def decorate(cls: type[_T]) -> type[_T]:
@@ -74,15 +69,16 @@ def table(*, required: str = "", one_of: str = "") -> Callable[[type[_T]], type[
 
 def _declared(one: Any) -> Field:
     file_only = isinstance(one.type, InitVar)
-    annotation = one.type.type if file_only else one.type
-    marks = getattr(annotation, "__metadata__", ())
-    base = annotation.__origin__ if marks else annotation
-    tables = [cls for cls in (base, *get_args(base)) if hasattr(cls, "__table__")]
-    constraint = next((mark for mark in marks if isinstance(mark, Constraint)), None) or TableOf(*tables)
-    text = next((mark.text for mark in marks if isinstance(mark, Help)), "")
-    since = 0 if any(isinstance(mark, NotAKey) for mark in marks) else 1
-    since = next((mark.spec for mark in marks if isinstance(mark, Since)), since)
-    return Field(constraint, text, since, one.default, file_only, type(None) in get_args(base))
+    of = one.type.type if file_only else one.type
+    constraint = one.metadata["constraint"] or TableOf(*(cls for cls in (of, *get_args(of)) if is_table(cls)))
+    return Field(
+        constraint, one.metadata["help"], one.metadata["since"], one.default, file_only, type(None) in get_args(of)
+    )
+
+
+def is_table(value: Any) -> bool:
+    """Whether it is a table, or a class of tables."""
+    return hasattr(value, "__table__")
 
 
 def fields_of(cls: Any) -> dict[str, Field]:
@@ -127,7 +123,7 @@ def _described(violations: Iterable[Violation], top: Any) -> list[Violation]:
     for one in violations:
         value = top
         for step in one.path if one.found is None else ():
-            value = getattr(value, str(step)) if hasattr(value, "__table__") else value[step]
+            value = getattr(value, str(step)) if is_table(value) else value[step]
         every.append(replace(one, found=one.found or short(repr(value))))
     return every
 
@@ -164,10 +160,12 @@ class TableOf(Constraint):
         newer = {name: one.since for name, one in keys(cls).items() if one.since > spec}
         values, violations = read_keys(value, valid, cls.__required__, cls.__one_of__, newer)
         violations += other.violations
+        default = {name: None if one.default is MISSING else one.default for name, one in fields_of(cls).items()}
+        given = Given(**default | {name: values[name] for name in values if name in known}, mapping=value)
         if hasattr(cls, "conflicts"):
-            violations += cls.conflicts({name: value[name] for name in value if name in valid})
+            violations += cls.conflicts(given)
         if violations:
-            raise ConstraintError(*violations)
+            raise ConstraintError(*violations, given=given)
         options = {"options": other.options} if other.names else {}
         return cls(**{name: values[name] for name in values if name in known} | options)
 
@@ -209,7 +207,7 @@ def read_keys(
     one_of: Iterable[str] = (),
     newer: Mapping[str, int] | None = None,
 ) -> tuple[dict[str, Any], list[Violation]]:
-    """The values of a mapping's keys that satisfy their constraints, and all that is wrong with the mapping.
+    """The values of a mapping's keys, what is given of those that are wrong, and all that is wrong with the mapping.
 
     `valid`: its keys. It has those in `required`, and exactly one of those in `one_of`, as far as they are valid.
     `newer`: the keys of files of a newer spec, each with that spec.
@@ -223,6 +221,7 @@ def read_keys(
         try:
             values[name] = valid[name].read(item)
         except ConstraintError as error:
+            values[name] = error.given
             violations += error.below(name)
     for name in required:
         if name not in mapping:
@@ -245,52 +244,38 @@ def unknown_key(
     if hasattr(mapping, "key_nodes"):
         from arva_hil.config.reading import describe, text_of  # imports yaml; here it is imported already
 
-        node = mapping.key_nodes[name]
-        text, shown = text_of(node), describe(node)
+        text, shown = text_of(mapping.key_nodes[name]), describe(mapping.key_nodes[name])
         if text in valid:
-            line = mapping.key_nodes[text].start_mark.line + 1
-            found = f"key {text!r} again (first on line {line})"
-            return Violation("each key once", found, None, (name,), at_key=True)
+            return Violation("each key once", f"key {text!r} again", None, (name,), at_key=True, first=(text,))
     spec = f" (spec {newer[text]} has it)" if newer and text in newer else ""
     near = nearest(text.lower(), valid)
     return Violation(any_of(valid), f"unknown key {shown}{spec}", near, (name,), at_key=True)
 
 
-def valid_value(cls: Any, holder: Any, key: str) -> Any:
-    """The value of a key in a mapping that a table can be read from, or in an object of it.
-
-    The default where a mapping does not have it; None where it is wrong there, or has to be there.
-    """
-    if not isinstance(holder, Mapping):
-        return getattr(holder, key)
+def valid_value(cls: Any, mapping: Mapping[str, Any], key: str) -> Any:
+    """The value of a key in a mapping that is not read yet; the default if it is not there, None if it is wrong."""
     one = fields_of(cls)[key]
-    if key not in holder:
-        return None if one.default is MISSING else one.default
     try:
-        return one.constraint.read(holder[key])
+        return one.constraint.read(mapping[key]) if key in mapping else one.default
     except ConstraintError:
         return None
 
 
-def duplicates(cls: Any, holders: Iterable[tuple[tuple[str | int, ...], Any]], key: str, what: str) -> list[Violation]:
+def lacks(of: Any, key: str) -> bool:
+    """Whether a table, or what is `Given` of one, does not have a key, not even a wrong value of it."""
+    return getattr(of, key) is None and not (isinstance(of, Given) and key in of.mapping)
+
+
+def items_of(of: Any, key: str) -> list[tuple[int, Any]]:
+    """The items of a list in a table, each with its index; what is nothing at all in a file is left out."""
+    return [(at, one) for at, one in enumerate(getattr(of, key) or ()) if one is not None]
+
+
+def duplicates(items: Iterable[tuple[tuple[str | int, ...], Any]], key: str, what: str) -> Iterator[Violation]:
     """The violations where several tables have the same value of a key; each table comes with its path."""
-    seen: dict[Any, Any] = {}
-    found = []
-    for path, holder in holders:
-        value = valid_value(cls, holder, key)
-        if value is None:
-            continue
-        if value in seen:
-            again = f"{what} {value} again{first_line(seen[value])}"
-            article = "an" if key[0] in "aeiou" else "a"
-            found.append(Violation(f"{article} {key} of its own", again, None, (*path, key)))
-        seen.setdefault(value, holder[key] if isinstance(holder, Mapping) else value)
-    return found
-
-
-def items_of(holder: Any, key: str) -> list[tuple[int, Any]]:
-    """The tables in a list of a mapping or an object, each with its index: mappings, or objects."""
-    if not isinstance(holder, Mapping):
-        return list(enumerate(getattr(holder, key)))
-    value = holder.get(key)
-    return [(at, one) for at, one in enumerate(value) if isinstance(one, Mapping)] if isinstance(value, list) else []
+    seen: dict[Any, tuple[str | int, ...]] = {}
+    for path, one in items:
+        value = getattr(one, key)
+        if value is not None and (first := seen.setdefault(value, path)) != path:
+            expected = f"{'an' if key[0] in 'aeiou' else 'a'} {key} of its own"
+            yield Violation(expected, f"{what} {value} again", None, (*path, key), first=(*first, key))

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 from arva_hil.config import nodes
 from arva_hil.config.constraints import FLOAT, Constraint
 from arva_hil.config.errors import Problem, ScenarioError, Violation, short, wrong
-from arva_hil.config.tables import items_of, valid_value
-from arva_hil.config.transmitter import Transmitter
+from arva_hil.config.tables import items_of
+from arva_hil.config.transmitter import Lla
 
 if TYPE_CHECKING:
     from arva_hil.field.terrain import TerrainGrid
@@ -39,7 +39,7 @@ class Terrain(Constraint):
         if value == AUTOPILOT:
             return AUTOPILOT
         try:
-            return load_grid(str(value))
+            return load_grid(os.path.join(nodes.folder_of(value), value))
         except ScenarioError as error:
             (problem,) = error.problems
             found = f"{problem.source}:{problem.line}:{problem.column}: {problem.found}"
@@ -52,36 +52,23 @@ class Terrain(Constraint):
         return {"type": "string", "minLength": 1}
 
 
-def find_beside(top: nodes.Mapping, source: str) -> None:
-    """Have the terrain of a scenario looked for from the folder of its file `source`."""
-    name = top.get("terrain")
-    if isinstance(name, nodes.Scalar) and name and name != AUTOPILOT:
-        node = name.node
-        path = os.path.join(os.path.dirname(source), name)
-        top["terrain"] = nodes.Scalar(type(node)(node.tag, path, node.start_mark, node.end_mark), name.spec)
-
-
-def ground_conflicts(cls: Any, holder: Any) -> Iterator[Violation]:
-    """Places of a scenario, or of a file's mapping, at which its grid has no height, as far as they are known."""
-    grid, datum = (valid_value(cls, holder, name) for name in ("terrain", "datum"))
-    if grid is None or grid == AUTOPILOT or datum is None:
+def ground_conflicts(of: Any) -> Iterator[Violation]:
+    """Places of a scenario, or of what is given of one, at which its grid has no height, as far as they are known."""
+    grid, datum = of.terrain, of.datum
+    if grid is None or grid == AUTOPILOT or not isinstance(datum, str | Lla):
         return
     from arva_hil.field.geodesy import LocalFrame  # slow to import
 
-    at_home = datum == "home"
-    if not at_home and grid.height(datum.lat, datum.lon) is None:
+    if isinstance(datum, Lla) and grid.height(datum.lat, datum.lon) is None:
         found = f"{grid.source}, which has no height at the datum"
         yield Violation("a terrain around the datum", found, path=("terrain",))
         return
-    frame = None if at_home else LocalFrame(datum.lat, datum.lon, datum.alt)
-    for at, one in items_of(holder, "transmitters"):
-        keys = ("depth_m", "ned", "lla", "enu") if isinstance(one, nodes.Mapping) else ("depth_m", "ned", "lla")
-        depth_m, ned, lla, *enu = (valid_value(Transmitter, one, key) for key in keys)
-        if any(enu):
-            ned = enu[0][1], enu[0][0], 0.0
-        if depth_m is None or (lla is None and (ned is None or frame is None)):
+    frame = LocalFrame(datum.lat, datum.lon, datum.alt) if isinstance(datum, Lla) else None
+    for at, one in items_of(of, "transmitters"):
+        ned = (one.enu[1], one.enu[0], 0.0) if one.enu else one.ned
+        if one.depth_m is None or (one.lla is None and (ned is None or frame is None)):
             continue
-        place = (lla.lat, lla.lon) if lla else [float(value) for value in frame.lla(ned)[:2]]  # type: ignore[union-attr]
+        place = (one.lla.lat, one.lla.lon) if one.lla else [float(value) for value in frame.lla(ned)[:2]]  # type: ignore[union-attr]
         if grid.height(*place) is None:
             found = f"a transmitter outside of {grid.source}, or over a hole of it"
             yield Violation("a place with a height", found, path=("transmitters", at))

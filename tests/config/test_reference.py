@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from arva_hil.cli.main import main
-from arva_hil.config.campaign import PlanFile
+from arva_hil.config.campaign import CampaignPlan
 from arva_hil.config.json_schema import FILES, SchemaKind, schema, schema_text
 from arva_hil.config.scenario import Scenario
 from arva_hil.config.tables import keys
@@ -69,7 +69,7 @@ def test_the_reference_page_is_the_declarations() -> None:
     assert (ROOT / "docs/scenario.md").read_text(encoding="utf-8") == page(), "run tools/write_reference.py"
 
 
-@pytest.mark.parametrize("cls", [Scenario, PlanFile])
+@pytest.mark.parametrize("cls", [Scenario, CampaignPlan])
 def test_every_key_has_its_help(cls: Any) -> None:
     assert all(one.help for one in keys(cls).values())
 

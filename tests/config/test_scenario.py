@@ -263,9 +263,9 @@ def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
          "7: '9223372036854775808', expected a whole number from 0 to 9223372036854775807"),
         ("seed: 1" + "0" * 5000,
          "7: '1" + "0" * 38 + "…', expected a whole number from 0 to 9223372036854775807"),
-        ("spec: 0", "7: '0', expected spec 1 or 2"),
-        ("spec: 1.0", "7: '1.0', expected spec 1 or 2"),
-        ("spec: two", "7: 'two', expected spec 1 or 2"),
+        ("spec: 0", "7: '0', expected a spec from 1 to 2"),
+        ("spec: 1.0", "7: '1.0', expected a spec from 1 to 2"),
+        ("spec: two", "7: 'two', expected a spec from 1 to 2"),
         ("spec: 3\nunknown: here",
          "7: spec 3 is newer than this program reads (2): upgrade arva-hil, expected spec 2"),
         ("recever: {}", "1: unknown key 'recever', expected one of spec, transmitters, datum, receiver, output, "

@@ -7,8 +7,8 @@ from collections.abc import Collection
 from typing import TYPE_CHECKING, Final
 
 from arva_hil.cli.options import DEFAULT_AUTOPILOT, CommandParser, kind, link, number, whole
-from arva_hil.config import FRAMES_HZ, LARGEST_SEED
 from arva_hil.observers.web.address import HostPort, parse_address
+from arva_hil.ranges import FRAMES_HZ, LARGEST_SEED
 from arva_hil.registry import FORMATS, OBSERVERS
 
 if TYPE_CHECKING:
