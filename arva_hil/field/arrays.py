@@ -16,7 +16,8 @@ def floats(name: str, value: ArrayLike, *shape: int | None) -> Array:
     try:
         array = np.asarray(value, float)
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: {_short(value)}, expected numbers{_said(shape)}") from None
+        short = text if len(text := repr(value)) <= 60 else text[:59] + "…"
+        raise ValueError(f"{name}: {short}, expected numbers{_said(shape)}") from None
     last = array.shape[max(0, array.ndim - len(shape)) :]
     if len(last) != len(shape) or any(n not in (have, None) for have, n in zip(last, shape, strict=True)):
         raise ValueError(f"{name}: the shape {array.shape}, expected numbers{_said(shape)}")
@@ -35,8 +36,3 @@ def vector(name: str, value: ArrayLike, *shape: int) -> Array:
 
 def _said(shape: tuple[int | None, ...]) -> str:
     return f" of the shape (..., {', '.join('M' if n is None else str(n) for n in shape)})" if shape else ""
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:59] + "…"

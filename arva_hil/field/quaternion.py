@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 Quaternion = tuple[float, float, float, float]
 Row = tuple[float, float, float]
@@ -61,7 +62,12 @@ def matrix(w: float, x: float, y: float, z: float) -> tuple[Row, Row, Row]:
     length = math.sqrt(w * w + x * x + y * y + z * z)
     if not 0 < length < math.inf:
         raise ValueError(NO_ROTATION)
-    w, x, y, z = w / length, x / length, y / length, z / length
+    first, second, third = rows(w / length, x / length, y / length, z / length)
+    return first, second, third
+
+
+def rows(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]:
+    """The rows of the rotation matrix of a quaternion of length 1, whose numbers may be arrays."""
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from arva_hil.field.arrays import Array
-from arva_hil.field.quaternion import NO_ROTATION, matrix
+from arva_hil.field.quaternion import NO_ROTATION, matrix, rows
 
 
 def from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
@@ -44,28 +44,11 @@ def to_matrix(q: ArrayLike) -> Array:
     q = np.asarray(q, float)
     if q.shape == (4,):
         return np.array(matrix(*q.tolist()))
-    q = _unit(q)
-    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    m = np.empty((*q.shape[:-1], 3, 3))
-    m[..., 0, 0] = 1 - 2 * (y * y + z * z)
-    m[..., 0, 1] = 2 * (x * y - w * z)
-    m[..., 0, 2] = 2 * (x * z + w * y)
-    m[..., 1, 0] = 2 * (x * y + w * z)
-    m[..., 1, 1] = 1 - 2 * (x * x + z * z)
-    m[..., 1, 2] = 2 * (y * z - w * x)
-    m[..., 2, 0] = 2 * (x * z - w * y)
-    m[..., 2, 1] = 2 * (y * z + w * x)
-    m[..., 2, 2] = 1 - 2 * (x * x + y * y)
-    return m
+    length = np.sqrt(np.add.reduce(q * q, axis=-1, keepdims=True))
+    if not ((length > 0) & (length < np.inf)).all():
+        raise ValueError(NO_ROTATION)
+    return np.moveaxis(np.array(rows(*np.moveaxis(q / length, -1, 0))), (0, 1), (-2, -1))
 
 
 def _stack(*parts: Array) -> Array:
     return np.stack(np.broadcast_arrays(*parts), axis=-1)
-
-
-def _unit(q: ArrayLike) -> Array:
-    q = np.asarray(q, float)
-    length = np.sqrt(np.add.reduce(q * q, axis=-1, keepdims=True))
-    if not ((length > 0) & (length < np.inf)).all():
-        raise ValueError(NO_ROTATION)
-    return q / length

@@ -106,8 +106,7 @@ class Flight:
         self._tell_team(now, position)
         if phase is Phase.FLYING:
             if self.mission is None:
-                team = self._team if self.origin else None
-                plan = team.plan(self._plan, self.origin) if team and self.origin else self._plan
+                plan = self._team.plan(self._plan, self.origin) if self._team and self.origin else self._plan
                 self.mission = Mission(
                     plan,
                     now - self._skipped_s,
@@ -125,7 +124,8 @@ class Flight:
                 velocity = self._team.apart(self.origin, position, velocity)
             self._commander.steer(velocity)
             if self.mission.over:
-                self._over(self.mission, now)
+                self._session.news.emit(SearchEnded(now, self.mission.ended, self._land))
+                (self._commander.land if self._land else self._commander.hold)(now)
         self._note(now, phase, state, velocity)
 
     def leave(self, now: float, *, flying: bool) -> None:
@@ -152,14 +152,6 @@ class Flight:
         if now - self._last_pose_s > self._plan.patience_s:
             why = no_pose(self._session.why_no_pose())
             self._commander.land(now, f"no pose for {self._plan.patience_s:g} s: {why}")
-
-    def _over(self, mission: Mission, now: float) -> None:
-        """The search has ended, the flight has not."""
-        self._session.news.emit(SearchEnded(now, mission.ended, self._land))
-        if self._land:
-            self._commander.land(now)
-        else:
-            self._commander.hold(now)
 
     def _state(self, now: float) -> VehicleState | None:
         """The pose for the flight, None if there is none that is new enough."""

@@ -278,14 +278,9 @@ class SearchClient:
         if self._commander.phase is Phase.IDLE:
             self._finish("failed" if self._session.vehicle else "no link", why)
         else:
-            self._finish("failed", f"{why}; the vehicle is left to its own failsafe: {self._failsafe}")
-
-    @property
-    def _failsafe(self) -> str:
-        if self._commander.lands_by_itself:
-            return "it goes on landing"
-        failsafes = self._preflight.failsafes
-        return left_alone(failsafes.values, failsafes.px4)
+            failsafes, lands = self._preflight.failsafes, self._commander.lands_by_itself
+            failsafe = "it goes on landing" if lands else left_alone(failsafes.values, failsafes.px4)
+            self._finish("failed", f"{why}; the vehicle is left to its own failsafe: {failsafe}")
 
     def _finish(self, kind: Kind, how: str) -> None:
         mission = self.mission

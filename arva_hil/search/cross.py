@@ -72,17 +72,12 @@ class Cross:
         behind = min(self._heard)[0] <= min(low) - reach
         self._sense = -1 if ahead else 1
         if ahead and behind:
-            moved = self._settle() if most else 0.0
+            moved = middle(self._heard) if most else 0.0
+            self._arms += most > 0
+            self.settled = most > 0 and self._arms >= 2 and (abs(moved) <= _SETTLED_M or self._arms >= _MOST_ARMS)
             north, east = self.centre
             self._begin((north + moved * math.cos(self._course), east + moved * math.sin(self._course)))
             self._course += math.pi / 2
-
-    def _settle(self) -> float:
-        """How far the arm moves the centre along it, m; whether that is the last time."""
-        moved = middle(self._heard)
-        self._arms += 1
-        self.settled = self._arms >= 2 and (abs(moved) <= _SETTLED_M or self._arms >= _MOST_ARMS)
-        return moved
 
 
 def middle(heard: list[Reading]) -> float:

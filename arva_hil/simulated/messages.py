@@ -18,6 +18,7 @@ from arva_hil.simulated.position import Home
 Message = Any  # pymavlink's generated classes carry no types
 
 _RANGE_CM: Final = 4000
+_NOTHING: Final = (0.0, 0.0, 0.0)
 SENSORS: Final = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE | dialect.MAV_SYS_STATUS_SENSOR_LASER_POSITION
 
 
@@ -100,17 +101,10 @@ def _gps_raw_int(r: VehicleReport) -> Message:
         unknown = [0xFFFF] * 4
         fix = dialect.GPS_FIX_TYPE_NO_FIX
         return dialect.MAVLink_gps_raw_int_message(r.boot_ms * 1000, fix, 0, 0, 0, *unknown, 0)
-    lat, lon, alt = r.home.lla_fast(r.position)
     north, east, _ = r.motion.velocity
-    return dialect.MAVLink_gps_raw_int_message(
-        r.boot_ms * 1000,
-        dialect.GPS_FIX_TYPE_3D_FIX,
-        *(round(lat * 1e7), round(lon * 1e7), round(alt * 1e3)),
-        *(100, 150),
-        round(math.hypot(north, east) * 100),
-        round(math.degrees(math.atan2(east, north)) * 100) % 36000,
-        10,
-    )
+    speed, course = math.hypot(north, east), round(math.degrees(math.atan2(east, north)) * 100) % 36000
+    fixed = dialect.GPS_FIX_TYPE_3D_FIX, *_place(r.home.lla_fast(r.position))
+    return dialect.MAVLink_gps_raw_int_message(r.boot_ms * 1000, *fixed, 100, 150, round(speed * 100), course, 10)
 
 
 def _attitude(r: VehicleReport) -> Message:
@@ -158,25 +152,16 @@ def _distance_sensor(r: VehicleReport) -> Message | None:
 def _home_position(r: VehicleReport) -> Message | None:
     if not r.pilot.ready:
         return None
-    lat, lon, alt = r.home.lla((0.0, 0.0, 0.0))
-    return dialect.MAVLink_home_position_message(
-        *(round(lat * 1e7), round(lon * 1e7), round(alt * 1e3)),
-        *(0.0, 0.0, 0.0),
-        [1.0, 0.0, 0.0, 0.0],
-        *(0.0, 0.0, 0.0),
-        r.boot_ms * 1000,
-    )
+    place, level = _place(r.home.lla((0.0, 0.0, 0.0))), [1.0, 0.0, 0.0, 0.0]
+    return dialect.MAVLink_home_position_message(*place, *_NOTHING, level, *_NOTHING, r.boot_ms * 1000)
 
 
 def _extended_sys_state(r: VehicleReport) -> Message:
+    state = dialect.MAV_LANDED_STATE_LANDING if r.pilot.mode == Mode.LAND else dialect.MAV_LANDED_STATE_IN_AIR
     if r.pilot.taking_off:
         state = dialect.MAV_LANDED_STATE_TAKEOFF
     elif r.pilot.landed:
         state = dialect.MAV_LANDED_STATE_ON_GROUND
-    elif r.pilot.mode == Mode.LAND:
-        state = dialect.MAV_LANDED_STATE_LANDING
-    else:
-        state = dialect.MAV_LANDED_STATE_IN_AIR
     return dialect.MAVLink_extended_sys_state_message(0, state)
 
 
@@ -202,28 +187,22 @@ def _autopilot_version(r: VehicleReport) -> Message:
 
 def _simstate(r: VehicleReport) -> Message:
     """The true pose. Accelerations are 0."""
-    lat, lon, _ = r.home.lla_fast(r.motion.position)
-    angles = _roll_pitch(r.motion)
-    return dialect.MAVLink_simstate_message(
-        *angles, _yaw(r.motion), *(0.0, 0.0, 0.0), *r.motion.rates, round(lat * 1e7), round(lon * 1e7)
-    )
+    pose, lat_lon = (*_roll_pitch(r.motion), _yaw(r.motion)), _place(r.home.lla_fast(r.motion.position))[:2]
+    return dialect.MAVLink_simstate_message(*pose, *_NOTHING, *r.motion.rates, *lat_lon)
 
 
 def _sim_state(r: VehicleReport) -> Message:
     """The true pose and velocity. Accelerations are 0."""
-    lat, lon, alt = r.home.lla_fast(r.motion.position)
-    return dialect.MAVLink_sim_state_message(
-        *r.motion.quaternion,
-        *_roll_pitch(r.motion),
-        _yaw(r.motion),
-        *(0.0, 0.0, 0.0),
-        *r.motion.rates,
-        *(lat, lon, alt),
-        *(0.0, 0.0),
-        *r.motion.velocity,
-        round(lat * 1e7),
-        round(lon * 1e7),
-    )
+    motion, place = r.motion, r.home.lla_fast(r.motion.position)
+    pose = *motion.quaternion, *_roll_pitch(motion), _yaw(motion)
+    moving = *_NOTHING, *motion.rates, *place, 0.0, 0.0, *motion.velocity
+    return dialect.MAVLink_sim_state_message(*pose, *moving, *_place(place)[:2])
+
+
+def _place(lla: Vector) -> tuple[int, int, int]:
+    """As messages have it: degrees · 1e7, millimetres."""
+    lat, lon, alt = lla
+    return round(lat * 1e7), round(lon * 1e7), round(alt * 1e3)
 
 
 def _roll_pitch(motion: Motion) -> tuple[float, float]:

@@ -139,23 +139,10 @@ class Multirotor:
         if not rest:  # as nearly always
             return _motion((a[:3], a[3:6], q, rates))
         s = rest * 1e-6
-        half = s * s / (2 * _STEP)
-        return _motion(
-            (
-                (
-                    a[0] + a[3] * s + (b[3] - a[3]) * half,
-                    a[1] + a[4] * s + (b[4] - a[4]) * half,
-                    a[2] + a[5] * s + (b[5] - a[5]) * half,
-                ),
-                (
-                    a[3] + (b[3] - a[3]) * s / _STEP,
-                    a[4] + (b[4] - a[4]) * s / _STEP,
-                    a[5] + (b[5] - a[5]) * s / _STEP,
-                ),
-                q,
-                rates,
-            )
-        )
+        half, moving = s * s / (2 * _STEP), list(zip(a[:3], a[3:6], b[3:6], strict=True))
+        north, east, down = (place + v * s + (w - v) * half for place, v, w in moving)
+        velocity = tuple(v + (w - v) * s / _STEP for _, v, w in moving)
+        return _motion(((north, east, down), velocity, q, rates))
 
     def _quaternion(self, node: _Node) -> Quaternion:
         """The attitude at a node's yaw whose body z axis is against the thrust, which lifts, accelerates and drags."""

@@ -13,14 +13,8 @@ from arva_hil.vehicle.pose_track import ClockMap
 from arva_hil.vehicle.reasons import HeardSource
 
 _MOST_SOURCES: Final = 32  # that are remembered; a hostile link may have 65,536
-_NOT_VEHICLES: Final = {
-    dialect.MAV_TYPE_GCS,
-    dialect.MAV_TYPE_GIMBAL,
-    dialect.MAV_TYPE_ADSB,
-    dialect.MAV_TYPE_CAMERA,
-    dialect.MAV_TYPE_ONBOARD_CONTROLLER,
-    dialect.MAV_TYPE_ANTENNA_TRACKER,
-}
+_KINDS: Final = "GCS GIMBAL ADSB CAMERA ONBOARD_CONTROLLER ANTENNA_TRACKER"
+_NOT_VEHICLES: Final = {getattr(dialect, f"MAV_TYPE_{kind}") for kind in _KINDS.split()}
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,16 +11,8 @@ from typing import Any, Final
 from arva_hil.mavlink.codec import command, dialect
 from arva_hil.vehicle.discovery import Vehicle
 
-_MULTIROTORS: Final = {
-    dialect.MAV_TYPE_QUADROTOR,
-    dialect.MAV_TYPE_COAXIAL,
-    dialect.MAV_TYPE_HELICOPTER,
-    dialect.MAV_TYPE_HEXAROTOR,
-    dialect.MAV_TYPE_OCTOROTOR,
-    dialect.MAV_TYPE_TRICOPTER,
-    dialect.MAV_TYPE_DODECAROTOR,
-    dialect.MAV_TYPE_DECAROTOR,
-}
+_KINDS: Final = "QUADROTOR COAXIAL HELICOPTER HEXAROTOR OCTOROTOR TRICOPTER DODECAROTOR DECAROTOR"
+_MULTIROTORS: Final = {getattr(dialect, f"MAV_TYPE_{kind}") for kind in _KINDS.split()}
 _PX4_SUB: Final = {2: "takeoff", 3: "hold", 4: "mission", 5: "return", 6: "land", 8: "follow", 9: "precision land"}
 _PX4_MAIN: Final = {
     1: "manual",

@@ -7,16 +7,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from arva_hil.events import Event
-from arva_hil.events.vehicles import (
-    OtherAutopilotIgnored,
-    SignatureRefused,
-    SignaturesUnchecked,
-    VehicleBack,
-    VehicleFound,
-    VehicleLost,
-    VehicleRebooted,
-)
+from arva_hil.events import Event, vehicles
 from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.mavlink.packet_reader import Packets
 from arva_hil.vehicle.discovery import Identity, Vehicle
@@ -95,7 +86,7 @@ class Session(FollowedVehicle):
         """The bytes to send now: our heartbeat and requests for streams. Sets `next_due`."""
         if self.vehicle and not self.lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
             self.lost = True
-            self.news.emit(VehicleLost(now, self.news.name, str(self.vehicle), _LOST_S))
+            self.news.emit(vehicles.VehicleLost(now, self.news.name, str(self.vehicle), _LOST_S))
         self.senders.look(now)
         if self._signing:
             self._signing.advance(now)
@@ -155,7 +146,7 @@ class Session(FollowedVehicle):
         for packet, why in packets.doubted:
             if why not in self._disbelieved:  # each reason is reported once, with the first sender
                 self._disbelieved.add(why)
-                self.news.emit(SignatureRefused(now, self.news.name, packet.system, packet.component, why))
+                self.news.emit(vehicles.SignatureRefused(now, self.news.name, packet.system, packet.component, why))
         self.believed = packets.believed
         own, wanted, decode = self.own, self.navigation.handles, self.reader.parser.decode
         for packet in packets.believed:
@@ -220,7 +211,7 @@ class Session(FollowedVehicle):
         assert self.vehicle is not None
         same = self.vehicle.sent(packet)
         if (found or same) and self._finder.note(packet, "other"):
-            self.news.emit(OtherAutopilotIgnored(now, self.news.name, packet.system, packet.component, same))
+            self.news.emit(vehicles.OtherAutopilotIgnored(now, self.news.name, packet.system, packet.component, same))
 
     def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
         self.vehicle = vehicle
@@ -229,9 +220,9 @@ class Session(FollowedVehicle):
         self.encoder.version = vehicle.version
         self._streams = Streams(self.rate_hz, now, self._extras, self.news)
         self._last_heartbeat = now
-        self.news.emit(VehicleFound(now, self.news.name, str(vehicle), vehicle.version, signed))
+        self.news.emit(vehicles.VehicleFound(now, self.news.name, str(vehicle), vehicle.version, signed))
         if signed and not self._signing and not self._passive:
-            self.news.emit(SignaturesUnchecked(now, self.news.name))
+            self.news.emit(vehicles.SignaturesUnchecked(now, self.news.name))
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self.vehicle is not None
@@ -244,7 +235,7 @@ class Session(FollowedVehicle):
         if self.lost:
             self.lost = False
             self.navigation.home = None  # it may have been moved, or be another vehicle: request its home again
-            self.news.emit(VehicleBack(now, self.news.name, str(self.vehicle)))
+            self.news.emit(vehicles.VehicleBack(now, self.news.name, str(self.vehicle)))
 
     def _navigate(self, message: Any, now: float) -> None:
         assert self._streams is not None
@@ -253,7 +244,7 @@ class Session(FollowedVehicle):
         judgement = self.navigation.hear(message, now)
         if judgement == "anew":
             self._streams = Streams(self.rate_hz, now, self._extras, self.news)
-            self.news.emit(VehicleRebooted(now, self.news.name, str(self.vehicle)))
+            self.news.emit(vehicles.VehicleRebooted(now, self.news.name, str(self.vehicle)))
         if judgement != "stray" and message.id != _HOME:
             self._streams.note(message.id, now)
 
