@@ -191,7 +191,10 @@ class TransmitterChosen(TransmitterEvent):
 
 
 class TransmitterFaded(TransmitterEvent):
-    """The transmitter is not heard any more. The vehicle flies search strips again."""
+    """The transmitter is not heard any more. The vehicle flies search strips again. `hardly`: it is heard now and then,
+    and is put off until it is nearer."""
+
+    hardly: bool = False
 
 
 class BeliefChanged(TransmitterEvent):

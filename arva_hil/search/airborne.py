@@ -16,12 +16,14 @@ from arva_hil.flight.state import Phase
 from arva_hil.observers.console.reasons import no_pose
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground
+from arva_hil.search.heard import NO_ID
 from arva_hil.search.mission import Mission
 from arva_hil.search.outcome import SearchStep, lla
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.receiver_host import ReceiverHost
 from arva_hil.search.strategy import Position
 from arva_hil.search.team import Teammate
+from arva_hil.search.team_news import HeardAt
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
 from firmware_proto import Frame
@@ -61,6 +63,7 @@ class Flight:
         self._log = log
         self._team = team
         self._searching = True
+        self._handed: dict[int, HeardAt] = {}  # to the team
         self._host = host
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
@@ -137,14 +140,27 @@ class Flight:
     def _tell_team(self, now: float, position: Position, *, flying: bool = True) -> None:
         if self._team is None or self.origin is None:
             return
-        mission, hunting, found = self.mission, None, tuple[int, ...]()
-        if mission is not None and mission.target is not None and mission.found is not None:
-            found = (mission.target,)
-        elif mission is not None and mission.hunting and not mission.ended:
-            hunting = mission.target
-        searching = self._searching and (mission is None or not mission.ended)
-        place = lla(self.origin, *position)
-        self._team.tell(now, place, flying=flying, hunting=hunting, found=found, searching=searching)
+        mission, place = self.mission, lla(self.origin, *position)
+        if mission is None:
+            self._team.tell(now, place, flying=flying, searching=self._searching)
+            return
+        target, sure = mission.target, mission.found is not None and mission.sure
+        hunting = target if mission.hunting and not mission.ended and not sure else None
+        for id_, heard in mission.heard.items():
+            before = self._handed.get(id_)
+            if id_ != NO_ID and (before is None or before.metres != heard.nearest_m):
+                at = lla(self.origin, *heard.nearest_at, 0.0)
+                self._handed[id_] = HeardAt(id_, heard.nearest_m, *at[:2])
+        self._team.tell(
+            now,
+            place,
+            flying=flying,
+            hunting=hunting,
+            hunting_m=math.inf if hunting is None else mission.heard[hunting].nearest_m,
+            found=(target,) if sure and target is not None else (),
+            heard=list(self._handed.values()),
+            searching=self._searching and not mission.ended,
+        )
 
     def _fly_blind(self, now: float) -> None:
         """Without a new pose the vehicle hovers, then lands."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Final
 
@@ -14,6 +14,10 @@ from arva_hil.search.strategy import Observation, Strategy
 
 _NEARER: Final = 0.7  # another transmitter is chosen only if it is nearer by this factor
 _DEAF_S: Final = 60.0  # without a signal of the transmitter, before strips are flown again
+_HARDLY_S: Final = 40.0  # or if it is in fewer frames than
+_OFTEN: Final = 0.25  # of those that could show it, and no
+_CLOSER: Final = 0.8  # times as far as before; then it is put off until it is so much nearer,
+_STEADY_S: Final = 5.0  # or in all frames for so long
 _MOST_HEARD: Final = 16  # transmitters
 
 
@@ -32,6 +36,8 @@ class Choice:
         self.target: int | None = None
         self.strategy: Strategy | None = None
         self.since_s = 0.0
+        self._put_off: dict[int, tuple[float, float]] = {}  # how near they have to be, m; since when they are steady
+        self._block = (0.0, 0, 0, 0.0)  # since when, frames, those with the transmitter, how near it was before
         self._begin = begin
         self._passes = passes
         self._emit = emit
@@ -45,15 +51,26 @@ class Choice:
             self._emit(TransmitterHeard(observation.time_s, id_of(id_), observation.d_m, *observation.position[:2]))
         self.heard[id_].add(observation)
 
-    def choose(self, ids: Iterable[int], time_s: float) -> None:
-        """Choose the nearest transmitter, with a margin so that noise does not change the choice."""
+    def choose(self, ids: Collection[int], time_s: float, *, masked: bool = False) -> None:
+        """Choose the nearest transmitter, with a margin so that noise does not change the choice.
+
+        `ids`: of a frame; `masked`: it may lack the one that is flown to because of others.
+        """
         if self.target is not None and self.strategy is not None and self._passes(self.target, True):
             self.leave()
         current = self.heard.get(self.target) if self.target is not None else None
-        if current is not None and self.strategy is not None and time_s - current.last_s > _DEAF_S:
-            self.strategy = None
-            self._emit(TransmitterFaded(time_s, id_of(self.target)))
+        if self.target is not None and current is not None and self.strategy is not None:
+            hardly = not masked and self._hardly_heard(current, self.target in ids, time_s)
+            if hardly:
+                self._put_off[self.target] = _CLOSER * current.nearest_m, time_s
+            if hardly or time_s - current.last_s > _DEAF_S:
+                self.strategy = None
+                self._emit(TransmitterFaded(time_s, id_of(self.target), hardly))
         heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard and not self._passes(id_, self._is(id_))}
+        for id_, (metres, since_s) in self._put_off.items():
+            self._put_off[id_] = metres, since_s if id_ in ids or masked else time_s
+            if id_ in heard and heard[id_].last_m > metres and time_s - since_s < _STEADY_S:
+                del heard[id_]
         if not heard:
             return
         closest = min(heard, key=lambda id_: heard[id_].last_m)
@@ -62,9 +79,16 @@ class Choice:
                 self._emit(TransmitterChosen(time_s, id_of(closest), heard[closest].last_m))
             if closest != self.target or self.strategy is None:
                 self.target, self.since_s = closest, time_s
+                self._block = time_s, 0, 0, heard[closest].nearest_m
                 self.strategy = self._begin()
                 for observation in list(heard[closest].past)[:-1]:
                     self.strategy.hear(observation)
+
+    def forgive(self) -> bool:
+        """Those that were put off may be flown to again. Whether there were any."""
+        there = bool(self._put_off)
+        self._put_off.clear()
+        return there
 
     def forget(self, id_: int) -> None:
         """Forget the readings of a transmitter; without an id, that it was heard too."""
@@ -75,6 +99,19 @@ class Choice:
     def leave(self) -> None:
         """Fly to none."""
         self.strategy = self.target = None
+
+    def _hardly_heard(self, current: HeardTransmitter, now: bool, time_s: float) -> bool:
+        """Whether the transmitter that is flown to was in few frames for a while, and did not come nearer.
+
+        `now`: whether it is in this frame. At the limit of the range a strategy learns too little to find it.
+        """
+        since_s, frames, often, nearest_m = self._block
+        frames, often = frames + 1, often + now
+        self._block = since_s, frames, often, nearest_m
+        if time_s - since_s < _HARDLY_S or frames < _HARDLY_S / 4:
+            return False
+        self._block = time_s, 0, 0, current.nearest_m
+        return 0 < often < _OFTEN * frames and current.nearest_m > _CLOSER * nearest_m
 
     def _is(self, id_: int) -> bool:
         return id_ == self.target and self.strategy is not None

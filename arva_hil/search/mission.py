@@ -81,6 +81,7 @@ class Mission:
         self._emit = emit
         self._beliefs = Beliefs(emit)
         self._team = team
+        self._shares = team is not None or self.victims.several  # it expects more than one transmitter
 
     def hear(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
         """Use a new frame and the receiver's pose at its arrival: position NED, and the matrix receiver FRD → NED."""
@@ -97,9 +98,10 @@ class Mission:
             self.victims.hear(frame, time_s)
         if not self.ended and self.found is None:
             with self._failing():
-                self._choice.choose(channels.keys(), time_s)
+                masked = self._shares and hidden(frame, self.target)
+                self._choice.choose(channels.keys(), time_s, masked=masked)
                 nothing = Observation(time_s, position, rotation, -1, -1, False)
-                self._observe(channels.keys(), nothing, masked=self.victims.several and hidden(frame, self.target))
+                self._observe(channels.keys(), nothing, masked=masked)
                 self._beliefs.look(time_s, id_of(self.target), self._choice.strategy)
 
     def fly(
@@ -122,8 +124,9 @@ class Mission:
         down = self._keeper.velocity(time_s, height)
         if self._keeper.failed and not self.ended:
             self._end(f"it does not get higher than {height.metres:.1f} m", broken=True)
-        north, east = self._bounded(self._horizontal(time_s, position, receiver or position))
-        return (0.0, 0.0, down) if self._keeper.too_low else (north, east, down)
+        north, east = self._horizontal(time_s, position, receiver or position)
+        share = self.plan.speed / max(math.hypot(north, east), self.plan.speed)
+        return (0.0, 0.0, down) if self._keeper.too_low else (north * share, east * share, down)
 
     def took(self, seconds: float, time_s: float) -> None:
         """The strategy took this long to answer, until `time_s`. A pause of the computer looks the same."""
@@ -166,7 +169,8 @@ class Mission:
     def _come_down(self, found: Found, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
         if self._descent is None:
             speed = min(self.plan.speed, _APPROACH_M_S)
-            self._descent = Descent((found.north, found.east), speed, time_s, height.metres)
+            place = self._team.beside(found[:2]) if self._team else found[:2]
+            self._descent = Descent(place, speed, time_s, height.metres)
             self._emit(DescentBegun(time_s))
         return self._descent.velocity(time_s, position, height)
 
@@ -196,7 +200,7 @@ class Mission:
         velocity = self._strips.velocity(time_s, receiver)
         if not self._strips.exhausted:
             return velocity
-        if self.victims.back():
+        if self.victims.back() | self._choice.forgive():
             return self._strips.again()
         if self.victims.wanted or not self.victims.places or self.others:
             return self._end(self._not_all("on all strips", "no signal: all strips are flown"))
@@ -240,11 +244,6 @@ class Mission:
         some = f"{count} of {wanted} found {where}" if wanted else f"{count} found {where}, {more} more heard"
         return some if count else nothing
 
-    def _bounded(self, velocity: Velocity) -> Velocity:
-        """The velocity, limited to the planned speed."""
-        share = self.plan.speed / max(math.hypot(*velocity), self.plan.speed)
-        return velocity[0] * share, velocity[1] * share
-
     def _away(self, position: Position) -> bool:
         south, west, north, east = self.plan.area
         inside = min(south, 0) - _AWAY_M <= position[0] <= max(north, 0) + _AWAY_M
@@ -254,7 +253,8 @@ class Mission:
         """Whether a transmitter is another search's, or found. Without ids nobody knows."""
         if id_ == NO_ID:
             return False
-        return self.victims.passes(id_) or (self._team is not None and self._team.taken(id_, own=own))
+        metres = self.heard[id_].nearest_m
+        return self.victims.passes(id_) or (self._team is not None and self._team.taken(id_, own=own, metres=metres))
 
     def _observe(self, ids: Collection[int], nothing: Observation, *, masked: bool) -> None:
         """Give the strategy the reading of its transmitter in a frame; `nothing`: for a frame without it."""
@@ -268,7 +268,7 @@ class Mission:
         if (found := checked_found(strategy.found)) is None:
             return
         sure = self._agrees(self.heard[target], found)
-        if self.victims.several and self._repeated(target, found, sure, nothing):
+        if self._shares and self._repeated(target, found, sure, nothing):
             return
         self.found, self.sure = found, sure
         self._beliefs.found(nothing.time_s, id_of(target), found, sure)

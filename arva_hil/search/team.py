@@ -7,14 +7,16 @@ what is told only changes what the one that hears it does with its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.search.plan import SearchPlan
-from arva_hil.search.strategy import STILL, Position, Velocity
+from arva_hil.search.strategy import Position
 from arva_hil.search.strips import Area, Strips
+from arva_hil.search.team_news import MOST_HEARD, HeardAt, News
+from arva_hil.search.team_strips import TeamStrips
 
 LAYER_M: Final = 3.0  # between the heights of neighbours
 _LAYERS: Final = 2
@@ -24,6 +26,8 @@ _ABSENT_S: Final = 60.0  # from its own first news: then the parts of those that
 _NEAR_M: Final = 6.0  # horizontally, and
 _LEVEL_M: Final = 2.5  # vertically: nearer to another one it does not fly
 _BELOW_M: Final = 8.0  # it does not descend onto one that is less below
+_MUCH_NEARER: Final = 0.5  # times as far: it has the transmitter then, whoever flies there
+_THERE_M: Final = 2.0  # from where a transmitter was heard
 
 
 def divide(area: Area, count: int) -> list[Area]:
@@ -56,25 +60,6 @@ def layered(plan: SearchPlan, number: int) -> SearchPlan:
     return replace(plan, height=plan.height + higher, take_off=plan.take_off + higher)
 
 
-@dataclass(frozen=True)
-class News:
-    """What one search tells the others. `number`: its own; `time_s`: on the common clock.
-
-    `lla`: of its vehicle, degrees, degrees, metres AMSL; `flying`: whether it is in the air. `hunting`: the id of the
-    transmitter it flies to, or None; `found`: the ids of those that it has found. `part`: of the area, which it
-    searches, None if it does not search any more; `flown`: the parts of which all strips are flown, as far as it knows.
-    """
-
-    number: int
-    time_s: float
-    lla: tuple[float, float, float]
-    flying: bool
-    hunting: int | None = None
-    found: tuple[int, ...] = ()
-    part: int | None = None
-    flown: tuple[int, ...] = ()
-
-
 class Teammate:
     """Remembers what the other searches have told last. `number`: its own; the lower one goes first in a conflict.
 
@@ -86,9 +71,11 @@ class Teammate:
         self._send = send
         self._field = field
         self._origin: LocalFrame | None = None
+        self._alt = 0.0  # of its take-off point
         self._part: int | None = number  # that it searches
         self._flown: set[int] = set()
-        self._found: set[int] = set()
+        self._own: set[int] = set()  # transmitters that it has found
+        self._visited: set[int] = set()  # whom it did not find where they were heard
         self._began = math.inf
         self._others: dict[int, News] = {}
         self._told: News | None = None
@@ -107,30 +94,37 @@ class Teammate:
         *,
         flying: bool,
         hunting: int | None = None,
+        hunting_m: float = math.inf,
         found: tuple[int, ...] = (),
+        heard: Sequence[HeardAt] = (),
         searching: bool = True,
     ) -> None:
         """Where its own vehicle is and what it does. It is passed on five times a second, and when that changes."""
         self._now = now
         self._began = min(self._began, now)
-        self._found.update(found)
+        self._own.update(found)
         part = self._part if searching else None
-        ever = tuple(sorted(self._found))
-        news, told = News(self.number, now, lla, flying, hunting, ever, part, tuple(sorted(self._flown))), self._told
+        free = searching and self._part is None and hunting is None
+        ever, flown = tuple(sorted(self._own)), tuple(sorted(self._flown))
+        left = sorted((one for one in heard if not self._is_found(one.id)), key=lambda one: one.metres)[:MOST_HEARD]
+        news = News(self.number, now, lla, flying, hunting, ever, part, flown, hunting_m, free, tuple(left))
+        told = self._told
         if told is None or replace(told, time_s=now, lla=lla) != news or now - told.time_s >= _EVERY_S:
             self._told = news
             self._send(news)
 
-    def taken(self, id_: int, *, own: bool) -> bool:
+    def taken(self, id_: int, *, own: bool, metres: float = math.inf) -> bool:
         """Whether a transmitter is another one's: found, or flown to. `own`: it flies there itself.
 
-        Of two that fly there the lower number goes on.
+        `metres`: how near it has heard it. Of two that fly there the one that has heard it twice as near goes on,
+        otherwise the lower number.
         """
-        return any(id_ in other.found or self._hunts(other, id_, own=own) for other in self._others.values())
+        hunted = any(self._hunts(other, id_, own=own, metres=metres) for other in self._others.values())
+        return hunted or any(id_ in other.found for other in self._others.values())
 
     def plan(self, plan: SearchPlan, origin: LocalFrame) -> SearchPlan:
         """The plan with the team's area as it is seen from the take-off point."""
-        self._origin = origin
+        self._origin, self._alt = origin, float(origin.lla([0.0, 0.0, 0.0])[2])
         return plan if self._field is None else replace(plan, area=self._field.seen_from(origin))
 
     def strips(self, plan: SearchPlan, position: Position) -> Strips:
@@ -177,6 +171,38 @@ class Teammate:
             return False
         return len(self._flown) < self._field.count and bool(self._held())
 
+    def handed(self, position: Position) -> tuple[float, float] | None:
+        """Where to fly, north and east of its take-off point, because somebody has heard a transmitter there that
+        nobody flies to. Of those whose strips are flown the nearest one goes there, each to one; None: it is not this.
+        """
+        news = [told for told in (self._told, *self._others.values()) if told]
+        every = sorted((one for told in news for one in told.heard), key=lambda one: -one.metres)
+        places = {one.id: self._seen(one.lat, one.lon) for one in every if not self._is_someones(one.id)}
+        free = {other.number: self._seen(*other.lla[:2]) for other in self._alive() if other.free}
+        free[self.number] = position[:2]
+        self._visited |= {id_ for id_, place in places.items() if math.dist(place, position[:2]) < _THERE_M}
+        pairs = sorted((math.dist(at, places[id_]), number, id_) for number, at in free.items() for id_ in places)
+        pairs = [pair for pair in pairs if pair[1] != self.number or pair[2] not in self._visited]
+        while pairs:
+            _, number, id_ = pairs[0]
+            if number == self.number:
+                return places[id_]
+            pairs = [pair for pair in pairs if pair[1] != number and pair[2] != id_]
+        return None
+
+    def forgive(self) -> None:
+        """Who was not found where they were heard is looked for there again."""
+        self._visited.clear()
+
+    def beside(self, place: tuple[float, float]) -> tuple[float, float]:
+        """Where to land, north and east of its take-off point: at a place, but not near another that has landed."""
+        for other in self._others.values():
+            there = self._seen(*other.lla[:2])
+            if not other.flying and (off := math.dist(place, there)) < _NEAR_M:
+                north, east = ((place[n] - there[n]) / off if off else 1.0 - n for n in range(2))
+                place = there[0] + (_NEAR_M + 1) * north, there[1] + (_NEAR_M + 1) * east
+        return place
+
     def apart(self, frame: LocalFrame, position: Position, velocity: Position) -> Position:
         """The velocity without what would lead to another vehicle. Position NED [m] in `frame`; velocity NED [m/s]."""
         north, east, down = velocity
@@ -209,35 +235,22 @@ class Teammate:
             return set()
         return set(range(self._field.count)) - self._flown - self._held()
 
-    def _hunts(self, other: News, id_: int, *, own: bool) -> bool:
-        if other.hunting != id_ or self._now - other.time_s > _OLD_S:
+    def _hunts(self, other: News, id_: int, *, own: bool, metres: float) -> bool:
+        if other.hunting != id_ or self._now - other.time_s > _OLD_S or metres < _MUCH_NEARER * other.hunting_m:
             return False
-        return not own or other.number < self.number
+        return not own or other.number < self.number or other.hunting_m < _MUCH_NEARER * metres
 
+    def _is_found(self, id_: int) -> bool:
+        return id_ in self._own or any(id_ in other.found for other in self._others.values())
 
-class TeamStrips(Strips):
-    """The strips of one's own part of a team's area, then of the parts that others leave. While others still search,
-    it hovers at the end of its own and waits for one of them to leave its part."""
+    def _is_someones(self, id_: int) -> bool:
+        return id_ in self._own or self.taken(id_, own=False)
 
-    def __init__(self, area: Area, plan: SearchPlan, position: Position, team: Teammate) -> None:
-        super().__init__(area, plan.speed, position, width=plan.strip_width)
-        self._plan = plan
-        self._team = team
-
-    @property
-    def exhausted(self) -> bool:
-        return self.flown and not self._team.waits
-
-    def velocity(self, time_s: float, position: Position) -> Velocity:
-        velocity = super().velocity(time_s, position)
-        if self.flown:
-            self._team.done()
-        elif self._team.yields:
-            self._next = len(self.lanes)
-        if not self.flown or (area := self._team.claim()) is None:
-            return STILL if self.flown else velocity
-        Strips.__init__(self, area, self._plan.speed, position, width=self._plan.strip_width)
-        return super().velocity(time_s, position)
+    def _seen(self, lat: float, lon: float) -> tuple[float, float]:
+        """A place from its own take-off point."""
+        assert self._origin is not None
+        north, east, _ = (float(value) for value in self._origin.ned(lat, lon, self._alt))
+        return north, east
 
 
 class Bus:

@@ -115,9 +115,9 @@ class ClosedFleet:
 
     @property
     def found(self) -> set[int]:
-        """The ids of the transmitters found."""
+        """The ids of the transmitters found surely."""
         missions = [drone.search.mission for drone in self.drones]
-        return {m.target for m in missions if m and m.found is not None and m.target is not None}
+        return {m.target for m in missions if m and m.found is not None and m.sure and m.target is not None}
 
     def error(self, drone: Drone) -> float | None:
         """Horizontal distance [m] from the place reported by a search to its transmitter; None: no place yet."""

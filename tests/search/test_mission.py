@@ -210,6 +210,28 @@ def test_a_transmitter_that_is_heard_no_more_is_looked_for_in_strips(strategy: t
     assert m.target == 2
 
 
+def test_a_transmitter_that_is_hardly_heard_is_put_off_until_it_is_nearer(strategy: type[Scripted]) -> None:
+    m = mission(strategy, limit_s=1e9)
+    heard(m, beacon(1, 69), at_s=101.0)
+    for now in range(102, 142):  # at the limit of the range, in one frame of eight
+        heard(m, *([beacon(1, 63)] if now % 8 == 0 else []), at_s=float(now))
+    assert not m.hunting
+    assert [(event.transmitter, event.hardly) for event in m.news() if isinstance(event, TransmitterFaded)] == [
+        (1, True)
+    ]
+    assert heard(m, beacon(1, 62), at_s=142.0) != NORTH
+    assert heard(m, beacon(1, 50), at_s=143.0) == NORTH
+    for now in range(144, 300):  # in each second frame it is flown to
+        heard(m, *([beacon(1, 50)] if now % 2 else []), at_s=float(now))
+    assert m.hunting
+    for now in range(300, 352):  # silent for a while, it is as near as it was
+        heard(m, *([beacon(1, 50)] if now in (320, 351) else []), at_s=float(now))
+    assert not m.hunting
+    for now in range(352, 357):
+        heard(m, beacon(1, 50), at_s=float(now))
+    assert m.hunting
+
+
 @pytest.mark.usefixtures("believed")
 def test_the_other_victim_is_reported_with_its_nearest_place(strategy: type[Scripted]) -> None:
     m = mission(strategy)

@@ -15,7 +15,8 @@ from arva_hil.runtime.clock import Clock, StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search import STRATEGIES
 from arva_hil.search.plan import SearchPlan
-from arva_hil.search.team import Bus, News, TeamField, Teammate, divide
+from arva_hil.search.team import Bus, TeamField, Teammate, divide
+from arva_hil.search.team_news import HeardAt, News
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
 
@@ -29,8 +30,8 @@ def at(north: float, east: float, up: float) -> tuple[float, float, float]:
     return lat, lon, alt
 
 
-def told(number: int, *, hunting: int | None = None, found: tuple[int, ...] = (), time_s: float = 0.0) -> News:
-    return News(number, time_s, at(0, 0, 3), True, hunting, found)
+def told(number: int, *, hunting: int | None = None, found: tuple[int, ...] = (), hunting_m: float = 30.0) -> News:
+    return News(number, 0.0, at(0, 0, 3), True, hunting, found, hunting_m=hunting_m)
 
 
 def alone(number: int, now: float = 0.0) -> Teammate:
@@ -61,8 +62,60 @@ def test_of_two_that_fly_to_one_the_lower_number_goes_on() -> None:
     first, second = alone(0), alone(1)
     first.hear(told(1, hunting=7))
     second.hear(told(0, hunting=7))
-    assert not first.taken(7, own=True)
-    assert second.taken(7, own=True)
+    assert not first.taken(7, own=True, metres=30.0)
+    assert second.taken(7, own=True, metres=30.0)
+
+
+def test_one_that_has_heard_it_twice_as_near_takes_it_from_whoever_flies_there() -> None:
+    first, second = alone(0), alone(1)
+    first.hear(told(1, hunting=7, hunting_m=12.0))
+    second.hear(told(0, hunting=7, hunting_m=30.0))
+    assert (first.taken(7, own=True, metres=30.0), second.taken(7, own=True, metres=12.0)) == (True, False)
+    assert (first.taken(7, own=True, metres=20.0), second.taken(7, own=True, metres=20.0)) == (False, True)
+    assert (second.taken(7, own=False, metres=16.0), second.taken(7, own=False, metres=14.0)) == (True, False)
+
+
+def free(number: int, north: float, *heard: HeardAt, time_s: float = 0.0) -> News:
+    return News(number, time_s, at(north, 0, 3), True, free=True, heard=heard)
+
+
+def heard_at(id_: int, metres: float, north: float) -> HeardAt:
+    return HeardAt(id_, metres, *at(north, 0, 0)[:2])
+
+
+def test_what_was_heard_and_nobody_flies_to_is_for_the_nearest_whose_strips_are_flown() -> None:
+    sent: list[News] = []
+    mate = Teammate(0, sent.append, TeamField((-60.0, -45.0, 60.0, 45.0), FRAME, 3))
+    mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
+    far, near, found = heard_at(7, 60.0, -40.0), heard_at(7, 20.0, 30.0), heard_at(8, 5.0, 10.0)
+    for part in range(3):
+        mate.hear(News(1, 0.0, at(0, 9, 3), True, found=(8,), flown=(part,), heard=(far,)))
+    mate.done()
+    mate.tell(0.0, HOME, flying=True, heard=[near, found])
+    assert (sent[-1].free, sent[-1].heard) == (True, (near,))  # what is found is no news
+    assert mate.handed((0.0, 0.0, -3.0)) == pytest.approx((30.0, 0.0), abs=1e-3)  # where it was heard best
+    mate.hear(free(2, 25.0))
+    assert mate.handed((0.0, 0.0, -3.0)) is None  # another one is nearer,
+    mate.hear(free(2, 25.0, heard_at(9, 40.0, -20.0)))
+    assert mate.handed((0.0, 0.0, -3.0)) == pytest.approx((-20.0, 0.0), abs=1e-3)  # and each goes to one
+    mate.hear(told(1, hunting=9))
+    assert mate.handed((0.0, 0.0, -3.0)) is None
+    mate.tell(9.0, HOME, flying=True, heard=[near])  # the others are not heard any more
+    assert mate.handed((0.0, 0.0, -3.0)) == pytest.approx((-20.0, 0.0), abs=1e-3)
+    assert mate.handed((-20.0, 0.0, -3.0)) == pytest.approx((30.0, 0.0), abs=1e-3)  # it was not there
+    assert mate.handed((30.0, 0.0, -3.0)) is None
+    mate.forgive()
+    assert mate.handed((0.0, 0.0, -3.0)) is not None
+
+
+def test_none_lands_where_another_one_has_landed() -> None:
+    mate = alone(1)
+    mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
+    assert mate.beside((4.0, 0.0)) == (4.0, 0.0)
+    mate.hear(News(2, 0.0, at(4, 0, 0), False))
+    for place in ((4.0, 0.0), (4.0, 3.0)):
+        assert math.dist(mate.beside(place), (4.0, 0.0)) > 6.0
+    assert mate.beside((4.0, 8.0)) == (4.0, 8.0)
 
 
 def test_a_transmitter_of_one_that_is_not_heard_any_more_is_free() -> None:

@@ -192,8 +192,8 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.TransmitterHeard: "transmitter {transmitter:number} is heard, {distance_m:.1f} m away, at "
     "{north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
     searches.TransmitterChosen: "going for transmitter {transmitter:number}, {distance_m:.1f} m away",
-    searches.TransmitterFaded: "warning: transmitter {transmitter:number} is not heard any more: back to the search "
-    "strips",
+    searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly heard|not heard any more}: "
+    "back to the search strips",
     searches.VictimNoted: lambda e: _NOTED + ("" if e.left is None else _LEFT),
     searches.VictimAgain: "warning: led back to victim {number}, as transmitter {transmitter:number}: {apart_m:.1f} m "
     "from the place noted",

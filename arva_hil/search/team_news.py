@@ -1,0 +1,42 @@
+"""What the searches of a team tell each other."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+MOST_HEARD: Final = 7  # transmitters that one hands over
+
+
+class HeardAt(NamedTuple):
+    """A transmitter that was heard: its id, how near at best, and the latitude and longitude of the vehicle then."""
+
+    id: int
+    metres: float
+    lat: float
+    lon: float
+
+
+@dataclass(frozen=True)
+class News:
+    """What one search tells the others. `number`: its own; `time_s`: on the common clock.
+
+    `lla`: of its vehicle, degrees, degrees, metres AMSL; `flying`: whether it is in the air. `hunting`: the id of the
+    transmitter it flies to, or None; `hunting_m`: how near it has heard that one; `found`: the ids of those that it has
+    found surely. `part`: of the area, which it searches, None if it does not search strips any more; `flown`: the parts
+    of which all strips are flown, as far as it knows. `free`: its strips are flown, and it flies to none. `heard`: the
+    transmitters that it has heard and knows nobody to have found, at most 7.
+    """
+
+    number: int
+    time_s: float
+    lla: tuple[float, float, float]
+    flying: bool
+    hunting: int | None = None
+    found: tuple[int, ...] = ()
+    part: int | None = None
+    flown: tuple[int, ...] = ()
+    hunting_m: float = math.inf
+    free: bool = False
+    heard: tuple[HeardAt, ...] = ()
