@@ -17,6 +17,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parent.parent))
@@ -25,12 +26,13 @@ from arva_hil.field import dipole_field
 from arva_hil.field.keying import KEYING_CLASSES, Keying, KeyingClass, draw_keying
 from arva_hil.field.medium import Medium, skin_depth_m
 from arva_hil.field.vehicle_noise import VehicleNoise
-from arva_hil.receiver import Answer
+from arva_hil.receiver import Answer, Look, Pose
 from arva_hil.receiver.display import Display
 from arva_hil.receiver.listening import NoiseDraws
 from arva_hil.receiver.noise import draw_noise, noise_bound
+from arva_hil.receiver.paper import Antennas, PaperReceiver
 from arva_hil.receiver.pulsed_options import PulsedOptions
-from tools.hovering_receiver import Hovering, transmitters
+from tools.hovering_receiver import PAPER, Hovering, transmitters
 
 Array = NDArray[np.float64]
 
@@ -296,12 +298,35 @@ def medium() -> Iterator[Row]:
     ):
         computed = skin_depth_m(conductivity, permittivity)
         yield Row(f"skin depth, {what}, m", computed, expected, within, f"{PHYSICS}; conductivity assumed")
+    for what, conductivity, permittivity, expected, within in (
+        ("dry snow", 1e-5, 1.8, 0.02, 0.005),
+        ("wet snow", 1e-4, 3.0, 0.16, 0.005),
+        ("1 mS/m", 1e-3, 1.5, 0.7, 0.05),
+    ):
+        (factor,) = Medium(snow_skin_depth_m=skin_depth_m(conductivity, permittivity)).loss(np.array([[0.0, 0.0, 2.0]]))
+        yield Row(f"loss over 2 m, {what}, dB", -20 * math.log10(factor), expected, within, PHYSICS)
     full = Medium(dipole="full")
     for metres, on_axis, beside in [(20, 1.018, 0.982), (40, 1.071, 0.935), (60, 1.153, 0.883)]:
         for name, way, expected in (("axis", AXIS, on_axis), ("equator", EQUATOR, beside)):
             point = metres * np.asarray(way)
             ratio = float(np.linalg.norm(field(point, medium=full)) / np.linalg.norm(field(point)))
             yield Row(f"full : static dipole, {name}, {metres} m", ratio, expected, 0.01 * expected, "textbook")
+
+
+def continuity(poses: int = 200) -> Iterator[Row]:
+    """In how many random poses the integers are not the paper's: no noise, one set, hovering, after two pulses."""
+    rng, different = np.random.default_rng(1), 0
+    for _ in range(poses):
+        place, (sets_turn, turn) = rng.uniform(-45, 45, 3), Rotation.random(2, rng).as_matrix()
+        there = transmitters([0.0, 0.0, 0.0], keyings=[Keying(1.0, 0.08, 0.25)], rotations=[sets_turn])
+        paper = PaperReceiver(Antennas(noise="off"), 1)
+        paper.look(Look(0.0, Pose(place, turn), there))
+        (one,), (other,) = (
+            paper.show(0.0).channels,
+            Hovering(there, place, turn, channels=1, **PAPER).read(2.4).channels,
+        )
+        different += (one.id, one.zone, one.d_cm, one.delta_deg) != (other.id, other.zone, other.d_cm, other.delta_deg)
+    yield Row(f"not the paper's integers, of {poses} poses", different, 0, 0, "exact")
 
 
 # Marks
@@ -353,7 +378,7 @@ def novices(searches: int = 200) -> str:
 
 FIGURES: Final[dict[str, Callable[[], Iterator[Row]]]] = {
     one.__name__: one
-    for one in (moment, kappa, spike, ranges, noise, bounce, spread_law, overlaps, presses, vehicle, medium)
+    for one in (moment, kappa, spike, ranges, noise, bounce, spread_law, overlaps, presses, vehicle, medium, continuity)
 }
 
 
