@@ -20,7 +20,7 @@ from arva_hil.search.strategy import Observation
 
 _STEP_M: Final = 0.4  # flown between two readings that are kept,
 _STEP_S: Final = 1.0  # or the time
-_DOWN_M: Final = 0.5  # of dipoles to begin with, below the take-off point
+_DOWN_M: Final = 0.5  # of dipoles to begin with, below the ground
 _TURNS: Final = 3  # and their moments' directions: level ones within half a turn, and down; m and −m sound alike
 _NEAR_M: Final = 2.5  # so near to the place is there
 
@@ -41,7 +41,8 @@ class Judgement(NamedTuple):
     """How well a transmitter at a place explains the readings."""
 
     unexplained_m: float  # how far off the receiver's own places are
-    below_m: float  # how far it lies below the lowest of them
+    below_m: float  # how far it lies below the lowest of them,
+    depth_m: float | None  # and below the ground, if that is known
     strength: float  # of the reference transmitter's moment
     better: float  # the logarithm of how much more likely it is there than elsewhere
     sigma_m: float  # of the place, whatever the cause
@@ -50,7 +51,8 @@ class Judgement(NamedTuple):
 
     def agrees(self, height_m: float) -> bool:
         """It can be true; the receiver was flown at that height."""
-        buried = self.below_m < height_m + _DEEPEST_M and 1 / _STRONGEST < self.strength < _STRONGEST
+        depth_m = self.below_m - height_m if self.depth_m is None else self.depth_m
+        buried = depth_m < _DEEPEST_M and 1 / _STRONGEST < self.strength < _STRONGEST
         fits = self.unexplained_m < _UNEXPLAINED_M and self.outliers < _OUTLIERS and self.newest < _NEWEST
         return buried and fits and self.better > _BETTER and self.sigma_m < _SIGMA_M
 
@@ -84,8 +86,8 @@ def beginning(place: tuple[float, float], history: History) -> Array:
     assert o is not None
     level = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(_TURNS) * math.pi / _TURNS]
     moments = dipole.MOMENT * np.array([*level, (0, 0, 1)])
-    there = [[*place, _DOWN_M, *moment] for moment in moments]
-    return np.concatenate([there, dipole.seeds(o.position, o.bearing, o.d_m)])
+    there = [[*place, (o.ground or 0.0) + _DOWN_M, *moment] for moment in moments]
+    return np.concatenate([there, dipole.seeds(o.position, o.bearing, o.d_m, o.ground)])
 
 
 def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> Judgement | None:
@@ -109,10 +111,13 @@ def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> J
     likely = [(math.exp(here - one.cost), one.best) for one in nears]
     spread = sum(share * float(np.linalg.eigvalsh(fit.covariance[:2, :2])[1]) for share, fit in likely)
     sigma = math.sqrt(spread / sum(share for share, _ in likely))
-    below = float(there.best.now[2] - o.at[2, 1:].max())
+    down = float(there.best.now[2])
+    below, depth = down - float(o.at[2, 1:].max()), None if o.ground is None else down - o.ground
     everything = float(_unexplained(there, _ROUGH_M, 9.0).mean())
     newest = _unexplained(there, _FINE_M, 4.0)[o.time_s[1:] > o.time_s[1:].max() - _NEWEST_S]
-    return Judgement(there.pose_error, below, strength, elsewhere - here, sigma, everything, float(newest.mean()))
+    return Judgement(
+        there.pose_error, below, depth, strength, elsewhere - here, sigma, everything, float(newest.mean())
+    )
 
 
 def _unexplained(there: Explanation, place_m: float, variances: float) -> NDArray[np.bool_]:

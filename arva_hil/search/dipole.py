@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 # Known beforehand.
 MOMENT: Final = 1 / 1.542  # of the reference transmitter: 1/κeq
 _STRENGTH: Final = 0.35  # sigma of the logarithm of a transmitter's strength
-_DEPTH: Final = (0.5, 1.2)  # below the take-off point, and its sigma, m
+_DEPTH: Final = (0.5, 1.2)  # below the ground, and its sigma, m
 RIDGE: Final = np.diag([1e-4] * 3 + [1e-2] * 3)  # next to nothing of the rest
 
 # Variances of a reading, relative to the field or in radians².
@@ -47,11 +47,14 @@ class Readings:
     """Remembers the readings that say most; number 0 stands for what is known beforehand.
 
     Of the real and the imaginary part of each: `told`, it is a value; `limit`, it is the most that it can be.
-    `gains`: of the antennas x and y, 0 for a dead one; `lost`, None or (3, N): what they miss of a field.
+    `gains`: of the antennas x and y, 0 for a dead one; `lost`, None or (3, N): what they miss of a field. `ground`:
+    below the nearest reading, down from the take-off point [m], None if it is not known; `level`: then 0.
     """
 
     def __init__(self, gains: tuple[float, float] = (1.0, 1.0)) -> None:
         self._gains = gains
+        self.ground: float | None = None
+        self.level, self._nearest_m = 0.0, math.inf
         self.lost: NDArray[np.complex128] | None = None
         self._all: tuple[NDArray[Any], ...] = (
             np.full((_MOST, 3), 1e3),
@@ -66,7 +69,14 @@ class Readings:
         self._show(1)
 
     def add(
-        self, position: Sequence[float], rotation: Array, d: float, delta: float, inner: bool, time_s: float = 0.0
+        self,
+        position: Sequence[float],
+        rotation: Array,
+        d: float,
+        delta: float,
+        inner: bool,
+        time_s: float = 0.0,
+        ground: float | None = None,
     ) -> None:
         """One more, in place of the weakest when there are too many.
 
@@ -76,6 +86,8 @@ class Readings:
         n = len(self.said)
         i = n if n < _MOST else 1 + int(np.argmin(self.said.real[1:]))
         heard = d > 0
+        if heard and d < self._nearest_m:
+            self.ground, self.level, self._nearest_m = ground, ground or 0.0, d
         d = d if heard else _SILENCE[0]
         variance = _NOISE * d**6 + (0.0 if heard else _SILENCE[1]) + np.array(_ROUNDING)
         axis = rotation[:, 0] + 1j * rotation[:, 1]
@@ -136,7 +148,7 @@ def evaluate(x: Array, o: Readings, pose_error: float) -> Fit:
     slopes[:, 3:] = 3 * share * n - axis
 
     m2 = _dot(m, m)[:, 0] + 1e-20
-    error[:, 0] = (x[:, 2] - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / MOMENT**2) / (2 * _STRENGTH)
+    error[:, 0] = (x[:, 2] - o.level - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / MOMENT**2) / (2 * _STRENGTH)
     slopes[:, :, 0] = 0
     slopes[:, 2, 0], slopes[:, 3:, 0] = 1 / _DEPTH[1], x[:, 3:] * (1j / _STRENGTH / m2)
 
@@ -190,14 +202,17 @@ def likely_pose_error(fit: Fit, i: int, o: Readings, errors: Array = _POSE_ERROR
     return float(errors[np.argmin(cost + surprise)])
 
 
-def seeds(position: Sequence[float], bearing: float, d: float) -> Array:
+def seeds(position: Sequence[float], bearing: float, d: float, ground: float | None = None) -> Array:
     """Hypotheses (24, 6) that agree with one reading: on all sides of it, the field there rising, level, sinking.
 
     All of the reference strength and near the expected depth; bearing of the field in radians, d in metres.
     """
     turn, rise = (grid.ravel() for grid in np.meshgrid(np.arange(8) * (np.pi / 4), (-1.5, 0.0, 1.5)))
     h = np.stack([0 * turn + math.cos(bearing), 0 * turn + math.sin(bearing), rise], axis=1)
-    n = np.stack([np.cos(bearing + turn), np.sin(bearing + turn), 0 * turn + (_DEPTH[0] - position[2]) / d], axis=1)
+    n = np.stack(
+        [np.cos(bearing + turn), np.sin(bearing + turn), 0 * turn + ((ground or 0.0) + _DEPTH[0] - position[2]) / d],
+        axis=1,
+    )
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     m = 1.5 * n * np.add.reduce(n * h, axis=1, keepdims=True) - h  # for ρ = d
     rho = d * np.cbrt(MOMENT / np.linalg.norm(m, axis=1, keepdims=True))

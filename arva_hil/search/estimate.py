@@ -103,7 +103,7 @@ class Estimate:
         self._silent = 0 if o.heard else self._silent + 1
         self._age += 1
         at, rotation = self._evidence.at(o.time_s - self._cause.lag_s)
-        self._readings.add(at, rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s)
+        self._readings.add(at, rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s, o.ground)
         if not len(self._x):
             self._heading = np.array([math.cos(o.bearing), math.sin(o.bearing)])
             self._seed(o)
@@ -187,7 +187,7 @@ class Estimate:
         return Found(north, east, down, (nn, ne, ee))
 
     def _seed(self, o: Observation) -> None:
-        new = dipole.seeds(o.position, o.bearing, o.d_m)
+        new = dipole.seeds(o.position, o.bearing, o.d_m, o.ground)
         self._x = np.concatenate([self._x, new])
         self._damping = np.append(self._damping, np.full(len(new), 0.01))
         self._age = 0

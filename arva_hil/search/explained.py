@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from arva_hil.search import dipole
 from arva_hil.search.strategy import Found, Observation
 
-_DOWNS: Final = (-1.0, 0.5, 2.0, 4.0)  # to begin with, below the take-off point, m
+_DOWNS: Final = (-1.0, 0.5, 2.0, 4.0)  # to begin with, below the ground, m
 _POSE_M: Final = 0.3  # error of the receiver's place
 _ROUNDS: Final = 20
 _NEAR: Final = 0.8  # of d as it would be: a reading of something nearer is another's
@@ -33,9 +33,10 @@ class Explained:
         readings = dipole.Readings()
         for o in past:
             if o.heard:
-                readings.add(o.position, o.rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s)
+                readings.add(o.position, o.rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s, o.ground)
         moments = dipole.MOMENT * np.array([(1, 0, 0), (0, 1, 0), (0.7, 0.7, 0), (0.7, -0.7, 0), (0, 0, 1)])
-        x = np.array([[found.north, found.east, down, *moment] for down in _DOWNS for moment in moments])
+        level = readings.level
+        x = np.array([[found.north, found.east, level + down, *moment] for down in _DOWNS for moment in moments])
         fit, _ = dipole.refine(x, np.full(len(x), 0.01), readings, _POSE_M, _ROUNDS)
         self._dipoles.append(fit.x[int(np.argmin(fit.cost))])
 

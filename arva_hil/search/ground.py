@@ -68,12 +68,14 @@ class _Survey(NamedTuple):
 class Height(NamedTuple):
     """A height above the ground [m]. `measured`: by a rangefinder; otherwise the lowest that may be true.
 
-    `margin`: how much less [m] it may still be, if only GPS measures it.
+    `margin`: how much less [m] it may still be, if only GPS measures it. `ground`: as it is believed to be below, above
+    the take-off point [m]; None if nothing tells.
     """
 
     metres: float
     measured: bool
     margin: float = 0.0
+    ground: float | None = None
 
 
 class Ground:
@@ -100,6 +102,7 @@ class Ground:
         self._offset = 0.0  # of the barometer from the estimate
         self._offset_s = -math.inf
         self._highest = 0.0  # of the ground, above the take-off point
+        self._below: float | None = None  # the ground below, when it was known last
         self._source: _Source | None = None  # reported last
         session.want(EXTRAS)
 
@@ -116,10 +119,12 @@ class Ground:
         measured = self._measured(now, level, sinks * dt)
         if measured is not None:
             self._highest = max(self._highest, above - measured)
+            self._below = above - measured
             self._tell("rangefinder", now)
-            return Height(measured, True)
-        base, down_slope = above - self._highest, self._followed(now, above, state)
-        margin = 0.0
+            return Height(measured, True, 0.0, self._below)
+        rise, margin = self._surveyed(now, above, state), 0.0
+        self._below = rise if rise is not None else None if self._doubted else self._below
+        base, down_slope = above - self._highest, -math.inf if rise is None else above - rise - _SURVEY_OFF_M
         if self._barometer is False and now - self._pressure[0] > _HAS_ONE_S:
             low, high = _MARGIN_M
             down_slope = -math.inf
@@ -131,15 +136,16 @@ class Ground:
             self._tell("terrain", now, _SURVEY_OFF_M)
         else:
             self._tell("doubtful terrain" if self._doubted else "estimate", now)
-        return Height(min([max(base, down_slope), *self._fears(now, above, max(base, down_slope))]), False, margin)
+        lowest = min([max(base, down_slope), *self._fears(now, above, max(base, down_slope))])
+        return Height(lowest, False, margin, self._below)
 
-    def _followed(self, now: float, above: float, state: VehicleState) -> float:
-        """The least height by the terrain database, if no rangefinder has ever measured; -inf if it says nothing, is
-        old, or has ever disagreed with the position."""
+    def _surveyed(self, now: float, above: float, state: VehicleState) -> float | None:
+        """The ground by the terrain database, above the take-off point, if no rangefinder has ever measured; None if it
+        says nothing, is old, or has ever disagreed with the position."""
         survey, standing = self._survey, self._standing[1] if self._standing else None
         measured = self._source in ("rangefinder", "highest ground")
         if survey is None or standing is None or measured or now - survey.time_s > _SURVEY_FRESH_S:
-            return -math.inf
+            return None
         north, east = state.position[:2].tolist()
         to_north = (survey.lat - standing.lat) * _PER_DEGREE_M
         to_east = (survey.lon - standing.lon) * _PER_DEGREE_M * math.cos(math.radians(standing.lat))
@@ -149,7 +155,7 @@ class Ground:
             self._compared = survey
             agrees = math.dist((north, east), (to_north, to_east)) <= aside and abs(height - (above - rise)) <= off
             self._doubted |= not (agrees and abs(rise) <= _STEEPEST * (math.hypot(to_north, to_east) + aside))
-        return -math.inf if self._doubted else above - rise - _SURVEY_OFF_M
+        return None if self._doubted else rise
 
     def _measured(self, now: float, level: float, sunk: float) -> float | None:
         """The rangefinder's height; None without a value, or if it does not change in a climb or descent."""

@@ -32,13 +32,15 @@ _LIMIT_S: Final = 30.0  # plus 5 s per metre; then it lands where it is
 class HeightKeeper:
     """Remembers whether the vehicle is too low. `too_low`: it only climbs. `failed`: it does not get higher.
 
-    `wanted`: the height above the ground [m], with the margin of an uncertain height.
+    `wanted`: the height above the ground [m], with the margin of an uncertain height. `ground`: below, down from the
+    take-off point [m], None if it is not known.
     """
 
     def __init__(self, wanted: float, emit: Callable[[Event], None]) -> None:
         self.too_low = False
         self.failed = False
         self.wanted = self._asked = wanted
+        self.ground: float | None = None
         self._reached = False  # whether the height was reached once, after the climb from the take-off
         self._late_s = self._last_s = math.inf  # when it has failed without a rise, and in any case
         self._risen_m = math.nan  # the height at the last rise
@@ -47,6 +49,7 @@ class HeightKeeper:
     def velocity(self, time_s: float, height: Height) -> float:
         """The vertical velocity [m/s], down. It climbs if the height is not a number."""
         metres, self.wanted = height.metres, self._asked + height.margin
+        self.ground = None if height.ground is None else -height.ground
         enough = (_CLEAR if self.too_low else _LEAST) * self.wanted
         self._reached = self._reached or metres >= _CLEAR * self.wanted
         if metres >= enough:

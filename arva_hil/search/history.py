@@ -25,7 +25,7 @@ _ROUNDS: Final = 6
 _FEW: Final = 3  # hypotheses
 _ODD: Final = 4.0  # cost of a lag or a drift
 _FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift,
-_DOWNS: Final = (-2.5, 3.5)  # if the transmitter lies so far below the take-off point [m]
+_DOWNS: Final = (-2.5, 3.5)  # if the transmitter lies so far below the ground [m]
 _STRENGTH: Final = 2.3  # and has at most so many times the reference transmitter's moment, or that part of it
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ class History:
         there = dipole.Readings(cause.gains)
         for o in self._read:
             position, rotation = self.at(o.time_s - cause.lag_s)
-            there.add(position, rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s)
+            there.add(position, rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s, o.ground)
         return there
 
     def explanations(self, x: Array, cause: Cause = NOTHING) -> list[Explanation]:
@@ -101,7 +101,7 @@ class History:
         Where readings in time and in place fit a usual transmitter, no other cause is tried.
         """
         first = self._fitted(x, cause)
-        if cause == NOTHING and first.pose_error < _FITS_M and _usual(first.best.x):
+        if cause == NOTHING and first.pose_error < _FITS_M and _usual(first.best.x, first.readings.level):
             return [first]
         return [first, *(self._fitted(x, one) for one in _CAUSES if one != cause)]
 
@@ -112,7 +112,7 @@ class History:
         assert nearest is not None
         position, _ = self.at(nearest.time_s - cause.lag_s)
         if drift_m or cause.gains != NOTHING.gains:
-            x = np.concatenate([x, dipole.seeds(position, nearest.bearing, nearest.d_m)])
+            x = np.concatenate([x, dipole.seeds(position, nearest.bearing, nearest.d_m, nearest.ground)])
         damping, given = np.full(len(x), 0.01), x[:_FEW]
         for _ in range(2):
             fit, damping = dipole.refine(x, damping, there, error, _ROUNDS)
@@ -143,7 +143,7 @@ class History:
         return (north, east, down), b.rotation
 
 
-def _usual(x: Array) -> bool:
+def _usual(x: Array, level: float) -> bool:
     """Whether a dipole (6,) has the depth and the moment of a transmitter as it should be."""
     strength = float(np.linalg.norm(x[3:])) / dipole.MOMENT
-    return _DOWNS[0] < x[2] < _DOWNS[1] and 1 / _STRENGTH < strength < _STRENGTH
+    return _DOWNS[0] < x[2] - level < _DOWNS[1] and 1 / _STRENGTH < strength < _STRENGTH

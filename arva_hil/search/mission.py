@@ -88,9 +88,9 @@ class Mission:
         self.frames += 1
         if not self._pauses.hear(frame, position, time_s):
             return
-        channels = {}
+        channels, ground = {}, self._keeper.ground
         for id_, channel in nearest(frame).items():
-            o = Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER)
+            o = Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER, ground)
             if not self._pauses.repeats(id_of(id_)) and (id_ != NO_ID or not self.victims.explain(o)):
                 channels[id_] = channel
                 self._choice.note(id_, o)

@@ -21,7 +21,8 @@ class Observation(NamedTuple):
     """The reading of the transmitter that is searched for in one frame, and the receiver's pose.
 
     `rotation`: matrix receiver FRD → NED, shape (3, 3). `d_cm`, `delta_deg`: the receiver's integers; d_cm ≤ 0 means
-    no signal. `inner`: the inner zone, where d_cm is from all three antennas and delta_deg has no meaning.
+    no signal. `inner`: the inner zone, where d_cm is from all three antennas and delta_deg has no meaning. `ground`:
+    the ground below, down from the take-off point [m]; None if the vehicle does not know it.
     """
 
     time_s: float
@@ -30,6 +31,7 @@ class Observation(NamedTuple):
     d_cm: int
     delta_deg: int
     inner: bool
+    ground: float | None = None
 
     @property
     def heard(self) -> bool:

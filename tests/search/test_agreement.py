@@ -40,6 +40,17 @@ def test_what_was_found_agrees_and_what_lies_elsewhere_does_not(
     assert not agrees(flight.heard, (north + aside_m[0], east + aside_m[1]), height_m)
 
 
+def test_below_a_slope_the_depth_counts_from_the_ground() -> None:
+    """The ground is 10 m below the take-off point there."""
+    fall = 0.4
+    transmitter = f"{{id: 1, enu: [-4, 25, {-25 * fall - 1}], attitude: {{roll: 20, pitch: 30, yaw: 50}}}}"
+    flight = fly(Estimate(1.5), transmitter, height_m=3.0, fall=fall)
+    assert flight.found is not None
+    assert flight.error_m < 0.5
+    assert flight.found.down == pytest.approx(25 * fall + 1, abs=1.0)
+    assert agrees(flight.heard, flight.found[:2], 3.0)
+
+
 class Late(Flux):
     """Told what was heard some frames ago as if that were now; `told`: all of that."""
 

@@ -75,7 +75,7 @@ def altitude(clearance: float) -> Any:
 @pytest.mark.parametrize("message", [distance(240), rangefinder(2.4)])
 def test_a_rangefinder_measures_it_whatever_the_position_says(vehicle: Vehicle, message: Any) -> None:
     vehicle.says(1.0, message)
-    assert vehicle.height(1.1, 7.0) == Height(pytest.approx(2.4), True)
+    assert vehicle.height(1.1, 7.0) == Height(pytest.approx(2.4), True, ground=pytest.approx(4.6))
     assert vehicle.height_sources() == ["rangefinder"]
     assert vehicle.height(1.2, 7.0).measured
     assert vehicle.height_sources() == []
@@ -129,7 +129,7 @@ def test_a_rangefinder_that_goes_leaves_the_highest_ground_it_saw(vehicle: Vehic
     vehicle.says(1.5, distance(299))
     assert vehicle.height(1.5, 4.0).metres == pytest.approx(2.995)
     vehicle.height_sources()
-    assert vehicle.height(3.0, 8.0) == Height(pytest.approx(3.0), False)
+    assert vehicle.height(3.0, 8.0) == Height(pytest.approx(3.0), False, ground=pytest.approx(1.005))
     assert vehicle.height_sources() == ["highest ground"]
 
 
@@ -160,7 +160,7 @@ def test_the_terrain_database_counts_from_the_take_off_and_may_only_say_less(veh
     vehicle.says(1.0, pressure(0.0), terrain(-7.0))
     vehicle.arm()
     vehicle.says(2.0, terrain(-6.0))  # 1 m above where it stood
-    assert vehicle.height(2.0, 3.0) == Height(pytest.approx(1.0), False)
+    assert vehicle.height(2.0, 3.0) == Height(pytest.approx(1.0), False, ground=0.0)
     vehicle.says(3.0, terrain(40.0))
     assert vehicle.height(3.0, 3.0) == Height(3.0, False)
     vehicle.says(3.0, terrain(-7.0, spacing=0))  # it has no data here
@@ -220,7 +220,9 @@ def test_what_is_old_says_nothing(vehicle: Vehicle) -> None:
     vehicle.says(1.0, altitude(1.0), pressure(1.0), distance(100), terrain(1.0))
     assert vehicle.height(1.5, 3.0).measured
     late = vehicle.height(9.0, 5.0)
-    assert late == Height(pytest.approx(3.0), False)  # of all that, the highest ground is left
+    assert late == Height(
+        pytest.approx(3.0), False, ground=pytest.approx(2.0)
+    )  # of all that, the highest ground is left
 
 
 @pytest.mark.parametrize("stranger", [(2, 1), (1, 99), (255, 190)])
@@ -231,10 +233,10 @@ def test_other_systems_and_components_say_nothing_of_the_ground(vehicle: Vehicle
     vehicle.says(2.0, pressure(3.0), terrain(-4.0))
     vehicle._encoder = Encoder(*stranger)
     vehicle.says(2.0, terrain(-9.0), distance(100), rangefinder(1.0), altitude(1.0), pressure(2.0), status(0))
-    assert vehicle.height(2.0, 3.0) == Height(pytest.approx(3.0, abs=0.01), False)
+    assert vehicle.height(2.0, 3.0) == Height(pytest.approx(3.0, abs=0.01), False, ground=0.0)
     vehicle._encoder = own
     vehicle.says(2.0, terrain(-6.0))
-    assert vehicle.height(2.1, 3.0) == Height(pytest.approx(1.0), False)
+    assert vehicle.height(2.1, 3.0) == Height(pytest.approx(1.0), False, ground=0.0)
     assert vehicle.height_sources() == ["estimate"]
 
 

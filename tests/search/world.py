@@ -46,10 +46,12 @@ def fly(
     seed: int = 0,
     limit_s: float = 600.0,
     lag_s: float = LAG_S,
+    fall: float = 0.0,
 ) -> Flight:
     """Search from `start`, NED, for the first of the transmitters, "{id: 1, enu: [20, 5, 0]}" as in a scenario file.
 
     `gps_m`: sigma on each axis of the position that the strategy is told. `lag_s`: of the point's velocity.
+    `fall`: of the ground to the north, metres a metre; it flies `height_m` above it.
     """
     world = parse(f"spec: 1\nseed: {seed}\ntransmitters: [{', '.join(transmitters)}]\n", "world")
     receiver, there = build.receiver(world), build.transmitters(world, LocalFrame(0.0, 0.0, 0.0))
@@ -63,8 +65,10 @@ def fly(
     while now < limit_s and strategy.found is None:
         receiver.look(Look(now, Pose(place, R), there))
         slot = next(c for c in receiver.show(now).channels if c.id in (world.transmitters[0].id, None))
+        place[2] = fall * place[0] - height_m
         told = place + [rng.gauss(0, gps_m) for _ in place]
         heard.append(Observation(now, _tuple(told), R, slot.d_cm, slot.delta_deg, slot.zone == Zone.INNER))
+        heard[-1] = heard[-1]._replace(ground=fall * float(place[0]) if fall else None)
         strategy.hear(heard[-1])
         for _ in range(steps):
             wanted = strategy.velocity(now, _tuple(told))
