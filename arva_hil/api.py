@@ -13,7 +13,7 @@ from arva_hil.events import Event, FrameMade, HeartbeatMissing
 from arva_hil.fleet_links import FleetSides, fleet_sides, live_vehicles, vehicles_in_log
 from arva_hil.links import Link, LinkError, open_link
 from arva_hil.links.reconnecting import open_reconnecting
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.links.tlog_timeline import Timeline
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.observers.audience import Audience
@@ -113,7 +113,7 @@ def replay(
     watcher = _Watcher(keep, len(scenario.vehicles) or 1)
     emulator = Emulator(vehicles, start=0.0, max_age_s=max_age_s, look_ahead_s=drivers.LOOK_AHEAD_S)
     with ExitStack() as stack:
-        reader = stack.enter_context(closing(read_tlog(log)))
+        reader = stack.enter_context(closing(TlogReader(log)))
         out = stack.enter_context(closing(open_link(port, clock=RealClock()))) if port is not None else None
         drivers.replay(
             emulator,

@@ -26,33 +26,8 @@ from firmware_proto.measured import LevelChannel, Measured, VectorChannel
 from firmware_proto.nmea import NmeaDecoder, encode_nmea
 from firmware_proto.text import TextDecoder, encode_text
 
-__all__ = [
-    "INNER",
-    "INTERFERENCE",
-    "MAX_CHANNELS",
-    "MAX_FRAME_BYTES",
-    "MID",
-    "MORE_TRANSMITTERS",
-    "NOT_SEARCHING",
-    "NO_SIGNAL",
-    "OUTER",
-    "OVERLAP",
-    "SELF_TEST_FAULT",
-    "SYNTHETIC",
-    "Answer",
-    "Channel",
-    "Command",
-    "Decoder",
-    "Format",
-    "Frame",
-    "FrameDecoder",
-    "HostForm",
-    "LevelChannel",
-    "Measured",
-    "NmeaDecoder",
-    "TextDecoder",
-    "VectorChannel",
-    "encode",
-    "encode_nmea",
-    "encode_text",
-]
+__all__ = ["INNER", "MAX_CHANNELS", "MAX_FRAME_BYTES", "MID", "NO_SIGNAL", "OUTER"]
+__all__ += ["INTERFERENCE", "MORE_TRANSMITTERS", "NOT_SEARCHING", "OVERLAP", "SELF_TEST_FAULT", "SYNTHETIC"]
+__all__ += ["Channel", "Decoder", "Format", "Frame", "FrameDecoder", "NmeaDecoder", "TextDecoder"]
+__all__ += ["Answer", "Command", "HostForm", "LevelChannel", "Measured", "VectorChannel"]
+__all__ += ["encode", "encode_nmea", "encode_text"]

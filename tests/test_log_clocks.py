@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from arva_hil.cli.main import main
-from arva_hil.links.tlog import read_tlog, tlog_record
+from arva_hil.links.tlog import TlogReader, tlog_record
 from arva_hil.links.tlog_timeline import Record
 
 HOUR_US, DAY_US = 3_600_000_000, 86_400_000_000
@@ -57,7 +57,7 @@ def replay(tmp_path: Path, capfd: pytest.CaptureFixture[str], replayed: dict[byt
 
 @pytest.fixture
 def records(flight: Path) -> list[Record]:
-    with closing(read_tlog(flight)) as log:
+    with closing(TlogReader(flight)) as log:
         return list(log)
 
 

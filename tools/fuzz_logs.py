@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.links.tlog_timeline import Record, Timeline
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 
@@ -29,7 +29,7 @@ def log(data: bytes) -> None:
     """What is read of a log is all of it, in order, and its time line goes on."""
     written = _written(data)
     _FILE.write_bytes(written)
-    reader = read_tlog(_FILE)
+    reader = TlogReader(_FILE)
     records = list(reader)
     heads = {True: 8, False: 0}[reader.stamped]
     assert sum(heads + len(record.raw) for record in records) + reader.skipped + reader.torn == len(written)
@@ -43,7 +43,7 @@ def log(data: bytes) -> None:
     placed = list(line)
     assert [record.raw for record in placed] == [record.raw for record in records], "the time line lost a record"
     _goes_on(placed)
-    again = read_tlog(_FILE)
+    again = TlogReader(_FILE)
     assert list(Timeline(again, stamped=again.stamped)) == placed, "another time line at the second reading"
     parser = Parser()
     for record in placed:

@@ -24,7 +24,7 @@ from arva_hil import registry
 from arva_hil.config import ScenarioError, load, parse, parse_fault, to_dict
 from arva_hil.emulator.formats import TUNNEL_TYPE, MavlinkDecoder
 from arva_hil.field import LocalFrame
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.observers.console.reasons import no_pose, no_vehicle
 from arva_hil.observers.console.sentences import sentence
@@ -496,7 +496,7 @@ def _loader_seeds() -> Iterator[bytes]:
 def _session_seeds() -> Iterator[bytes]:
     for path in sorted(ROOT.glob("tests/data/*.tlog")):
         script = bytearray(1)
-        for record, _ in zip(read_tlog(path), range(60), strict=False):
+        for record, _ in zip(TlogReader(path), range(60), strict=False):
             if len(record.raw) < 256:
                 script += bytes([1, 3, 0, len(record.raw)]) + record.raw + b"\2"
         yield bytes(script)

@@ -33,7 +33,7 @@ from arva_hil.events import Event, FrameMade
 from arva_hil.field import LocalFrame
 from arva_hil.links import Link, open_link
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.observers.audience import Audience
 from arva_hil.runtime.clock import RealClock
@@ -73,7 +73,7 @@ def wall(command: list[str]) -> float:
 
 def measure_replay(flight: Path) -> None:
     """Ratio to real time on one core, and the memory of a log four times as long."""
-    with tempfile.TemporaryDirectory() as folder, closing(read_tlog(flight)) as log:
+    with tempfile.TemporaryDirectory() as folder, closing(TlogReader(flight)) as log:
         for _ in log:
             pass
         assert log.first_us is not None
@@ -97,7 +97,7 @@ def lengthen(flight: Path, to: Path, times: int) -> None:
     with to.open("wb") as out:
         shift = 0
         for _ in range(times):
-            with closing(read_tlog(flight)) as log:
+            with closing(TlogReader(flight)) as log:
                 for record in log:
                     out.write((record.time_us + shift).to_bytes(8, "big") + record.raw)
                 assert log.first_us is not None
@@ -125,7 +125,7 @@ class Motion:
         self.name = flight.name
         positions, attitudes = {}, {}
         parser = Parser()
-        with closing(read_tlog(flight)) as log:
+        with closing(TlogReader(flight)) as log:
             for record in log:
                 for packet in parser.feed(record.raw):
                     if packet.component == 1 and packet.msgid == GLOBAL_POSITION_INT:

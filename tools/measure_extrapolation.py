@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from arva_hil.field import LocalFrame
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Parser, dialect
 from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSample
 
@@ -38,7 +38,7 @@ def attitudes(flight: Path) -> list[AttitudeSample]:
     """Of the flight's autopilot, in order of its time."""
     found: dict[float, AttitudeSample] = {}
     parser = Parser()
-    with closing(read_tlog(flight)) as log:
+    with closing(TlogReader(flight)) as log:
         for record in log:
             for packet in parser.feed(record.raw, whole=True):
                 if packet.component == 1 and packet.msgid == dialect.MAVLINK_MSG_ID_ATTITUDE:

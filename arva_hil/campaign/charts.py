@@ -69,14 +69,10 @@ def _success(axes: Axes, rows: Sequence[TrialRow], success_m: float) -> None:
         lines["all"] = list(rows)
     shades = colours(row.strategy for row in rows)
     for n, (strategy, colour) in enumerate(shades.items()):
-        at, rates, ends = [], [], []
-        for line, some in enumerate(lines.values()):
-            mine = [row for row in some if row.strategy == strategy]
-            if mine:
-                at.append(line + _aside(n, len(shades)))
-                rates.append(_rate(mine, success_m))
-                ends.append(_arms(mine, success_m))
-        axes.errorbar(rates, at, xerr=np.transpose(ends), fmt="o", ms=5, lw=2, color=colour, label=strategy)
+        each = [[row for row in some if row.strategy == strategy] for some in lines.values()]
+        at = [line + _aside(n, len(shades)) for line, mine in enumerate(each) if mine]
+        rates, *arms = zip(*(_rate(mine, success_m) for mine in each if mine), strict=True)
+        axes.errorbar(rates, at, xerr=arms, fmt="o", ms=5, lw=2, color=colour, label=strategy)
     axes.set(xlim=(-2, 102), xlabel="success, %", ylim=(len(lines) - 0.5, -0.5))
     axes.set_yticks(range(len(lines)), list(lines))
     axes.grid(visible=False, axis="y")
@@ -115,9 +111,8 @@ def _by_number(column: str, axes: Axes, rows: Sequence[TrialRow], success_m: flo
     for n, (strategy, colour, mine) in enumerate(_each(known)):
         inside = [[row for row in mine if band[id(row)] == at] for at in range(len(values))]
         at = [value + _aside(n, len(shades)) * width for value, some in zip(values, inside, strict=True) if some]
-        rates = [_rate(some, success_m) for some in inside if some]
-        ends = [_arms(some, success_m) for some in inside if some]
-        axes.errorbar(at, rates, yerr=np.transpose(ends), fmt="o-", ms=5, lw=1.5, color=colour, label=strategy)
+        rates, *arms = zip(*(_rate(some, success_m) for some in inside if some), strict=True)
+        axes.errorbar(at, rates, yerr=arms, fmt="o-", ms=5, lw=1.5, color=colour, label=strategy)
     axes.set(ylim=(-3, 103), ylabel="success, %", xlabel=_NUMBERS[column])
 
 
@@ -139,13 +134,9 @@ def _aside(n: int, count: int) -> float:
     return (n - (count - 1) / 2) * min(0.2, 0.8 / count)
 
 
-def _rate(rows: Sequence[TrialRow], success_m: float) -> float:
-    return 100 * sum(row.success(success_m) for row in rows) / len(rows)
-
-
-def _arms(rows: Sequence[TrialRow], success_m: float) -> tuple[float, float]:
-    """The lengths of the error bars: from the rate down and up to the ends of its interval."""
+def _rate(rows: Sequence[TrialRow], success_m: float) -> tuple[float, float, float]:
+    """The success rate, and the lengths of its error bars: down and up to the ends of its interval. In percent."""
     successes = sum(row.success(success_m) for row in rows)
     low, high = wilson(successes, len(rows))
     rate = successes / len(rows)
-    return 100 * max(rate - low, 0.0), 100 * max(high - rate, 0.0)
+    return 100 * rate, 100 * max(rate - low, 0.0), 100 * max(high - rate, 0.0)

@@ -85,6 +85,7 @@ _CREATE: Final = ", ".join(f"{field.name} {_TYPES[str(field.type)].format(field.
 def flown(planned: Planned) -> dict[str, Any]:
     """The conditions of a trial: the columns up to `distance_m`."""
     trial = planned.trial
+    same = "gps_noise_m take_off_m strategy height_m speed_m_s limit_s".split()
     places = [t.path.points_ned[0][1:] if t.path else t.ned for t in trial.scenario.transmitters]
     return {
         "key": planned.key,
@@ -92,12 +93,7 @@ def flown(planned: Planned) -> dict[str, Any]:
         "scenario": one_line(planned.scenario),
         "noise": trial.scenario.receiver.noise.kind,
         "wind_m_s": planned.wind_m_s,
-        "gps_noise_m": trial.gps_noise_m,
-        "take_off_m": trial.take_off_m,
-        "strategy": trial.strategy,
-        "height_m": trial.height_m,
-        "speed_m_s": trial.speed_m_s,
-        "limit_s": trial.limit_s,
+        **{name: getattr(trial, name) for name in same},
         "distance_m": min((round(math.hypot(*place[:2]), 3) for place in places if place), default=None),
     }
 

@@ -22,7 +22,7 @@ from arva_hil.events import LogClockSet, LogLayout
 from arva_hil.fleet_links import vehicles_in_log
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink
-from arva_hil.links.tlog import TlogReader, read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.links.tlog_layout import BIG
 from arva_hil.links.tlog_timeline import Record, Timeline
 from arva_hil.observers.audience import Audience
@@ -43,7 +43,7 @@ def main(options: argparse.Namespace) -> int:
     vehicles = _vehicles(options, chosen)
     with ExitStack() as stack:
         try:
-            log = stack.enter_context(closing(read_tlog(options.log)))
+            log = stack.enter_context(closing(TlogReader(options.log)))
         except LinkError as error:
             raise UsageError(error) from None
         out = stack.enter_context(closing(_out(options, stack)))

@@ -62,7 +62,6 @@ class Emulator:
             EmulatedVehicle(setup, *shared, start=start, max_age_s=max_age_s, phase=number * between)
             for number, setup in enumerate(vehicles)
         ]
-        self._vehicle_of = {source: vehicle for vehicle in self.vehicles for source in vehicle.sources}
         self._on_link: dict[str, list[EmulatedVehicle]] = {}
         for vehicle in self.vehicles:
             self._on_link.setdefault(vehicle.link, []).append(vehicle)
@@ -70,9 +69,10 @@ class Emulator:
             raise ValueError("the sessions of vehicles on one link need the same reader")
         self._shared = {link: SharedLink(every) for link, every in self._on_link.items() if len(every) > 1}
         self._hosts: dict[str, list[tuple[EmulatedVehicle, HostCommands]]] = {}
-        for source, vehicle in self._vehicle_of.items():
-            if source.commands:
-                self._hosts.setdefault(source.sink, []).append((vehicle, source.commands))
+        for vehicle in self.vehicles:
+            for source in vehicle.sources:
+                if source.commands:
+                    self._hosts.setdefault(source.sink, []).append((vehicle, source.commands))
         self._agenda = Agenda(self.vehicles)
         self._start = start
         self._timeout_s = timeout_s
@@ -174,9 +174,8 @@ class Emulator:
 
     def written(self, output: Output, taken: bool, now: float) -> None:
         """An output was written. `taken`: the link has accepted all of it."""
-        if (source := output.source) is not None:
-            known = self._vehicle_of[source].known
-            source.written(output, taken, now, lost=output.sink in self._lost, vehicle_known=known)
+        if output.source is not None:
+            output.source.written(output, taken, now, lost=output.sink in self._lost)
 
     def events(self) -> list[Event]:
         """The events since the last call, in their order."""
@@ -200,7 +199,6 @@ class Emulator:
         return lambda t: now - t >= self._look_ahead_s or all(known_at(t) for known_at in known)
 
     def _answer(self, vehicle: EmulatedVehicle, now: float) -> None:
-        """Send requests to the vehicle, and collect its events."""
         if out := vehicle.poll(now):
             self._outputs.append(Output(vehicle.link, out, now))
         self._events += vehicle.session.take_events()

@@ -188,7 +188,7 @@ class FrameSource:
             for data, answer in self.commands.answers(now, next_frame):
                 self.outputs.append(Output(self.sink, data, now, self, answer=answer))
 
-    def written(self, output: Output, taken: bool, now: float, *, lost: bool, vehicle_known: bool) -> None:
+    def written(self, output: Output, taken: bool, now: float, *, lost: bool) -> None:
         """An output was written. `taken`: the link has accepted it. `lost`: the link is lost: it has its own event."""
         if output.answer is not None:
             assert self.commands is not None
@@ -200,7 +200,7 @@ class FrameSource:
         counters.delivered += taken and output.whole
         counters.damaged += taken and not output.whole
         about = now, self._vehicle, self.name
-        if self._refused == taken and (vehicle_known or taken) and not lost:
+        if self._refused == taken and (self._session.vehicle or taken) and not lost:
             self._refused = not taken
             self.events.append(FramesTaken(*about, counters.dropped) if taken else FramesRefused(*about))
         if taken:

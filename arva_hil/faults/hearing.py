@@ -133,10 +133,6 @@ def _interference(scenario: Scenario, switch: Switch) -> NoiseSource:
     return NoiseSource(kind, noise_bound(scenario.receiver.sensitivity, bound_m), seed)
 
 
-def _off(look: Look, switch: Switch) -> Look:
-    return _weakened(look, switch, 0.0)
-
-
 def _moved(look: Look, switch: Switch) -> Look:
     there = look.transmitters
     positions = there.positions.copy()
@@ -151,7 +147,7 @@ def _fading(look: Look, switch: Switch) -> Look:
     return _weakened(look, switch, max(0.0, 1 - switch.since_s / switch.fault.over_s))
 
 
-def _weakened(look: Look, switch: Switch, factor: float) -> Look:
+def _weakened(look: Look, switch: Switch, factor: float = 0.0) -> Look:
     strengths = look.transmitters.strengths.copy()
     strengths[_index(look, switch)] *= factor
     return replace(look, transmitters=replace(look.transmitters, strengths=strengths))
@@ -161,7 +157,7 @@ def _index(look: Look, switch: Switch) -> int:
     return look.transmitters.ids.index(int(switch.fault.value))
 
 
-OFF: Final = FaultKind("heard", TRANSMITTER, "it sends nothing", _off)
+OFF: Final = FaultKind("heard", TRANSMITTER, "it sends nothing", _weakened)
 MOVED: Final = FaultKind("heard", TRANSMITTER, "it is elsewhere, then back again", _moved, ("by_ned",))
 FADING: Final = FaultKind("heard", TRANSMITTER, "its field falls evenly to nothing", _fading, ("over_s",))
 INTERFERENCE: Final = FaultKind("heard", Number(1, 1_000_000, above=True), "noise, times the most it is made for", None)

@@ -80,24 +80,19 @@ class Commander(FlightState):
 
     def land(self, now: float, why: str = "") -> None:
         """Land here; before the take-off: disarm. `why`: the reason, if it is not the normal end."""
-        if self._leave_alone(why):
-            return
-        if self.phase is Phase.ARMING:
-            self.why = why
-            self._enter(Phase.DISARMING, now, self._modes.hold)
-        elif self.phase in (Phase.CLIMBING, Phase.FLYING):
-            self.why = why
-            self._enter(Phase.LANDING, now, self._modes.land)
+        self._stop(now, why, Phase.LANDING, self._modes.land)
 
     def hold(self, now: float, why: str = "") -> None:
         """Hover here for the pilot; before the take-off: disarm. A landing goes on."""
-        if self._leave_alone(why):
+        self._stop(now, why, Phase.HOLDING, self._modes.hold)
+
+    def _stop(self, now: float, why: str, phase: Phase, mode: int) -> None:
+        if self._leave_alone(why) or self.phase not in (Phase.ARMING, Phase.CLIMBING, Phase.FLYING):
             return
+        self.why = why
         if self.phase is Phase.ARMING:
-            self.land(now, why)
-        elif self.phase in (Phase.CLIMBING, Phase.FLYING):
-            self.why = why
-            self._enter(Phase.HOLDING, now, self._modes.hold)
+            phase, mode = Phase.DISARMING, self._modes.hold
+        self._enter(phase, now, mode)
 
     # -- orders to send -----------------------------------------------------------------------------------
 
@@ -149,7 +144,8 @@ class Commander(FlightState):
             self._pace.rest()
         elif self._pace.due(now):
             self._offered.append(self._pace.left)
-            messages.append(self._set_point())
+            velocity = self._velocity if self.phase is Phase.FLYING else _STILL
+            messages.append(self._modes.to_steer(self._vehicle, velocity, self._yaw))
         if now >= self._next_order:
             order, again = self._order()
             if order is None:
@@ -166,10 +162,6 @@ class Commander(FlightState):
             self._tries += 1
             refused = self._complaints.refused_order, self._complaints.refused_result
             self._news.emit(ArmingTried(now, self._news.name, self._tries, _ARM_AGAIN_S, *refused))
-
-    def _set_point(self) -> Any:
-        velocity = self._velocity if self.phase is Phase.FLYING else _STILL
-        return self._modes.to_steer(self._vehicle, velocity, self._yaw)
 
     def _order(self) -> tuple[Any | None, float]:
         """The order that is not carried out yet, None if there is none, and the time [s] until it is repeated."""

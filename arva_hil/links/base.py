@@ -68,6 +68,7 @@ class Link(ABC):
     returns: int = 0
     why: str = ""
     _open: bool = True
+    _fd: int | None = None  # to wait on
 
     @property
     def away(self) -> bool:
@@ -117,7 +118,7 @@ class Link(ABC):
 
     def fileno(self) -> int | None:
         """A descriptor to wait on; None if there is none, and `ready` must be polled."""
-        return None
+        return self._fd if self._open else None
 
     def ready(self) -> bool:
         """Whether `read` would return bytes or raise an error."""
@@ -251,10 +252,7 @@ class FdLink(StreamLink):
     def __init__(self, name: str, fd: int) -> None:
         super().__init__(name)
         os.set_blocking(fd, False)
-        self._fd = fd
-
-    def fileno(self) -> int | None:
-        return self._fd if self._open else None
+        self._fd: int = fd
 
     def _receive(self) -> bytes:
         if data := os.read(self._fd, CHUNK):

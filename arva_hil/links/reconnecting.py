@@ -167,7 +167,6 @@ class ReconnectingLink(Link):
             self._renewed(lasting=False)
 
     def _open_again(self, attempt: Future[Link]) -> None:
-        """Open the link on a thread."""
         try:
             settle = partial(attempt.set_result, self._opener())
         except Exception as error:

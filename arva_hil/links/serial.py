@@ -91,13 +91,10 @@ class PyserialLink(StreamLink):
         super().__init__(name)
         self._port = port
         try:
-            self._fd: int | None = port.fileno()
+            self._fd = port.fileno()
         except (AttributeError, OSError):
             self._fd = None
         self._socket = getattr(port, "_socket", None)  # rfc2217 waits up to 5 s when this one is full
-
-    def fileno(self) -> int | None:
-        return self._fd if self._open else None
 
     def ready(self) -> bool:
         try:
@@ -123,7 +120,6 @@ class PyserialLink(StreamLink):
 
 
 def _open_error(device: str, error: Exception) -> LinkError:
-    """Why a port could not be opened, and the cure."""
     number, text = getattr(error, "errno", None), str(error)
     if number == errno.ENOENT or "FileNotFoundError" in text:  # Windows has only the text
         return Absent(device, "no such port", _existing())

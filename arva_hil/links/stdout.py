@@ -60,7 +60,10 @@ class StdoutLink(Link):
         except BrokenPipeError as error:
             raise ReaderGone(self.name, "the reader of this pipe went away") from error
         except OSError as error:
-            self._cut(self._file, len(data) - len(left))
+            written = len(data) - len(left)
+            with contextlib.suppress(OSError, ValueError):  # the first part of a write that did not fit is removed
+                if written and self._file.tell() == os.fstat(self._file.fileno()).st_size:
+                    self._file.truncate(self._file.tell() - written)
             raise LinkError(self.name, f"cannot be written: {error.strerror or error}") from error
         return True
 
@@ -75,12 +78,6 @@ class StdoutLink(Link):
                 return False
             pause = _ASK_S
         return True
-
-    def _cut(self, file: BinaryIO, size: int) -> None:
-        """Remove the last `size` bytes of a file: the first part of a write that did not fit."""
-        with contextlib.suppress(OSError, ValueError):
-            if size and file.tell() == os.fstat(file.fileno()).st_size:
-                file.truncate(file.tell() - size)
 
 
 def open_stdout() -> StdoutLink:

@@ -26,9 +26,7 @@ class SocketLink(StreamLink):
     def __init__(self, name: str, sock: socket.socket) -> None:
         super().__init__(name)
         self.sock = sock
-
-    def fileno(self) -> int | None:
-        return self.sock.fileno() if self._open else None
+        self._fd = sock.fileno()
 
     def _receive(self) -> bytes:
         return self.sock.recv(CHUNK)
@@ -58,7 +56,10 @@ class TcpLink(SocketLink):
     def __init__(self, host: str, port: int, timeout: float = CONNECT_S, *, answered: bool = False) -> None:
         name = f"tcp:{show(host, port)}"
         try:
-            sock = _connect(host, port, timeout)
+            sock = socket.create_connection((host, port), timeout)
+            if sock.getsockname() == sock.getpeername():  # nobody listens there, and it is connected to itself
+                sock.close()
+                raise ConnectionRefusedError
         except (socket.gaierror, UnicodeError) as error:
             raise _unknown_host(name, host, error) from error
         except ConnectionRefusedError as error:
@@ -70,14 +71,6 @@ class TcpLink(SocketLink):
             raise Absent(name, f"cannot connect: {error.strerror or error}") from error
         super().__init__(name, sock)
         set_up(sock, answered=answered)
-
-
-def _connect(host: str, port: int, timeout: float) -> socket.socket:
-    sock = socket.create_connection((host, port), timeout)
-    if sock.getsockname() == sock.getpeername():  # nobody listens there, and the socket is connected to itself
-        sock.close()
-        raise ConnectionRefusedError
-    return sock
 
 
 def set_up(sock: socket.socket, *, answered: bool) -> None:

@@ -30,13 +30,9 @@ def tlog_record(time_us: int, raw: bytes) -> bytes:
     return time_us.to_bytes(8, "big") + raw
 
 
-def read_tlog(path: str | os.PathLike[str]) -> TlogReader:
-    """Open a log to iterate over its records. Raises LinkError: no such file, a directory, no permission."""
-    return TlogReader(path)
-
-
 class TlogReader(Iterable[Record]):
-    """Iterates once over the records of a log, in the file's order. Skips garbage. Needs little memory.
+    """Iterates once over the records of a log, in the file's order. Skips garbage. Needs little memory. Raises
+    LinkError if it cannot be opened: no such file, a directory, no permission.
 
     Counters, right during the iteration too: `records`; `skipped`: bytes of garbage between records; `torn`: bytes of
     an incomplete last record; `consumed` of `size` bytes. `first_us` and `last_us`: the times of the first and the
@@ -154,7 +150,7 @@ class TlogLink(Link):
         return cls(address.path, how.clock)
 
     def __init__(self, path: str | os.PathLike[str], clock: Clock) -> None:
-        self.reader = read_tlog(path)
+        self.reader = TlogReader(path)
         self.name = self.reader.path
         self._clock = clock
         self._start = clock.now()

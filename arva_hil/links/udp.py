@@ -26,6 +26,7 @@ class _UdpLink(Link):
         family, address = resolve(self.name, host, port, socket.SOCK_DGRAM)
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        self._fd = self._socket.fileno()
         listens = self.scheme == "udpin"
         try:
             (self._socket.bind if listens else self._socket.connect)(address)
@@ -34,10 +35,6 @@ class _UdpLink(Link):
             if listens:
                 raise listen_error(self.name, error, port, "udp") from error
             raise LinkError(self.name, f"cannot be reached: {error.strerror}") from error
-
-    def fileno(self) -> int | None:
-        fd = self._socket.fileno()
-        return fd if fd >= 0 else None
 
     def read(self) -> bytes:
         return b"".join([datagram for datagram, _ in self._datagrams()])
@@ -74,6 +71,7 @@ class _UdpLink(Link):
         return False
 
     def close(self) -> None:
+        self._open = False
         self._socket.close()
 
     def _transmit(self, data: bytes) -> None:
@@ -82,8 +80,7 @@ class _UdpLink(Link):
     def _judge(self, error: OSError) -> None:
         """Raise LinkError if the link is closed. All other errors mean that nobody listens now."""
         self.refusals += error.errno == errno.ECONNREFUSED
-        if self.fileno() is None:
-            raise LinkError(self.name, "is closed") from error
+        self._check_open()
 
 
 class UdpOutLink(_UdpLink):
@@ -135,7 +132,7 @@ class UdpInLink(SeveralSenders, _UdpLink):
             self._socket.sendto(data, self.peer)
             return
         there = self._senders if self._others is None else self._others
-        if not there and self.fileno() is not None:
+        if not there and self._open:
             raise BlockingIOError
         failed: list[OSError] = []
         for receiver in there:

@@ -5,20 +5,5 @@ from .paper import Antennas, PaperReceiver, outputs
 from .reading import ChannelReading, PulseReading, Reading, Zone, with_true_ranges
 from .receiver_model import Answer, Impairment, Look, Pose, ReceiverModel, ReceiverSettings
 
-__all__ = [
-    "Answer",
-    "Antennas",
-    "ChannelReading",
-    "Impairment",
-    "Look",
-    "NoiseKind",
-    "PaperReceiver",
-    "Pose",
-    "PulseReading",
-    "Reading",
-    "ReceiverModel",
-    "ReceiverSettings",
-    "Zone",
-    "outputs",
-    "with_true_ranges",
-]
+__all__ = ["Answer", "Antennas", "ChannelReading", "Impairment", "Look", "NoiseKind", "PaperReceiver", "Pose"]
+__all__ += ["PulseReading", "Reading", "ReceiverModel", "ReceiverSettings", "Zone", "outputs", "with_true_ranges"]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.links import LinkError
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import dialect
 from arva_hil.observers.record.layout import TLOG
 from arva_hil.recordings.lines import RecordingError
@@ -52,7 +52,7 @@ def streams(recording: Recording, vehicle: str = "") -> list[RecordedStream]:
         return []
     counts: Counter[tuple[int, int]] = Counter()  # of message and second
     try:
-        with closing(read_tlog(path)) as log:
+        with closing(TlogReader(path)) as log:
             start_us = None if recording.log_start_s is None else recording.log_start_s * 1e6
             for time_us, raw in log:
                 system, component, message = _head(raw)

@@ -90,11 +90,8 @@ class Session(FollowedVehicle):
         self.senders.look(now)
         if self._signing:
             self._signing.advance(now)
-        if self._passive:
-            self.next_due = math.inf
-            return b""
-        if self._interrupted:
-            self.next_due = now + _POLL_S
+        self.next_due = math.inf if self._passive else now + _POLL_S
+        if self._passive or self._interrupted:
             return b""
         out = b""
         if now >= self._next_heartbeat:
@@ -105,7 +102,6 @@ class Session(FollowedVehicle):
             self._streams.home_wanted = self.home is None
             for message in self._streams.poll(now, self.vehicle.system, self.vehicle.component):
                 out += self.encoder.pack(message)
-        self.next_due = now + _POLL_S
         return out
 
     def interrupt(self, why: str) -> None:

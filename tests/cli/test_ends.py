@@ -24,7 +24,7 @@ from arva_hil.cli.options import CommandParser, module_name
 from arva_hil.cli.outcome import SignalGuard, interrupting, unexpected_error
 from arva_hil.emulator.engine import Emulator
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.observers.record import growing_files
 from arva_hil.runtime.clock import StepClock
 
@@ -81,7 +81,7 @@ def test_signals_one_after_the_other_leave_whole_files(
     run = json.loads((record / "run.json").read_bytes())
     assert (run["ended"], run["exit_code"]) == (number.name, 130)
     assert len(frames_in((record / "frames.bin").read_bytes())) == run["counters"]["frames"]
-    assert len(list(read_tlog(record / "autopilot.tlog"))) == run["counters"]["packets_received"]
+    assert len(list(TlogReader(record / "autopilot.tlog"))) == run["counters"]["packets_received"]
     assert (record / "readings.csv").read_text().count("\n") == 1 + 4 * run["counters"]["frames"]
     assert not os.path.lexists(link)
 
@@ -232,7 +232,7 @@ def test_an_error_on_a_thread_ends_the_command_with_its_cause(
 
 def test_an_error_is_placed_in_this_program() -> None:
     with pytest.raises(TypeError) as caught:
-        read_tlog(None)  # type: ignore[arg-type]
+        TlogReader(None)  # type: ignore[arg-type]
     assert unexpected_error(caught.value).startswith("unexpected TypeError: ")
     assert "(links/tlog.py:" in unexpected_error(caught.value)
     assert unexpected_error(ValueError("of nowhere")) == "unexpected ValueError: of nowhere"

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.links.udp import UdpOutLink
 from arva_hil.recordings import load
 from arva_hil.registry import FORMATS
@@ -125,7 +125,7 @@ def test_two_vehicles_on_terminals_of_their_own_serve_four_ports(start: Start, k
     for name, system in (("alpha", 1), ("bravo", 2)):
         said = run["vehicles"][name]
         assert said["vehicle"]["system"] == system
-        packets = list(read_tlog(record / said["tlog"]))
+        packets = list(TlogReader(record / said["tlog"]))
         assert len(packets) == said["counters"]["packets_received"] > 0
     assert sorted(path.name for path in record.iterdir()) == [
         "alpha",

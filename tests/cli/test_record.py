@@ -16,7 +16,7 @@ import pytest
 from pymavlink import mavutil
 
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.recordings import load
 from firmware_proto import Frame
@@ -133,7 +133,7 @@ def test_sigterm_is_like_ctrl_c(start: Start, autopilot: Autopilot, line: PtyLin
     assert program.ends() == 130
     run = json.loads((tmp_path / "record" / "run.json").read_bytes())
     assert (run["ended"], run["exit_code"]) == ("SIGTERM", 130)
-    records = list(read_tlog(tmp_path / "record" / "autopilot.tlog"))
+    records = list(TlogReader(tmp_path / "record" / "autopilot.tlog"))
     assert len(records) == run["counters"]["packets_received"]
 
 
@@ -220,6 +220,6 @@ def test_a_key_on_the_link_is_not_recorded(start: Start, keep: Keep, line: PtyLi
     program.says("vehicle ardupilotmega")
     program.send(signal.SIGINT)
     assert program.ends() == 130
-    assert len(list(read_tlog(tmp_path / "autopilot.tlog"))) == 1
+    assert len(list(TlogReader(tmp_path / "autopilot.tlog"))) == 1
     assert not any(bytes(key) in data for data in contents(tmp_path).values())
     assert json.loads((tmp_path / "run.json").read_text())["counters"]["packets_received"] == 2

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.observers.record import COLUMNS
 from arva_hil.runtime.clock import RealClock
 
@@ -48,7 +48,7 @@ def test_a_frame_every_ten_seconds_and_killed_the_log_is_there_to_a_second_befor
     assert run["scenario"]["receiver"]["rate_hz"] == 0.1
     assert {"arva-hil", "python"} <= run["versions"].keys()
     assert run["started"].endswith("Z")
-    log = list(read_tlog(str(folder / "autopilot.tlog")))
+    log = list(TlogReader(str(folder / "autopilot.tlog")))
     assert log[-1].time_us > at - LOST_S * 1e6
     with (folder / "readings.csv").open(newline="") as file:
         header, *rows = csv.reader(file)

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tlog import read_tlog, tlog_record
+from arva_hil.links.tlog import TlogReader, tlog_record
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.runtime.clock import RealClock
 from firmware_proto import SYNTHETIC
@@ -51,8 +51,8 @@ def test_its_record_is_complete(arva: Arva, flight: Path, tmp_path: Path) -> Non
     assert [(int(row["d_cm"]), int(row["delta_deg"])) for row in rows] == [
         (channel.d, channel.delta) for frame in frames for channel in frame.channels
     ]
-    assert [record.raw for record in read_tlog(tmp_path / "autopilot.tlog")] == [
-        record.raw for record in read_tlog(flight)
+    assert [record.raw for record in TlogReader(tmp_path / "autopilot.tlog")] == [
+        record.raw for record in TlogReader(flight)
     ]
     run = json.loads(files["run.json"])
     assert (run["ended"], run["exit_code"]) == ("finished", 0)
@@ -115,7 +115,7 @@ def test_every_line_says_which_faults_its_frame_met(arva: Arva) -> None:
 
 
 def test_garbage_and_a_torn_tail_are_passed_over_and_counted(arva: Arva, flight: Path, tmp_path: Path) -> None:
-    records = [tlog_record(*record) for record in read_tlog(flight)]
+    records = [tlog_record(*record) for record in TlogReader(flight)]
     middle = len(records) // 2
     log = tmp_path / "torn.tlog"
     log.write_bytes(b"".join(records[:middle]) + b"\x55" * 100 + b"".join(records[middle:])[:-5])

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from arva_hil.links.pty import PtyLink
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 
 from .far_ends import Autopilot, Program, hears, read_frames, read_until_heard
 
@@ -104,7 +104,7 @@ def test_what_one_run_has_heard_the_next_one_does_not_believe(
     )
     first.says("there is a pose")
     first.stops()
-    heard = [record.raw for record in read_tlog(str(tmp_path / "record" / "autopilot.tlog"))]
+    heard = [record.raw for record in TlogReader(str(tmp_path / "record" / "autopilot.tlog"))]
     replayer = keep(PtyLink())
     second = start("--port", line.path, "--autopilot", replayer.path, "--signing-key", key, "--timeout", 1)
     second.says("frames to")

@@ -29,7 +29,7 @@ from arva_hil.emulator.formats import MavlinkDecoder
 from arva_hil.events import FrameMade
 from arva_hil.faults.sending import resample
 from arva_hil.links import Link, LinkError, memory
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Parser
 from arva_hil.observers.audience import Audience
 from arva_hil.registry import FAULTS
@@ -828,7 +828,7 @@ def test_none_takes_back_what_scenario_and_environment_ask_for(tmp_path: Path, m
 def play(chosen: Scenario, wire: Wire, clock: StepClock | None = None) -> Emulator:
     """The log's frames on a wire."""
     emulator = Emulator([one_vehicle(chosen, Session(passive=True))], start=0.0, look_ahead_s=LOOK_AHEAD_S)
-    replay(emulator, read_tlog(LOG), "autopilot", lambda output: wire.write(output.data), Audience([]), clock=clock)
+    replay(emulator, TlogReader(LOG), "autopilot", lambda output: wire.write(output.data), Audience([]), clock=clock)
     return emulator
 
 

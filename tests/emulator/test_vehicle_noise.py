@@ -121,7 +121,7 @@ def spread(pole_m: float, load: float) -> float:
     of = source(parse(f"spec: 2\ntransmitters: [{{id: 1, ned: [0, 20, 0]}}]\nreceiver: {{{keys}, {noise}}}", "test"))
     of.advance(START + 1000.0, Hovering(motors=load), live=False, ready=lambda t: True)
     for output in of.outputs:
-        of.written(output, True, START + 1000.0, lost=False, vehicle_known=True)
+        of.written(output, True, START + 1000.0, lost=False)
     frames = [event for event in of.events if isinstance(event, FrameMade)]
     field = np.array([f.frame.channels[0].d for f in frames if f.frame.channels[0].valid], float) ** -3
     return float(field.std() / field.mean())
@@ -175,7 +175,7 @@ def test_a_receiver_on_a_rope_lags_behind_swings_and_hangs_lower_than_its_vehicl
     of = source(rope)
     of.advance(START + 10.0, Accelerating(), live=False, ready=lambda t: True)
     for output in of.outputs:
-        of.written(output, True, START + 10.0, lost=False, vehicle_known=True)
+        of.written(output, True, START + 10.0, lost=False)
     made = [event for event in of.events if isinstance(event, FrameMade)]
     off = [(f.pose.position - Accelerating().states(START + f.instant_s)[0].position) for f in made if f.pose]  # type: ignore[union-attr]
     assert [float(np.linalg.norm(one)) for one in off] == pytest.approx([6.0] * len(off))

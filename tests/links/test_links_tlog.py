@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from arva_hil.links import Link, LinkEnded, LinkError
 from arva_hil.links import tlog as tlog_module
-from arva_hil.links.tlog import TlogLink, TlogReader, read_tlog, tlog_record
+from arva_hil.links.tlog import TlogLink, TlogReader, tlog_record
 from arva_hil.links.tlog_timeline import Record
 from arva_hil.runtime.clock import StepClock
 
@@ -55,7 +55,7 @@ def encode(*parts: bytes | Record | list[Record]) -> bytes:
 def read(tmp_path: Path) -> Callable[[bytes], tuple[list[Record], TlogReader]]:
     def go(data: bytes) -> tuple[list[Record], TlogReader]:
         (path := tmp_path / "x.tlog").write_bytes(data)
-        reader = read_tlog(path)
+        reader = TlogReader(path)
         found = list(reader)
         assert reader.records == len(found)
         assert reader.consumed == reader.size == len(data)
@@ -319,7 +319,7 @@ def test_memory_stays_flat_and_progress_is_told(tmp_path: Path) -> None:
     one = encode(records(500))
     path.write_bytes(one * 40 + b"\xaa" * 1_000_000)
     tracemalloc.start()
-    reader = read_tlog(path)
+    reader = TlogReader(path)
     assert (reader.consumed, reader.size) == (0, len(one) * 40 + 1_000_000)
     before = 0
     for _ in reader:
@@ -340,7 +340,7 @@ def test_what_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         ("\0", "cannot be opened"),
     ):
         with pytest.raises(LinkError, match=what) as caught:
-            read_tlog(path)
+            TlogReader(path)
         assert caught.value.link == str(path)
 
     def forbidden(*args: object) -> None:
@@ -349,12 +349,12 @@ def test_what_cannot_be_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("builtins.open", forbidden)
     (tmp_path / "a.tlog").touch()
     with pytest.raises(LinkError, match="permission denied; ls -l"):
-        read_tlog(tmp_path / "a.tlog")
+        TlogReader(tmp_path / "a.tlog")
 
 
 def test_a_disk_that_fails_while_reading(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.tlog").write_bytes(encode(records(3)))
-    reader = read_tlog(tmp_path / "a.tlog")
+    reader = TlogReader(tmp_path / "a.tlog")
 
     class Failing:
         def read(self, size: int) -> bytes:
@@ -369,7 +369,7 @@ def test_a_disk_that_fails_while_reading(tmp_path: Path, monkeypatch: pytest.Mon
 def test_closing_a_reader_early(tmp_path: Path) -> None:
     (tmp_path / "a.tlog").write_bytes(encode(records(3)))
     for started in (False, True):
-        reader = read_tlog(tmp_path / "a.tlog")
+        reader = TlogReader(tmp_path / "a.tlog")
         if started:
             next(iter(reader))
         reader.close()

@@ -14,7 +14,7 @@ import pytest
 
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events import FrameMade, PacketsReceived, StatusReport
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.observers.record import Recorder, RecordError
 from arva_hil.observers.record import growing_files as module
@@ -57,7 +57,7 @@ def made(number: int) -> FrameMade:
 
 
 def in_tlog(folder: Path) -> int:
-    return len(list(read_tlog(str(folder / "autopilot.tlog"))))
+    return len(list(TlogReader(str(folder / "autopilot.tlog"))))
 
 
 @pytest.mark.parametrize("patient", [False, True])

@@ -96,7 +96,7 @@ def frames(of: FrameSource, until: float, *, live: bool = False) -> list[FrameMa
     """Those made until an instant; each is taken."""
     of.advance(until, Vehicle(), live=live, ready=lambda t: True)
     for output in of.outputs:
-        of.written(output, True, until, lost=False, vehicle_known=True)
+        of.written(output, True, until, lost=False)
     made = [event for event in of.events if isinstance(event, FrameMade)]
     of.outputs.clear()
     of.events.clear()

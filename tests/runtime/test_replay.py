@@ -19,7 +19,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from arva_hil.cli.main import main
-from arva_hil.links.tlog import read_tlog, tlog_record
+from arva_hil.links.tlog import TlogReader, tlog_record
 from arva_hil.mavlink.codec import Encoder
 from arva_hil.observers.record import COLUMNS
 
@@ -185,7 +185,7 @@ def test_a_flight_reads_as_it_did_when_it_was_last_looked_at(flight: Path, capfd
 
 def test_a_log_may_stand_for_the_autopilot_and_its_end_is_no_failure(flight: Path, tmp_path: Path) -> None:
     """In real time: the piece is cut to its first three seconds."""
-    with closing(read_tlog(flight)) as log, (tmp_path / "short.tlog").open("wb") as short:
+    with closing(TlogReader(flight)) as log, (tmp_path / "short.tlog").open("wb") as short:
         for record in log:
             if log.first_us is not None and record.time_us < log.first_us + 3_000_000:
                 short.write(tlog_record(*record))

@@ -27,7 +27,7 @@ from arva_hil.events.vehicles import (
     VehicleRebooted,
 )
 from arva_hil.field import LocalFrame
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.observers.console.reasons import no_pose, no_vehicle
 from arva_hil.vehicle.reasons import NoPose, NoVehicle
@@ -734,7 +734,7 @@ class Read:
         self.home = RECORDED[path.stem][3]
         codec = dialect.MAVLink(None)
         positions, attitudes, angles = [(-1.0,) * 7], [-1.0], []
-        for record in read_tlog(path):
+        for record in TlogReader(path):
             message = codec.decode(bytearray(record.raw))
             kind = message.get_type()
             boot = getattr(message, "time_boot_ms", 0) / 1e3
@@ -759,7 +759,7 @@ def test_a_recorded_flight_is_read_in_full(flight: Path) -> None:
     session = Session(passive=True)
     poses = set()
     seen = 0
-    for record in read_tlog(flight):
+    for record in TlogReader(flight):
         seen += len(session.feed(record.raw, record.time_s))
         poses.add(session.track.newest)
     vehicle = session.vehicle
@@ -780,7 +780,7 @@ def test_its_poses_are_those_of_an_independent_reading(flight: Path) -> None:
     frame = LocalFrame(*read.home)
     session = Session(passive=True)
     compared = 0
-    for i, record in enumerate(read_tlog(flight)):
+    for i, record in enumerate(TlogReader(flight)):
         session.feed(record.raw, record.time_s)
         newest = session.track.newest
         if i % 97 or newest is None:
@@ -804,7 +804,7 @@ def test_its_poses_are_fresh_while_it_plays(flight: Path) -> None:
     frame = LocalFrame(*RECORDED[flight.stem][3])
     oldest = {"arducopter": 0.55, "px4": 0.2}[flight.stem]
     ages = []
-    for record in read_tlog(flight):
+    for record in TlogReader(flight):
         state = session.state_at(record.time_s, frame)
         if state is not None:
             ages.append(state.age_s)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from arva_hil.links.tlog import read_tlog
+from arva_hil.links.tlog import TlogReader
 from arva_hil.vehicle.session import Session
 from tools.bench.table import Row, ratio
 from tools.bench.timing import COMMAND, cpu_of_command, figure_of
@@ -24,7 +24,7 @@ print(time.process_time() - start)
 
 
 def rows(flight: Path) -> Iterator[Row]:
-    records = [record.raw for record in read_tlog(flight)]
+    records = [record.raw for record in TlogReader(flight)]
 
     def track() -> float:
         session, start = Session(passive=True), time.process_time()
