@@ -281,7 +281,8 @@ def examines(words: list[str], bench: Bench, environment: dict[str, str]) -> Non
 
 
 def ends(words: list[str], bench: Bench, environment: dict[str, str]) -> None:
-    """A command that ends by itself, and well. A campaign's trials are listed, not flown."""
+    """A command that ends by itself, and well. A campaign lists its trials, a range test walks twice."""
     found = [sorted(map(str, bench.folder.glob(word))) if "*" in word else [word] for word in words]
     words = [word for several in found for word in several]
-    bench.ends(*words, *(["--dry-run"] if words[0] == "campaign" else []), **environment)
+    shorter = {"campaign": ["--dry-run"], "range-test": ["--walks", "2"]}
+    bench.ends(*words, *shorter.get(words[0], []), **environment)
