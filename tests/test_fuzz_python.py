@@ -47,7 +47,7 @@ def damaged(seeds: list[bytes], count: int) -> list[bytes]:
 
 
 @pytest.mark.parametrize(
-    ("target", "count"), [("loader", 250), ("session", 250), ("decoder", 2000), ("commands", 1000), ("log", 300)]
+    ("target", "count"), [("loader", 120), ("session", 150), ("decoder", 1000), ("commands", 1000), ("log", 150)]
 )
 def test_what_has_to_hold_holds_on_the_seeds_and_on_damaged_ones(target: str, count: int) -> None:
     body, seeds = targets.TARGETS[target]

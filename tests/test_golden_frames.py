@@ -31,12 +31,14 @@ SEEDS: Final = (1, 2, 3)
 BYTE_FAULTS: Final = ("truncate=0.2", "drop_bytes=0.01", "insert_bytes=0.01", "flip_bytes=0.01", "corrupt=0.1")
 
 
-def sums_of(flight: Path, scenario: str, folder: Path) -> Iterator[tuple[str, str]]:
-    """Every case's name and the SHA-256 of its frames."""
+def sums_of(flight: Path, scenario: str, folder: Path, *, every: bool = True) -> Iterator[tuple[str, str]]:
+    """Every case's name and the SHA-256 of its frames. Not `every`: all seeds of one format, one of the others."""
     faults = [word for fault in BYTE_FAULTS for word in ("--fault", fault)]
     formats = FORMATS[:-1] if scenario == "faults" else FORMATS  # text has no status bits to set
     extra: dict[str, list[str]] = {"": [], "+bytes": faults} if scenario == "default" else {"": []}
     for format, seed, (more, options) in product(formats, SEEDS, extra.items()):
+        if not every and format != FORMATS[0] and seed != SEEDS[0]:
+            continue
         out = folder / "frames"
         words = ["replay", flight, "--scenario", CONFIGS / f"{scenario}.yaml", "--format", format, "--seed", seed]
         assert main([str(word) for word in [*words, *options, "--out", out]]) == 0
@@ -54,7 +56,7 @@ def test_the_same_flight_scenario_and_seed_give_the_same_bytes(flight: str, scen
     path = (WHOLE_FOLDER if flight in WHOLE else DATA) / f"{flight}.tlog"
     if not path.exists():
         pytest.skip(f"{path.name} is not part of the project: ARVA_HIL_FLIGHTS names its folder")
-    made = dict(sums_of(path, scenario, tmp_path))
+    made = dict(sums_of(path, scenario, tmp_path, every=flight in WHOLE))
     expected = kept()
     assert made == {name: expected[name] for name in made}
 

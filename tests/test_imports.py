@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import sys
 from pathlib import Path
 
@@ -239,19 +240,24 @@ def files(room: str) -> list[Path]:
     return [path] if path.suffix == ".py" else sorted(path.rglob("*.py"))
 
 
-def imports(path: Path) -> set[str]:
+@functools.cache
+def parsed(path: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(ast.parse(path.read_text())))
+
+
+@functools.cache
+def imports(path: Path) -> frozenset[str]:
     """Absolute names of all that a file imports, wherever in it."""
     package = ".".join(path.relative_to(ROOT).parent.parts)
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in parsed(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             above = package.rsplit(".", node.level - 1)[0] + "." if node.level else ""
             name = f"{above}{node.module or ''}".rstrip(".")
             found |= {f"{name}.{alias.name}" for alias in node.names} if name == "arva_hil" else {name}
-    found.discard("__future__")
-    return found
+    return frozenset(found - {"__future__"})
 
 
 def within(name: str, allowed: set[str]) -> bool:
@@ -289,7 +295,7 @@ def test_what_is_printed_goes_through_one_place() -> None:
     printers = {
         str(path.relative_to(ROOT))
         for path in files("arva_hil")
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in parsed(path)
         if (isinstance(node, ast.Name) and node.id == "print")
         or (
             isinstance(node, ast.Attribute)

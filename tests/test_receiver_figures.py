@@ -18,8 +18,8 @@ def test_a_figure_is_within_its_tolerance(name: str) -> None:
 
 
 def test_pulses_of_several_sets_touch_as_often_as_the_table_says() -> None:
-    """Of a third of the trials of the tool, with its tolerances."""
-    rows = list(overlaps(1000))
+    """Of some of the trials of the tool, with its tolerances."""
+    rows = list(overlaps(400))
     assert [row for row in rows if not row.good] == []
     assert all(row.source.startswith(OURS) for row in rows)
 

@@ -86,7 +86,7 @@ def test_such_a_kill_leaves_a_part_of_a_row_and_the_journal_to_take_it_back(tmp_
     assert (tmp_path / JOURNAL).stat().st_size
 
 
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(st.permutations(range(len(ROWS))))
 def test_the_table_is_the_same_whatever_the_order_of_the_ends(order: list[int]) -> None:
     with TemporaryDirectory() as name:
@@ -133,7 +133,7 @@ def test_a_trial_that_failed_is_run_again_and_its_row_replaced(tmp_path: Path) -
         assert results.rows == {KEYS[0]: ROWS[0], KEYS[1]: ROWS[1]}
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(
     st.builds(
         Result,
@@ -241,7 +241,7 @@ def test_a_damaged_database_is_said_and_left_as_it_is(tmp_path: Path, data: byte
     assert (tmp_path / NAME).read_bytes() == data
 
 
-@settings(max_examples=50)
+@settings(max_examples=40)
 @given(st.integers(0, len(WHOLE) - 1), st.integers(1, 255))
 def test_whatever_byte_is_wrong_there_are_rows_or_a_clear_error(at: int, flip: int) -> None:
     data = bytearray(WHOLE)

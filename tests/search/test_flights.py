@@ -91,7 +91,7 @@ class Flight:
 # -- the ground --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("height", "seed"), [(1.0, 0), (1.0, 2), (3.0, 0), (3.0, 1)])
+@pytest.mark.parametrize(("height", "seed"), [(1.0, 0), (1.0, 2), (3.0, 0), (3.0, 4)])
 def test_the_ground_is_not_touched_though_the_position_wanders(height: float, seed: int) -> None:
     flight = Flight("estimate", gps_noise_m=1.5, height=height, seed=seed)
     assert flight.outcome.kind == "found"
@@ -109,7 +109,7 @@ def test_without_a_rangefinder_the_barometer_keeps_it_up(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_with_gps_alone_it_flies_higher(seed: int) -> None:
-    flight = Flight("estimate", gps_noise_m=1.5, seed=seed, sensors=0, limit_s=90.0)
+    flight = Flight("estimate", gps_noise_m=1.5, seed=seed, sensors=0, limit_s=45.0)
     assert flight.lowest > 1.5
     assert flight.height_sources == ["GPS"]
     assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
@@ -170,7 +170,7 @@ def test_mounted_aside_with_late_readings_and_a_position_that_wanders_no_find_is
 @pytest.mark.parametrize("strategy", STRATEGIES)
 @pytest.mark.parametrize("fault", ["{stuck: true, from_s: 25}", "{delay_s: 5}"])
 def test_what_is_found_lies_there_or_is_not_called_found(strategy: str, fault: str) -> None:
-    flight = Flight(strategy, f"faults: [{fault}]", limit_s=300.0)
+    flight = Flight(strategy, f"faults: [{fault}]", limit_s=200.0)
     assert flight.touchdown[2] == pytest.approx(0.0, abs=0.05)
     if flight.outcome.kind == "found":
         assert flight.off is not None

@@ -80,7 +80,7 @@ def test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing(
         "failed",
         TAKEN.format("position" if flown else "LOITER"),
     )
-    world.pass_s(20)
+    world.pass_s(5)
     assert world.orders(goes_on) == []
 
 
