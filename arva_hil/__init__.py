@@ -6,9 +6,8 @@ Names are imported when they are first used. `docs/howto/python.md` has examples
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
-
-from arva_hil.lazy_names import lazy_names
+import importlib
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from arva_hil.api import load_scenario, replay, run_live
@@ -69,7 +68,13 @@ __all__ += ["Answer", "Antennas", "ChannelReading", "Look", "PaperReceiver", "Po
 __all__ += ["ReceiverModel", "ReceiverSettings"]
 __all__ += ["Found", "Observation", "Session", "SimulatedVehicle", "Strategy"]
 
-__getattr__ = lazy_names(__name__, _MODULES)
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name in names.split():
+            value = globals()[name] = getattr(importlib.import_module(f"{__name__}.{module}"), name)
+            return value
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

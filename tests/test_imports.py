@@ -14,7 +14,6 @@ ROOMS = {  # a room → what of ours it may import
     "firmware_proto": {"firmware_proto"},
     "arva_hil/errors.py": set(),
     "arva_hil/registry.py": set(),
-    "arva_hil/lazy_names.py": set(),
     "arva_hil/ranges.py": set(),
     "arva_hil/safe_text.py": set(),
     "arva_hil/files.py": set(),

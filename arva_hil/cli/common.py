@@ -9,12 +9,12 @@ import gc
 import itertools
 import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from arva_hil.cli import outcome
 from arva_hil.cli.outcome import Failure, SignalGuard, UsageError
-from arva_hil.cli.summary import NO_COUNTERS, RunCounters, as_dict, known_at_start, summary_lines
+from arva_hil.cli.summary import as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.watchers import close_all, live_observers, page_of_run
 from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, parts_of_spec_2
@@ -168,12 +168,8 @@ class Run:
         render = functools.partial(as_json, named=several) if options.json else plain if lines else None
         self._lines = LinePrinter(open_stdout(), render, patient=patient) if render else None
         self.page = page_of_run(kind, options, chosen, self.printer.say, named=several)
-        every = (self.printer, self._lines, self._recorder, self.page)
-        self.observers: list[Observer] = [
-            self,
-            *(observer for observer in every if observer is not None),
-            *self._plug_ins,
-        ]
+        every: tuple[Observer | None, ...] = (self.printer, self._lines, self._recorder, self.page)
+        self.observers: list[Observer] = [self, *filter(None, every), *self._plug_ins]
         self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and what was heard instead
         for line in describe(chosen):
             self.printer.say(line)
@@ -214,8 +210,17 @@ class Run:
     def _none_appeared(self) -> bool:
         return len(self._missing) == self._vehicles
 
-    def drive(self, emulator: Emulator, loop: Callable[[], None], links: RunCounters = NO_COUNTERS) -> int:
-        """Run `loop` until it ends, fails or a signal comes. Writes record and summary; returns the exit code."""
+    def drive(
+        self,
+        emulator: Emulator,
+        loop: Callable[[], None],
+        counts: Callable[[], Mapping[str, int]] = dict,
+        lines: Callable[[], list[str]] = list,
+    ) -> int:
+        """Run `loop` until it ends, fails or a signal comes. Writes record and summary; returns the exit code.
+
+        `counts`, `lines`: what there is to say of the links at the end, for run.json and for a person.
+        """
         failure = None
         gc.freeze()  # otherwise the garbage collector visits all objects of the start-up, which takes 20 ms
         try:
@@ -236,9 +241,9 @@ class Run:
                 for line in outcome.traceback_lines(error):
                     self.printer.say(line)
         self._guard.ending = True
-        return self._finish(emulator, failure, links)
+        return self._finish(emulator, failure, counts(), lines())
 
-    def _finish(self, emulator: Emulator, failure: Failure | None, links: RunCounters) -> int:
+    def _finish(self, emulator: Emulator, failure: Failure | None, counts: Mapping[str, int], lines: list[str]) -> int:
         caught = self._guard.caught
         self.printer.settle(StatusReport(self._now, [vehicle.status(self._now) for vehicle in emulator.vehicles]))
         if self._lines and (why := self._lines.close()) and not failure and not caught:
@@ -251,11 +256,11 @@ class Run:
                 code, how = outcome.FAILED, self._recorder.error
             try:
                 about = {"ended": how, "exit_code": code, **self._known}
-                self._recorder.close(about | as_dict(emulator, links, self._layout))
+                self._recorder.close(about | as_dict(emulator, counts, self._layout))
             except RecordError as error:
                 code = code or outcome.FAILED
                 said.append(Notice("error", str(error)))
-        for line in summary_lines(emulator, links):
+        for line in summary_lines(emulator) + lines:
             self.printer.say(line)
         for notice in said:
             self.printer.notice(notice)

@@ -13,7 +13,6 @@ from contextlib import ExitStack, closing
 from arva_hil.cli import common
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.run_links import refuse_own
-from arva_hil.cli.summary import RunCounters
 from arva_hil.cli.terminal import bar, tell
 from arva_hil.config import Scenario
 from arva_hil.emulator.emulated_vehicle import VehicleSetup
@@ -89,7 +88,7 @@ def main(options: argparse.Namespace) -> int:
                 stopped=surroundings.stopped,
             )
 
-        return surroundings.drive(emulator, loop, RunCounters(tally.counts, tally.summary_lines))
+        return surroundings.drive(emulator, loop, tally.counts, tally.summary_lines)
 
 
 def _vehicles(options: argparse.Namespace, chosen: Scenario) -> list[VehicleSetup]:

@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
 from arva_hil.cli.run_links import chosen_sides, signing
-from arva_hil.cli.summary import RunCounters, lost_links
+from arva_hil.cli.summary import lost_links
 from arva_hil.cli.terminal import tell
 from arva_hil.emulator.engine import Emulator
 from arva_hil.fleet_links import live_vehicles
@@ -75,4 +75,4 @@ def main(options: argparse.Namespace) -> int:
             with closing(watchdog):
                 run([live, watchdog], clock, until=until, stopped=surroundings.stopped)
 
-        return surroundings.drive(emulator, loop, RunCounters(live.counts, lambda: lost_links(live)))
+        return surroundings.drive(emulator, loop, live.counts, lambda: lost_links(live))

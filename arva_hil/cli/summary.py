@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import platform
 import sys
-from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Final
 
 from arva_hil import __version__
 from arva_hil.config import Scenario, to_dict
@@ -19,16 +19,6 @@ from arva_hil.runtime.drivers import Live
 from arva_hil.vehicle.session import Session
 
 _OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
-
-
-class RunCounters(NamedTuple):
-    """Counters of a run's links: for run.json, and in lines for a person."""
-
-    counts: Callable[[], Mapping[str, int]] = dict
-    lines: Callable[[], list[str]] = list
-
-
-NO_COUNTERS: Final = RunCounters()
 
 
 def lost_links(live: Live) -> list[str]:
@@ -67,12 +57,11 @@ def is_one(emulator: Emulator) -> bool:
     return sum(len(vehicle.sources) for vehicle in emulator.vehicles) == 1
 
 
-def as_dict(emulator: Emulator, links: RunCounters, layout: RecordLayout) -> dict[str, Any]:
-    """The entries of run.json for vehicles, receivers and links at the end."""
-    counts = dict(links.counts())
+def as_dict(emulator: Emulator, counts: Mapping[str, int], layout: RecordLayout) -> dict[str, Any]:
+    """The entries of run.json for vehicles and receivers at the end, and the `counts` of their links."""
     if is_one(emulator):
         (vehicle,) = emulator.vehicles
-        return _vehicle(vehicle) | {"counters": counters(emulator) | counts}
+        return _vehicle(vehicle) | {"counters": {**counters(emulator), **counts}}
     return {
         "vehicles": {
             vehicle.name: {
@@ -84,7 +73,7 @@ def as_dict(emulator: Emulator, links: RunCounters, layout: RecordLayout) -> dic
             }
             for vehicle in emulator.vehicles
         },
-        "counters": counts,
+        "counters": dict(counts),
     }
 
 
@@ -109,7 +98,7 @@ def counters(emulator: Emulator) -> dict[str, Any]:
     return {**_receiver(source), **vehicle.session.counts(), "faults": source.fault_counts()}
 
 
-def summary_lines(emulator: Emulator, links: RunCounters) -> list[str]:
+def summary_lines(emulator: Emulator) -> list[str]:
     """The summary for a person."""
     one, lines = is_one(emulator), list[str]()
     for vehicle in emulator.vehicles:
@@ -118,7 +107,7 @@ def summary_lines(emulator: Emulator, links: RunCounters) -> list[str]:
             lines.append(of + _frames(source))
             lines += [of + line for line in _mishaps(source)]
         lines += [line if one else f"{vehicle.name}: {line}" for line in _heard(vehicle.session)]
-    return lines + links.lines()
+    return lines
 
 
 def _frames(source: FrameSource) -> str:

@@ -6,7 +6,6 @@ import math
 import os
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Final
 
 from arva_hil.config import DEFAULT
@@ -33,6 +32,7 @@ _POSE: Final = {
     "GLOBAL_POSITION_INT": (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,),
     "ATTITUDE": (dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION),
 }
+_READ: Final = (dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
 
 
 class AutopilotProbe:
@@ -57,7 +57,6 @@ class AutopilotProbe:
         self._first = first
         self._old = self._signed = 0
         self._sources: dict[tuple[int, int], Source] = {}
-        self._first_heard: dict[tuple[int, int], float] = {}  # of those
         self._times: dict[int, deque[float]] = defaultdict(lambda: deque(maxlen=4096))
         self._counts: Counter[int] = Counter()
         self._offsets: deque[tuple[float, float]] = deque(maxlen=4096)  # host time, host − boot
@@ -116,32 +115,25 @@ class AutopilotProbe:
                 return
             kind, pilot = short_name("MAV_TYPE", message.type), is_autopilot(message)
             name = f"{short_name('MAV_AUTOPILOT', message.autopilot)} {kind}" if pilot else kind
-            self._sources[key], self._first_heard[key] = Source(*key, name, pilot, 0, None), now
-        known, first = self._sources[key], self._first_heard[key]
-        hz = known.count / (now - first) if now > first else None
-        self._sources[key] = replace(known, count=known.count + 1, hz=hz)
+            self._sources[key] = Source(*key, name, pilot, 0, None, now)
+        source = self._sources[key]
+        source.hz = source.count / (now - source.first_s) if now > source.first_s else None
+        source.count += 1
 
     def _on_vehicle(self, packet: Packet, now: float) -> None:
-        if any(packet.msgid in ids for ids in _POSE.values()):
+        of_pose = any(packet.msgid in ids for ids in _POSE.values())
+        if of_pose:
             self._counts[packet.msgid] += 1
             self._times[packet.msgid].append(now)
-            if (message := self.session.parser.decode(packet)) is not None:
-                self._offsets.append((now, now - message.time_boot_ms / 1e3))
+        message = self.session.parser.decode(packet) if of_pose or packet.msgid in _READ else None
+        if message is None:
+            return
+        if of_pose:
+            self._offsets.append((now, now - message.time_boot_ms / 1e3))
         elif packet.msgid == dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
-            if (message := self.session.parser.decode(packet)) is not None:
-                self.fix = (
-                    f"GPS {short_name('GPS_FIX_TYPE', message.fix_type)}, {message.satellites_visible} satellites"
-                )
-        elif packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_ACK:
-            message = self.session.parser.decode(packet)
-            if (
-                message is not None
-                and message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL
-                and self.session.answers_us(message)
-            ):
-                self._acks[RESULTS.get(message.result, f"result {message.result}")] += 1
-
-    # -- results ----------------------------------------------------------------------------------
+            self.fix = f"GPS {short_name('GPS_FIX_TYPE', message.fix_type)}, {message.satellites_visible} satellites"
+        elif message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and self.session.answers_us(message):
+            self._acks[RESULTS.get(message.result, f"result {message.result}")] += 1
 
     def traffic(self, now: float) -> Traffic:
         session, parser = self.session, self.session.parser
@@ -199,25 +191,24 @@ class PortProbe:
         self._out = link if address else None
         self.links: Sequence[Link] = [link] if address else []
         self._address = address
+        self._traffic = PortTraffic(*(address.kind, str(address)) if address else ("mavlink", ""))
         self._receiver = receiver(DEFAULT)
         self._next = start
         self._sequence = 0
-        self._taken = self._dropped = self._answered = 0
         self._refusals = 0  # before the last frame; the consumer may have come since
-        self._lost = ""
 
     def service(self, clock: Clock) -> float:
         now = clock.now()
-        if self._lost:
+        if self._traffic.lost:
             return now + 1.0
         try:
             if self._out:
-                self._answered += len(self._out.read())
+                self._traffic.answered += len(self._out.read())
             if now >= self._next:
                 self._next = now + _FRAME_S
                 self._send(now)
         except LinkError as error:
-            self._lost, self.links = str(error), []
+            self._traffic.lost, self.links = str(error), []
         return self._next
 
     def _send(self, now: float) -> None:
@@ -227,20 +218,18 @@ class PortProbe:
         if data:
             sent = self._link.write(data)
             self._refusals = self._out.refusals if self._out else 0
-            self._taken += sent
-            self._dropped += not sent
+            self._traffic.taken += sent
+            self._traffic.dropped += not sent
 
     def traffic(self) -> PortTraffic:
         """How many frames were accepted, and which programs are at the other end."""
-        kind, name = (self._address.kind, str(self._address)) if self._address else ("mavlink", "")
-        seen: list[str] = []
-        waiting = 0
+        traffic = self._traffic
         if isinstance(self._out, PtyLink):
-            name = self._out.symlink or self._out.path
+            traffic.name = self._out.symlink or self._out.path
             own = str(os.getpid())
-            seen = [who for who in holders(self._out.path) if who.split()[0] != own]
-            waiting = unread(self._out.path)
-        elif self._address and kind == "serial" and (program := far_program(self._address.path)):
-            seen = [program]
-        refused = self._out is not None and self._out.refusals > self._refusals
-        return PortTraffic(kind, name, self._taken, self._dropped, self._answered, seen, waiting, refused, self._lost)
+            traffic.seen = [who for who in holders(self._out.path) if who.split()[0] != own]
+            traffic.unread = unread(self._out.path)
+        elif self._address and traffic.kind == "serial" and (program := far_program(self._address.path)):
+            traffic.seen = [program]
+        traffic.refused = self._out is not None and self._out.refusals > self._refusals
+        return traffic

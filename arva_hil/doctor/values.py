@@ -31,7 +31,7 @@ class Traffic:
     refused: Mapping[str, int] | None = None  # for their signature, by why; None without a key
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class Source:
     """A sender of heartbeats. `hz`: None if only one came; `pilot`: whether it is an autopilot."""
 
@@ -41,6 +41,7 @@ class Source:
     pilot: bool
     count: int
     hz: float | None
+    first_s: float = 0.0  # when the first one came
 
     def __str__(self) -> str:
         rate = f" at {self.hz:.1f} Hz" if self.hz is not None else ""
@@ -63,14 +64,14 @@ class StreamRate:
     promised: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PortTraffic:
     """Traffic on the port. `kind`: a link's, or mavlink; `seen`: programs at the other end; `unread`: bytes there."""
 
     kind: str
     name: str
-    taken: int
-    dropped: int
+    taken: int = 0
+    dropped: int = 0
     answered: int = 0  # bytes that came back
     seen: Sequence[str] = ()
     unread: int = 0

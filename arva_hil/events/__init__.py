@@ -30,51 +30,45 @@ class ObserverFailed(Event):
 
 
 class LinkEvent(Event):
-    """`link`: the link's name in the engine."""
+    """`link`: the link's name in the engine. `address`: its connection string."""
 
     link: str
+    address: str
 
 
 class LinkLost(LinkEvent):
-    """A link is lost. `address`: its connection string. `reason`: its error, with the cure."""
+    """A link is lost. `reason`: its error, with the cure."""
 
-    address: str
     reason: str
 
 
 class LinkBlocked(LinkEvent):
     """A lost link cannot be opened again. `reason`: why, e.g. another program has the port."""
 
-    address: str
     reason: str
 
 
 class LinkThere(LinkEvent):
     """A link that was not there at the start of the run is open now."""
 
-    address: str
-
 
 class LinkBack(LinkEvent):
     """A lost link is open again. `away_s`: how long it was lost."""
 
-    address: str
     away_s: float
 
 
 class StrangersIgnored(LinkEvent):
     """Other senders than the link's peer are ignored; `stranger` is the first. Once for each link."""
 
-    address: str
     stranger: str
 
 
-class PacketsReceived(LinkEvent):
-    """All packets of one chunk, of every sender, also those that are not used.
+class PacketsReceived(Event):
+    """All packets of one chunk on the engine's `link`, of every sender, also those that are not used. `later`: the
+    chunks that came on the link before anything else happened, each with its time."""
 
-    `later`: the chunks that came on the link before anything else happened, each with its time.
-    """
-
+    link: str
     packets: Sequence[Packet]
     later: Sequence[tuple[float, Sequence[Packet]]] = ()
 
@@ -93,10 +87,8 @@ class LogClockSet(Event):
 
 
 class FollowedSystemSilent(Event):
-    """No pose of MAVLink system `system` is heard on any link. Transmitters that follow it are silent.
-
-    `was_heard`: whether it was heard before.
-    """
+    """No pose of MAVLink system `system` is heard on any link. Transmitters that follow it are silent. `was_heard`:
+    whether it was heard before."""
 
     system: int
     was_heard: bool
@@ -116,11 +108,9 @@ class ReceiverEvent(Event):
 
 
 class FrameMade(ReceiverEvent):
-    """One frame: its instant, the reading, the pose of this reading, and the frame's content.
-
-    `pose`: the receiver's true pose. `reported_pose`: its pose by the vehicle's reported pose; the same object if the
-    reported pose counts as true.
-    """
+    """One frame: its instant, the reading, the pose of this reading, and the frame's content. `pose`: the receiver's
+    true pose. `reported_pose`: its pose by the vehicle's reported pose; the same object if the reported pose counts as
+    true."""
 
     number: int  # 0…
     instant_s: float  # from the start of the run
@@ -143,9 +133,7 @@ class BytesSent(ReceiverEvent):
 
 class CommandReceived(ReceiverEvent):
     """The receiver obeys a command of its host, or refuses it. Commands that it has no time for are only counted.
-
-    `number`: the host's; `name`: e.g. "mark".
-    """
+    `number`: the host's; `name`: e.g. "mark"."""
 
     number: int
     name: str
@@ -197,11 +185,9 @@ class PoseMissing(ReceiverEvent):
 
 
 class TooFar(ReceiverEvent):
-    """The receiver is too far from all transmitters to hear one. Once for each datum.
-
-    `from_datum_m`: horizontal distance; `nearest_m`: distance to the nearest transmitter; `fixed`: the scenario gives
-    the datum, so it is not the vehicle's home.
-    """
+    """The receiver is too far from all transmitters to hear one. Once for each datum. `from_datum_m`: horizontal
+    distance; `nearest_m`: distance to the nearest transmitter; `fixed`: the scenario gives the datum, so it is not the
+    vehicle's home."""
 
     from_datum_m: float
     nearest_m: float
@@ -215,10 +201,8 @@ class VehicleEvent(Event):
 
 
 class DatumSet(VehicleEvent):
-    """The vehicle has a new datum, the origin of the scenario: degrees, degrees, metres AMSL.
-
-    `reason`: why the datum has changed, "" for the first one.
-    """
+    """The vehicle has a new datum, the origin of the scenario: degrees, degrees, metres AMSL. `reason`: why the datum
+    has changed, "" for the first one."""
 
     lat: float
     lon: float
@@ -227,10 +211,8 @@ class DatumSet(VehicleEvent):
 
 
 class GroundMissing(VehicleEvent):
-    """Transmitters with a depth are silent, because nobody has told the height of the ground there.
-
-    `ids`: theirs; `terrain`: the file of the grid, or "autopilot".
-    """
+    """Transmitters with a depth are silent, because nobody has told the height of the ground there. `ids`: theirs;
+    `terrain`: the file of the grid, or "autopilot"."""
 
     ids: Sequence[int]
     terrain: str
@@ -253,10 +235,8 @@ class StatusReport(Event):
 
 
 class VehicleStatus(Frozen):
-    """`label`: the kind of vehicle and its ids, "" before it is found. `rates`: Hz by message name.
-
-    `counters`: what was heard of it and what of that was not used, by name, from the start.
-    """
+    """`label`: the kind of vehicle and its ids, "" before it is found. `rates`: Hz by message name. `counters`: what
+    was heard of it and what of that was not used, by name, from the start."""
 
     name: str
     label: str
@@ -267,9 +247,7 @@ class VehicleStatus(Frozen):
 
 class ReceiverStatus(Frozen):
     """`frames`: the number of frames to send; `dropped`: those nobody took. `last`: the newest, None if none.
-
-    `transmitters`: at the receiver's newest look, NED from the vehicle's datum; None before the first.
-    """
+    `transmitters`: at the receiver's newest look, NED from the vehicle's datum; None before the first."""
 
     name: str
     last: FrameMade | None

@@ -26,10 +26,8 @@ class WaitingFor(SearchEvent):
 
 
 class FailsafesKnown(SearchEvent):
-    """The vehicle's failsafe `parameters`: (name, value). They say what it does if it gets no orders.
-
-    `autopilot`: the kind of autopilot. Parameters that it did not report are left out.
-    """
+    """The vehicle's failsafe `parameters`: (name, value). They say what it does if it gets no orders. `autopilot`: the
+    kind of autopilot. Parameters that it did not report are left out."""
 
     autopilot: Literal["ardupilot", "px4"]
     parameters: Sequence[tuple[str, float]]
@@ -49,10 +47,8 @@ class ArmingAllowed(SearchEvent):
 
 
 class ConsentNeeded(SearchEvent):
-    """In a dry run: the vehicle is not known to be a simulator, and would be flown only if somebody says so.
-
-    `asked`: a person would be asked at the terminal; else there is nobody, and --yes is needed.
-    """
+    """In a dry run: the vehicle is not known to be a simulator, and would be flown only if somebody says so. `asked`: a
+    person would be asked at the terminal; else there is nobody, and --yes is needed."""
 
     label: str
     asked: bool
@@ -162,8 +158,7 @@ class TakeOffPoint(SearchEvent):
 
 class FrameHeard(SearchEvent):
     """A frame of the receiver, at most 10 a second. `position`: the receiver's by the vehicle's pose, NED;
-    `heading_deg`: its x axis, from north. None while there is no take-off point or no pose.
-    """
+    `heading_deg`: its x axis, from north. None while there is no take-off point or no pose."""
 
     frame: Frame
     position: tuple[float, float, float] | None
@@ -198,11 +193,9 @@ class TransmitterFaded(TransmitterEvent):
 
 
 class BeliefChanged(TransmitterEvent):
-    """What the strategy believes now, at most twice a second. Only strategies that tell it have one.
-
-    `hypotheses`: places (north_m, east_m) and their shares, which add up to 1. `covariance`: of the place that they
-    give on average, m², (nn, ne, ee), None if it is not known. `goal`: (north_m, east_m) of where it flies to, or None.
-    """
+    """What the strategy believes now, at most twice a second. Only strategies that tell it have one. `hypotheses`:
+    places (north_m, east_m) and their shares, which add up to 1. `covariance`: of the place that they give on average,
+    m², (nn, ne, ee), None if it is not known. `goal`: (north_m, east_m) of where it flies to, or None."""
 
     hypotheses: Sequence[tuple[float, float, float]]
     covariance: tuple[float, float, float] | None
@@ -219,11 +212,9 @@ class PlaceFound(TransmitterEvent):
 
 
 class VictimNoted(TransmitterEvent):
-    """A search for several transmitters has noted one, the `number`-th of `wanted` (None: of all).
-
-    `marked`: by the receiver. `left`: how many more are heard, None if frames carry no ids; `more`: the receiver hears
-    more than it shows.
-    """
+    """A search for several transmitters has noted one, the `number`-th of `wanted` (None: of all). `marked`: by the
+    receiver. `left`: how many more are heard, None if frames carry no ids; `more`: the receiver hears more than it
+    shows."""
 
     number: int
     wanted: int | None
@@ -280,14 +271,12 @@ class TooLow(SearchEvent):
 
 
 class HeightSource(SearchEvent):
-    """The source of the height above the ground has changed.
-
-    "rangefinder"; "estimate": there is no rangefinder, the height is above the take-off point; "highest ground": the
-    rangefinder gives no usable values any more, the height is above the highest ground that it measured; "GPS": there
-    is no rangefinder and no barometer, and the vehicle flies `margin_m` higher than asked; "terrain": there is no
-    rangefinder, and the ground falls by the autopilot's terrain data, which may be `margin_m` wrong; "doubtful
-    terrain": these data have disagreed with the vehicle's position and are not used, otherwise as "estimate".
-    """
+    """The source of the height above the ground has changed. "rangefinder"; "estimate": there is no rangefinder, the
+    height is above the take-off point; "highest ground": the rangefinder gives no usable values any more, the height is
+    above the highest ground that it measured; "GPS": there is no rangefinder and no barometer, and the vehicle flies
+    `margin_m` higher than asked; "terrain": there is no rangefinder, and the ground falls by the autopilot's terrain
+    data, which may be `margin_m` wrong; "doubtful terrain": these data have disagreed with the vehicle's position and
+    are not used, otherwise as "estimate"."""
 
     source: Literal["rangefinder", "estimate", "highest ground", "GPS", "terrain", "doubtful terrain"]
     margin_m: float = 0.0
