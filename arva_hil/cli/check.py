@@ -8,7 +8,7 @@ import os
 
 from arva_hil.cli.outcome import OK, USAGE, UsageError
 from arva_hil.cli.terminal import show, tell
-from arva_hil.config import Scenario, ScenarioError, parse, parts_of_spec_2
+from arva_hil.config import Scenario, ScenarioError, newer_keys, parse
 from arva_hil.config.campaign import is_plan, parse_plan
 from arva_hil.config.profiles import located, parse_profile, profile_kind
 from arva_hil.config.reading import read_text
@@ -60,7 +60,7 @@ def _check(name: str, text: str) -> None:
             show(f"  {vehicle.name}/{receiver.name}: {rate_hz:g} Hz, {receiver.output_format} to {where}")
     for fault in chosen.faults:
         show(f"  fault {fault}")
-    if any(parts_of_spec_2(chosen).values()):
+    if newer_keys(chosen):
         _warn(name, chosen)
 
 

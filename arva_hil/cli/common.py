@@ -17,7 +17,7 @@ from arva_hil.cli.outcome import Failure, SignalGuard, UsageError
 from arva_hil.cli.summary import as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.watchers import close_all, live_observers, page_of_run
-from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, parts_of_spec_2
+from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, newer_keys
 from arva_hil.emulator.engine import Emulator, receivers_of
 from arva_hil.errors import KindError
 from arva_hil.events import Event, HeartbeatMissing, StatusReport
@@ -97,7 +97,7 @@ def describe(chosen: Scenario) -> list[str]:
             lines.append(f"  transmitter {t.id}: on a path of {len(t.path.points_ned)} points, then {t.path.end}")
         elif t.follows is not None:
             lines.append(f"  transmitter {t.id}: follows system {t.follows.system}")
-    if any(parts_of_spec_2(chosen).values()):
+    if newer_keys(chosen):
         from arva_hil.emulator.build import outside_norm  # slow to import
 
         lines += [f"  warning: {what}" for what in outside_norm(chosen)]

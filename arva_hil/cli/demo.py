@@ -138,7 +138,8 @@ def main(options: argparse.Namespace) -> int:
     lines = search_report.result(outcome) + _errors(loop, clock.now())
     if surroundings.page:
         lines.append(f"to see it again: arva-hil view {options.record}")
-    for line in lines + search_report.close_log(log, outcome, code, clock.epoch_us + start * 1e6, _truth(loop)):
+    truth = loop.truth() if loop.search.origin else {}
+    for line in lines + search_report.close_log(log, outcome, code, clock.epoch_us + start * 1e6, truth):
         tell(line)
     return code
 
@@ -159,10 +160,6 @@ def _errors(loop: ClosedLoop, now: float) -> list[str]:
     if error is None or off is None:
         return []
     return [f"the transmitter is {error:.2f} m from there", f"the vehicle has landed {off:.2f} m from it"]
-
-
-def _truth(loop: ClosedLoop) -> dict[int, tuple[float, float]]:
-    return loop.truth() if loop.search.origin else {}
 
 
 def _ptys(stack: ExitStack, clock: Clock) -> tuple[Ends, Ends]:

@@ -13,7 +13,7 @@ from typing import Final
 
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import INTERRUPTED, SignalGuard, UsageError
-from arva_hil.cli.run_links import check_sides, choose_autopilot, next_command, signing
+from arva_hil.cli.run_links import check_sides, choose_autopilot, next_command, session, signing
 from arva_hil.cli.terminal import show_json, show_marked, tell
 from arva_hil.doctor import diagnosis, port_diagnosis
 from arva_hil.doctor.examination import AutopilotProbe, PortProbe
@@ -145,13 +145,7 @@ class Doctor:
         return None
 
     def _session(self) -> Session:
-        return Session(
-            target_system=self.options.target_system,
-            target_component=self.options.target_component,
-            rate_hz=self.options.stream_rate,
-            passive=self.autopilot.kind == "tlog",
-            signing=self.key,
-        )
+        return session(self.options, passive=self.autopilot.kind == "tlog", signing=self.key)
 
     def _listen(self, link: Link | None) -> AutopilotProbe | None:
         """Read the autopilot's link and send frames, for the time of --listen."""

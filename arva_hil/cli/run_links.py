@@ -8,7 +8,7 @@ import shlex
 import stat
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
-from typing import Final
+from typing import Any, Final
 
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import UsageError
@@ -21,6 +21,7 @@ from arva_hil.links.url import place
 from arva_hil.mavlink.signing import Signing, key_of
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime.signing_state import PersistentSigning, state_file
+from arva_hil.vehicle.session import Session
 
 
 def choose_autopilot(*ports: str | None) -> str:
@@ -108,6 +109,12 @@ def _one_vehicle(options: argparse.Namespace, form: str) -> FleetSides:
     check_sides(options.autopilot, options.port, form)
     autopilot = options.autopilot or choose_autopilot(options.port)
     return FleetSides({"autopilot": autopilot}, {}, {} if over_mavlink else {"port": options.port})
+
+
+def session(options: argparse.Namespace, **more: Any) -> Session:
+    """A session with the vehicle that the options choose. `more`: see `Session`."""
+    target = {"target_system": options.target_system, "target_component": options.target_component}
+    return Session(**target, rate_hz=options.stream_rate, **more)
 
 
 _LARGEST: Final = 4096  # bytes

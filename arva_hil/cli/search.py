@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, USAGE, SignalGuard, UsageError
 from arva_hil.cli.run_links import check_ground_station, signing
+from arva_hil.cli.run_links import session as session_of
 from arva_hil.cli.search_report import as_dict, close_log, result, would_order
 from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there, tell
 from arva_hil.cli.watchers import close_all, live_observers, open_page
@@ -151,13 +152,7 @@ def main(options: argparse.Namespace) -> int:
             if isinstance(event, WouldOrder | SetPointPlanned):
                 planned.append(event)
 
-        session = Session(
-            target_system=options.target_system,
-            target_component=options.target_component,
-            rate_hz=options.stream_rate,
-            component=COMPONENT,
-            signing=key,
-        )
+        session = session_of(options, component=COMPONENT, signing=key)
         question = TerminalQuestion(printer.say) if somebody_is_there() else None
         client = client_of(
             options,

@@ -13,8 +13,8 @@ from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, el
 from arva_hil.config.nodes import folder_of
 from arva_hil.config.profiles import located
 from arva_hil.config.reading import keys_in, read, read_text
-from arva_hil.config.scenario import Scenario, load, parts_of_spec_2
-from arva_hil.config.tables import TableOf, fields_of, key, read_keys, table
+from arva_hil.config.scenario import Scenario, load
+from arva_hil.config.tables import TableOf, fields_of, key, newer_keys, read_keys, table
 from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1
@@ -124,7 +124,7 @@ class _File(Constraint):
             scenario = load(path)
         except ScenarioError as error:
             raise elsewhere(error) from None
-        unserved = [part for part, there in parts_of_spec_2(scenario).items() if there and part in _NOT_FLOWN]
+        unserved: list[str] = [part for part in _NOT_FLOWN if part in newer_keys(scenario)]
         if scenario.output_format in MAVLINK_FORMATS:
             unserved.append(f"format {scenario.output_format}")
         if unserved:

@@ -16,7 +16,18 @@ from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, el
 from arva_hil.config.faults import Fault, FaultItem, misfit
 from arva_hil.config.profiles import located, take_over
 from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.tables import Given, TableOf, duplicates, items_of, key, keys, lacks, table, valid_value
+from arva_hil.config.tables import (
+    Given,
+    TableOf,
+    duplicates,
+    items_of,
+    key,
+    keys,
+    lacks,
+    newer_keys,
+    table,
+    valid_value,
+)
 from arva_hil.config.terrain import Terrain, ground_conflicts
 from arva_hil.config.transmitter import Lla, MediumOptions, Transmitter
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, vehicle_conflicts
@@ -183,24 +194,6 @@ def _inherit(top: nodes.Mapping, receivers: Iterable[nodes.Mapping]) -> None:
 
 def to_dict(scenario: Scenario) -> dict[str, Any]:
     """The scenario as plain JSON types with every default written out; `parse` reads it back equal."""
-    spec = 2 if any(parts_of_spec_2(scenario).values()) else 1
+    spec = 2 if newer_keys(scenario) else 1
     plain: dict[str, Any] = TableOf(Scenario).plain(scenario, spec)
     return {"spec": spec, **plain}
-
-
-def parts_of_spec_2(scenario: Scenario) -> dict[str, bool]:
-    """Which parts that only a file of spec 2 can have are in use."""
-    return {
-        "pose": scenario.pose != "estimate",
-        "navigation_error": scenario.navigation_error is not None,
-        "path": any(t.path for t in scenario.transmitters),
-        "follows": any(t.follows for t in scenario.transmitters),
-        "keying": any(t.keying for t in scenario.transmitters),
-        "medium": scenario.medium is not None,
-        "terrain": scenario.terrain is not None,
-        "depth_m": any(t.depth_m is not None for t in scenario.transmitters),
-        "sling": scenario.receiver.mount.sling is not None,
-        "vehicle_noise": scenario.receiver.vehicle_noise is not None,
-        "model": scenario.receiver.model != "paper",
-        "vehicles": bool(scenario.vehicles),
-    }

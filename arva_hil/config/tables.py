@@ -92,6 +92,17 @@ def keys(cls: Any, spec: int = 1_000) -> dict[str, Field]:
     return {name: one for name, one in fields_of(cls).items() if 0 < one.since <= spec}
 
 
+def newer_keys(value: Any) -> set[str]:
+    """The keys of a table, and of tables in it, that files of spec 1 do not have and that are not as usual."""
+    found = set()
+    for name, one in keys(type(value)).items() if is_table(value) else ():
+        item = getattr(value, name)
+        if one.since > 1 and item != one.default:
+            found.add(name)
+        found = found.union(*map(newer_keys, item if isinstance(item, tuple) else (item,)))
+    return found
+
+
 def _check(self: Any, *init_vars: Any) -> None:
     """The `__post_init__` of a table: checks the values that it was made with."""
     cls = type(self)

@@ -80,12 +80,12 @@ def test_a_disk_that_hangs_holds_a_patient_record_only_until_it_is_broken_off_an
 ) -> None:
     gate, jobs = threading.Event(), 0
 
-    def hanging(file: object, data: object) -> Callable[[], object]:
+    def hanging(*job: object) -> Callable[[], object]:
         nonlocal jobs
         jobs += 1
         return lambda: gate.wait(60)
 
-    monkeypatch.setattr(module, "_writing", hanging)
+    monkeypatch.setattr(module, "partial", hanging)
     monkeypatch.setattr(module, "_LAST_S", 0.0)
     monkeypatch.setattr(worker_thread, "_ASK_S", 0.001)
     recorder = Recorder(tmp_path, 10**15, patient=True)

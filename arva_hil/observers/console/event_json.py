@@ -14,16 +14,8 @@ from arva_hil import events
 from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport, searches, vehicles
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
 
-NOT_NEWS: Final = (  # frames have objects of their own; the others are for observers that draw
-    FrameMade,
-    BytesSent,
-    PacketsReceived,
-    StatusReport,
-    FrameHeard,
-    BeliefChanged,
-    PlaceFound,
-    TakeOffPoint,
-)
+_DRAWN: Final = (BytesSent, PacketsReceived, StatusReport, FrameHeard, BeliefChanged, PlaceFound, TakeOffPoint)
+NOT_NEWS: Final = (FrameMade, *_DRAWN)  # frames have objects of their own; the others are for observers that draw
 
 
 def event_name(kind: type[Event]) -> str:

@@ -6,6 +6,7 @@ import contextlib
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from io import FileIO
 from pathlib import Path
 from typing import Any, Final
@@ -92,7 +93,7 @@ class GrowingFiles:
         give_up, until = self.give_up, self._clock.now() + _LAST_S
         self.give_up = lambda: give_up() or self._clock.now() >= until
         self._flush()
-        finished = self._background.close(*(_closing(file) for file in self._files.values()))
+        finished = self._background.close(*(partial(_close, file) for file in self._files.values()))
         ending = WorkerThread("end of record")  # the other one may hang
         said = ending.close(lambda: files.replace(self.folder / self._last, _json(last)))
         if ending.error is not None:
@@ -121,7 +122,7 @@ class GrowingFiles:
         for name, pending in self._pending.items():
             if pending:
                 self._pending[name] = bytearray()
-                self._background.put(_writing(self._files[name], pending), self.give_up)
+                self._background.put(partial(_write, self._files[name], pending), self.give_up)
 
 
 def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:
@@ -134,30 +135,22 @@ def _json(value: Mapping[str, Any]) -> bytes:
     return json.dumps(value, indent=2).encode() + b"\n"
 
 
-def _writing(file: FileIO, data: bytes | bytearray) -> Callable[[], None]:
-    """A job that writes all of `data`, or nothing if the disk is full: a file ends with a whole frame."""
-
-    def write() -> None:
-        start, left = file.tell(), memoryview(data)
-        try:
-            while left:
-                left = left[file.write(left) :]
-        except OSError:
-            with contextlib.suppress(OSError):
-                file.truncate(start)
-            raise
-
-    return write
+def _write(file: FileIO, data: bytes | bytearray) -> None:
+    """Write all of `data`, or nothing if the disk is full: a file ends with a whole frame."""
+    start, left = file.tell(), memoryview(data)
+    try:
+        while left:
+            left = left[file.write(left) :]
+    except OSError:
+        with contextlib.suppress(OSError):
+            file.truncate(start)
+        raise
 
 
-def _closing(file: FileIO) -> Callable[[], None]:
-    """A job that closes a file after it is on the disk."""
-
-    def close() -> None:
-        with file:
-            os.fsync(file.fileno())
-
-    return close
+def _close(file: FileIO) -> None:
+    """Close a file after it is on the disk."""
+    with file:
+        os.fsync(file.fileno())
 
 
 def _why(folder: Path, error: Exception) -> str:

@@ -22,14 +22,8 @@ from arva_hil.runtime.clock import utc
 from arva_hil.safe_text import cell
 
 VERSION: Final = 1  # of the record, in run.json; a reader refuses a newer one
-TLOG, FRAMES, TABLE, READINGS, EVENTS, RUN = FILES = (
-    "autopilot.tlog",
-    "frames.bin",
-    "frames.csv",
-    "readings.csv",
-    "events.jsonl",
-    "run.json",
-)
+FILES: Final = "autopilot.tlog frames.bin frames.csv readings.csv events.jsonl run.json".split()
+TLOG, FRAMES, TABLE, READINGS, EVENTS, RUN = FILES
 _OF_RECEIVERS: Final = (FRAMES, TABLE, READINGS)
 
 
