@@ -34,8 +34,7 @@ PAUSE_S: Final = 0.1  # [s] there is no pause of this length inside a frame
 class Channel(NamedTuple):
     """One channel of a reading: `d` in centimetres, `delta` in degrees. `Channel()` has no signal.
 
-    `id`: of the transmitter, 0…254, or None. `zone`: OUTER, MID or INNER; a decoder returns an unknown zone (3…127)
-    unchanged.
+    `id`: of the transmitter, 0…254, or None. `zone`: OUTER, MID or INNER; a decoder keeps an unknown zone (3…127).
     """
 
     id: int | None = None

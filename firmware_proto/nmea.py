@@ -9,9 +9,7 @@ from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.frame import MARKED, MAX_CHANNELS, PAUSE_S, Channel, Format, Frame, FrameDecoder, check
 from firmware_proto.sentence import ChecksumError, begun, body_of, sentence
 
-_PARVA: Final = re.compile(
-    rb"PARVA,(\d{1,3}),(\d{1,3}),(\d{1,2}),(\d{1,2}),(\d{0,3}),(\d{1,3}),(-?\d{1,5}),(-?\d{1,5})"
-)
+_BODY: Final = re.compile(rb"PARVA,(\d{1,3}),(\d{1,3}),(\d{1,2}),(\d{1,2}),(\d{0,3}),(\d{1,3}),(-?\d{1,5}),(-?\d{1,5})")
 
 
 def encode_nmea(frame: Frame) -> bytes:
@@ -83,7 +81,7 @@ class NmeaDecoder(FrameDecoder):
         except ChecksumError:
             self.bad_crc += 1
             return None
-        fields = _PARVA.fullmatch(body or b"")
+        fields = _BODY.fullmatch(body or b"")
         if not fields:
             return None
         id = int(fields[5]) if fields[5] else None

@@ -11,21 +11,14 @@ from arva_hil.campaign.results import Pair, Summary, TrialRow, groups, summary
 from arva_hil.report.html import render
 from arva_hil.safe_text import table_lines
 
-_AXES: Final = {
-    "scenario": "scenario",
-    "noise": "noise",
-    "wind_m_s": "wind, m/s",
-    "gps_noise_m": "GPS noise, m",
-    "take_off_m": "take-off height, m",
-}
-_SEVERAL: Final = {
-    "strategy": "strategies",
-    "seed": "seeds",
-    "scenario": "scenarios",
-    "noise": "kinds of noise",
-    "wind_m_s": "winds",
-    "gps_noise_m": "levels of GPS noise",
-    "take_off_m": "take-off heights",
+_COLUMNS: Final = {  # several of it; its name as an axis
+    "strategy": ("strategies", ""),
+    "seed": ("seeds", None),
+    "scenario": ("scenarios", "scenario"),
+    "noise": ("kinds of noise", "noise"),
+    "wind_m_s": ("winds", "wind, m/s"),
+    "gps_noise_m": ("levels of GPS noise", "GPS noise, m"),
+    "take_off_m": ("take-off heights", "take-off height, m"),
 }
 _HEAD: Final = ("runs", "successes", "rate", "95 % confidence", "time, s", "path, m", "error, m")
 
@@ -40,14 +33,14 @@ def text(rows: Sequence[TrialRow], success_m: float) -> str:
 
 def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
     """The report as one self-contained HTML file."""
-    several = {what: len(groups(rows, name)) for name, what in _SEVERAL.items()}
-    axes = [("strategy", ""), *((name, label) for name, label in _AXES.items() if len(groups(rows, name)) > 1)]
+    count = {name: len(groups(rows, name)) for name in _COLUMNS}
+    axes = [(name, label) for name, (_, label) in _COLUMNS.items() if label == "" or (label and count[name] > 1)]
     return render(
         "arva_hil.campaign",
         "report.html",
         title=title,
         trials=len(rows),
-        crossed=" × ".join(f"{count} {what}" for what, count in several.items() if count > 1),
+        crossed=" × ".join(f"{count[name]} {several}" for name, (several, _) in _COLUMNS.items() if count[name] > 1),
         success_m=success_m,
         head=_HEAD,
         cells=_cells,

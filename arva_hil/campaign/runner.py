@@ -61,8 +61,7 @@ class WorkerPool:
     ) -> Iterator[list[tuple[Planned, Result]]]:
         """The trials of a shard and their results, in the order in which they end. `fly`: a function of a module.
 
-        If a trial raises an error, its outcome contains the error. Raises WorkerPoolError if a worker dies or the
-        cluster is lost.
+        An error of a trial is its outcome. Raises WorkerPoolError if a worker dies or the cluster is lost.
         """
         queue = iter(planned)
         shards = iter(lambda: list(islice(queue, self.shard)), [])
@@ -125,8 +124,7 @@ def processes(count: int) -> Iterator[WorkerPool]:
 def cluster(address: str, trials: int, *, within_s: float | None = None) -> Iterator[WorkerPool]:
     """The Dask cluster whose scheduler is at an address, e.g. tcp://127.0.0.1:8786, for so many trials.
 
-    `within_s`: how long it is waited for; None: 10 s. Raises MissingExtra without Dask, Unreachable if no scheduler
-    answers there.
+    `within_s`: how long it is waited for; None: 10 s. Raises MissingExtra without Dask, Unreachable without an answer.
     """
     try:
         from distributed import Client

@@ -13,7 +13,7 @@ from arva_hil.observers.record import RecordError
 from arva_hil.observers.record.search_log import TRACK, SearchLog
 from arva_hil.pictures.search import Track, draw_search
 from arva_hil.runtime.clock import utc
-from arva_hil.search.heard import NO_ID
+from arva_hil.search.choice import NO_ID
 from arva_hil.search.mission import FOUND
 from arva_hil.search.outcome import Outcome
 

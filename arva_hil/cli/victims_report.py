@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from arva_hil.field.geodesy import LocalFrame
-from arva_hil.search.heard import NO_ID
+from arva_hil.search.choice import NO_ID
 from arva_hil.search.mission import FOUND
 from arva_hil.search.outcome import Outcome, lla
 from arva_hil.search.strategy import Found

@@ -8,21 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from arva_hil import events as told
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import receiver
 from arva_hil.emulator.formats import encoder, frame_of, host_form
 from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.virtual_receiver import VirtualReceiver
-from arva_hil.events import (
-    BytesSent,
-    CommandAnswered,
-    Event,
-    FrameMade,
-    FramesLate,
-    FramesRefused,
-    FramesTaken,
-    ReceiverStatus,
-)
 from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
 from arva_hil.vehicle.session import Session
@@ -92,8 +83,8 @@ class Output(NamedTuple):
     due: float
     source: FrameSource | None = None
     whole: bool = True
-    made: FrameMade | None = None
-    answer: CommandAnswered | None = None
+    made: told.FrameMade | None = None
+    answer: told.CommandAnswered | None = None
 
 
 @dataclass(frozen=True)
@@ -117,7 +108,7 @@ class FrameSource:
         vehicle: str,
         setup: ReceiverSetup,
         session: Session,
-        events: list[Event],
+        events: list[told.Event],
         outputs: list[Output],
         *,
         start: float,
@@ -129,10 +120,9 @@ class FrameSource:
         self.sink = setup.sink
         self.counters = Counters()
         rate_hz = scenario.receiver.rate_hz
-        self.schedule = Schedule(
-            start + phase * min(1 / rate_hz, _SPREAD_S), rate_hz, scenario.receiver.jitter_s, scenario.seed
-        )
-        self.last: FrameMade | None = None
+        first = start + phase * min(1 / rate_hz, _SPREAD_S)
+        self.schedule = Schedule(first, rate_hz, scenario.receiver.jitter_s, scenario.seed)
+        self.last: told.FrameMade | None = None
         self.events = events
         self.outputs = outputs
         model = receiver(scenario)
@@ -202,9 +192,9 @@ class FrameSource:
         about = now, self._vehicle, self.name
         if self._refused == taken and (self._session.vehicle or taken) and not lost:
             self._refused = not taken
-            self.events.append(FramesTaken(*about, counters.dropped) if taken else FramesRefused(*about))
+            self.events.append(told.FramesTaken(*about, counters.dropped) if taken else told.FramesRefused(*about))
         if taken:
-            self.events.append(BytesSent(*about, output.data))
+            self.events.append(told.BytesSent(*about, output.data))
         if output.made is not None:
             self._tell(output.made if taken else replace(output.made, sent=False))
 
@@ -212,10 +202,10 @@ class FrameSource:
         """For each fault by name: how many frames and how many bytes it changed."""
         return self.faults.counts() if self.faults else {}
 
-    def status(self) -> ReceiverStatus:
+    def status(self) -> told.ReceiverStatus:
         c = self.counters
         there = self.receiver.seen.transmitters
-        return ReceiverStatus(self.name, self.last, c.delivered + c.damaged + c.dropped, c.dropped, there)
+        return told.ReceiverStatus(self.name, self.last, c.delivered + c.damaged + c.dropped, c.dropped, there)
 
     def _make(self, t: float, now: float, vehicle: EmulatedVehicle) -> None:
         number, instant_s = self.schedule.number, t - self._start
@@ -223,7 +213,7 @@ class FrameSource:
             self.faults.begin(number, instant_s)
         boot = self._session.clock.boot(t)
         reading = self.receiver.show(t, now, vehicle)
-        _, pose, reported_pose, _, _ = self.receiver.seen
+        _, pose, reported, _, _ = self.receiver.seen
         age = self.receiver.age_s(t)
         frame = frame_of(reading, (number - self._first) % 256, instant_s, self._format)
         if self.commands:
@@ -246,9 +236,8 @@ class FrameSource:
             copies = self._put(QueuedFrame(frame, boot_ms), t)
         met = self.faults.met if self.faults else ()
         about = now, self._vehicle, self.name
-        made = FrameMade(
-            *about, number, instant_s, boot, pose, age, reading, frame, copies > 0, now - t, met, reported_pose
-        )
+        sent = copies > 0
+        made = told.FrameMade(*about, number, instant_s, boot, pose, age, reading, frame, sent, now - t, met, reported)
         if len(self.outputs) > before:
             self.outputs[-1] = self.outputs[-1]._replace(made=made)
         else:
@@ -258,13 +247,13 @@ class FrameSource:
         """Make an event if most frames are late, and the next one only after as many were in time."""
         self._late = min(self._late + 1, _OFTEN) if late_s > _LATE_S else max(self._late - 1, 0)
         if self._late == _OFTEN and not self._told_late:
-            self.events.append(FramesLate(now, self._vehicle, self.name, late_s))
+            self.events.append(told.FramesLate(now, self._vehicle, self.name, late_s))
         self._told_late = self._late == _OFTEN or (self._told_late and self._late > 0)
 
     def _restart(self) -> None:
         self._first = self.schedule.number
 
-    def _tell(self, made: FrameMade) -> None:
+    def _tell(self, made: told.FrameMade) -> None:
         self.last = made
         self.events.append(made)
 

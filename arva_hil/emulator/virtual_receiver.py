@@ -36,8 +36,7 @@ class Seen(NamedTuple):
 class VirtualReceiver:
     """Remembers one receiver's model, the transmitters, its newest look and the time of the next one.
 
-    `vehicle`, `name`: for the events that it adds to `events`. `start`: of the run, on the driver's clock. `max_age_s`:
-    of a pose.
+    `vehicle`, `name`: of its `events`. `start`: of the run, on the driver's clock. `max_age_s`: of a pose.
     """
 
     def __init__(

@@ -15,36 +15,6 @@ _MOST_OPEN: Final = 8
 _MOST_RECENT: Final = 4
 
 
-class StatusTexts:
-    """Remembers the last few different texts in `recent`, and the chunks of texts that are not complete.
-
-    The chunks of several texts may be mixed; "…" stands for a lost chunk.
-    """
-
-    def __init__(self) -> None:
-        self.recent: list[str] = []
-        self._open: dict[int, list[str]] = {}  # chunks by the text's id
-
-    def add(self, message: Any) -> str:
-        """Use a STATUSTEXT. Returns the text that it completes if it is new, otherwise ""."""
-        parts = self._open.pop(message.id, [])
-        if message.chunk_seq == 0:
-            parts = []
-        elif message.chunk_seq > len(parts):
-            parts.append("…")
-        parts.append(message.text)
-        if message.id and len(message.text) == _CHUNK:
-            if len(self._open) >= _MOST_OPEN:
-                self._open.clear()
-            self._open[message.id] = parts
-            return ""
-        text = "".join(parts).strip()
-        if not text or text in self.recent:
-            return ""
-        self.recent = [*self.recent[1 - _MOST_RECENT :], text]
-        return text
-
-
 def unwell(message: Any) -> list[str]:
     """The sensors that are enabled and not healthy; on a link without a ground station PX4 gives no other reason."""
     bits = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
@@ -62,11 +32,15 @@ _ORDERS: Final = {
 
 
 class Complaints:
-    """Remembers the refusal of the last order, the last texts, and the sensors that are not healthy."""
+    """Remembers the refusal of the last order, the last few different texts, and the sensors that are not healthy.
+
+    The chunks of several texts may be mixed; "…" stands for a lost chunk.
+    """
 
     def __init__(self) -> None:
         self.refused_order = self.refused_result = ""
-        self._texts = StatusTexts()
+        self.recent: list[str] = []
+        self._open: dict[int, list[str]] = {}  # chunks by the text's id
         self._unwell: list[str] = []
 
     def hear_ack(self, message: Any) -> bool:
@@ -80,8 +54,25 @@ class Complaints:
         return False
 
     def hear_text(self, message: Any) -> str:
-        """Use a STATUSTEXT. Returns its text if it is a new warning, otherwise ""."""
-        return self._texts.add(message) if message.severity <= dialect.MAV_SEVERITY_WARNING else ""
+        """Use a STATUSTEXT. Returns the text that it completes if it is a new warning, otherwise ""."""
+        if message.severity > dialect.MAV_SEVERITY_WARNING:
+            return ""
+        parts = self._open.pop(message.id, [])
+        if message.chunk_seq == 0:
+            parts = []
+        elif message.chunk_seq > len(parts):
+            parts.append("…")
+        parts.append(message.text)
+        if message.id and len(message.text) == _CHUNK:
+            if len(self._open) >= _MOST_OPEN:
+                self._open.clear()
+            self._open[message.id] = parts
+            return ""
+        text = "".join(parts).strip()
+        if not text or text in self.recent:
+            return ""
+        self.recent = [*self.recent[1 - _MOST_RECENT :], text]
+        return text
 
     def hear_status(self, message: Any) -> None:
         self._unwell = unwell(message)
@@ -90,13 +81,13 @@ class Complaints:
         """A new order begins. `keep_texts`: earlier texts may explain why it is refused."""
         self.refused_order = self.refused_result = ""
         if not keep_texts:
-            self._texts.recent.clear()
+            self.recent.clear()
 
     def why(self, *, status: bool = False) -> str:
         """All reasons, for a person. `status`: with the sensors that are not healthy."""
         said = f"not healthy: {', '.join(self._unwell)}" if status and self._unwell else ""
         answer = f"{self.refused_order}: {self.refused_result}" if self.refused_order else ""
-        return "; ".join(filter(None, [answer, *self._texts.recent, said]))
+        return "; ".join(filter(None, [answer, *self.recent, said]))
 
 
 _LAST_S: Final = 5.0  # that a report is valid: the vehicle may have been restarted, or be another one

@@ -65,8 +65,7 @@ class Parser:
     """Splits a stream into MAVLink packets. Remembers the incomplete packet of each sender.
 
     Counters: `packets`; `bad_crc`: candidates with a wrong checksum; `skipped`: bytes that belong to no packet;
-    `incompatible`: packets of a later MAVLink, which must be dropped; `malformed`: MAVLink 1 packets that are too short
-    for their message.
+    `incompatible`: packets of a later MAVLink, which must be dropped; `malformed`: too short MAVLink 1 packets.
     """
 
     def __init__(self) -> None:

@@ -92,8 +92,7 @@ class PaperReceiver:
     """The receiver of the paper, a `ReceiverModel`. It looks once for each frame, at the frame's instant.
 
     Remembers its random generator and its last reading. `channels`: the number of slots. `no_signal`: (d, δ) of an
-    empty slot. Noise is drawn for every transmitter in each look, so it depends only on the seed and the look's
-    number.
+    empty slot. Noise is drawn for every transmitter in each look: it depends only on seed and number of the look.
 
     Commands: `mark ID` hides a transmitter that it hears, `unmark ID` shows it again, `unmark` all; `select ID` shows
     only this one as long as it is heard, `select` all; `channels N` sets the number of slots, 1…16; `restart` undoes

@@ -20,8 +20,7 @@ class Zone(IntEnum):
 class PulseReading:
     """The newest pulse of a slot, from a receiver that gives its measurements.
 
-    The signs are relative to each other: a receiver does not know the phase of the transmitter. Missing antennas
-    give 0.
+    The signs are relative to each other: a receiver does not know the phase of the transmitter. Without an antenna: 0.
     """
 
     time_s: float  # its end, seconds from the start of the run

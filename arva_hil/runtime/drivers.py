@@ -119,9 +119,7 @@ class Live:
         self._ports = ports
         self._sinks = {**ports, **autopilots}
         lost, back = emulator.link_lost, emulator.link_back
-        self._monitors = [
-            LinkMonitor(name, link, partial(lost, name), partial(back, name)) for name, link in self._sinks.items()
-        ]
+        self._monitors = [LinkMonitor(n, link, partial(lost, n), partial(back, n)) for n, link in self._sinks.items()]
         self._audience = audience
         self._ready = ReadyLinks(autopilots)
         self._next_look = -math.inf
@@ -138,8 +136,7 @@ class Live:
     def service(self, clock: Clock) -> float:
         """Read the links, and do what is due. Returns the next time to call.
 
-        The time is read after the bytes: a late time stamp makes a pose older, an early one would put it into the
-        future.
+        The time is read after the bytes: a late time stamp makes a pose older, an early one newer than it is.
         """
         begun = clock.now()
         stalled = begun - self._deadline > _STALL_S

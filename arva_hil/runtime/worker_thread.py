@@ -9,7 +9,7 @@ from typing import Final
 
 Job = Callable[[], object]
 
-_MOST_JOBS: Final = 10_000
+_MOST: Final = 10_000  # jobs
 _ASK_S: Final = 0.1  # time between calls of `give_up`
 
 
@@ -19,9 +19,7 @@ class WorkerThread:
     An error of another kind than `expected` is also passed to `threading.excepthook`.
     """
 
-    def __init__(
-        self, name: str, expected: tuple[type[Exception], ...] = (OSError,), most_jobs: int = _MOST_JOBS
-    ) -> None:
+    def __init__(self, name: str, expected: tuple[type[Exception], ...] = (OSError,), most_jobs: int = _MOST) -> None:
         self.error: Exception | None = None
         self.refused = 0
         self._expected = expected

@@ -14,9 +14,9 @@ from arva_hil.field.quaternion import heading
 from arva_hil.flight.commander import Commander
 from arva_hil.flight.state import Phase
 from arva_hil.observers.console.reasons import no_pose
+from arva_hil.search.choice import NO_ID
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground
-from arva_hil.search.heard import NO_ID
 from arva_hil.search.mission import Mission
 from arva_hil.search.outcome import SearchStep, lla
 from arva_hil.search.plan import SearchPlan

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from arva_hil.events import Event
 from arva_hil.events.searches import DescentBegun, StrategySlow
 from arva_hil.search.beliefs import Beliefs
-from arva_hil.search.choice import Choice
+from arva_hil.search.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, nearest
 from arva_hil.search.ground import Height
-from arva_hil.search.heard import NO_ID, HeardTransmitter, hidden, id_of, nearest
 from arva_hil.search.height import Descent, HeightKeeper
 from arva_hil.search.pauses import Pauses
 from arva_hil.search.plan import SearchPlan

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from arva_hil.field.geodesy import LocalFrame
-from arva_hil.search.heard import HeardTransmitter
+from arva_hil.search.choice import HeardTransmitter
 from arva_hil.search.strategy import Found
 from arva_hil.search.victims import Victim
 

@@ -111,8 +111,8 @@ class Preflight:
         if session.vehicle is None or not self._greeted:
             return self._lack("autopilot", now, "no link", lambda: f"no autopilot: {no_vehicle(session.heard())}")
         if session.vehicle.armed and not self._hover:
-            why = "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover"
-            return Refusal("failed", why)
+            how = "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover"
+            return Refusal("failed", how)
         if self._receiver.silent(now):
             silence = self._receiver.why_silent
             return self._lack("frame", now, "no link", lambda: silence(now))
@@ -120,12 +120,10 @@ class Preflight:
             return self._lack("pose", now, "failed", lambda: f"no pose: {no_pose(session.why_no_pose())}")
         if self._hover and (moving := self._hover.why_not(now)):
             return self._lack("hover", now, "failed", lambda: f"the vehicle is not taken over: {moving}")
-        if battery := self._battery.why(now):
+        if why := self._battery.why(now):
             if self._battery.low(now):
-                return Refusal(
-                    "failed", f"{battery}: charge or change it, and restart the autopilot; nothing was flown"
-                )
-            return self._lack("battery", now, "failed", lambda: f"{battery}, or not measured: nothing was flown")
+                return Refusal("failed", f"{why}: charge or change it, and restart the autopilot; nothing was flown")
+            return self._lack("battery", now, "failed", lambda: f"{why}, or not measured: nothing was flown")
         if not self.failsafes.done:
             return False
         permitted = self._permitted(now)

@@ -16,9 +16,8 @@ from arva_hil.events.searches import (
     VictimAgain,
     VictimNoted,
 )
-from arva_hil.search.choice import Choice
+from arva_hil.search.choice import NO_ID, Choice, HeardTransmitter, id_of
 from arva_hil.search.explained import Explained
-from arva_hil.search.heard import NO_ID, HeardTransmitter, id_of
 from arva_hil.search.receiver_host import Asked, ReceiverHost
 from arva_hil.search.strategy import Found, Observation, Position
 from firmware_proto import MORE_TRANSMITTERS, Frame

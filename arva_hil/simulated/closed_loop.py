@@ -80,11 +80,8 @@ class ClosedLoop:
             log=log,
             host=getattr(FORMATS[format], "host", None),
         )
-        self.tasks: list[Simulator | Live | SearchClient] = [
-            Simulator([self.vehicle], [autopilot[1], commands[1]]),
-            live,
-            self.search,
-        ]
+        simulator = Simulator([self.vehicle], [autopilot[1], commands[1]])
+        self.tasks: list[Simulator | Live | SearchClient] = [simulator, live, self.search]
 
     @property
     def over(self) -> bool:

@@ -207,12 +207,8 @@ class SimulatedVehicle:
 
     def _on_command(self, message: Message, packet: Packet) -> None:
         command = message.command
-        x, y, z = (
-            (message.x, message.y, message.z)
-            if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_INT
-            else (message.param5, message.param6, message.param7)
-        )
-        params = (message.param1, message.param2, message.param3, message.param4, x, y, z)
+        place = "x y z" if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_INT else "param5 param6 param7"
+        params = tuple(getattr(message, name) for name in f"param1 param2 param3 param4 {place}".split())
         frame = getattr(message, "frame", dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT)
         result = self._carry_out(command, params, frame)
         self._acknowledge(command, result, packet)

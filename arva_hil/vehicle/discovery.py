@@ -55,11 +55,8 @@ class VehicleDiscovery:
 
     def vehicle(self, packet: Packet, heartbeat: Any) -> Vehicle | None:
         """The vehicle that sent a heartbeat; None if it is not an autopilot, or not the one asked for."""
-        if (
-            packet.system == (self._system or packet.system or -1)
-            and packet.component == self._component
-            and is_autopilot(heartbeat)
-        ):
+        asked = packet.system == (self._system or packet.system or -1) and packet.component == self._component
+        if asked and is_autopilot(heartbeat):
             armed = bool(heartbeat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
             return Vehicle(packet.system, packet.component, heartbeat.autopilot, heartbeat.type, armed, packet.version)
         self.note(packet, f"heartbeats of {short_name('MAV_TYPE', heartbeat.type)}")

@@ -13,16 +13,8 @@ from arva_hil.vehicle.discovery import Vehicle
 
 _KINDS: Final = "QUADROTOR COAXIAL HELICOPTER HEXAROTOR OCTOROTOR TRICOPTER DODECAROTOR DECAROTOR"
 _MULTIROTORS: Final = {getattr(dialect, f"MAV_TYPE_{kind}") for kind in _KINDS.split()}
-_PX4_SUB: Final = {2: "takeoff", 3: "hold", 4: "mission", 5: "return", 6: "land", 8: "follow", 9: "precision land"}
-_PX4_MAIN: Final = {
-    1: "manual",
-    2: "altitude",
-    3: "position",
-    5: "acro",
-    6: "offboard",
-    7: "stabilized",
-    8: "rattitude",
-}
+_SUB: Final = {2: "takeoff", 3: "hold", 4: "mission", 5: "return", 6: "land", 8: "follow", 9: "precision land"}
+_MAIN: Final = {1: "manual", 2: "altitude", 3: "position", 5: "acro", 6: "offboard", 7: "stabilized", 8: "rattitude"}
 _AUTO: Final = 4 << 16  # the main mode of all its sub-modes
 _SPARE_M: Final = 2.5
 _VELOCITY_AND_YAW: Final = 0b100111000111  # what the type mask ignores: position, acceleration, yaw rate
@@ -48,7 +40,7 @@ class Modes:
             entry = dialect.enums["COPTER_MODE"].get(mode)
             return entry.name.removeprefix("COPTER_MODE_") if entry else f"mode {mode}"
         main, sub = mode >> 16 & 0xFF, mode >> 24
-        return (_PX4_SUB.get(sub) if main == 4 else _PX4_MAIN.get(main)) or f"mode {main}/{sub}"
+        return (_SUB.get(sub) if main == 4 else _MAIN.get(main)) or f"mode {main}/{sub}"
 
     def to_set(self, vehicle: Vehicle, mode: int) -> Any:
         """DO_SET_MODE. Only a heartbeat confirms the mode, not the acknowledgement."""

@@ -144,16 +144,12 @@ class Session(FollowedVehicle):
                 self._disbelieved.add(why)
                 self.news.emit(vehicles.SignatureRefused(now, self.news.name, packet.system, packet.component, why))
         self.believed = packets.believed
-        own, wanted, decode = self.own, self.navigation.handles, self.reader.parser.decode
+        own, wanted, decode, heard = self.own, self.navigation.handles, self.parser.decode, self.senders
         for packet in packets.believed:
             vehicle, msgid = self.vehicle, packet.msgid
             if vehicle is None or msgid == _HEARTBEAT:
                 self._look_around(packet, now, sender)
-            elif (
-                packet.system != vehicle.system
-                or packet.component != vehicle.component
-                or sender != self.senders.vehicle
-            ):
+            elif packet.system != vehicle.system or packet.component != vehicle.component or sender != heard.vehicle:
                 self.ignored += 1
             else:
                 own.append(packet)

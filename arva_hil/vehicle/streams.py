@@ -69,10 +69,9 @@ class Stream:
 class Streams:
     """Remembers the streams of one vehicle, the requests for them, and the answers.
 
-    A stream is requested with SET_MESSAGE_INTERVAL, one request at a time because its acknowledgement does not name
-    the message. A denied rate is halved. If the command is unknown or has no effect, REQUEST_DATA_STREAM is used.
-    Streams that are fast enough already are not requested. `extras`: message id → Hz of optional streams. Events go to
-    `news`.
+    A stream is requested with SET_MESSAGE_INTERVAL, one request at a time because its acknowledgement does not name the
+    message. A denied rate is halved. If the command is unknown or has no effect, REQUEST_DATA_STREAM is used. Streams
+    that are fast enough already are not requested. `extras`: message id → Hz of optional streams. `news`: for events.
     """
 
     def __init__(self, rate_hz: float, now: float, extras: Mapping[int, float], news: EventQueue) -> None:

@@ -20,8 +20,8 @@ from arva_hil.events.searches import (
     TransmitterFaded,
     TransmitterHeard,
 )
+from arva_hil.search.choice import NO_ID
 from arva_hil.search.ground import Height
-from arva_hil.search.heard import NO_ID
 from arva_hil.search.mission import FOUND, NOT_SURE, Mission
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity
