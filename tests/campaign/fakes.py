@@ -5,9 +5,13 @@ from __future__ import annotations
 import os
 import random
 import signal
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 from arva_hil.campaign.plan import Planned, trials
+from arva_hil.campaign.runner import WorkerPool
 from arva_hil.campaign.trial import Result, Trial
 from arva_hil.config.campaign import parse_plan
 from arva_hil.runtime.clock import RealClock
@@ -17,6 +21,13 @@ FOLDER = "FAKE_FLIGHTS"  # in the environment: where `gated` writes down what it
 FREE = 3  # seeds up to this one fly through a closed gate
 DEADLINE_S = 90.0
 PLAN = "strategies: [flux, estimate]\nscenarios: {random: {within_m: 50}}\nseeds: 6\ntake_off_m: [1, 2]\n"
+
+
+@contextmanager
+def here(count: int) -> Iterator[WorkerPool]:
+    """In place of `runner.processes`: threads of this process, for a test whose promise is not processes."""
+    with ThreadPoolExecutor(count) as threads:
+        yield WorkerPool(f"processes: {count}", threads, 2 * count)
 
 
 def planned(text: str = PLAN) -> list[Planned]:
