@@ -9,9 +9,7 @@ from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.frame import PAUSE_S, Channel, Format, Frame, FrameDecoder, check
 
 _LINE: Final = re.compile(rb"(-?\d{1,5}),(-?\d{1,5})\r?")
-_KEPT: Final = (
-    len(b"-32768,-32768\r") + 1
-)  # one more than a valid line: an invalid line cut to this length stays invalid
+_KEPT: Final = len(b"-32768,-32768\r") + 1  # one more than a valid line: what is cut to this length stays invalid
 
 
 def encode_text(frame: Frame) -> bytes:

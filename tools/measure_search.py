@@ -18,7 +18,7 @@ from pathlib import Path
 
 from arva_hil import config
 from arva_hil.campaign.trial import Trial, fly
-from arva_hil.search import STRATEGIES
+from arva_hil.registry import STRATEGIES
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 CASES = [config.load(str(CONFIGS / f"paper_case_{case}.yaml")) for case in (1, 2, 3, 4)]

@@ -93,7 +93,6 @@ def outside_norm(scenario: config.Scenario) -> list[str]:
 
 
 def _strength(transmitter: config.Transmitter) -> float:
-    """The strength of its class."""
     options = transmitter.keying
     return keying.KEYING_CLASSES[options.kind].strength if options else 1.0
 

@@ -8,9 +8,10 @@ from typing import Final
 
 from arva_hil.config import Scenario
 from arva_hil.emulator.datum import MOVE_DATUM, Datum
-from arva_hil.emulator.frame_source import FrameSource, Output, ReceiverSetup
+from arva_hil.emulator.frame_source import FrameSource, ReceiverSetup
 from arva_hil.emulator.placed_transmitters import PlacedTransmitters
 from arva_hil.emulator.true_state import true_state
+from arva_hil.emulator.virtual_receiver import Run
 from arva_hil.events import DatumSet, Event, FollowedSystemHeard, FollowedSystemSilent, VehicleStatus
 from arva_hil.field import LocalFrame, rotation
 from arva_hil.field.arrays import Array
@@ -94,34 +95,20 @@ def one_vehicle(scenario: Scenario, session: Session, *, link: str = "autopilot"
 
 
 class EmulatedVehicle:
-    """Remembers one vehicle's datum and receivers. Its session remembers the rest. It adds to `events`, `outputs`."""
+    """Remembers one vehicle's datum and receivers. Its session remembers the rest."""
 
-    def __init__(
-        self,
-        setup: VehicleSetup,
-        followed: Mapping[int, FollowedSystem],
-        events: list[Event],
-        outputs: list[Output],
-        *,
-        start: float,
-        max_age_s: float,
-        phase: float = 0.0,
-    ) -> None:
+    def __init__(self, setup: VehicleSetup, followed: Mapping[int, FollowedSystem], run: Run, phase: float) -> None:
         self.name = setup.session.news.name = setup.name
         self.link = setup.link
         self.session = setup.session
-        self.datum = Datum(setup.scenario, start)
-        self.true_state = true_state(setup.scenario, setup.session, start)
-        shared = setup.session, events, outputs
-        self.sources = [
-            FrameSource(self.name, receiver, *shared, start=start, max_age_s=max_age_s, phase=phase)
-            for receiver in setup.receivers
-        ]
+        self.datum = Datum(setup.scenario, run.start)
+        self.true_state = true_state(setup.scenario, setup.session, run.start)
+        self.sources = [FrameSource(self.name, one, setup.session, run, phase) for one in setup.receivers]
         self.told_missing = False
         noises = [noise for receiver in setup.receivers if (noise := receiver.scenario.receiver.vehicle_noise)]
         full_a = next((noise.full_current_a for noise in noises if noise.full_current_a), None)
         self._motors = MotorLoad(setup.session, full_a) if noises else None
-        self._events = events
+        self._events = run.events
         self._followed = followed
         receivers = [source.receiver for source in self.sources]
         self._transmitters = PlacedTransmitters(setup.scenario, setup.session, receivers)

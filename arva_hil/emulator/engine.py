@@ -23,6 +23,7 @@ from arva_hil.emulator.agenda import Agenda
 from arva_hil.emulator.emulated_vehicle import EmulatedVehicle, FollowedSystem, SharedLink, VehicleSetup
 from arva_hil.emulator.frame_source import Output, ReceiverSetup
 from arva_hil.emulator.host_commands import HostCommands
+from arva_hil.emulator.virtual_receiver import Run
 from arva_hil.events import Event, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet
 from arva_hil.mavlink.packet_reader import PacketReader
@@ -51,17 +52,13 @@ class Emulator:
         spread: bool = False,
         tell_packets: bool = False,
     ) -> None:
-        self._outputs: list[Output] = []
-        self._events: list[Event] = []
+        run = Run(start, max_age_s)
+        self._outputs, self._events = run.outputs, run.events
         scenarios = [receiver.scenario for setup in vehicles for receiver in setup.receivers]
         followed = (t.follows.system for scenario in scenarios for t in scenario.transmitters if t.follows)
         self._followed = {system: FollowedSystem(system, start) for system in followed}
         between = 1 / len(vehicles) if spread and vehicles else 0.0
-        shared = self._followed, self._events, self._outputs
-        self.vehicles = [
-            EmulatedVehicle(setup, *shared, start=start, max_age_s=max_age_s, phase=number * between)
-            for number, setup in enumerate(vehicles)
-        ]
+        self.vehicles = [EmulatedVehicle(one, self._followed, run, n * between) for n, one in enumerate(vehicles)]
         self._on_link: dict[str, list[EmulatedVehicle]] = {}
         for vehicle in self.vehicles:
             self._on_link.setdefault(vehicle.link, []).append(vehicle)
@@ -81,8 +78,6 @@ class Emulator:
         self._next_status = start
         self._lost: set[str] = set()
         self._later: list[tuple[float, Sequence[Packet]]] = []  # chunks behind the newest that was told
-
-    # -- in ------------------------------------------------------------------------------------------------
 
     def receive(self, link: str, data: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> None:
         """Use bytes that were received at `now` from an autopilot's link or from a receiver's port.
@@ -153,8 +148,6 @@ class Emulator:
             self._make_frames(vehicle, now, last=True)
             self._tell_missing(vehicle, now)
 
-    # -- out -----------------------------------------------------------------------------------------------
-
     def next_deadline(self) -> float:
         """The latest time for the next call of `advance`."""
         return min(self._next_status, self._agenda.first())
@@ -183,8 +176,6 @@ class Emulator:
         self._events.clear()
         return events
 
-    # -- inside --------------------------------------------------------------------------------------------
-
     def _make_frames(self, vehicle: EmulatedVehicle, now: float, *, last: bool = False) -> None:
         for source in vehicle.sources:
             if source.next_due <= now:
@@ -202,8 +193,6 @@ class Emulator:
         if out := vehicle.poll(now):
             self._outputs.append(Output(vehicle.link, out, now))
         self._events += vehicle.session.take_events()
-        if now - self._start > self._timeout_s:
-            self._tell_missing(vehicle, now)
 
     def _tell_missing(self, vehicle: EmulatedVehicle, now: float) -> None:
         if not vehicle.known and not vehicle.told_missing:

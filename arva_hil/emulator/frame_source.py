@@ -13,7 +13,7 @@ from arva_hil.config import Scenario
 from arva_hil.emulator.build import receiver
 from arva_hil.emulator.formats import encoder, frame_of, host_form
 from arva_hil.emulator.host_commands import HostCommands
-from arva_hil.emulator.virtual_receiver import VirtualReceiver
+from arva_hil.emulator.virtual_receiver import Run, VirtualReceiver
 from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
 from arva_hil.vehicle.session import Session
@@ -99,23 +99,12 @@ class ReceiverSetup:
 class FrameSource:
     """Remembers one receiver, its schedule and the counters of all frames.
 
-    `vehicle`, `session`: name and session of its vehicle. `max_age_s`: an older pose is not used. `phase`: of its
-    frames, in periods, or tenths of a second, after `start`. It adds to `events` and `outputs`.
+    `vehicle`, `session`: name and session of its vehicle. `phase`: of its frames, in periods, or tenths of a second,
+    after the start of the run.
     """
 
-    def __init__(
-        self,
-        vehicle: str,
-        setup: ReceiverSetup,
-        session: Session,
-        events: list[told.Event],
-        outputs: list[Output],
-        *,
-        start: float,
-        max_age_s: float,
-        phase: float = 0,
-    ) -> None:
-        name, scenario = setup.name, setup.scenario
+    def __init__(self, vehicle: str, setup: ReceiverSetup, session: Session, run: Run, phase: float = 0.0) -> None:
+        name, scenario, start = setup.name, setup.scenario, run.start
         self.name = name
         self.sink = setup.sink
         self.counters = Counters()
@@ -123,12 +112,12 @@ class FrameSource:
         first = start + phase * min(1 / rate_hz, _SPREAD_S)
         self.schedule = Schedule(first, rate_hz, scenario.receiver.jitter_s, scenario.seed)
         self.last: told.FrameMade | None = None
-        self.events = events
-        self.outputs = outputs
+        self.events = run.events
+        self.outputs = run.outputs
         model = receiver(scenario)
         self.faults = Faults(scenario, model) if scenario.faults else None
         heard_by = self.faults.receiver if self.faults else model
-        self.receiver = VirtualReceiver(vehicle, name, scenario, heard_by, events, start=start, max_age_s=max_age_s)
+        self.receiver = VirtualReceiver(vehicle, name, scenario, heard_by, run)
         self.receiver.plan(self.schedule.deadline)
         self.commands: HostCommands | None = None
         if host := host_form(scenario.output_format):

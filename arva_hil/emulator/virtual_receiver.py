@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from arva_hil.vehicle.pose_track import VehicleState
 
 if TYPE_CHECKING:
     from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
+    from arva_hil.emulator.frame_source import Output
 
 _BLIND_S: Final = 8.0  # with a vehicle but without a pose, until there is an event
 _START_S: Final = math.nextafter(0.0, -1.0)  # no look is earlier than the run
@@ -33,27 +35,30 @@ class Seen(NamedTuple):
     transmitters: Transmitters | None = None
 
 
+@dataclass(frozen=True)
+class Run:
+    """What the vehicles and receivers of an engine share. They add to `events` and `outputs`.
+
+    `start`: of the run, on the driver's clock. `max_age_s`: an older pose is not used.
+    """
+
+    start: float
+    max_age_s: float
+    events: list[Event] = field(default_factory=list)
+    outputs: list[Output] = field(default_factory=list)
+
+
 class VirtualReceiver:
     """Remembers one receiver's model, the transmitters, its newest look and the time of the next one.
 
-    `vehicle`, `name`: of its `events`. `start`: of the run, on the driver's clock. `max_age_s`: of a pose.
+    `vehicle`, `name`: for its events.
     """
 
-    def __init__(
-        self,
-        vehicle: str,
-        name: str,
-        scenario: Scenario,
-        model: ReceiverModel,
-        events: list[Event],
-        *,
-        start: float,
-        max_age_s: float,
-    ) -> None:
+    def __init__(self, vehicle: str, name: str, scenario: Scenario, model: ReceiverModel, run: Run) -> None:
         self.next_due = math.inf  # of the looks, on the driver's clock, once `plan` was called
-        self.seen = Seen(start, None, None, None)
+        self.seen = Seen(run.start, None, None, None)
         self._about = vehicle, name
-        self._events = events
+        self._events = run.events
         self._model = model
         self._mount = mount(scenario)
         self._sling = sling(scenario)
@@ -61,8 +66,8 @@ class VirtualReceiver:
         self._place = x, y, z + (self._sling.length_m if self._sling else 0.0)  # at rest, body FRD
         self._vehicle_noise = vehicle_noise(scenario)
         self._transmitters = moving_transmitters(scenario, LocalFrame(0.0, 0.0, 0.0))  # until the datum is known
-        self._start = start
-        self._max_age_s = max_age_s
+        self._start = run.start
+        self._max_age_s = run.max_age_s
         self._look_s = self._next_look_s = _START_S
         self._had_pose = False
         self._blind_since: float | None = None

@@ -46,8 +46,6 @@ class Commander(FlightState):
         assert self._session.vehicle is not None
         return self._session.vehicle
 
-    # -- orders --------------------------------------------------------------------------------------------
-
     def launch(self, now: float) -> None:
         """Arm, take off, then follow velocities with the heading kept.
 
@@ -93,8 +91,6 @@ class Commander(FlightState):
         if self.phase is Phase.ARMING:
             phase, mode = Phase.DISARMING, self._modes.hold
         self._enter(phase, now, mode)
-
-    # -- orders to send -----------------------------------------------------------------------------------
 
     def poll(self, now: float) -> bytes:
         """The messages to send now; the same until `sent`. The link must have been read until it was empty."""
@@ -180,8 +176,6 @@ class Commander(FlightState):
         if self.phase is Phase.LANDING:
             return command(*to, dialect.MAV_CMD_NAV_LAND), _REPEAT_S
         return modes.to_set(vehicle, self.authority.wanted), _REPEAT_S
-
-    # -- what the vehicle says -----------------------------------------------------------------------------
 
     def hear(self, now: float, since: float | None = None) -> None:
         """Use the packets that the session was fed last. They came after `since`, the time at which the link was last

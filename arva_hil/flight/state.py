@@ -41,11 +41,6 @@ class Phase(Enum):
         """What the vehicle does in this phase, as a verb."""
         return _PHASES[self][0]
 
-    def limit_s(self, metres: float) -> float:
-        """The longest duration of the phase [s], with this many metres to climb or to descend."""
-        _, fixed, each_metre = _PHASES[self]
-        return fixed + each_metre * max(metres, 0.0)
-
 
 _SILENT: Final = (Phase.IDLE, Phase.ENDED, Phase.LOST)
 _PHASES: Final = {  # what the vehicle has to do, and the time for it: s, and s per metre
@@ -167,7 +162,8 @@ class FlightState:
     def _enter(self, phase: Phase, now: float, wanted: int, limit_s: float | None = None) -> None:
         metres = self._take_off_m if phase is Phase.CLIMBING else self.height
         self.phase, self._since = phase, now
-        self._limit_s = phase.limit_s(metres) if limit_s is None else limit_s
+        _, fixed_s, each_metre_s = _PHASES[phase]
+        self._limit_s = fixed_s + each_metre_s * max(metres, 0.0) if limit_s is None else limit_s
         self._next_order, self._ordered_s = -math.inf, math.inf
         self._complaints.begin(keep_texts=phase is Phase.ARMING)
         self.authority.want(wanted, ours=phase not in (Phase.ARMING, Phase.DISARMING))

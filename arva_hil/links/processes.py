@@ -102,7 +102,6 @@ def _descriptors(process: str) -> Iterator[tuple[str, str]]:
 
 
 def _has_master(process: str, device: str) -> bool:
-    """Whether a process has the master of a pseudo-terminal open."""
     return any(
         target.endswith("ptmx")
         and _info(fd, "tty-index:") == device.removeprefix(_PTYS)

@@ -71,8 +71,6 @@ class Timeline(Iterator[Record]):
     def __next__(self) -> Record:
         return next(self._line)
 
-    # -- by the log's stamps -----------------------------------------------------------------------------------
-
     def _by_stamps(self) -> Iterator[Record]:
         ahead, records, remember = self._ahead, self._records, self._past.append
         heard: int | None = None  # the latest time returned
@@ -136,8 +134,6 @@ class Timeline(Iterator[Record]):
                 told.append(round(median(clocks[said[0]][-9:])) + said[1] - since)
         told.sort(reverse=True)
         return next((a for a, b in pairwise(told) if a - b <= _AGREE_US), None)
-
-    # -- without stamps ----------------------------------------------------------------------------------------
 
     def _by_boot_times(self) -> Iterator[Record]:
         heard = 0

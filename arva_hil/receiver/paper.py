@@ -192,7 +192,6 @@ class PaperReceiver:
         return heard, ranges
 
     def _impaired(self, h_r: Array, wrong: Impairment) -> Array:
-        """The signals of impaired antennas."""
         noise = self._beside.standard_normal(h_r.shape) * (wrong.noise_na_m / _REFERENCE_NA_M)
         limit = wrong.saturation_na_m / _REFERENCE_NA_M
         limited: Array = np.clip(h_r * wrong.gains + noise, -limit, limit)

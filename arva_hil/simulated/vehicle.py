@@ -158,7 +158,6 @@ class SimulatedVehicle:
         return round((now - self._origin) * 1e6)
 
     def _advance(self, until: int) -> None:
-        """Fly, and send messages when they are due."""
         while (due := self._rates.next_due) <= until:
             self._fly(due)
             report = self._report(due)
@@ -203,8 +202,6 @@ class SimulatedVehicle:
         if message is not None:
             self._outbox += self._encoder.pack(message)
 
-    # -- received messages ---------------------------------------------------------------------------------
-
     def _on_command(self, message: Message, packet: Packet) -> None:
         command = message.command
         place = "x y z" if packet.msgid == dialect.MAVLINK_MSG_ID_COMMAND_INT else "param5 param6 param7"
@@ -221,7 +218,6 @@ class SimulatedVehicle:
             self._send(dialect.MAVLink_message_interval_message(msgid, self._rates.interval(msgid)))
 
     def _carry_out(self, command: int, params: Params, frame: int) -> int:
-        """Execute a command. Returns a MAV_RESULT."""
         if command in arducopter.ORDERS:
             return arducopter.ORDERS[command](self._pilot, params, frame)
         if command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL:

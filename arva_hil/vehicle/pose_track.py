@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from arva_hil.field import quaternion
 from arva_hil.field.geodesy import LocalFrame
-from arva_hil.field.quaternion import Quaternion, from_euler, multiply, unit
+from arva_hil.field.quaternion import Quaternion, multiply
 
 _WINDOW_S: Final = 1.0
 _STALL_S: Final = 0.5  # a longer silence counts as this long in the window,
@@ -79,14 +79,13 @@ _MOST_TURN: Final = math.pi / 6  # rad, by body rates
 _MOST_HEADING: Final = math.pi / 3  # rad, by the turn about the vertical
 
 
-def attitude_ahead(angles: tuple[float, ...], rates: tuple[float, float, float], ahead_s: float) -> Quaternion:
-    """The attitude, body FRD → NED, `ahead_s` after it was `angles`: roll, pitch, yaw, or a quaternion near length 1.
+def attitude_ahead(sample: AttitudeSample, ahead_s: float) -> Quaternion:
+    """The attitude, body FRD → NED, `ahead_s` after a sample.
 
-    It is extrapolated with the body `rates` [rad/s] for 0.15 s and at most 30°, then with the turn about the vertical
+    It is extrapolated with the body rates [rad/s] for 0.15 s and at most 30°, then with the turn about the vertical
     until 0.5 s and at most 60°, then it is held.
     """
-    q = from_euler(*angles) if len(angles) == 3 else unit(*angles)
-    p, r, y = rates
+    q, (p, r, y) = sample.quaternion, sample.rates
     speed = math.hypot(p, r, y)
     half = min(speed * min(ahead_s, _TILT_S), _MOST_TURN) / 2
     along = math.sin(half) / speed if speed else 0.0
@@ -213,7 +212,7 @@ class PoseTrack:
         if b is not None:
             there = quaternion.slerp(a.quaternion, b.quaternion, (boot - a.boot) / (b.boot - a.boot))
         else:
-            there = attitude_ahead(a.angles, a.rates, boot - a.boot)
+            there = attitude_ahead(a, boot - a.boot)
         return VehicleState(boot, where, velocity, np.array(there), age)
 
 

@@ -42,8 +42,6 @@ class Session(FollowedVehicle):
     has been silent for 3 s, another sender with the vehicle's ids may take its place.
     """
 
-    # -- bytes in ------------------------------------------------------------------------------------------
-
     def feed(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> Sequence[Packet]:
         """Use bytes that came at `now`. Returns every packet in them, of all systems. Never raises.
 
@@ -79,8 +77,6 @@ class Session(FollowedVehicle):
     def take_events(self) -> list[Event]:
         """The events since the last call."""
         return self.news.take()
-
-    # -- bytes out -----------------------------------------------------------------------------------------
 
     def poll(self, now: float) -> bytes:
         """The bytes to send now: our heartbeat and requests for streams. Sets `next_due`."""
@@ -127,8 +123,6 @@ class Session(FollowedVehicle):
     def skip(self, now: float) -> None:
         """The link was not read for some time: silence until `now` does not count."""
         self._last_heartbeat = max(self._last_heartbeat, now)
-
-    # -- the vehicle ---------------------------------------------------------------------------------------
 
     def _is_heard(self, sender: Hashable, now: float) -> bool:
         """Whether the packets of a sender are used. Called first for each chunk."""

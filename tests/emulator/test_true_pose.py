@@ -32,9 +32,9 @@ from arva_hil.field import LocalFrame, rotation
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, command, dialect
 from arva_hil.observers.record import Recorder
+from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search import STRATEGIES
 from arva_hil.search.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import BUILDERS

@@ -15,6 +15,7 @@ from arva_hil.config import MountOptions, Noise, ReceiverOptions, Scenario, Tran
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.datum import Datum
 from arva_hil.emulator.frame_source import FrameSource, ReceiverSetup
+from arva_hil.emulator.virtual_receiver import Run
 from arva_hil.events import FrameMade
 from arva_hil.field import LocalFrame
 from arva_hil.receiver import Answer, Antennas, Look, PaperReceiver, Reading, ReceiverModel, ReceiverSettings
@@ -87,7 +88,7 @@ class Vehicle:
 
 def source(scenario: Scenario, *, start: float = START) -> FrameSource:
     setup = ReceiverSetup("receiver", "port", scenario)
-    made = FrameSource("vehicle", setup, Session(), [], [], start=start, max_age_s=2.0)
+    made = FrameSource("vehicle", setup, Session(), Run(start, 2.0))
     made.receiver.place(moving_transmitters(scenario, LocalFrame(*PLACE)))
     return made
 

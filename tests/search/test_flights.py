@@ -15,9 +15,9 @@ from arva_hil.field.mount import Mount
 from arva_hil.field.rotation import from_euler
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import dialect
+from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search import STRATEGIES
 from arva_hil.search.mission import NOT_SURE
 from arva_hil.search.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop

@@ -11,9 +11,9 @@ import pytest
 from arva_hil.config import parse
 from arva_hil.field import LocalFrame
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
+from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import Clock, StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search import STRATEGIES
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.team import Bus, TeamField, Teammate, divide
 from arva_hil.search.team_news import HeardAt, News

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from arva_hil.field import LocalFrame
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
-from arva_hil.search import STRATEGIES
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.team import TeamField, Teammate
