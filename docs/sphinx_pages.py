@@ -71,12 +71,8 @@ def literals(app: Sphinx, what: str, name: str, item: object, options: object, l
 def signature(
     app: Sphinx, what: str, name: str, item: object, options: object, arguments: str | None, returns: str | None
 ) -> tuple[str | None, str | None]:
-    """Of an event its fields. Of what a file may say the names alone: its types carry what the scenario's page has."""
-    if arguments is None or not dataclasses.is_dataclass(item):
-        return arguments, returns
-    if arguments.startswith("(*values"):
-        return "(" + ", ".join(f"{field.name}: {field.type}" for field in dataclasses.fields(item)) + ")", returns
-    if "Annotated" in arguments:
+    """Of what a file may say the names alone: its types carry what the scenario's page has."""
+    if arguments and dataclasses.is_dataclass(item) and "Annotated" in arguments:
         return "(" + ", ".join(field.name for field in dataclasses.fields(item)) + ")", returns
     return arguments, returns
 

@@ -1,13 +1,14 @@
-"""Events are frozen dataclasses, though they are defined without the standard decorator."""
+"""Events and others are frozen dataclasses, though they are defined without the standard decorator."""
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError, asdict, fields, is_dataclass, replace
+import inspect
+from dataclasses import FrozenInstanceError, InitVar, asdict, field, fields, is_dataclass, replace
 
 import pytest
 
 from arva_hil.events import LinkBack, LinkEvent, LinkLost
-from arva_hil.events.frozen import Frozen
+from arva_hil.frozen import Frozen
 
 
 class Base(Frozen):
@@ -48,6 +49,36 @@ def test_equal_are_only_those_of_one_class_and_their_hashes_are_equal() -> None:
     lost, back = LinkLost(1.0, "autopilot", "pty", "gone"), LinkBack(1.0, "autopilot", "pty", 2.0)
     assert len({lost, back, replace(lost)}) == 2
     assert isinstance(lost, LinkEvent)
+
+
+def test_its_signature_has_the_fields() -> None:
+    assert str(inspect.signature(Derived)) == "(first: 'float', second: 'str', third: 'tuple[int, ...]' = ())"
+
+
+class Checked(Frozen):
+    """With all that a dataclass may have besides."""
+
+    low: float
+    high: float = field(kw_only=True)
+    source: str = field(default="", compare=False)
+    width: InitVar[float | None] = field(default=None, kw_only=True)
+
+    def __post_init__(self, width: float | None) -> None:
+        if self.low > self.high:
+            raise ValueError("low is above high")
+        if width is not None:
+            object.__setattr__(self, "high", self.low + width)
+
+
+def test_values_are_checked_and_those_of_the_constructor_alone_are_not_kept() -> None:
+    made = Checked(1.0, "here", high=2.0, width=3.0)
+    assert asdict(made) == {"low": 1.0, "high": 4.0, "source": "here"}
+    assert made == Checked(1.0, "there", high=4.0)
+    with pytest.raises(ValueError, match="above"):
+        replace(made, low=5.0, width=None)
+    make: type = Checked
+    with pytest.raises(TypeError, match="its fields"):
+        make(1.0, "here", 2.0)
 
 
 def test_repr_is_that_of_a_dataclass() -> None:

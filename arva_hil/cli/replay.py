@@ -12,7 +12,6 @@ from contextlib import ExitStack, closing
 
 from arva_hil.cli import common
 from arva_hil.cli.outcome import UsageError
-from arva_hil.cli.run_links import refuse_own
 from arva_hil.cli.terminal import bar, tell
 from arva_hil.config import Scenario
 from arva_hil.emulator.emulated_vehicle import VehicleSetup
@@ -94,6 +93,8 @@ def main(options: argparse.Namespace) -> int:
 def _vehicles(options: argparse.Namespace, chosen: Scenario) -> list[VehicleSetup]:
     """The vehicles in the log. Raises UsageError if the scenario's cannot be told apart there."""
     if chosen.vehicles:
+        from arva_hil.cli.run_links import refuse_own  # with all kinds of links, which a replay does not need
+
         refuse_own(options, chosen)
         receivers = len(receivers_of(chosen))
         if options.out and receivers > 1:

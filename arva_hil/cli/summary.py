@@ -30,13 +30,8 @@ def lost_links(live: Live) -> list[str]:
 
 
 def known_at_start(chosen: Scenario) -> dict[str, Any]:
-    """The entries of run.json that are known at the start."""
-    import fastcrc
-    import numpy
-    import pymavlink
-    import serial
-    import yaml
-
+    """The entries of run.json that are known at the start. Of the libraries, those that this run uses."""
+    used = [sys.modules[name] for name in ("fastcrc", "numpy", "pymavlink", "serial", "yaml") if name in sys.modules]
     return {
         "started": utc(RealClock().epoch_us),
         "command": sys.argv,
@@ -46,10 +41,16 @@ def known_at_start(chosen: Scenario) -> dict[str, Any]:
         "versions": {
             "arva-hil": __version__,
             "python": platform.python_version(),
-            **{library.__name__: library.__version__ for library in (fastcrc, numpy, pymavlink, serial, yaml)},
-            "platform": platform.platform(),
+            **{library.__name__: library.__version__ for library in used},
+            "platform": _platform(),
         },
     }
+
+
+def _platform() -> str:
+    """As `platform.platform()`, which runs another program, for the kind of processor, and does not tell that kind."""
+    machine = platform.uname()
+    return f"{machine.system}-{machine.release}-{machine.machine}-with-{''.join(platform.libc_ver())}"
 
 
 def is_one(emulator: Emulator) -> bool:

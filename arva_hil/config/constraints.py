@@ -9,12 +9,12 @@ import math
 import numbers
 import re
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 from arva_hil.config.errors import ConstraintError, Violation, any_of, nearest, wrong
 from arva_hil.config.nodes import Items, Scalar
 from arva_hil.errors import KindError, UnknownKindError
+from arva_hil.frozen import Frozen
 from arva_hil.registry import Registry
 
 FLOAT: Final = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
@@ -54,8 +54,7 @@ class Constraint:
         return ""
 
 
-@dataclass(frozen=True)
-class Number(Constraint):
+class Number(Frozen, Constraint):
     """A finite number from `low` to `high`, `low` itself excluded if `above`. In Python, `endless` allows infinity."""
 
     low: float
@@ -95,7 +94,6 @@ class Number(Constraint):
         return {"type": "number", "exclusiveMinimum" if self.above else "minimum": self.low, "maximum": self.high}
 
 
-@dataclass(frozen=True)
 class Whole(Number):
     """A whole number from `low` to `high`, in a file written without a point."""
 
@@ -118,8 +116,7 @@ def whole(value: Any) -> int | None:
     return int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else None
 
 
-@dataclass(frozen=True)
-class Word(Constraint):
+class Word(Frozen, Constraint):
     """One of some words, quoted or not."""
 
     words: Sequence[str]
@@ -139,8 +136,7 @@ class Word(Constraint):
         return {"enum": list(self.words)}
 
 
-@dataclass(frozen=True)
-class Named(Constraint):
+class Named(Frozen, Constraint):
     """A name of what is in a registry: built in, or of a package that works. `word`: the kind, if not all names."""
 
     registry: Registry
@@ -169,8 +165,7 @@ class Named(Constraint):
         return {"type": "string", "minLength": 1} if self.registry.references else {"enum": self.registry.names()}
 
 
-@dataclass(frozen=True)
-class Text(Constraint):
+class Text(Frozen, Constraint):
     """Some text that matches `pattern`, quoted or not."""
 
     what: str

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from arva_hil.errors import ArvaError
+from arva_hil.frozen import Frozen
 
 
-@dataclass(frozen=True, order=True)
-class Problem:
+class Problem(Frozen):
     """One mistake in a file. Lines and columns count from 1; 1:1 when it concerns the whole file."""
 
     source: str
@@ -37,8 +37,7 @@ class ScenarioError(ArvaError):
         return "\n".join(map(str, self.problems))
 
 
-@dataclass(frozen=True)
-class Violation:
+class Violation(Frozen):
     """A value that violates a constraint: what was `expected`; what was `found`, if describing the value is not enough;
     the `nearest` valid value. `path` leads to it from the value that was read, through keys and indices; with `at_key`
     not the value there is meant, but its key. `first`: the path of a value, or key, that it repeats. `problem`: that of

@@ -8,13 +8,14 @@ is one key of a file, checked there and in Python, and has its place in the JSON
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import MISSING, InitVar, dataclass, field, replace
+from dataclasses import MISSING, InitVar, field, replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple, TypeVar, dataclass_transform, get_args
 
 from arva_hil.config.constraints import Anything, Constraint
 from arva_hil.config.errors import ConstraintError, Violation, any_of, nearest, short
 from arva_hil.config.nodes import spec_of
+from arva_hil.frozen import frozen
 
 _T = TypeVar("_T")
 
@@ -58,7 +59,7 @@ def table(*, required: str = "", one_of: str = "") -> Callable[[type[_T]], type[
         if "__post_init__" in vars(cls):
             made.__finish__ = made.__post_init__
         made.__post_init__ = _check
-        made = dataclass(frozen=True)(cls)
+        frozen(cls)
         made.__table__ = {one.name: _declared(one) for one in made.__dataclass_fields__.values()}
         made.__required__ = [*(name for name, one in keys(made).items() if one.default is MISSING), *required.split()]
         made.__one_of__ = one_of.split()

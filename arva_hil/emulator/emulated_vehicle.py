@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 from arva_hil.config import Scenario
@@ -15,6 +14,7 @@ from arva_hil.emulator.virtual_receiver import Run
 from arva_hil.events import DatumSet, Event, FollowedSystemHeard, FollowedSystemSilent, VehicleStatus
 from arva_hil.field import LocalFrame, rotation
 from arva_hil.field.arrays import Array
+from arva_hil.frozen import Frozen
 from arva_hil.mavlink.codec import Packet, Parser, dialect
 from arva_hil.mavlink.packet_reader import Packets
 from arva_hil.registry import MAVLINK_FORMATS
@@ -77,8 +77,7 @@ class FollowedSystem:
         return FollowedSystemSilent(now, self.system, self._was_heard) if silent else back
 
 
-@dataclass(frozen=True)
-class VehicleSetup:
+class VehicleSetup(Frozen):
     """One vehicle with its receivers. `link`: the link on which it is heard; `session`: follows it there."""
 
     name: str

@@ -16,6 +16,7 @@ from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.virtual_receiver import Run, VirtualReceiver
 from arva_hil.faults.plan import Faults
 from arva_hil.faults.sending import QueuedFrame
+from arva_hil.frozen import Frozen
 from arva_hil.vehicle.session import Session
 
 if TYPE_CHECKING:
@@ -87,8 +88,7 @@ class Output(NamedTuple):
     answer: told.CommandAnswered | None = None
 
 
-@dataclass(frozen=True)
-class ReceiverSetup:
+class ReceiverSetup(Frozen):
     """One receiver. `sink`: the link for its frames; for formats inside MAVLink, the autopilot's own."""
 
     name: str

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from arva_hil.events.frozen import Frozen
 from arva_hil.field.dipole import Transmitters
+from arva_hil.frozen import Frozen
 from arva_hil.mavlink.codec import Packet
 from arva_hil.receiver import Pose, Reading
 from arva_hil.vehicle.reasons import NoPose, NoVehicle

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.field.arrays import Array
+from arva_hil.frozen import Frozen
 
 CARRIER_HZ: Final = 457_000.0
 JITTER_S: Final = 0.2e-3  # assumption
@@ -37,8 +37,7 @@ class Pulses(NamedTuple):
     amplitudes: Array  # relative to a full battery
 
 
-@dataclass(frozen=True, slots=True)
-class Keying:
+class Keying(Frozen):
     """The times at which one transmitter sends. The same values give the same pulses, in any order of calls.
 
     Raises ValueError for contradictory times: no pause between two pulses, or a negative value.
@@ -98,8 +97,7 @@ class Keying:
         return amplitudes
 
 
-@dataclass(frozen=True, slots=True)
-class KeyingClass:
+class KeyingClass(Frozen):
     """A class of sets: their common values and distributions. `spread_s`: half the width of a uniform distribution of
     the period, or the standard deviation of a normal one.
     """

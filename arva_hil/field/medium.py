@@ -6,13 +6,13 @@ Sources of the numbers: docs/explanation/pulsed.md.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 
 from arva_hil.field.arrays import Array
 from arva_hil.field.keying import CARRIER_HZ
+from arva_hil.frozen import Frozen
 
 DipoleKind = Literal["static", "full"]
 
@@ -35,8 +35,7 @@ def skin_depth_m(conductivity_s_m: float, permittivity: float = 1.0) -> float:
     return math.inf if root == 0 else 1 / (_OMEGA * math.sqrt(_MU_0 * epsilon / 2 * root))
 
 
-@dataclass(frozen=True, slots=True)
-class Medium:
+class Medium(Frozen):
     """`dipole`: the static dipole field, or with its induction and radiation terms. `snow_skin_depth_m`: of what
     covers a transmitter; `surface_m`: its surface, down from the datum, one for all or (M,) of each.
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
+
+from arva_hil.frozen import Frozen
 
 Point = tuple[float, float, float]
 
@@ -13,8 +14,7 @@ _AT_M: Final = 0.5  # for the noise of a motor: the distance that makers require
 _NEAREST_M: Final = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleNoise:
+class VehicleNoise(Frozen):
     """`motors`: their places, body FRD, metres. `motor_na_m`: standard deviation of the noise of one motor at full
     load, 0.5 m away [nA/m]. `line_na_m`: the same of a harmonic of the motors' controllers within the receiver's band,
     whatever the load. No real vehicle's noise at 457 kHz is published: the law is physics, the size is assumed.

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
-from statistics import median
 from typing import Final, NamedTuple
 
 _BOOT_IDS: Final = (30, 31, 33)  # ATTITUDE, ATTITUDE_QUATERNION, GLOBAL_POSITION_INT
@@ -127,6 +126,8 @@ class Timeline(Iterator[Record]):
         for past in self._past:
             if (said := _boot_time(past.raw)) is not None:
                 clocks.setdefault(said[0], []).append(past.time_us - said[1])
+        from statistics import median  # slow to import
+
         told = []
         for later in (record, *self._ahead):
             since = later.time_us - record.time_us

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Annotated, ClassVar, NamedTuple, get_args, get_origin, get_type_hints
 
-from arva_hil.events.frozen import Frozen
+from arva_hil.frozen import Frozen
 
 Bool = Annotated[bool, "bool"]
 Byte = Annotated[int, "byte"]

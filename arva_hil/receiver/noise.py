@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from statistics import NormalDist
 from typing import Final, Literal
 
 import numpy as np
@@ -13,7 +12,6 @@ from arva_hil.field.arrays import Array
 
 NoiseKind = Literal["uniform", "gaussian", "off"]
 
-_NORMAL: Final = NormalDist()
 _AHEAD: Final = 64  # drawn at a time
 
 
@@ -33,7 +31,10 @@ def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) 
     u = rng.random((m, 3))
     z, azimuth, magnitude = 2 * u[:, 0] - 1, 2 * np.pi * u[:, 1], u[:, 2]
     if kind == "gaussian":
-        magnitude = np.array([min(1.0, -_NORMAL.inv_cdf(tail / 2) / 3) for tail in (1 - magnitude).tolist()])
+        from statistics import NormalDist  # slow to import
+
+        inverse = NormalDist().inv_cdf
+        magnitude = np.array([min(1.0, -inverse(tail / 2) / 3) for tail in (1 - magnitude).tolist()])
     across = np.sqrt(1 - z * z)
     w = np.empty((m, 3))
     w[:, 0], w[:, 1], w[:, 2] = across * np.cos(azimuth), across * np.sin(azimuth), z

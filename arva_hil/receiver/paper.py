@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final, Self, get_args
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.field.arrays import Array
 from arva_hil.field.medium import AIR
+from arva_hil.frozen import Frozen
 from arva_hil.receiver.noise import NoiseKind, NoiseSource, noise_bound
 from arva_hil.receiver.one_look import FEW, near, output, signals
 from arva_hil.receiver.reading import ChannelReading, Reading, Zone
@@ -26,8 +26,7 @@ _REFERENCE_NA_M: Final = 2e6 * math.pi  # of a field of 1, if the reference tran
 _Heard = tuple[int, int, int, int]  # d in cm, id, δ in degrees, zone; sorted like slots
 
 
-@dataclass(frozen=True)
-class Antennas:
+class Antennas(Frozen):
     """The properties of a receiver's antennas. Raises ValueError if a value is out of range."""
 
     sensitivity: tuple[float, float, float] = (1.0, 0.8, 0.6)  # diagonal of Q; the paper gives none

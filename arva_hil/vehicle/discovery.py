@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable
-from dataclasses import dataclass
 from typing import Any, Final
 
+from arva_hil.frozen import Frozen
 from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.vehicle.navigation import Place, is_zero, offset_m, place_of
 from arva_hil.vehicle.pose_track import ClockMap
@@ -17,8 +17,7 @@ _KINDS: Final = "GCS GIMBAL ADSB CAMERA ONBOARD_CONTROLLER ANTENNA_TRACKER"
 _NOT_VEHICLES: Final = {getattr(dialect, f"MAV_TYPE_{kind}") for kind in _KINDS.split()}
 
 
-@dataclass(frozen=True, slots=True)
-class Vehicle:
+class Vehicle(Frozen):
     """The autopilot that is followed."""
 
     system: int

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Literal, NamedTuple
+
+from arva_hil.frozen import Frozen
 
 
 class SilentStream(NamedTuple):
@@ -24,8 +25,7 @@ class SilentStream(NamedTuple):
 _NoStream = Literal["streams missing", "streams stopped", "no truth"]
 
 
-@dataclass(frozen=True, slots=True)
-class NoPose:
+class NoPose(Frozen):
     """Why there is no pose. `streams`: the missing ones, also with "zero position".
 
     `message`: with "no truth", the message that a simulator of this autopilot would send, "" if it has none.
@@ -45,8 +45,7 @@ class HeardSource(NamedTuple):
     times: int
 
 
-@dataclass(frozen=True, slots=True)
-class NoVehicle:
+class NoVehicle(Frozen):
     """Why there is no vehicle. `link_error`: of a lost link. `refused`: packets by the verdict on their signature."""
 
     reason: Literal["link lost", "silence", "no packets", "no signature", "no heartbeat"]

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -16,6 +15,7 @@ import numpy as np
 from arva_hil.events import Event, FrameMade, StatusReport
 from arva_hil.events.searches import BeliefChanged, FromSearch, PlaceFound, TakeOffPoint
 from arva_hil.field import rotation
+from arva_hil.frozen import Frozen
 from arva_hil.observers.console.event_json import event_json, event_object
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.runtime.clock import utc
@@ -27,8 +27,7 @@ TLOG, FRAMES, TABLE, READINGS, EVENTS, RUN = FILES
 _OF_RECEIVERS: Final = (FRAMES, TABLE, READINGS)
 
 
-@dataclass(frozen=True)
-class RecordLayout:
+class RecordLayout(Frozen):
     """`receivers`: names of vehicle and receiver; `links`: the engine's names of the links that are recorded.
 
     The files of a single receiver are beside run.json, those of several in `VEHICLE/RECEIVER/`. The packets of a single
