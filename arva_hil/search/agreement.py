@@ -112,7 +112,7 @@ def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> J
     spread = sum(share * float(np.linalg.eigvalsh(fit.covariance[:2, :2])[1]) for share, fit in likely)
     sigma = math.sqrt(spread / sum(share for share, _ in likely))
     down = float(there.best.now[2])
-    below, depth = down - float(o.at[2, 1:].max()), None if o.ground is None else down - o.ground
+    below, depth = down - float(o.at[2, 1:].max()), down - float(o.level(there.x)[0]) if o.sloping else None
     everything = float(_unexplained(there, _ROUGH_M, 9.0).mean())
     newest = _unexplained(there, _FINE_M, 4.0)[o.time_s[1:] > o.time_s[1:].max() - _NEWEST_S]
     return Judgement(

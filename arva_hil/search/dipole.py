@@ -47,14 +47,13 @@ class Readings:
     """Remembers the readings that say most; number 0 stands for what is known beforehand.
 
     Of the real and the imaginary part of each: `told`, it is a value; `limit`, it is the most that it can be.
-    `gains`: of the antennas x and y, 0 for a dead one; `lost`, None or (3, N): what they miss of a field. `ground`:
-    below the nearest reading, down from the take-off point [m], None if it is not known; `level`: then 0.
+    `gains`: of the antennas x and y, 0 for a dead one; `lost`, None or (3, N): what they miss of a field. `sloping`:
+    the ground below them is known.
     """
 
     def __init__(self, gains: tuple[float, float] = (1.0, 1.0)) -> None:
         self._gains = gains
-        self.ground: float | None = None
-        self.level, self._nearest_m = 0.0, math.inf
+        self.sloping, self._ground = False, np.zeros(_MOST)
         self.lost: NDArray[np.complex128] | None = None
         self._all: tuple[NDArray[Any], ...] = (
             np.full((_MOST, 3), 1e3),
@@ -86,8 +85,7 @@ class Readings:
         n = len(self.said)
         i = n if n < _MOST else 1 + int(np.argmin(self.said.real[1:]))
         heard = d > 0
-        if heard and d < self._nearest_m:
-            self.ground, self.level, self._nearest_m = ground, ground or 0.0, d
+        self.sloping = self.sloping or ground is not None
         d = d if heard else _SILENCE[0]
         variance = _NOISE * d**6 + (0.0 if heard else _SILENCE[1]) + np.array(_ROUNDING)
         axis = rotation[:, 0] + 1j * rotation[:, 1]
@@ -95,6 +93,7 @@ class Readings:
         new = position, axis, said, inner, (heard, heard and not inner), (not heard, False), variance, time_s
         for column, value in zip(self._all, new, strict=True):
             column[i] = value
+        self._ground[i] = ground or 0.0
         self._show(max(n, i + 1))
 
     def _show(self, n: int) -> None:
@@ -105,6 +104,15 @@ class Readings:
             self.lost = miss_x * self.axis.real + 1j * miss_y * self.axis.imag
             self.axis = x * self.axis.real + 1j * y * self.axis.imag
         self.told, self.limit = told.ravel(), limit.ravel()
+
+    def level(self, x: Array) -> Array:
+        """The ground where hypotheses (K, 6) are: below the reading nearest to each, down from the take-off point (K,);
+        0 if it is not known."""
+        if not self.sloping:
+            return np.zeros(len(x))
+        north, east = self.at[:2, None] - x.T[:2, :, None]
+        level: Array = self._ground[np.argmin(north**2 + east**2, axis=1)]
+        return level
 
 
 class Fit(NamedTuple):
@@ -148,7 +156,7 @@ def evaluate(x: Array, o: Readings, pose_error: float) -> Fit:
     slopes[:, 3:] = 3 * share * n - axis
 
     m2 = _dot(m, m)[:, 0] + 1e-20
-    error[:, 0] = (x[:, 2] - o.level - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / MOMENT**2) / (2 * _STRENGTH)
+    error[:, 0] = (x[:, 2] - o.level(x) - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / MOMENT**2) / (2 * _STRENGTH)
     slopes[:, :, 0] = 0
     slopes[:, 2, 0], slopes[:, 3:, 0] = 1 / _DEPTH[1], x[:, 3:] * (1j / _STRENGTH / m2)
 

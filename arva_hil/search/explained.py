@@ -35,7 +35,7 @@ class Explained:
             if o.heard:
                 readings.add(o.position, o.rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s, o.ground)
         moments = dipole.MOMENT * np.array([(1, 0, 0), (0, 1, 0), (0.7, 0.7, 0), (0.7, -0.7, 0), (0, 0, 1)])
-        level = readings.level
+        level = float(readings.level(np.array([[found.north, found.east, 0, 0, 0, 0]]))[0])
         x = np.array([[found.north, found.east, level + down, *moment] for down in _DOWNS for moment in moments])
         fit, _ = dipole.refine(x, np.full(len(x), 0.01), readings, _POSE_M, _ROUNDS)
         self._dipoles.append(fit.x[int(np.argmin(fit.cost))])

@@ -101,7 +101,7 @@ class History:
         Where readings in time and in place fit a usual transmitter, no other cause is tried.
         """
         first = self._fitted(x, cause)
-        if cause == NOTHING and first.pose_error < _FITS_M and _usual(first.best.x, first.readings.level):
+        if cause == NOTHING and first.pose_error < _FITS_M and _usual(first):
             return [first]
         return [first, *(self._fitted(x, one) for one in _CAUSES if one != cause)]
 
@@ -143,7 +143,8 @@ class History:
         return (north, east, down), b.rotation
 
 
-def _usual(x: Array, level: float) -> bool:
-    """Whether a dipole (6,) has the depth and the moment of a transmitter as it should be."""
+def _usual(one: Explanation) -> bool:
+    """Whether its dipole has the depth and the moment of a transmitter as it should be."""
+    x, (level, *_) = one.best.x, one.readings.level(one.x)
     strength = float(np.linalg.norm(x[3:])) / dipole.MOMENT
-    return _DOWNS[0] < x[2] - level < _DOWNS[1] and 1 / _STRENGTH < strength < _STRENGTH
+    return bool(_DOWNS[0] < x[2] - level < _DOWNS[1]) and 1 / _STRENGTH < strength < _STRENGTH

@@ -66,3 +66,12 @@ def test_four_motors_add_up_in_power_and_rise_with_their_load() -> None:
 def test_a_noise_without_sense_is_refused(wrong: tuple[object, float, float]) -> None:
     with pytest.raises(ValueError, match="motor"):
         VehicleNoise(*wrong)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("conductivity", [1e-5, 1e-3, 1e-2, 4.0])
+@pytest.mark.parametrize("permittivity", [1.0, 3.0, 80.0])
+def test_the_skin_depth_is_that_of_a_plane_wave(conductivity: float, permittivity: float) -> None:
+    """Its complex wave number, by SI constants of 2019."""
+    omega, mu, epsilon = 2 * math.pi * 457e3, 1.25663706212e-6, permittivity * 8.8541878128e-12
+    wave_number = omega * (mu * (epsilon - 1j * conductivity / omega)) ** 0.5
+    assert skin_depth_m(conductivity, permittivity) == pytest.approx(-1 / wave_number.imag, rel=1e-6)

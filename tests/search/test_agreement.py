@@ -41,13 +41,13 @@ def test_what_was_found_agrees_and_what_lies_elsewhere_does_not(
 
 
 def test_below_a_slope_the_depth_counts_from_the_ground() -> None:
-    """The ground is 10 m below the take-off point there."""
-    fall = 0.4
+    """The ground is 20 m below the take-off point there."""
+    fall = 0.8
     transmitter = f"{{id: 1, enu: [-4, 25, {-25 * fall - 1}], attitude: {{roll: 20, pitch: 30, yaw: 50}}}}"
-    flight = fly(Estimate(1.5), transmitter, height_m=3.0, fall=fall)
+    flight = fly(Estimate(1.5), transmitter, height_m=13.0, fall=fall)
     assert flight.found is not None
     assert flight.error_m < 0.5
-    assert flight.found.down == pytest.approx(25 * fall + 1, abs=1.0)
+    assert flight.found.down == pytest.approx(25 * fall + 1, abs=0.3)
     assert agrees(flight.heard, flight.found[:2], 3.0)
 
 

@@ -57,7 +57,7 @@ def fly(
     receiver, there = build.receiver(world), build.transmitters(world, LocalFrame(0.0, 0.0, 0.0))
     rng = random.Random(seed)
     R = rotation.to_matrix(rotation.from_euler(0.0, 0.0, yaw))
-    place, velocity = np.array([*start, -height_m]), np.zeros(2)
+    place, velocity = np.array([*start, fall * start[0] - height_m]), np.zeros(2)
     steps = math.ceil(1 / rate_hz / STEP_S)
     dt = 1 / rate_hz / steps
     heard: list[Observation] = []
@@ -65,7 +65,6 @@ def fly(
     while now < limit_s and strategy.found is None:
         receiver.look(Look(now, Pose(place, R), there))
         slot = next(c for c in receiver.show(now).channels if c.id in (world.transmitters[0].id, None))
-        place[2] = fall * place[0] - height_m
         told = place + [rng.gauss(0, gps_m) for _ in place]
         heard.append(Observation(now, _tuple(told), R, slot.d_cm, slot.delta_deg, slot.zone == Zone.INNER))
         heard[-1] = heard[-1]._replace(ground=fall * float(place[0]) if fall else None)
@@ -75,6 +74,7 @@ def fly(
             fastest = max(fastest, math.hypot(*wanted))
             velocity += (np.array(wanted) - velocity) * min(1.0, dt / lag_s)
             place[:2] += velocity * dt
+            place[2] = fall * place[0] - height_m
             told[:2] += velocity * dt
             now += dt
     found, target = strategy.found, there.positions[0]
