@@ -214,6 +214,7 @@ FORMATS: Final = Registry(
     ("encode", "decoder", "numbered"),
 )
 MAVLINK_FORMATS: Final = ("tunnel", "named", "named_float", "debug_vect")
+FORMATS_WITH_IDS: Final = ("binary", "nmea")  # that a port can have
 """Formats sent over the autopilot's link; all others are sent to a port."""
 MEASURED_FORMATS: Final = ("vector", "rssi")
 """Formats that carry what the antennas measured, beside the integers."""

@@ -44,7 +44,7 @@ def size(plan: CampaignPlan) -> int:
 def trials(plan: CampaignPlan) -> Iterator[Planned]:
     """All trials, by seed first and strategy last, so that a stopped campaign has tried all strategies alike."""
     before: tuple[Any, ...] = ()
-    for seed, (name, kind), noise, wind_m_s, gps_noise_m, take_off_m in itertools.product(*_axes(plan)):
+    for seed, (name, kind), noise, wind_m_s, gps_noise_m, take_off_m, drones in itertools.product(*_axes(plan)):
         if before != (seed, name, noise):
             before = seed, name, noise
             scenario = _scenario(kind, seed, noise)
@@ -62,6 +62,7 @@ def trials(plan: CampaignPlan) -> Iterator[Planned]:
                 victims=plan.victims,
                 area=plan.area_m,
                 strip_width_m=plan.strip_width_m,
+                drones=drones,
             )
             rest = {f.name: getattr(trial, f.name) for f in dataclasses.fields(trial) if f.name != "scenario"}
             yield Planned(_digest([FORMAT, name, content, rest]), trial, name, wind_m_s)
@@ -93,7 +94,7 @@ def draw(kind: Random, seed: int) -> Scenario:
 
 def _axes(plan: CampaignPlan) -> tuple[Sequence[Any], ...]:
     named = list(plan.scenarios.items())
-    return plan.seeds, named, plan.noise, plan.wind_m_s, plan.gps_noise_m, plan.take_off_m
+    return plan.seeds, named, plan.noise, plan.wind_m_s, plan.gps_noise_m, plan.take_off_m, plan.drones
 
 
 def _scenario(kind: Scenario | Random, seed: int, noise: NoiseKind | None) -> Scenario:

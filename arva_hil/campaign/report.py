@@ -19,13 +19,19 @@ _COLUMNS: Final = {  # several of it; its name as an axis
     "wind_m_s": ("winds", "wind, m/s"),
     "gps_noise_m": ("levels of GPS noise", "GPS noise, m"),
     "take_off_m": ("take-off heights", "take-off height, m"),
+    "drones": ("numbers of drones", "drones"),
 }
 _HEAD: Final = ("runs", "successes", "rate", "95 % confidence", "time, s", "path, m", "error, m")
 
 
 def text(rows: Sequence[TrialRow], success_m: float) -> str:
-    """A short table for a terminal: one line for each strategy."""
-    each = ((str(name), *_cells(summary(some, success_m))) for (name,), some in groups(rows, "strategy").items())
+    """A short table for a terminal: one line for each strategy and number of drones."""
+    parts = groups(rows, "strategy", "drones")
+    numbered = len({drones for _, drones in parts}) > 1
+    each = (
+        (f"{name}, {drones} drone{'s' * (drones > 1)}" if numbered else str(name), *_cells(summary(some, success_m)))
+        for (name, drones), some in parts.items()
+    )
     lines = table_lines([("strategy", *_HEAD), *each])
     foot = f"success: the place reported is within {success_m:g} m; time and path: of successes; a / b: median / 90 %"
     return "\n".join([*lines, foot])

@@ -32,7 +32,7 @@ REPORT: Final = "report.html"
 FAILED: Final = "failed: "  # begins the outcome of a trial that ended with an error of the program
 
 _APPLICATION: Final = 0x41525641  # "ARVA", in the header of the database
-_FORMAT: Final = 1  # of the table, also in the header
+_FORMAT: Final = 2  # of the table, also in the header
 _WAIT_S: Final = 1.0  # for another program to release the database
 _ELSEWHERE: Final = "it is left as it is; name another folder with --out"
 
@@ -52,6 +52,7 @@ class TrialRow:
     wind_m_s: float
     gps_noise_m: float
     take_off_m: float
+    drones: int
     strategy: str
     height_m: float
     speed_m_s: float
@@ -85,7 +86,7 @@ _CREATE: Final = ", ".join(f"{field.name} {_TYPES[str(field.type)].format(field.
 def flown(planned: Planned) -> dict[str, Any]:
     """The conditions of a trial: the columns up to `distance_m`."""
     trial = planned.trial
-    same = "gps_noise_m take_off_m strategy height_m speed_m_s limit_s".split()
+    same = "gps_noise_m take_off_m drones strategy height_m speed_m_s limit_s".split()
     places = [t.path.points_ned[0][1:] if t.path else t.ned for t in trial.scenario.transmitters]
     return {
         "key": planned.key,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from arva_hil.config import Scenario
@@ -11,8 +11,10 @@ from arva_hil.links import memory
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
+from arva_hil.search.mission import FOUND
 from arva_hil.search.outcome import SearchStep
 from arva_hil.search.plan import SearchPlan
+from arva_hil.simulated.closed_fleet import ClosedFleet, several
 from arva_hil.simulated.closed_loop import ClosedLoop
 
 _STREAM_HZ: Final = 10.0  # of the pose; the vehicle's streams are most of the cost of a flight
@@ -34,6 +36,7 @@ class Trial:
     victims: int | None = 1  # how many are searched for; None: all
     area: tuple[float, float, float, float] = (-50.0, -50.0, 50.0, 50.0)  # south, west, north, east of home, m
     strip_width_m: float = 40.0
+    drones: int = 1  # that divide the area and find one transmitter each; one drone finds all of `victims`
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,8 @@ class Result:
     """The result of a trial. The errors are None if nothing was found.
 
     They are horizontal distances from the true transmitter: `error_m` to the place reported, `hover_m` to the true
-    place of the hovering vehicle; of several transmitters the largest and the last one's.
+    place of the hovering vehicle (None for several drones); of several transmitters the largest and the last one's. Of
+    several drones: the time until as many as wanted were found, and the sums of their paths and frames.
     """
 
     outcome: str  # "found", or why not
@@ -55,7 +59,7 @@ class Result:
 def fly(trial: Trial, log: Callable[[SearchStep], None] = lambda _: None) -> Result:
     """Fly one trial with a stepped clock: built-in vehicle, emulator, search. Raises nothing for a failed search.
 
-    `log` gets every step of the flight.
+    `log` gets every step of the flight of a single drone.
     """
     clock = StepClock()
     plan = SearchPlan(
@@ -68,6 +72,8 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] = lambda _: None) -> Res
         area=trial.area,
         strip_width=trial.strip_width_m,
     )
+    if trial.drones > 1:
+        return _fly_team(trial, replace(plan, victims=1), clock)
     loop = ClosedLoop(
         trial.scenario,
         plan,
@@ -92,4 +98,32 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] = lambda _: None) -> Res
         mission.searched_s,
         mission.path_m,
         mission.frames,
+    )
+
+
+def _fly_team(trial: Trial, plan: SearchPlan, clock: StepClock) -> Result:
+    """As `fly`, with several drones, until as many transmitters as wanted are found."""
+    wanted = trial.victims or len(trial.scenario.transmitters)
+    loop = ClosedFleet(
+        several(trial.scenario, trial.drones),
+        plan,
+        start=clock.now(),
+        wind=trial.wind,
+        gps_noise_m=trial.gps_noise_m,
+        stream_hz=_STREAM_HZ,
+    )
+
+    def over() -> bool:
+        return loop.over or len(loop.found) >= wanted
+
+    run(loop.tasks, clock, until=trial.limit_s + _AROUND_S, stopped=over)
+    missions = [drone.search.mission for drone in loop.drones if drone.search.mission]
+    errors = [error for drone in loop.drones if (error := loop.error(drone)) is not None]
+    return Result(
+        FOUND if len(loop.found) >= wanted else f"{len(loop.found)} of {wanted} found",
+        max(errors, default=None),
+        None,
+        max((mission.searched_s for mission in missions), default=0.0),
+        sum(mission.path_m for mission in missions),
+        sum(mission.frames for mission in missions),
     )

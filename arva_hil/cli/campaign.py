@@ -60,7 +60,8 @@ def _list(every: Iterable[Planned], *, as_json: bool) -> int:
         else:
             air = "wind {wind_m_s:g} m/s, GPS noise {gps_noise_m:g} m".format(**what)
             flight = "take-off {take_off_m:g} m, height {height_m:g} m, {speed_m_s:g} m/s, {limit_s:g} s".format(**what)
-            show("{strategy}: {scenario}, seed {seed}, noise {noise}, ".format(**what) + f"{air}, {flight}")
+            team = f", {what['drones']} drones" if what["drones"] > 1 else ""
+            show("{strategy}: {scenario}, seed {seed}, noise {noise}, ".format(**what) + f"{air}, {flight}{team}")
     return OK
 
 

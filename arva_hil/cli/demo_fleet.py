@@ -15,6 +15,7 @@ from arva_hil.events import Event
 from arva_hil.events.searches import PlaceFound, SearchEnded, TransmitterChosen
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import Notice
+from arva_hil.registry import FORMATS_WITH_IDS
 from arva_hil.runtime.clock import RealClock, StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.outcome import Outcome
@@ -23,7 +24,6 @@ from arva_hil.simulated.closed_fleet import ClosedFleet, several
 
 _AROUND_S: Final = 120.0  # for take-off and landing
 _TOLD: Final = (TransmitterChosen, PlaceFound, SearchEnded)
-_WITH_IDS: Final = ("binary", "nmea")
 _NARROWEST_M: Final = 4.0  # part of an area: narrower ones are not worth a drone
 
 
@@ -88,8 +88,10 @@ def check_receivers(base: Scenario) -> None:
             raise UsageError(f"{base.source}: {vehicle.name}: {len(vehicle.receivers)} receivers; a drone has one here")
     formats = [receiver.output_format for vehicle in base.vehicles for receiver in vehicle.receivers]
     for of in formats or [base.output_format]:
-        if of not in _WITH_IDS:
-            raise UsageError(f"format {of}: several drones need {' or '.join(_WITH_IDS)}, whose frames carry ids")
+        if of not in FORMATS_WITH_IDS:
+            raise UsageError(
+                f"format {of}: several drones need {' or '.join(FORMATS_WITH_IDS)}, whose frames carry ids"
+            )
 
 
 def check_width(options: argparse.Namespace, count: int) -> None:

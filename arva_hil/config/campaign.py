@@ -15,11 +15,12 @@ from arva_hil.config.profiles import located
 from arva_hil.config.reading import keys_in, read, read_text
 from arva_hil.config.scenario import Scenario, load
 from arva_hil.config.tables import TableOf, fields_of, key, newer_keys, read_keys, table
-from arva_hil.registry import MAVLINK_FORMATS, STRATEGIES
+from arva_hil.registry import FORMATS_WITH_IDS, MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1
 WHAT: Final = "a mapping with strategies and scenarios"
 MOST_TRIALS: Final = 100_000_000
+MOST_DRONES: Final = 64
 _MOST_VALUES: Final = 100_000  # of one axis
 _NOT_FLOWN: Final = ("navigation_error", "follows", "vehicles", "terrain")  # one vehicle, above flat ground
 
@@ -165,8 +166,8 @@ _AREA: Final = (-50.0, -50.0, 50.0, 50.0)
 @table()
 class CampaignPlan:
     """What a campaign tries: all of it crossed. `scenarios` by name; `noise` None is the scenario's own; heights,
-    speeds and limits by strategy, or one for all; `victims`: how many are searched for, None: all. Raises ValueError
-    for what does not fit.
+    speeds and limits by strategy, or one for all; `victims`: how many are searched for, None: all; `drones`: how many
+    divide the area and search it together, each for one. Raises ValueError for what does not fit.
     """
 
     spec: InitVar[int] = key(Whole(1, SPEC, "a spec"), "the version of this file format", default=SPEC, kw_only=True)
@@ -185,6 +186,9 @@ class CampaignPlan:
     speed_m_s: Mapping[str, float] = key(_ByStrategy(_SPEED), "of the search", default=1.0)
     limit_s: Mapping[str, float] = key(_ByStrategy(_LIMIT), "of the search, then it lands", default=900.0)
     victims: int | None = key(HowMany(), "how many transmitters are searched for, or all", default=1)
+    drones: tuple[int, ...] = key(
+        _Axis(Whole(1, MOST_DRONES)), "that divide the area; one finds all `victims`, several one each", default=(1,)
+    )
     area_m: Area = key(AreaM(), "searched in strips: south, west, north, east of home", default=_AREA)
     strip_width_m: float = key(_WIDTH, "of the strips", default=40.0)
     success_m: float = key(_HEIGHT, "how near the place reported has to be", default=2.0)
@@ -206,10 +210,15 @@ class CampaignPlan:
         count = math.prod(len(axis) for axis in axes if axis)
         if count > MOST_TRIALS:
             yield Violation(f"at most {MOST_TRIALS}", f"{count} trials")
+        teams = [count for count in of.drones or () if count > 1]
         for name, one in of.scenarios.items() if isinstance(of.scenarios, Mapping) else ():
             count = one.count if isinstance(one, Random) else len(one.transmitters)
             if 0 < count < (wanted := of.victims or 1):
                 yield Violation(f"at most {count}, the transmitters of {name}", str(wanted), path=("victims",))
+            if teams and min(teams) < (every := of.victims or count):
+                yield Violation(f"1, or {every} at least: each finds one", str(min(teams)), path=("drones",))
+            if teams and isinstance(one, Scenario) and one.output_format not in FORMATS_WITH_IDS:
+                yield Violation("1: several need frames with ids", f"{one.output_format} of {name}", path=("drones",))
 
 
 def _by_strategy(plan: Any) -> Iterator[tuple[str, Number, Any]]:

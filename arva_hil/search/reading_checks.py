@@ -10,7 +10,9 @@ from firmware_proto import Channel, Frame
 
 _LATE: Final = 8  # frames before the last one: it was overtaken; a larger step back is a restart of the receiver
 _SAME_FRAMES: Final = 3  # at least
-_OLD_M: Final = 0.5  # a slow receiver may repeat a reading for this distance
+_OLD_M: Final = 0.5  # a slow receiver may repeat a reading for this distance,
+_OLD: Final = 0.1  # or this share of d if that is more, because far from a transmitter a reading changes little,
+_OLDEST_M: Final = 1.5  # but not for more
 _STUCK_M: Final = 3.0
 _STUCK_S: Final = 5.0  # because a search hovers where it expects the transmitter
 
@@ -84,6 +86,7 @@ class _SameReading:
         self.old = self.stuck = False
         self.moved_m = 0.0
         self._at = at
+        self._old_m = min(max(_OLD_M, _OLD * min((c.d for c in channels), default=0) / 100), _OLDEST_M)
         self._old_since = math.inf
         self._frames = 0
 
@@ -97,7 +100,7 @@ class _SameReading:
     def _again(self, position: Position, time_s: float) -> None:
         self._frames += 1
         self.moved_m = max(self.moved_m, math.dist(position, self._at))
-        self.old = self.moved_m > _OLD_M
+        self.old = self.moved_m > self._old_m
         self._old_since = min(self._old_since, time_s) if self.old else math.inf
         long = self.moved_m > _STUCK_M or time_s - self._old_since > _STUCK_S
         self.stuck = self.stuck or (long and self._frames >= _SAME_FRAMES)

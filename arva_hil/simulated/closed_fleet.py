@@ -52,7 +52,7 @@ class ClosedFleet:
 
     Every vehicle of the scenario has one receiver. They stand in a row from west to east, 5 m apart, and divide the
     plan's area, which is around the middle of the row, in that order. Neighbours fly at different heights.
-    `emit` gets the events of each search, with its vehicle's name. `start`: s.
+    `emit` gets the events of each search, with its vehicle's name. `start`: s. `wind`: NED, m/s.
     """
 
     def __init__(
@@ -63,12 +63,15 @@ class ClosedFleet:
         start: float,
         stream_hz: float = 50.0,
         gps_noise_m: float = 0.0,
+        wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
         observers: Sequence[Observer] = (),
         tell_packets: bool = False,
         emit: Callable[[str, Event], None] = lambda name, event: None,
     ) -> None:
         datum = Lla(*HOME) if scenario.datum == "home" else scenario.datum  # the same datum for all vehicles
         scenario = replace(scenario, datum=datum)
+        if gps_noise_m:  # otherwise the report is the truth
+            scenario = replace(scenario, pose="truth", navigation_error=None)
         self.frame = LocalFrame(datum.lat, datum.lon, datum.alt)
         self._scenario = scenario
         count = len(scenario.vehicles)
@@ -80,7 +83,7 @@ class ClosedFleet:
             lat, lon, alt = (float(value) for value in self.frame.lla([0.0, east, 0.0]))
             system = config.system or n + 1
             vehicle = SimulatedVehicle(
-                (lat, lon, alt), system, boot_time=start, gps_noise_m=gps_noise_m, seed=scenario.seed + n
+                (lat, lon, alt), system, boot_time=start, gps_noise_m=gps_noise_m, wind=wind, seed=scenario.seed + n
             )
             (near, far), (search_end, vehicle_end), (taken, given) = (memory.pair() for _ in range(3))
             (receiver,) = config.receivers

@@ -46,6 +46,7 @@ height_m: {estimate: 2}
 speed_m_s: 1.5
 limit_s: {flux: 60, estimate: 120}
 victims: all
+drones: [1, 2]
 area_m: [-80, -70, 60, 50]
 strip_width_m: 30
 success_m: 3
@@ -66,6 +67,7 @@ success_m: 3
         speed_m_s={"flux": 1.5, "estimate": 1.5},
         limit_s={"flux": 60.0, "estimate": 120.0},
         victims=None,
+        drones=(1, 2),
         area_m=(-80.0, -70.0, 60.0, 50.0),
         strip_width_m=30.0,
         success_m=3.0,
@@ -87,6 +89,7 @@ def test_a_short_plan_has_the_defaults_of_a_trial() -> None:
         ("two_victims", 200),
         ("four_victims", 200),
         ("four_published", 3 * 200),
+        ("drones", 4 * 35 * 3),
         ("pila", 200),
     ],
 )

@@ -169,6 +169,7 @@ def test_a_row_says_what_was_flown() -> None:
         wind_m_s=3.0,
         gps_noise_m=0.5,
         take_off_m=3.0,
+        drones=1,
         strategy="flux",
         height_m=3.0,
         speed_m_s=1.0,
@@ -208,7 +209,7 @@ def test_a_folder_of_an_older_version_or_of_somebody_else_is_left_as_it_is(tmp_p
         ("CREATE TABLE own (a)", "not from a campaign"),
         ("CREATE TABLE results (key, mine)", "not from a campaign"),
         ("CREATE VIEW results AS SELECT 1 AS key", "not from a campaign"),
-        ("PRAGMA user_version = 2", "format 2 of another arva-hil, not 1"),
+        ("PRAGMA user_version = 3", "format 3 of another arva-hil, not 2"),
         ("ALTER TABLE results DROP COLUMN frames", "cannot be opened: no such column: frames"),
     ],
 )

@@ -38,3 +38,15 @@ def test_a_reading_is_used_in_the_step_of_its_own_instant(tmp_path: Path) -> Non
     heard = [step.time_s for step in steps if step.phase == "flying" and step.d_cm is not None]
     assert len(heard) > 5
     assert heard == pytest.approx([round(at) for at in heard], abs=1e-6)
+
+
+def test_several_drones_find_one_transmitter_each_and_the_time_is_that_of_the_last(tmp_path: Path) -> None:
+    (tmp_path / "two.yaml").write_text(
+        "spec: 2\ntransmitters: [{id: 1, ned: [12, -9, 0]}, {id: 2, ned: [-9, 14, 0]}]\n"
+    )
+    plan = "strategies: flux\nscenarios: two.yaml\nnoise: off\nvictims: 2\ndrones: 2\narea_m: [-20, -20, 20, 20]\n"
+    (planned,) = trials(parse_plan(plan, str(tmp_path / "plan.yaml")))
+    one = row(planned, fly(planned.trial))
+    assert (one.outcome, one.drones, one.hover_m) == ("found", 2, None)
+    assert one.error_m == pytest.approx(0, abs=1.0)
+    assert one.path_m > one.time_s  # of both

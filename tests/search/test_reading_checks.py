@@ -11,7 +11,7 @@ from firmware_proto import MID, Channel, Decoder, Frame, TextDecoder, encode
 
 
 def frame(sequence: int, *channels: Channel) -> Frame:
-    return Frame(sequence, 1, channels or (Channel(1, MID, 900, 20),))
+    return Frame(sequence, 1, channels or (Channel(1, MID, 400, 20),))
 
 
 @pytest.mark.parametrize(
@@ -65,6 +65,14 @@ def test_the_same_reading_half_a_metre_farther_is_none_of_here() -> None:
     assert not after((frame(0), 0.0), (frame(1), 0.4)).old
     assert after((frame(0), 0.0), (frame(1), 0.6)).old
     assert after((frame(0), 0.0), (frame(1), 0.6), (frame(2), 0.0)).old  # back again
+
+
+@pytest.mark.parametrize(("d", "same_m"), [(810, 0.8), (1300, 1.3), (6000, 1.5)])
+def test_farther_from_a_transmitter_the_same_reading_is_of_more_places(d: int, same_m: float) -> None:
+    far = Channel(1, MID, d, 20)
+    hovering = [(frame(n, far), same_m * (n > 2)) for n in range(30)]
+    assert (after(*hovering).old, after(*hovering).stuck) == (False, False)
+    assert after((frame(0, far), 0.0), (frame(1, far), same_m + 0.1)).old
 
 
 def test_the_same_reading_for_long_off_the_place_where_it_was_right_is_stuck() -> None:
