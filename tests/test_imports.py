@@ -208,6 +208,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.runtime",
         "arva_hil.safe_text",
         "arva_hil.search",
+        "arva_hil.simulated.closed_fleet",
         "arva_hil.simulated.closed_loop",
     },
     "arva_hil/doctor": {
