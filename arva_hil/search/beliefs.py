@@ -36,5 +36,5 @@ class Beliefs:
 
     def found(self, time_s: float, transmitter: int | None, found: Found, sure: bool) -> None:
         """The strategy has found a place. `sure`: the readings agree with it."""
-        north, east, _, covariance = found
+        north, east, _, covariance, _ = found
         self._emit(PlaceFound(time_s, transmitter, north, east, covariance, sure))

@@ -39,7 +39,7 @@ _MODESTY: Final = 1.6  # a fit makes its own errors look smaller than they are
 
 SETTLED: Final = 0.01  # of a cost: two rounds in a row that gain less are the last
 
-_MOST: Final = 64  # readings
+MOST: Final = 64  # readings
 _NEAREST: Final = 0.1  # m
 
 
@@ -56,14 +56,14 @@ class Readings:
         self.sloping, self._ground = False, np.zeros(_MOST)
         self.lost: NDArray[np.complex128] | None = None
         self._all: tuple[NDArray[Any], ...] = (
-            np.full((_MOST, 3), 1e3),
-            np.ones((_MOST, 3), complex),
-            np.zeros(_MOST, complex),
-            np.ones(_MOST, bool),
-            np.ones((_MOST, 2), bool),
-            np.zeros((_MOST, 2), bool),
-            np.ones((_MOST, 2)),
-            np.zeros(_MOST),
+            np.full((MOST, 3), 1e3),
+            np.ones((MOST, 3), complex),
+            np.zeros(MOST, complex),
+            np.ones(MOST, bool),
+            np.ones((MOST, 2), bool),
+            np.zeros((MOST, 2), bool),
+            np.ones((MOST, 2)),
+            np.zeros(MOST),
         )
         self._show(1)
 
@@ -83,7 +83,7 @@ class Readings:
         nothing was heard; δ in radians.
         """
         n = len(self.said)
-        i = n if n < _MOST else 1 + int(np.argmin(self.said.real[1:]))
+        i = n if n < MOST else 1 + int(np.argmin(self.said.real[1:]))
         heard = d > 0
         self.sloping = self.sloping or ground is not None
         d = d if heard else _SILENCE[0]
@@ -126,6 +126,7 @@ class Fit(NamedTuple):
     weight: Array  # (K, M)
     slope: Array  # (K, M) of the error over the receiver's place, squared, 1/m²
     variance: Array  # (K, M) of the error, were the receiver's place exact
+    slopes: Array  # (K, 6, M) of the error over x
 
 
 def evaluate(x: Array, o: Readings, pose_error: float) -> Fit:
@@ -173,7 +174,7 @@ def evaluate(x: Array, o: Readings, pose_error: float) -> Fit:
     cost = 0.5 * np.add.reduce(used * loss + o.told * np.log(total), axis=1)
     weighted = j * weight[:, None]
     information = weighted @ j.transpose(0, 2, 1) + RIDGE
-    return Fit(x, cost, information, (weighted @ e[:, :, None])[:, :, 0], e, weight, slope, variance)
+    return Fit(x, cost, information, (weighted @ e[:, :, None])[:, :, 0], e, weight, slope, variance, j)
 
 
 def refine(x: Array, damping: Array, o: Readings, pose_error: float, rounds: int) -> tuple[Fit, Array]:

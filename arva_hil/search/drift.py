@@ -7,7 +7,6 @@ in time are alike, those of a minute average out.
 from __future__ import annotations
 
 import copy
-import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -15,12 +14,12 @@ from numpy.typing import NDArray
 
 from arva_hil.search import dipole
 
-DRIFTS_M: Final = (0.3, 1.0, 3.0)  # sigmas on each axis thought possible
+DRIFTS_M: Final = (1.0, 0.3, 3.0)  # sigmas on each axis thought possible; the usual one first
 WHITE_M: Final = 0.1  # sigma of what else is wrong with a place
 
 _SLOW_S: Final = (30.0, 5.0)  # forgotten in, filtered with
-_STEP: Final = 1e-5
 _FARTHEST_M: Final = 2.0  # of a step
+_SETTLED_M: Final = 0.005  # a step that moves it less is the last
 
 Array = NDArray[np.float64]
 
@@ -43,39 +42,35 @@ def fitted(x: Array, o: dipole.Readings, pose_error: float, drift_m: float, roun
     alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s)
     newest = drift_m**2 * _alike(o.time_s - o.time_s[1:].max(initial=0.0))
     alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is no reading
-    spread = np.repeat(np.repeat(alike, 2, 0), 2, 1)
-    aside = _STEP * np.concatenate([np.zeros((1, 6)), np.eye(6), -np.eye(6)])
     there, drift = copy.copy(o), np.zeros((3, len(o.time_s)))
-    for n in range(rounds + 1):
+    while True:
         there.at = o.at - drift
-        fit = dipole.evaluate(x + aside, there, pose_error)
-        slopes = fit.error[1:7] - fit.error[7:]
-        slopes[:, 3::2] -= math.pi * np.rint(slopes[:, 3::2] / math.pi)
-        used = (fit.weight[0] > 0).astype(float)
-        j = slopes / (2 * _STEP) * used
-        exact = pose_error**2 * fit.slope[0] + fit.variance[0]
-        tail = 1 + fit.error[0] ** 2 / (dipole.TAIL * exact)
-        tail[:2] = 1.0
-        by_drift = j[:3] * np.repeat(drift, 2, 1)
-        e = fit.error[0] * used - by_drift.sum(axis=0)
-        each = np.diag(exact * tail) + (j[:3].T @ j[:3]) * spread
+        fit = dipole.evaluate(x[None], there, pose_error)
+        used = np.flatnonzero(fit.weight[0])
+        of, j = used // 2, fit.slopes[0][:, used]
+        exact = (pose_error**2 * fit.slope + fit.variance)[0, used]
+        tail = np.where(of, 1 + fit.error[0, used] ** 2 / (dipole.TAIL * exact), 1.0)
+        e = fit.error[0, used] - np.add.reduce(j[:3] * drift[:, of])
+        each = (j[:3].T @ j[:3]) * alike[of[:, None], of]
+        each.flat[:: len(of) + 1] += exact * tail
         solved = np.linalg.solve(each, np.column_stack([j.T, e]))
         information = j @ solved[:, :6] + dipole.RIDGE
         step = -np.linalg.solve(information, j @ solved[:, 6])
         left = -(solved[:, 6] + solved[:, :6] @ step)
-        if n < rounds:
-            share = min(1.0, _FARTHEST_M / max(float(np.abs(step[:3]).max()), 1e-9))
-            x = x + share * step
-            aim = (j[:3] * left).reshape(3, -1, 2).sum(axis=2) @ alike
-            drift = drift + share * (aim - drift)
+        if rounds <= 0:
+            break
+        far = float(np.abs(step[:3]).max())
+        share = min(1.0, _FARTHEST_M / max(far, 1e-9))
+        x = x + share * step
+        drift = drift + share * ((j[:3] * left) @ alike[of] - drift)
+        rounds = 0 if far < _SETTLED_M else rounds - 1
     covariance: Array = np.linalg.inv(information)
-    now_drift = (j[:3] * left).reshape(3, -1, 2).sum(axis=2) @ newest
-    known = j[:3] * np.repeat(newest, 2)  # covariance of the drift now with each error
+    known = j[:3] * newest[of]  # covariance of the drift now with each error
     turn = np.eye(3, 6) - known @ solved[:, :6]
     rest = drift_m**2 * np.eye(3) - known @ np.linalg.solve(each, known.T)
     now_covariance: Array = turn @ covariance @ turn.T + rest
-    cost = 0.5 * float(e @ solved[:, 6] + np.log(exact * tail) @ (1 - used) * -1 + np.linalg.slogdet(each)[1])
-    return DriftFit(x, covariance, x[:3] + now_drift, now_covariance, cost)
+    cost = 0.5 * float(e @ solved[:, 6] + np.linalg.slogdet(each)[1])
+    return DriftFit(x, covariance, x[:3] + known @ left, now_covariance, cost)
 
 
 def _alike(after_s: Array) -> Array:

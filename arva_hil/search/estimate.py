@@ -1,9 +1,9 @@
 """A search that estimates the place of the transmitter from the field of a dipole, and flies there.
 
 Several hypotheses are kept, with weights from the likelihood of all readings; unlikely ones are dropped. The vehicle
-flies to their average, which separates them. Before it stops, it looks for other hypotheses again, and listens above
-the place. Readings that are late, places that drift as those of a GPS, and dead antennas are noticed and taken into
-account.
+flies to their average, which separates them. Before it stops, it looks for other hypotheses again, and flies a circle
+about the place. Readings that are late, places that drift as those of a GPS, and dead antennas are noticed and taken
+into account.
 """
 
 from __future__ import annotations
@@ -17,34 +17,36 @@ from numpy.typing import NDArray
 
 from . import dipole
 from .agreement import Evidence, beginning, judged
+from .circle import RADIUS_M, Circle
 from .drift import WHITE_M, DriftFit, fitted
 from .history import NOTHING, Explanation
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
 _STEP_M: Final = 0.48  # flown between two readings that are kept,
-_STEP_S: Final = 0.2  # and the time at least
+_STEP_S, _DRIFTING_S = 0.2, 1.5  # and the time at least; where places drift
 _FORGET: Final = 12.0  # a hypothesis whose likelihood is e^−12 of the best one's
 _SAME: Final = np.array([0.02] * 3 + [0.1] * 3)  # apart by less: place over distance, and moment
 _MANY: Final = 40
-_FEW: Final = 4  # if the places drift
+_FEW, _APART_M = 4, 0.2  # if the places drift
 _ROUNDS: Final = 2
 _DOUBTS: Final = (4, 4)  # rounds again, before it stops
 _CAUTION: Final = 2.0  # of the covariance: readings are not as independent as the fit believes
 _SURE_M: Final = 0.3  # sigma
 _HERE_M: Final = 0.5
-_ASTRAY_M: Final = 1.5  # so far away it does not listen any more
+_NEAR_M: Final = RADIUS_M + 0.5  # from there it circles,
+_ASTRAY_M: Final = RADIUS_M + 1.5  # and not any more when so far away
 _MISFIT_M: Final = 0.6  # a pose error that tells rather of a wrong hypothesis
 _AFRESH: Final = 5  # readings between two looks for other hypotheses
 _LOST: Final = 6  # readings in a row in which nothing was heard
 _TURN_M: Final = 2.5  # first turn of the spiral in which more is learnt
 _GAIN: Final = 1.5  # 1/s
-_LISTEN_S: Final = 6.0  # above the place, before it is told: by then late readings are of that place
 _AVERAGE_M: Final = 0.65  # sigma of a place that drifts: so small it becomes
 _AVERAGE_S: Final = 90.0  # or it listens for so long
 _EXPLAIN_EVERY: Final = 15  # readings between two looks for how late they are,
-_EXPLAIN_LATER: Final = 60  # and when not,
+_EXPLAIN_LATER: Final = 60  # and when not, or when they are known to drift,
 _ODD_M: Final = 0.3  # when their places seem wrong by so much
 _EVIDENT: Final = 16.0  # another cause is believed if it is more likely by e^16,
+_LATE_S: Final = 1.0  # readings that are later by more need another circle
 _LIKELIER: Final = 6.0  # and by e^6 where the place is doubtful
 _DOUBTFUL_S: Final = 90.0  # then the place is told as it is,
 _LONGEST_S: Final = 240.0  # and so long after it first came above a place, whatever has happened since
@@ -61,7 +63,8 @@ class Estimate:
         self._evidence = Evidence()
         self._cause, self._unexplained = NOTHING, 0
         self._drifts: list[DriftFit] = []
-        self._listens_s: float | None = None  # since when
+        self._circle: Circle | None = None
+        self._listens_s = math.inf  # since when it circles, with this cause
         self._doubtful_s = math.inf  # since when the readings do not agree with the place
         self._above_s = math.inf  # when it first came above a place
         self._strongest: Observation | None = None
@@ -86,6 +89,8 @@ class Estimate:
         return Belief(tuple(map(tuple, every)), (nn, ne, ee) if every else None, self._target)
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
+        if self._circle:
+            return self._circle.velocity(position, self._speed)
         return towards(position, self._target, self._speed, gain=_GAIN) if self._target else STILL
 
     def hear(self, observation: Observation) -> None:
@@ -93,7 +98,8 @@ class Estimate:
         if self._found or not (np.isfinite(o.position).all() and np.isfinite(o.rotation).all()):
             return
         self._evidence.add(o)
-        if 0 <= o.time_s - self._last_s < max(_STEP_S, _STEP_M / self._speed):
+        step_s = _DRIFTING_S if self._drifts else max(_STEP_S, _STEP_M / self._speed)
+        if 0 <= o.time_s - self._last_s < step_s:
             return
         if o.heard and (self._strongest is None or o.d_cm < self._strongest.d_cm):
             self._strongest = o
@@ -112,33 +118,39 @@ class Estimate:
         self._weigh(o, _ROUNDS)
         self._unexplained += 1
         odd = bool(self._cause.drift_m) or self._pose_error > _ODD_M
-        if self._unexplained > (_EXPLAIN_EVERY if odd else _EXPLAIN_LATER):
+        if self._unexplained > (_EXPLAIN_EVERY if odd and not self._drifts else _EXPLAIN_LATER):
             self._explain(o)
         self._listen(o)
         self._steer(o, self._strongest)
 
     def _listen(self, o: Observation) -> None:
-        """Above the place, listen for a while before it is told. Causes may change, but it ends in bounded time."""
-        if self._arrived(o):
+        """Circle about the place before it is told. Causes may change, but it ends in bounded time."""
+        near = self._near(o, _NEAR_M)
+        if near:
             self._above_s = min(self._above_s, o.time_s)
         if o.time_s - self._doubtful_s > _DOUBTFUL_S or o.time_s - self._above_s > _LONGEST_S:
             self._found = self._settled()
-        elif not self._arrived(o):
-            off = math.dist(o.position[:2], self._share @ self._places[:, :2])
-            if off > _ASTRAY_M or not (self._sure or self._drifts):
-                self._listens_s = None
-        elif self._listens_s is None:
+        elif self._circle is None:
+            if near:
+                self._doubt(o)
+            if near and self._near(o, _NEAR_M):
+                self._circle = Circle(self._place, o.position)
+                self._listens_s = min(self._listens_s, o.time_s)
+        elif math.dist(o.position[:2], self._place) > _ASTRAY_M or not (self._sure or self._drifts):
+            self._circle, self._listens_s = None, math.inf
+        elif self._circle.done and self._heard_enough(o.time_s - self._listens_s):
             self._doubt(o)
-            self._listens_s = o.time_s if self._arrived(o) else None
-        elif self._heard_enough(o.time_s - self._listens_s):
-            self._doubt(o)
-            if self._certain(o) and self._arrived(o):
+            if self._certain(o):
                 self._found = self._settled()
+        if self._found:
+            self._circle = None
+        elif self._circle:
+            self._circle.hear(self._place)
 
     def _heard_enough(self, listened_s: float) -> bool:
         """Whether it listened long enough, until the drift has averaged out as far as it will."""
         sigma = float(np.linalg.eigvalsh(self._drifts[0].covariance[:2, :2])[1]) ** 0.5 if self._drifts else 0.0
-        return listened_s >= (_LISTEN_S if sigma < _AVERAGE_M else _AVERAGE_S)
+        return sigma < _AVERAGE_M or listened_s >= _AVERAGE_S
 
     def _certain(self, o: Observation) -> bool:
         """Whether the readings agree with the place; if not, listen again, for some other cause or hypothesis."""
@@ -148,26 +160,35 @@ class Estimate:
         agrees = judgement is not None and judgement.agrees(-o.position[2])
         if not agrees:
             self._doubtful_s = min(self._doubtful_s, o.time_s)
-            self._listens_s = o.time_s
-        return not self._believe(every, _EVIDENT if agrees else _LIKELIER, o) and agrees
+            self._circle = None
+        return not self._believe(every, _LIKELIER, o, drift=0.0) and agrees
 
     def _explain(self, o: Observation) -> None:
         """Find out how late the readings are, how their places drift, and which antennas fail."""
         self._believe(self._evidence.explanations(self._x[:3], self._cause), _EVIDENT, o)
 
-    def _believe(self, every: Sequence[Explanation], evident: float, o: Observation) -> bool:
-        """Believe the best explanation, if it is more likely by e^evident than the present one, the first. Whether."""
+    def _believe(
+        self, every: Sequence[Explanation], evident: float, o: Observation, *, drift: float = _EVIDENT
+    ) -> bool:
+        """Believe the best explanation, if it is more likely by e^evident than the present one, the first. Whether
+        there is more to hear then: not for a smaller drift.
+
+        `drift`: the same for a drift where there was none.
+        """
         self._unexplained = 0
         best, before = min(every, key=lambda one: one.cost), self._cause
+        evident = drift if best.cause.drift_m and not before.drift_m else evident
         if best.cause == before or every[0].cost - best.cost < evident:
             return False
-        if best.cause.lag_s != before.lag_s or not (best.cause.drift_m and before.drift_m):
-            self._listens_s = None
+        if best.cause.lag_s > before.lag_s + _LATE_S:
+            self._circle = None  # its readings were not of it
+        if not (best.cause.drift_m and before.drift_m):
+            self._listens_s = o.time_s
         self._cause, self._readings = best.cause, best.readings
         self._drifts = []
         self._x, self._damping, self._pose_error = best.x, np.full(len(best.x), 0.01), min(best.pose_error, 1.0)
         self._weigh(o, _ROUNDS)
-        return True
+        return not 0 < best.cause.drift_m < before.drift_m
 
     def _doubt(self, o: Observation) -> None:
         """Look for other hypotheses once more."""
@@ -181,10 +202,12 @@ class Estimate:
     def _settled(self) -> Found:
         (nn, ne), (_, ee) = self._covariance.tolist()
         north, east, down = (self._share @ self._places).tolist()
-        if self._drifts:  # then not where it seems to be now, but where it was all the time
-            north, east, down = self._drifts[0].x[:3].tolist()
-            (nn, ne), (_, ee) = self._drifts[0].covariance[:2, :2].tolist()
-        return Found(north, east, down, (nn, ne, ee))
+        if not self._drifts:
+            return Found(north, east, down, (nn, ne, ee))
+        best = self._drifts[0]  # not where it seems to be now, but where it was all the time
+        (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
+        mean_north, mean_east, mean_down = best.x[:3].tolist()
+        return Found(mean_north, mean_east, mean_down, (nn, ne, ee), (north, east))
 
     def _seed(self, o: Observation) -> None:
         new = dipole.seeds(o.position, o.bearing, o.d_m, o.ground)
@@ -215,7 +238,11 @@ class Estimate:
         """The same, when the places drift: the hypotheses are where they would be in the places reported now."""
         every = [fitted(x, self._readings, WHITE_M, self._cause.drift_m, rounds) for x in self._x[:_FEW]]
         best = min(one.cost for one in every)
-        self._drifts = sorted((one for one in every if one.cost - best < _FORGET), key=lambda one: one.cost)
+        every = sorted((one for one in every if one.cost - best < _FORGET), key=lambda one: one.cost)
+        self._drifts = []
+        for one in every:
+            if all(math.dist(one.x[:3], other.x[:3]) > _APART_M for other in self._drifts):
+                self._drifts.append(one)
         self._x, self._places = (np.array(column) for column in zip(*((d.x, d.now) for d in self._drifts), strict=True))
         self._damping, self._share = np.full(len(self._x), 0.01), np.exp([best - d.cost for d in self._drifts])
         self._share /= self._share.sum()
@@ -230,8 +257,14 @@ class Estimate:
         sigma = _SURE_M + _DRIFT * self._cause.drift_m
         self._sure = bool(np.linalg.eigvalsh(self._covariance)[1] < sigma**2) and self._pose_error < _MISFIT_M
 
-    def _arrived(self, o: Observation) -> bool:
-        return self._sure and math.dist(o.position[:2], self._share @ self._places[:, :2]) < _HERE_M
+    @property
+    def _place(self) -> tuple[float, float]:
+        """The average of the hypotheses."""
+        north, east, _ = (self._share @ self._places).tolist()
+        return north, east
+
+    def _near(self, o: Observation, near_m: float) -> bool:
+        return self._sure and math.dist(o.position[:2], self._place) < near_m
 
     def _steer(self, o: Observation, strongest: Observation) -> None:
         """Fly to the hypotheses, or after the signal is lost to the best place; there, in a spiral."""

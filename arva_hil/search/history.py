@@ -22,8 +22,8 @@ _GAINS: Final = ((1.0, 0.0), (0.0, 1.0), (1.0, 0.5), (0.5, 1.0))  # of the anten
 _NEXT_S: Final = 0.1  # between two poses that are kept
 _MOST: Final = (4096, 192)  # poses, readings
 _ROUNDS: Final = 6
-_FEW: Final = 3  # hypotheses
-_ODD: Final = 4.0  # cost of a lag or a drift
+_FEW, _FEWER = 3, 2  # hypotheses; where places drift
+_ODD: Final = 4.0  # cost of a cause that is neither nothing nor the usual drift
 _FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift,
 _DOWNS: Final = (-2.5, 3.5)  # if the transmitter lies so far below the ground [m]
 _STRENGTH: Final = 2.3  # and has at most so many times the reference transmitter's moment, or that part of it
@@ -42,7 +42,6 @@ class Cause(NamedTuple):
 NOTHING: Final = Cause()  # is wrong
 _CAUSES: Final = (
     *(Cause(lag_s=lag_s) for lag_s in _LAGS_S),
-    *(Cause(drift_m=drift_m) for drift_m in DRIFTS_M),
     *(Cause(gains=gains) for gains in _GAINS),
 )
 
@@ -90,7 +89,10 @@ class History:
     def readings(self, cause: Cause = NOTHING) -> dipole.Readings:
         """All readings, where the receiver was when each was made, by its antennas."""
         there = dipole.Readings(cause.gains)
+        least = sorted(o.d_cm for o in self._read)[: dipole.MOST - 1][-1:]
         for o in self._read:
+            if o.d_cm > least[0]:
+                continue
             position, rotation = self.at(o.time_s - cause.lag_s)
             there.add(position, rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s, o.ground)
         return there
@@ -103,15 +105,23 @@ class History:
         first = self._fitted(x, cause)
         if cause == NOTHING and first.pose_error < _FITS_M and _usual(first):
             return [first]
-        return [first, *(self._fitted(x, one) for one in _CAUSES if one != cause)]
+        every = [first, *(self._fitted(x, one) for one in _CAUSES if one != cause)]
+        drift = next((one for one in every if one.cause.drift_m), None)
+        for drift_m in DRIFTS_M:
+            if drift is None or drift_m not in (one.cause.drift_m for one in every):
+                near, begin = drift is not None, x if drift is None else drift.x[:_FEWER]
+                drift = self._fitted(begin, Cause(drift_m=drift_m), near)
+                every.append(drift)
+        return every
 
-    def _fitted(self, x: Array, cause: Cause) -> Explanation:
+    def _fitted(self, x: Array, cause: Cause, near: bool = False) -> Explanation:
+        """What fits under a cause. `near`: only near x."""
         drift_m = cause.drift_m
         there, error = self.readings(cause), max(0.3, drift_m)
         nearest = self.nearest
         assert nearest is not None
         position, _ = self.at(nearest.time_s - cause.lag_s)
-        if drift_m or cause.gains != NOTHING.gains:
+        if (drift_m and not near) or cause.gains != NOTHING.gains:
             x = np.concatenate([x, dipole.seeds(position, nearest.bearing, nearest.d_m, nearest.ground)])
         damping, given = np.full(len(x), 0.01), x[:_FEW]
         for _ in range(2):
@@ -121,14 +131,16 @@ class History:
             if not drift_m:
                 error = dipole.likely_pose_error(fit, int(best[0]), there, dipole.WIDE)
         if drift_m:
-            begin = np.concatenate([given, x])
-            every = sorted((fitted(one, there, WHITE_M, drift_m, _ROUNDS) for one in begin), key=lambda one: one.cost)
-            one, costs = every[0], np.array([one.cost for one in every[:_FEW]])
-            x, error = np.array([one.x for one in every[:_FEW]]), WHITE_M
+            begin = given if near else np.concatenate([given, x])
+            rough = sorted((fitted(one, there, WHITE_M, drift_m, 1) for one in begin), key=lambda one: one.cost)
+            every = [fitted(one.x, there, WHITE_M, drift_m, _ROUNDS) for one in rough[:_FEWER]]
+            every.sort(key=lambda one: one.cost)
+            one, costs = every[0], np.array([one.cost for one in every])
+            x, error = np.array([one.x for one in every]), WHITE_M
         else:
             one, costs = fitted(x[0], there, error, 0.0, 0), fit.cost[best]
         surprise = 0.0 if drift_m else 0.5 * (math.log(error / dipole.USUAL[0]) / dipole.USUAL[1]) ** 2
-        cost = one.cost + surprise + (_ODD if cause != NOTHING else 0.0)
+        cost = one.cost + surprise + _ODD * (cause not in (NOTHING, Cause(drift_m=DRIFTS_M[0])))
         return Explanation(cause, there, x, error, one, cost, cost + costs - costs[0])
 
     def at(self, time_s: float) -> tuple[Position, Array]:

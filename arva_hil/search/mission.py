@@ -168,7 +168,7 @@ class Mission:
     def _come_down(self, found: Found, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
         if self._descent is None:
             speed = min(self.plan.speed, _APPROACH_M_S)
-            place = self._team.beside(found[:2]) if self._team else found[:2]
+            place = self._team.beside(found.goal) if self._team else found.goal
             self._descent = Descent(place, speed, time_s, height.metres)
             self._emit(DescentBegun(time_s))
         return self._descent.velocity(time_s, position, height)
@@ -206,8 +206,8 @@ class Mission:
         return self._end(FOUND if self.sure else NOT_SURE)
 
     def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
-        """If it lands, it lands at the place found."""
-        place, late = (found.north, found.east), self.searched_s > self.plan.limit_s
+        """If it lands, it lands there."""
+        place, late = found.goal, self.searched_s > self.plan.limit_s
         if not late and math.dist(position[:2], place) >= _THERE_M:
             return towards(position, place, self.plan.speed)
         if not self.victims.several:

@@ -51,12 +51,21 @@ class Observation(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The place of a transmitter from the take-off point [m]. `covariance`: of north and east [m²], (nn, ne, ee)."""
+    """The place of a transmitter from the take-off point [m]. `covariance`: of north and east [m²], (nn, ne, ee).
+
+    `now`: where it is in the places that are reported now, if those drift: north, east. The vehicle flies there.
+    """
 
     north: float
     east: float
     down: float | None = None
     covariance: tuple[float, float, float] | None = None
+    now: tuple[float, float] | None = None
+
+    @property
+    def goal(self) -> tuple[float, float]:
+        """Where to fly to be above it."""
+        return self.now or (self.north, self.east)
 
     @property
     def sigma(self) -> float | None:

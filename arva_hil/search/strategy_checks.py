@@ -59,15 +59,17 @@ def too_slow(took_s: float) -> str:
 
 
 def _sound(found: Found) -> Found | None:
-    """The place without an invalid covariance."""
-    north, east, down, covariance = found
+    """The place without what is invalid of the rest."""
+    north, east, down, covariance, now = found
     if not math.isfinite(north + east):
         return None
     if down is not None and not math.isfinite(down):
         down = None
     if covariance is not None and not (math.isfinite(sum(covariance)) and min(covariance[0], covariance[2]) >= 0):
         covariance = None
-    return Found(north, east, down, covariance)
+    if now is not None and not math.isfinite(math.hypot(*now)):
+        now = None
+    return Found(north, east, down, covariance, now)
 
 
 def _shown(thing: Any) -> str:

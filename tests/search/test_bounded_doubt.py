@@ -32,19 +32,19 @@ class Wavering(Evidence):
 
 
 class Confused(Estimate):
-    """Once it hovers above the place it is told nonsense."""
+    """Once it circles about the place it is told nonsense."""
 
     def __init__(self, speed: float) -> None:
         super().__init__(speed)
         self._rng = np.random.default_rng(3)
-        self.hovers = False
+        self.circles = False
 
     def hear(self, observation: Observation) -> None:
         place = self.belief.goal
         known = self.belief.covariance is not None and max(self.belief.covariance) < 0.05
-        if known and place is not None and math.dist(place, observation.position[:2]) < 0.4:
-            self.hovers = True
-        if self.hovers:
+        if known and place is not None and math.dist(place, observation.position[:2]) < 1.7:
+            self.circles = True
+        if self.circles:
             d_cm, delta_deg = int(self._rng.integers(400, 3000)), int(self._rng.integers(-89, 90))
             observation = observation._replace(d_cm=d_cm, delta_deg=delta_deg, inner=False)
         super().hear(observation)
@@ -61,6 +61,6 @@ def test_though_its_cause_changes_whenever_it_looks(monkeypatch: pytest.MonkeyPa
 def test_though_it_never_comes_above_a_place_again() -> None:
     strategy = Confused(1.0)
     flight = fly(strategy, NEAR, rate_hz=0.3, limit_s=400)
-    assert strategy.hovers
+    assert strategy.circles
     assert flight.found is not None
     assert flight.time_s < ENDS_S

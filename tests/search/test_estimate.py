@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 from collections import deque
 from dataclasses import replace
 
@@ -82,12 +83,23 @@ def test_readings_that_are_late_are_put_where_they_were_made(late_s: int, seed: 
     assert flight.error_m < 1
 
 
-def test_a_position_that_drifts_is_averaged() -> None:
-    scenario = replace(draw(Random(50.0, (0.0, 2.0)), 4), seed=4)
+def test_a_position_that_drifts_is_averaged_and_the_vehicle_is_above_the_transmitter() -> None:
+    scenario = replace(draw(Random(50.0, (0.0, 2.0)), 12), seed=12)
     result = trial.fly(trial.Trial("estimate", scenario, gps_noise_m=1.0))
     assert result.outcome == "found"
     assert result.error_m is not None
     assert result.error_m < 2.0
+    assert result.hover_m is not None
+    assert result.hover_m < 1.0
+
+
+def test_readings_of_another_transmitter_with_its_id_do_not_lead_astray() -> None:
+    transmitter, start = buried(2)
+    r = random.Random(2)
+    flight = fly(
+        Estimate(1.0), transmitter, "{id: 2, enu: [15, -10, 0]}", start=start, wrong=lambda _: r.random() < 0.2
+    )
+    assert flight.error_m < 0.3
 
 
 def test_says_how_deep() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -47,11 +48,13 @@ def fly(
     limit_s: float = 600.0,
     lag_s: float = LAG_S,
     fall: float = 0.0,
+    wrong: Callable[[float], bool] = lambda _: False,
 ) -> Flight:
     """Search from `start`, NED, for the first of the transmitters, "{id: 1, enu: [20, 5, 0]}" as in a scenario file.
 
     `gps_m`: sigma on each axis of the position that the strategy is told. `lag_s`: of the point's velocity.
-    `fall`: of the ground to the north, metres a metre; it flies `height_m` above it.
+    `fall`: of the ground to the north, metres a metre; it flies `height_m` above it. `wrong`: whether the receiver then
+    calls the last transmitter the first one.
     """
     world = parse(f"spec: 1\nseed: {seed}\ntransmitters: [{', '.join(transmitters)}]\n", "world")
     receiver, there = build.receiver(world), build.transmitters(world, LocalFrame(0.0, 0.0, 0.0))
@@ -64,7 +67,8 @@ def fly(
     fastest = now = 0.0
     while now < limit_s and strategy.found is None:
         receiver.look(Look(now, Pose(place, R), there))
-        slot = next(c for c in receiver.show(now).channels if c.id in (world.transmitters[0].id, None))
+        id_ = world.transmitters[-1 if wrong(now) else 0].id
+        slot = next(c for c in receiver.show(now).channels if c.id in (id_, None))
         told = place + [rng.gauss(0, gps_m) for _ in place]
         heard.append(Observation(now, _tuple(told), R, slot.d_cm, slot.delta_deg, slot.zone == Zone.INNER))
         heard[-1] = heard[-1]._replace(ground=fall * float(place[0]) if fall else None)
