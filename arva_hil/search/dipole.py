@@ -53,7 +53,7 @@ class Readings:
 
     def __init__(self, gains: tuple[float, float] = (1.0, 1.0)) -> None:
         self._gains = gains
-        self.sloping, self._ground = False, np.zeros(_MOST)
+        self.sloping, self._ground = False, np.zeros(MOST)
         self.lost: NDArray[np.complex128] | None = None
         self._all: tuple[NDArray[Any], ...] = (
             np.full((MOST, 3), 1e3),
