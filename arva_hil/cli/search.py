@@ -8,6 +8,7 @@ import math
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -206,6 +207,15 @@ def client_of(
     """One search. `vehicle`: its session, its link, and the receiver's, which speaks `format_`."""
     session, autopilot, receiver = vehicle
     kind = FORMATS[format_]
+    plan = replace(
+        plan,
+        land=options.end == "land",
+        timeout_s=options.timeout,
+        arm_timeout_s=options.arm_timeout,
+        take_over=options.take_over,
+        countdown_s=options.countdown,
+        dry_run=options.dry_run,
+    )
     return SearchClient(
         plan,
         session,
@@ -213,13 +223,7 @@ def client_of(
         receiver,
         kind.decoder(),
         start=start,
-        land=options.end == "land",
-        timeout_s=options.timeout,
-        arm_timeout_s=options.arm_timeout,
         permission=Permission(session, yes=options.yes, question=question, dry_run=options.dry_run),
-        take_over=options.take_over,
-        countdown_s=options.countdown,
-        dry_run=options.dry_run,
         emit=emit,
         log=log,
         host=getattr(kind, "host", None),

@@ -35,8 +35,7 @@ STAY: Final = (0.0, 0.0, 0.0)
 class Flight:
     """One flight from its take-off point on. `mission` begins at the end of the take-off.
 
-    `land`: whether it lands at the end, else it hovers. `log` gets a row for each step. `team`: the other searches.
-    `host`: commands to the receiver.
+    `log` gets a row for each step. `team`: the other searches. `host`: commands to the receiver.
     """
 
     def __init__(
@@ -47,7 +46,6 @@ class Flight:
         ground: Ground,
         *,
         start: float,
-        land: bool,
         log: Callable[[SearchStep], None],
         team: Teammate | None = None,
         host: ReceiverHost | None = None,
@@ -59,7 +57,6 @@ class Flight:
         self._commander = commander
         self._ground = ground
         self._start = start
-        self._land = land
         self._log = log
         self._team = team
         self._searching = True
@@ -114,7 +111,7 @@ class Flight:
                     plan,
                     now - self._skipped_s,
                     position,
-                    land=self._land,
+                    land=self._plan.land,
                     emit=self._tell_in_time,
                     team=self._team,
                     host=self._host,
@@ -127,8 +124,8 @@ class Flight:
                 velocity = self._team.apart(self.origin, position, velocity)
             self._commander.steer(velocity)
             if self.mission.over:
-                self._session.news.emit(SearchEnded(now, self.mission.ended, self._land))
-                (self._commander.land if self._land else self._commander.hold)(now)
+                self._session.news.emit(SearchEnded(now, self.mission.ended, self._plan.land))
+                (self._commander.land if self._plan.land else self._commander.hold)(now)
         self._note(now, phase, state, velocity)
 
     def leave(self, now: float, *, flying: bool) -> None:

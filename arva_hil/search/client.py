@@ -49,11 +49,9 @@ class SearchClient:
     The receiver's link may be lost and come back at any time, the autopilot's only until it is `launched`. Later it
     should raise an error when it is lost, because another person may control the vehicle meanwhile.
 
-    `land`: whether it lands at the end, else it hovers. `timeout_s`: from `start` until everything is ready for the
-    flight. `permission`: to arm this vehicle; None if all vehicles are simulated. `countdown_s`: before it is armed.
-    `dry_run`: nothing is armed, and the orders are only reported. `emit` gets the events, `log` five rows a second.
-    `team`: the other searches, if there are several; `tunnel`: to them, if they are other programs. `host`: the form of
-    commands to the receiver, if it takes any.
+    `permission`: to arm this vehicle; None if all vehicles are simulated. `emit` gets the events, `log` five rows a
+    second. `team`: the other searches, if there are several; `tunnel`: to them, if they are other programs. `host`: the
+    form of commands to the receiver, if it takes any.
     `outcome`: None until the end, when the vehicle has landed or is left hovering.
     """
 
@@ -66,13 +64,7 @@ class SearchClient:
         decoder: FrameDecoder,
         *,
         start: float,
-        land: bool = True,
-        timeout_s: float = 60.0,
-        arm_timeout_s: float = 60.0,
         permission: Permission | None = None,
-        take_over: bool = False,
-        countdown_s: float = 0.0,
-        dry_run: bool = False,
         emit: Callable[[Event], None] = lambda _: None,
         log: Callable[[SearchStep], None] = lambda _: None,
         team: Teammate | None = None,
@@ -85,38 +77,17 @@ class SearchClient:
         self._tunnel = tunnel
         self._line = AutopilotLink(autopilot, start, hear=self._hear, anew=self._begin_anew)
         self._receiver = ReceiverLink(receiver, decoder, session.news.emit, host)
-        self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=arm_timeout_s)
-        self._preflight = Preflight(
-            session,
-            autopilot,
-            self._receiver,
-            battery=self._commander.battery,
-            start=start,
-            timeout_s=timeout_s,
-            permission=permission,
-            take_over=take_over,
-            countdown_s=0.0 if dry_run else countdown_s,
-        )
+        self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=plan.arm_timeout_s)
+        needed = autopilot, self._receiver, self._commander.battery, permission
+        self._preflight = Preflight(plan, session, *needed, start=start)
         self._ground = Ground(session, trust_gps=plan.trust_gps)
         flown = plan, session, self._commander, self._ground
-        self._flight = Flight(*flown, start=start, land=land, log=log, team=team, host=self._receiver.host)
-        self._dry_run: DryRun | None = None
-        if dry_run:
-            self._dry_run = DryRun(
-                plan,
-                session,
-                self._ground,
-                start=start,
-                land=land,
-                take_over=take_over,
-                countdown_s=countdown_s,
-                log=log,
-            )
+        self._flight = Flight(*flown, start=start, log=log, team=team, host=self._receiver.host)
+        self._dry_run = DryRun(plan, session, self._ground, start=start, log=log) if plan.dry_run else None
         self._emit = emit
         self._next_step = self._now_s = start
-        self._begin = self._commander.take_over if take_over else self._commander.launch
-        self._take_over = take_over
-        self._patience_s = plan.patience_s
+        self._begin = self._commander.take_over if plan.take_over else self._commander.launch
+        self._plan = plan
         self._stopping = False
 
     @property
@@ -221,7 +192,7 @@ class SearchClient:
         elif phase is Phase.ARMING:
             self._flight.wait(now)
             self._commander.ready = not self._receiver.silent(now)
-            if self._receiver.silent(now, self._patience_s):
+            if self._receiver.silent(now, self._plan.patience_s):
                 self._commander.land(now, self._receiver.why_silent(now))
         else:
             self._flight.fly(now)
@@ -248,7 +219,7 @@ class SearchClient:
         self._line.pin()
         if throttle := self._preflight.failsafes.values.get("RCMAP_THROTTLE"):
             self._commander.sticks.throttle = int(throttle)
-        self._session.news.emit(Launched(now, str(self._session.vehicle), self._take_over))
+        self._session.news.emit(Launched(now, str(self._session.vehicle), self._plan.take_over))
 
     def _conclude(self) -> None:
         mission = self.mission

@@ -36,29 +36,16 @@ class DryRun:
     """Remembers the mission that would be flown. The vehicle is on the ground, or hovers with `take_over`.
 
     Readings are used at the receiver's present place; set-points are for a vehicle at the height of the take-off above
-    it. `land`: whether it would land at the end, else hover. `countdown_s`: of the count-down. `log` gets a row for
-    each step.
+    it. `log` gets a row for each step.
     """
 
     def __init__(
-        self,
-        plan: SearchPlan,
-        session: Session,
-        ground: Ground,
-        *,
-        start: float,
-        land: bool,
-        take_over: bool,
-        countdown_s: float,
-        log: Callable[[SearchStep], None],
+        self, plan: SearchPlan, session: Session, ground: Ground, *, start: float, log: Callable[[SearchStep], None]
     ) -> None:
         self._plan = plan
         self._session = session
         self._ground = ground
         self._start = start
-        self._land = land
-        self._take_over = take_over
-        self._countdown_s = countdown_s
         self._log = log
         self._begun_s = math.inf
         self._say_next_s = -math.inf
@@ -105,17 +92,17 @@ class DryRun:
     def _begin(self, now: float, mode: int, modes: Modes, place: PositionSample) -> None:
         session, take_off = self._session, self._plan.take_off
         home = session.home
-        place = place._replace(alt=home[2]) if self._take_over and home else place
+        place = place._replace(alt=home[2]) if self._plan.take_over and home else place
         self._begun_s, self._origin = now, place.frame
         emit = session.news.emit
         emit(take_off_point(now, place.frame))
-        emit(DryRunBegun(now, str(session.vehicle), self._take_over, self._countdown_s))
-        if not self._take_over:
+        emit(DryRunBegun(now, str(session.vehicle), self._plan.take_over, self._plan.countdown_s))
+        if not self._plan.take_over:
             if mode != modes.hold:
                 emit(WouldOrder(now, "DO_SET_MODE", modes.name(modes.hold)))
             emit(WouldOrder(now, "COMPONENT_ARM_DISARM", "arm"))
             emit(WouldOrder(now, "NAV_TAKEOFF", f"to {take_off:g} m above the take-off point"))
-        if mode != modes.steer and (self._take_over or modes.steer != modes.take_off):
+        if mode != modes.steer and (self._plan.take_over or modes.steer != modes.take_off):
             still = f"set-points flow, 0 m/s, {1 / EVERY_S:g} a second; then {modes.name(modes.steer)}"
             emit(WouldOrder(now, "DO_SET_MODE", still))
         self._mission = Mission(self._plan, now, self._lifted((0.0, 0.0, -self._height(now))), emit=emit)
@@ -128,7 +115,7 @@ class DryRun:
 
     def _lifted(self, place: Position) -> Position:
         """The vehicle's place after its take-off."""
-        return place if self._take_over else (place[0], place[1], min(place[2], -self._plan.take_off))
+        return place if self._plan.take_over else (place[0], place[1], min(place[2], -self._plan.take_off))
 
     def _fly(self, now: float, mission: Mission) -> None:
         state = self._session.state_at(now, self._origin) if self._origin else None
@@ -137,7 +124,7 @@ class DryRun:
         position = as_position(state.position)
         receiver, _ = self._plan.mount.pose(state.position, state.attitude)
         height = self._ground.height(now, state)
-        if not self._take_over:
+        if not self._plan.take_over:
             height = Height(max(height.metres, self._plan.take_off), height.measured, height.margin)
         velocity = STAY
         if not mission.ended:
@@ -153,7 +140,7 @@ class DryRun:
     def _end(self, now: float) -> None:
         assert self._modes is not None
         emit = self._session.news.emit
-        if self._land:
+        if self._plan.land:
             emit(WouldOrder(now, "NAV_LAND", "at the end"))
         elif self._modes.hold != self._modes.steer:
             emit(WouldOrder(now, "DO_SET_MODE", f"{self._modes.name(self._modes.hold)}, at the end"))

@@ -14,7 +14,9 @@ class SearchPlan:
     """The settings of a search. `area`: south, west, north, east of the take-off point [m].
 
     `height`: above the ground [m], as far as it is known (`ground.py`); `take_off`: above the take-off point [m].
-    `mount`: the place of the receiver on the vehicle. `victims`: how many are searched for, None: all.
+    `mount`: the place of the receiver on the vehicle. `victims`: how many are searched for, None: all. `land`: whether
+    it lands at the end, else it hovers. `timeout_s`: from the start until everything is ready for the flight.
+    `take_over`: it is in the air already. `dry_run`: nothing is armed, and the orders are only reported.
     """
 
     strategy: Callable[[float], Strategy]
@@ -28,3 +30,9 @@ class SearchPlan:
     mount: Mount = field(default_factory=Mount)
     trust_gps: bool = False  # hold `height` also if only GPS measures it
     victims: int | None = 1
+    land: bool = True
+    timeout_s: float = 60.0
+    arm_timeout_s: float = 60.0
+    take_over: bool = False
+    countdown_s: float = 0.0  # before it is armed
+    dry_run: bool = False

@@ -18,6 +18,7 @@ from arva_hil.search.airborne import OLD_S
 from arva_hil.search.hover import Hover
 from arva_hil.search.outcome import Kind, Refusal
 from arva_hil.search.permission import Permission
+from arva_hil.search.plan import SearchPlan
 from arva_hil.search.receiver_link import ReceiverLink
 from arva_hil.vehicle.session import Session
 
@@ -27,24 +28,21 @@ _Lacking = Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
 
 
 class Preflight:
-    """Remembers what a search waits for, and since when. `timeout_s`: from `start`, for everything.
+    """Remembers what a search waits for, and since when.
 
-    `battery`: of the vehicle. `permission`: to fly this vehicle; None if every vehicle may be flown. `take_over`: it is
-    in the air. `countdown_s`: waited for when everything is ready. `failsafes`: of the vehicle.
+    `permission`: to fly this vehicle; None if every vehicle may be flown. `battery`, `failsafes`: of the vehicle.
     """
 
     def __init__(
         self,
+        plan: SearchPlan,
         session: Session,
         autopilot: Link,
         receiver: ReceiverLink,
-        *,
         battery: Battery,
-        start: float,
-        timeout_s: float,
         permission: Permission | None,
-        take_over: bool,
-        countdown_s: float,
+        *,
+        start: float,
     ) -> None:
         self.failsafes = Failsafes()
         self._session = session
@@ -53,10 +51,10 @@ class Preflight:
         self._receiver = receiver
         self._battery = battery
         self._since = start
-        self._timeout_s = timeout_s
+        self._timeout_s = plan.timeout_s
         self._permission = permission
-        self._hover = Hover(session) if take_over else None
-        self._countdown_s = countdown_s
+        self._hover = Hover(session) if plan.take_over else None
+        self._countdown_s = 0.0 if plan.dry_run else plan.countdown_s
         self._arm_at = math.inf
         self._next_said = 0
         self._looked = start

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -100,6 +101,9 @@ class World:
         self.others, others = memory.pair()
         self.port = Port(port, self.frames)
         self.session = Session(rate_hz=10, component=US)
+        client = dict(client or {})
+        settings = {field.name for field in fields(SearchPlan)} & client.keys()
+        plan |= {name: client.pop(name) for name in settings}
         self.client = SearchClient(
             SearchPlan(**({"strategy": GoTo, "take_off": 2.0, "height": 1.0} | plan)),
             self.session,
@@ -109,7 +113,7 @@ class World:
             start=0.0,
             emit=self.events.append,
             log=self.rows.append,
-            **(client or {}),
+            **client,
         )
         self._tap()
         self._tasks = [Simulator([vehicle], [self.far, others]), self.port, self.client]  # type: ignore[arg-type]
