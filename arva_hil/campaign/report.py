@@ -41,6 +41,10 @@ def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
     """The report as one self-contained HTML file."""
     count = {name: len(groups(rows, name)) for name in _COLUMNS}
     axes = [(name, label) for name, (_, label) in _COLUMNS.items() if label == "" or (label and count[name] > 1)]
+    try:
+        drawn = {name: base64.b64encode(svg).decode() for name, svg in charts.draw(rows, success_m).items()}
+    except ImportError:  # no matplotlib
+        drawn = None
     return render(
         "arva_hil.campaign",
         "report.html",
@@ -52,7 +56,7 @@ def page(title: str, rows: Sequence[TrialRow], success_m: float) -> str:
         cells=_cells,
         colours=charts.colours(row.strategy for row in rows),
         tables=[(label, list(_parts(rows, name, success_m))) for name, label in axes],
-        charts=_charts(rows, success_m),
+        charts=drawn,
         outcomes=sorted(groups(rows, "outcome").items(), key=lambda pair: -len(pair[1])),
         by_outcome=groups(rows, "outcome", "strategy"),
     )
@@ -63,15 +67,6 @@ def _parts(rows: Sequence[TrialRow], column: str, success_m: float) -> Iterator[
     for (value,), some in ({("",): rows} if column == "strategy" else groups(rows, column)).items():
         name = f"{value:g}" if isinstance(value, float) else str(value)
         yield name, {strategy: summary(mine, success_m) for (strategy,), mine in groups(some, "strategy").items()}
-
-
-def _charts(rows: Sequence[TrialRow], success_m: float) -> dict[str, str] | None:
-    """Caption → SVG in base64; None without matplotlib."""
-    try:
-        drawn = charts.draw(rows, success_m)
-    except ImportError:
-        return None
-    return {caption: base64.b64encode(svg).decode() for caption, svg in drawn.items()}
 
 
 def _cells(s: Summary) -> tuple[str, ...]:

@@ -136,11 +136,11 @@ class MavlinkDecoder(FrameDecoder):
     def __init__(self, format: str) -> None:
         super().__init__()
         self._parser = Parser()
-        self._read = {
-            "tunnel": self._tunnel,
-            "named": self._on_int,
-            "named_float": self._on_float,
-            "debug_vect": self._on_vector,
+        self._msgid, self._read = {
+            "tunnel": (dialect.MAVLINK_MSG_ID_TUNNEL, self._on_tunnel),
+            "named": (dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT, self._on_named),
+            "named_float": (dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT, self._on_named),
+            "debug_vect": (dialect.MAVLINK_MSG_ID_DEBUG_VECT, self._on_vector),
         }[format]
         self._frames: list[Frame] = []
         self._binary = firmware_proto.Decoder()
@@ -150,7 +150,7 @@ class MavlinkDecoder(FrameDecoder):
 
     def feed(self, chunk: bytes, now: float) -> list[Frame]:
         for packet in self._parser.feed(chunk):
-            if (message := self._parser.decode(packet)) is not None:
+            if packet.msgid == self._msgid and (message := self._parser.decode(packet)) is not None:
                 self._read(message, now)
         if self._values and now - self._since >= _SILENCE_S:
             self._end_named()
@@ -158,27 +158,20 @@ class MavlinkDecoder(FrameDecoder):
         frames, self._frames = self._frames, []
         return frames
 
-    def _tunnel(self, message: Any, now: float) -> None:
-        if message.get_type() == "TUNNEL" and message.payload_type == TUNNEL_TYPE:
+    def _on_tunnel(self, message: Any, now: float) -> None:
+        if message.payload_type == TUNNEL_TYPE:
             for frame in self._binary.feed(bytes(message.payload[: message.payload_length]), now):
                 self._count(frame.sequence)
                 self._frames.append(frame)
 
-    def _on_int(self, message: Any, now: float) -> None:
-        if message.get_type() == "NAMED_VALUE_INT":
-            self._on_named(message.name, message.value, now)
-
-    def _on_float(self, message: Any, now: float) -> None:
-        if message.get_type() == "NAMED_VALUE_FLOAT" and message.value.is_integer():  # neither NaN nor infinite
-            self._on_named(message.name, int(message.value), now)
-
-    def _on_named(self, name: str, value: int, now: float) -> None:
-        if not name.startswith("ARVA"):
+    def _on_named(self, message: Any, now: float) -> None:
+        name, value = message.name, float(message.value)
+        if not name.startswith("ARVA") or not value.is_integer():  # nor NaN, nor infinite
             return
         if name == "ARVA1_D" and self._values:
             self._end_named()
         if (self._values or name == "ARVA1_D") and len(self._values) < 3 * firmware_proto.MAX_CHANNELS:
-            self._values[name] = value
+            self._values[name] = int(value)
             self._since = now
 
     def _end_named(self) -> None:
@@ -192,7 +185,7 @@ class MavlinkDecoder(FrameDecoder):
         self._values.clear()
 
     def _on_vector(self, message: Any, now: float) -> None:
-        if message.get_type() != "DEBUG_VECT" or message.name not in ("a", "b"):
+        if message.name not in ("a", "b"):
             return
         if not math.isfinite(message.x + message.y + message.z):
             self._slots = []
