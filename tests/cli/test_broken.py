@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 import pytest
 
 from arva_hil.safe_text import one_line
+from tests.every import every
 
 BROKEN = Path(__file__).parent.parent / "broken"
 DATA = Path(__file__).parent.parent / "data"
@@ -85,7 +86,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 # -- scenarios ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("entry", params(SCENARIOS))
+@every("entry", params(SCENARIOS))
 def test_a_broken_scenario_is_answered_at_its_place_and_alike_by_check_and_run(arva: Arva, entry: Entry) -> None:
     Path("f.yaml").write_bytes(entry.data)
     code, out, err = arva("check", "f.yaml")
@@ -233,7 +234,7 @@ def test_each_of_several_files_is_answered(arva: Arva) -> None:
 # -- plans of campaigns, logs ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("entry", params(CAMPAIGNS))
+@every("entry", params(CAMPAIGNS))
 def test_a_broken_plan_is_answered_at_its_place(arva: Arva, entry: Entry) -> None:
     Path("good.yaml").write_text(GOOD)
     Path("broken.yaml").write_text(GOOD + "seed: x\n")
@@ -280,7 +281,7 @@ def words(line: str, folder: Path) -> tuple[dict[str, str], list[str]]:
     """Environment and arguments of what is typed."""
     (folder / "good.yaml").write_text(GOOD)
     (folder / "broken.yaml").write_text(GOOD + "seed: x\n")
-    (folder / "folder").mkdir()
+    (folder / "folder").mkdir(exist_ok=True)
     environment: dict[str, str] = {}
     parts = [fill(part, folder) for part in shlex.split(line)]
     while parts[0] != "arva-hil":
@@ -295,14 +296,13 @@ def fill(text: str, folder: Path) -> str:
     return text
 
 
-@pytest.mark.parametrize(("line", "answer"), command_lines(), ids=[line for line, _ in command_lines()])
-def test_a_wrong_command_line_is_answered(
-    arva: Arva, folder: Path, monkeypatch: pytest.MonkeyPatch, line: str, answer: str
-) -> None:
+@every("line, answer", command_lines())
+def test_a_wrong_command_line_is_answered(arva: Arva, folder: Path, line: str, answer: str) -> None:
     environment, arguments = words(line, folder)
-    for name, value in environment.items():
-        monkeypatch.setenv(name, value)
-    code, out, err = arva(*arguments)
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in environment.items():
+            patch.setenv(name, value)
+        code, out, err = arva(*arguments)
     assert (code, out) == (2, "")
     assert "Traceback" not in err
     assert fill(answer, folder) in err

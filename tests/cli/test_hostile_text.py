@@ -19,6 +19,7 @@ from arva_hil.links.serial_ports import SerialPort
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.observers.console.printer import status_line
 from firmware_proto import Channel, Frame, encode
+from tests.every import every
 
 from .far_ends import DEADLINE_S, Autopilot, Program
 
@@ -42,7 +43,7 @@ def hostile(tmp_path: Path) -> Path:
     return tmp_path / (HOSTILE + "\udcff")
 
 
-@pytest.mark.parametrize(
+@every(
     "arguments",
     [
         ["check", "{}"],

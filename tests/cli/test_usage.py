@@ -8,14 +8,16 @@ from typing import Any
 
 import pytest
 
+from tests.every import every
+
 DATA = Path(__file__).parent.parent / "data"
 LOG = str(DATA / "px4.tlog")
 
 Arva = Callable[..., Any]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "what", "cure"),
+@every(
+    "arguments, what, cure",
     [
         ("replya x.tlog", "no command 'replya'", "did you mean replay?"),
         ("lisen pty", "no command 'lisen'", "did you mean listen?"),

@@ -17,6 +17,7 @@ from arva_hil.config.json_schema import FILES, SchemaKind, schema, schema_text
 from arva_hil.config.scenario import Scenario
 from arva_hil.config.tables import keys
 from tests.cli.test_broken import SCENARIOS
+from tests.every import every
 from tools.write_reference import page
 
 ROOT = Path(__file__).parent.parent.parent
@@ -74,7 +75,7 @@ def test_every_key_has_its_help(cls: Any) -> None:
     assert all(one.help for one in keys(cls).values())
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.rglob("*.yaml")), ids=lambda path: path.name)
+@every("path", sorted(CONFIGS.rglob("*.yaml")))
 def test_every_config_names_its_schema_and_is_valid(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
     (named,) = re.findall(r"(?m)^# yaml-language-server: \$schema=(\S+)$", text)

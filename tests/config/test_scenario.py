@@ -32,6 +32,7 @@ from arva_hil.config import (
     to_dict,
 )
 from arva_hil.registry import FORMATS
+from tests.every import every
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ONE = "transmitters: [{id: 1, ned: [1, 2, 3]}]\n"  # a valid line 1: what is appended starts at line 2
@@ -125,7 +126,7 @@ def test_default_yaml_is_the_default_with_every_key_written_out() -> None:
     assert yaml.safe_load(path.read_text()) == to_dict(DEFAULT)
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.name)
+@every("path", sorted(CONFIGS.glob("*.yaml")))
 def test_every_config_loads_and_starts_with_what_it_shows(path: Path) -> None:
     assert load(path).source == str(path)
     assert path.read_text().startswith("# ")
@@ -199,8 +200,8 @@ def test_written_and_read_back_it_is_equal(scenario: Scenario) -> None:
 # What is refused, and where
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
+@every(
+    "text, expected",
     [
         ("datum: Home", "8: 'Home', expected home or a mapping with lat, lon, alt, did you mean 'home'?"),
         ("datum: [46, 7]", "8: a list of 2, expected home or a mapping with lat, lon, alt"),
@@ -290,8 +291,8 @@ TRANSMITTER = "id, enu, ned, lla, attitude, strength"
 TOP = "spec, transmitters, datum, receiver, output, seed, faults"
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
+@every(
+    "text, expected",
     [
         ("seed: 1", ["1:1: no transmitters, expected a mapping with transmitters"]),
         ("# only\n\nseed: 1", ["3:1: no transmitters, expected a mapping with transmitters"]),
@@ -379,8 +380,8 @@ def test_every_mistake_is_listed(text: str, expected: list[str]) -> None:
     assert mistakes(text) == expected
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
+@every(
+    "text, expected",
     [
         ("", "1:1: an empty file, expected a mapping with transmitters"),
         ("---\n...\n", f"2:1: nothing, expected a mapping with {TOP}"),

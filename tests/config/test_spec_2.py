@@ -36,6 +36,7 @@ from arva_hil.config import (
     Path as Waypoints,
 )
 from arva_hil.registry import FORMATS, MAVLINK_FORMATS
+from tests.every import every
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
 ONE = "spec: 2\ntransmitters: [{id: 1, ned: [1, 2, 3]}]\n"
@@ -146,8 +147,8 @@ def test_a_path_in_enu_is_the_same_path_in_ned() -> None:
 # In Python
 
 
-@pytest.mark.parametrize(
-    ("make", "why"),
+@every(
+    "make, why",
     [
         (
             lambda: ReceiverOptions(rate_hz=0),

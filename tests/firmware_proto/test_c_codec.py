@@ -14,6 +14,7 @@ import pytest
 from wire_vectors import VECTORS, as_frame, by_name, follow
 
 from firmware_proto import Channel, Frame, encode
+from tests.every import every
 from tools.c_codec import FOLDER, NEVER, ON_FRAME, SOURCE, CDecoder, Codec, State, compile_c, compiler
 
 TOOLS = Path(__file__).parents[2] / "tools"
@@ -56,16 +57,16 @@ def test_crc(codec):
         assert codec.crc(bytes.fromhex(check["hex"])) == check["crc"]
 
 
-@pytest.mark.parametrize("value", by_name(VECTORS["frames"]))
+@every("value", by_name(VECTORS["frames"]))
 def test_frame(codec, value):
     raw, frame = bytes.fromhex(value["hex"]), as_frame(value)
     assert CDecoder(codec).feed(raw, 0.0) == [frame]
     assert codec.encode(frame) == (b"" if value["decode_only"] else raw)
 
 
-@pytest.mark.parametrize("one_byte_a_call", [False, True])
-@pytest.mark.parametrize("epoch_ms", [0, 2**32 - 100])
-@pytest.mark.parametrize("value", by_name(VECTORS["streams"]))
+@every("one_byte_a_call", [False, True])
+@every("epoch_ms", [0, 2**32 - 100])
+@every("value", by_name(VECTORS["streams"]))
 def test_stream(codec, value, epoch_ms, one_byte_a_call):
     decoder = CDecoder(codec, epoch_ms)
     follow(decoder.feed, value, one_byte_a_call)

@@ -12,6 +12,7 @@ from wire_vectors import MESSAGES, VECTORS, by_name, follow_messages
 
 from firmware_proto import Answer, Channel, Command, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
+from tests.every import every
 from tools.c_codec import FOLDER, CDecoder, Codec, compile_c, compiler
 from tools.c_messages import MESSAGES as SOURCE
 from tools.c_messages import CMessageDecoder, CMessages, Request, State, _Answer
@@ -44,7 +45,7 @@ def test_it_leans_on_the_crc_and_three_functions_of_the_library_and_on_no_float(
     assert ctypes.sizeof(State) <= 560
 
 
-@pytest.mark.parametrize("value", by_name(VECTORS["messages"]))
+@every("value", by_name(VECTORS["messages"]))
 def test_message(code, value):
     raw, message = bytes.fromhex(value["hex"]), MESSAGES[value["name"]]
     assert CMessageDecoder(code).feed(raw, 0.0) == [message]
@@ -53,9 +54,9 @@ def test_message(code, value):
         assert [code.encode(message, capacity) for capacity in range(len(raw))] == [b""] * len(raw)
 
 
-@pytest.mark.parametrize("one_byte_a_call", [False, True])
-@pytest.mark.parametrize("epoch_ms", [0, 2**32 - 100])
-@pytest.mark.parametrize("value", by_name(VECTORS["message_streams"]))
+@every("one_byte_a_call", [False, True])
+@every("epoch_ms", [0, 2**32 - 100])
+@every("value", by_name(VECTORS["message_streams"]))
 def test_stream(code, value, epoch_ms, one_byte_a_call):
     decoder = CMessageDecoder(code, epoch_ms)
     follow_messages(decoder.feed, value, one_byte_a_call)

@@ -4,7 +4,6 @@ import math
 import os
 from random import Random
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from lua_stubs import Autopilot, LuaDecoder, LuaMessageDecoder
@@ -13,6 +12,7 @@ from wire_vectors import FRAMES as VECTOR_FRAMES
 from wire_vectors import MESSAGES, VECTORS, by_name, follow, follow_messages
 
 from firmware_proto import Channel, Decoder, Frame, encode
+from tests.every import every
 from tools.c_messages import python_decoder
 from tools.random_streams import SECONDS, message_streams, streams
 
@@ -24,7 +24,7 @@ PIECES = [bytes.fromhex(text) for text in ("A4", "A457", "A45701", "A4570163", "
 autopilot = Autopilot()
 
 
-@pytest.mark.parametrize("value", by_name(VECTORS["messages"]))
+@every("value", by_name(VECTORS["messages"]))
 def test_message(value):
     decoder, message = LuaMessageDecoder(autopilot), MESSAGES[value["name"]]
     assert decoder.feed(bytes.fromhex(value["hex"]), 0.0) == [message]
@@ -32,7 +32,7 @@ def test_message(value):
         assert decoder.encode(message).hex() == value["hex"]
 
 
-@pytest.mark.parametrize("value", by_name(VECTORS["message_streams"]))
+@every("value", by_name(VECTORS["message_streams"]))
 def test_message_stream(value):
     decoder = LuaMessageDecoder(autopilot)
     follow_messages(decoder.feed, value, one_byte_a_call=False)
@@ -47,14 +47,14 @@ def test_python_and_lua_make_the_same_of_the_same_messages():
         assert (lua.good, lua.bad_crc, lua.dropped) == (python.good, python.bad_crc, python.dropped)
 
 
-@pytest.mark.parametrize("value", by_name(VECTORS["frames"]))
+@every("value", by_name(VECTORS["frames"]))
 def test_frame(value):
     assert LuaDecoder(autopilot).feed(bytes.fromhex(value["hex"]), 0.0) == [VECTOR_FRAMES[value["name"]]]
 
 
-@pytest.mark.parametrize("work", [math.inf, 1], ids=["all at once", "little in a pass"])
-@pytest.mark.parametrize("one_byte_a_call", [False, True])
-@pytest.mark.parametrize("value", by_name(VECTORS["streams"]))
+@every("work", [math.inf, 1])
+@every("one_byte_a_call", [False, True])
+@every("value", by_name(VECTORS["streams"]))
 def test_stream(value, one_byte_a_call, work):
     decoder = LuaDecoder(autopilot)
     follow(lambda chunk, now: decoder.feed(chunk, now, work), value, one_byte_a_call)

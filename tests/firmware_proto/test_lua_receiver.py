@@ -9,6 +9,7 @@ from lua_stubs import FOLDER, Autopilot, as_frame
 
 from firmware_proto import MID, Answer, Channel, Command, Decoder, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
+from tests.every import every
 
 NAME = "arva_receiver"
 FOUR = (Channel(3, 2, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17, True), Channel())
@@ -28,9 +29,13 @@ def alone(tmp_path):
 
 @pytest.fixture
 def autopilot(alone):
-    started = Autopilot(alone).start(NAME)
-    started.said()
-    return started
+    return started(alone)
+
+
+def started(alone):
+    autopilot = Autopilot(alone).start(NAME)
+    autopilot.said()
+    return autopilot
 
 
 def feed(autopilot, hertz, seconds, channels=FOUR[:1], first=0):
@@ -129,8 +134,9 @@ def test_knocks_at_a_silent_port_and_at_no_other(autopilot):
     assert {byte for _, byte in autopilot.written} == {0}
 
 
-@pytest.mark.parametrize("cut", range(1, 33))
-def test_unplugged_inside_a_frame_and_plugged_in_again_inside_another(autopilot, cut):
+@every("cut", range(1, 33))
+def test_unplugged_inside_a_frame_and_plugged_in_again_inside_another(alone, cut):
+    autopilot = started(alone)
     autopilot.receive(raw(1, FOUR) + raw(2, FOUR)[:cut])
     autopilot.run(autopilot.time_ms + 8000)
     autopilot.receive(raw(10, FOUR)[cut:])
@@ -159,8 +165,8 @@ def garbage():
         yield f"n = {n} behind false heads", b"".join(heads)
 
 
-@pytest.mark.parametrize("asking", [False, True], ids=["", "waiting for an answer"])
-@pytest.mark.parametrize("data", [pytest.param(data, id=name) for name, data in garbage()])
+@every("asking", [False, True])
+@every("data", [pytest.param(data, id=name) for name, data in garbage()])
 def test_a_pass_costs_less_than_the_scripting_engine_allows(alone, data, asking):
     """Also when bytes come as fast as 921600 baud brings them; what is left waits in the port and is not lost."""
     autopilot = Autopilot(alone, **({"ARVA_CMD": 7} if asking else {}))

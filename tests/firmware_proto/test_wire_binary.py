@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from wire_reference import FRAMES, Reference, verdict
 
 from firmware_proto import MAX_FRAME_BYTES, Channel, Decoder, Frame, binary, encode, encode_nmea, encode_text
+from tests.every import every
 
 ONE = encode(Frame(1, 1, (Channel(1, 2, 300, 12),)))
 LONG_HEAD = bytes.fromhex("A4570163000010")
@@ -144,8 +145,8 @@ def test_no_flipped_bit_goes_unseen(frame, at, bit):
     assert frame not in decoder.feed(bytes(raw), 0.0) + decoder.feed(b"", 1.0)
 
 
-@pytest.mark.parametrize(
-    ("sequences", "lost"),
+@every(
+    "sequences, lost",
     [
         *[([5], 0), ([5, 6, 7], 0), ([254, 255, 0, 1], 0), ([5, 5], 0), ([5, 8], 2), ([255, 1], 1), ([105, 104], 254)],
         *[([239, 0], 16), ([228, 0], 0), ([229, 15], 0), ([5, 4], 0), ([5, 16], 10), ([20, 16], 251)],
@@ -162,8 +163,8 @@ def one(**fields):
     return Frame(1, 1, (Channel(), Channel(**fields)))
 
 
-@pytest.mark.parametrize(
-    ("frame", "message"),
+@every(
+    "frame, message",
     [
         (Frame(-1, 1, (Channel(),)), "sequence is -1, expected an integer 0…255"),
         (Frame(256, 1, (Channel(),)), "sequence is 256, expected an integer 0…255"),
@@ -190,7 +191,7 @@ def test_what_does_not_fit_is_refused_by_name(frame, message):
         assert str(caught.value) == message
 
 
-@pytest.mark.parametrize(("d", "valid"), [(-0x8000, False), (-1, False), (0, False), (1, True), (0x7FFF, True)])
+@every("d, valid", [(-0x8000, False), (-1, False), (0, False), (1, True), (0x7FFF, True)])
 def test_valid_by_distance_alone(d, valid):
     assert Channel(d=d, delta=-1).valid is Channel(1, 2, d, 90).valid is valid
 
@@ -215,11 +216,10 @@ class Counting:
         return crc16.mcrf4xx(data)
 
 
-@pytest.mark.parametrize("size", [1, 7, 4096, 1 << 20])
-@pytest.mark.parametrize(
+@every("size", [1, 7, 4096, 1 << 20])
+@every(
     "pattern",
     [b"\xa4", b"\xa4\x57\x01", LONG_HEAD, bytes.fromhex("A4570109"), random.Random(457).randbytes(9973)],
-    ids=["a4", "a45701", "long heads", "short heads", "random"],
 )
 def test_work_grows_with_the_bytes_and_no_faster(monkeypatch, pattern, size):
     def work(total):

@@ -9,6 +9,7 @@ from firmware_proto import Channel, Frame, NmeaDecoder, TextDecoder, encode_nmea
 from firmware_proto.binary import BINARY
 from firmware_proto.nmea import NMEA
 from firmware_proto.text import TEXT
+from tests.every import every
 
 FORMATS = {"binary": BINARY, "nmea": NMEA, "text": TEXT}
 
@@ -59,8 +60,8 @@ def test_nmea_counts_every_byte(pieces, size):
     assert delivered + decoder.dropped + len(decoder._part) + decoder._bytes == len(data)
 
 
-@pytest.mark.parametrize(
-    ("data", "frames", "bad_crc"),
+@every(
+    "data, frames, bad_crc",
     [
         (ONE_NMEA.replace(b"67", b"66"), [], 1),
         (ONE_NMEA.replace(b"300", b"301"), [], 1),
@@ -98,7 +99,7 @@ def sentence(body):
     return b"$%b*%02X\r\n" % (body, checksum)
 
 
-@pytest.mark.parametrize(
+@every(
     "body",
     [
         b"PARVA,256,1,1,1,1,2,300,12",

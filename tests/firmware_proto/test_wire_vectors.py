@@ -21,6 +21,7 @@ from firmware_proto import (
 from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.commands import encode_answer, encode_command
 from firmware_proto.measured import encode_rssi, encode_vector
+from tests.every import every
 from tools.c_messages import python_decoder
 
 MAKE = Path(__file__).parents[2] / "tools" / "make_vectors.py"
@@ -40,7 +41,7 @@ def test_every_n_is_there():
     assert {len(frame.channels) for frame in FRAMES.values()} == set(range(1, 17))
 
 
-@pytest.mark.parametrize("value", by_name(VECTORS["frames"]))
+@every("value", by_name(VECTORS["frames"]))
 def test_frame(value):
     frame = as_frame(value)
     raw = bytes.fromhex(value["hex"])
@@ -57,15 +58,15 @@ def test_frame(value):
     assert (heard.channels[0].d, heard.channels[0].delta) in {(c.d, c.delta) for c in frame.channels}
 
 
-@pytest.mark.parametrize("one_byte_a_call", [False, True])
-@pytest.mark.parametrize("value", by_name(VECTORS["streams"]))
+@every("one_byte_a_call", [False, True])
+@every("value", by_name(VECTORS["streams"]))
 def test_stream(value, one_byte_a_call):
     decoder = Decoder()
     follow(decoder.feed, value, one_byte_a_call)
     assert {name: getattr(decoder, name) for name in value["counters"]} == value["counters"]
 
 
-@pytest.mark.parametrize("value", by_name(VECTORS["messages"]))
+@every("value", by_name(VECTORS["messages"]))
 def test_message(value):
     message, raw = MESSAGES[value["name"]], bytes.fromhex(value["hex"])
     assert python_decoder().feed(raw, 0.0) == [message]
@@ -87,8 +88,8 @@ def test_message(value):
             assert write(frame) == raw + encode(frame)  # the others have not the lowest exponent
 
 
-@pytest.mark.parametrize("one_byte_a_call", [False, True])
-@pytest.mark.parametrize("value", by_name(VECTORS["message_streams"]))
+@every("one_byte_a_call", [False, True])
+@every("value", by_name(VECTORS["message_streams"]))
 def test_message_stream(value, one_byte_a_call):
     decoder = python_decoder()
     follow_messages(decoder.feed, value, one_byte_a_call)

@@ -13,6 +13,7 @@ from rosbags.typesys import get_types_from_msg
 from arva_hil.messages.cdr import encode
 from arva_hil.messages.message import FieldType, Message, definition, field_types, schema
 from arva_hil.messages.types import PUBLISHED, Arva, ArvaData, Header, KeyValue, Point, Time
+from tests.every import every
 
 from .oracle import JAZZY, OURS, messages, plain, read
 
@@ -48,7 +49,7 @@ def build(cls: type[Message]) -> st.SearchStrategy[Message]:
     return st.builds(cls, **{name: values(of) for name, of in field_types(cls).items()})
 
 
-@pytest.mark.parametrize("cls", EVERY, ids=lambda cls: cls.ros_name())
+@every("cls", EVERY)
 def test_a_declaration_is_the_message_of_ros_2_field_by_field(cls: type[Message]) -> None:
     name = cls.ros_name()
     if cls.package == "arva_msgs":

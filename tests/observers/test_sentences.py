@@ -14,6 +14,7 @@ from arva_hil.observers.console.reasons import no_pose, no_vehicle
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import Notice
 from arva_hil.vehicle.reasons import HeardSource, NoPose, NoVehicle, SilentStream
+from tests.every import every
 
 LINK = (1.0, "autopilot", "udpin:127.0.0.1:14550")
 RECEIVER = (1.0, "vehicle", "receiver")
@@ -357,7 +358,7 @@ def kinds() -> set[type[Event]]:
     return {kind for kind in found if not any(issubclass(other, kind) for other in found - {kind})}
 
 
-@pytest.mark.parametrize(("event", "level", "text"), SENTENCES, ids=lambda value: type(value).__name__)
+@every("event, level, text", SENTENCES)
 def test_an_event_in_words(event: Event, level: Any, text: str) -> None:
     assert sentence(event) == Notice(level, text)
 
@@ -374,7 +375,7 @@ def test_there_are_words_for_every_event_that_is_news() -> None:
     assert kinds() == {type(event) for event, _, _ in SENTENCES} | set(NOT_NEWS) | {type(UNSAID)}
 
 
-@pytest.mark.parametrize("event", [UNSAID, *(event for event, _, _ in SENTENCES)], ids=lambda e: type(e).__name__)
+@every("event", [UNSAID, *(event for event, _, _ in SENTENCES)])
 def test_an_event_as_json_has_a_name_a_time_and_no_objects_inside(event: Event) -> None:
     made = json.loads(event_json(event) or "")
     inner = event.event if isinstance(event, searches.FromSearch) else event
