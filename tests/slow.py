@@ -122,7 +122,7 @@ SLOW: Final = {
     "search/test_bad_strategies.py::test_what_is_no_velocity_ends_the_search_and_it_lands": FLIGHTS,
     "search/test_bad_strategies.py::test_what_it_raises_ends_the_search_and_says_where": FLIGHTS,
     "search/test_dry_run.py::test_it_says_in_order_what_a_search_orders_and_orders_nothing": FLIGHTS,
-    "search/test_estimate.py::test_a_position_that_drifts_is_averaged": FLIGHTS,
+    "search/test_estimate.py::test_a_position_that_drifts_is_averaged_above_the_transmitter": FLIGHTS,
     "search/test_estimate.py::test_blanks_and_outliers_are_survived": FLIGHTS,
     "search/test_estimate.py::test_however_it_lies_buried_and_however_strong_it_is": FLIGHTS,
     "search/test_estimate.py::test_readings_that_are_late_are_put_where_they_were_made": FLIGHTS,

@@ -83,7 +83,7 @@ def test_readings_that_are_late_are_put_where_they_were_made(late_s: int, seed: 
     assert flight.error_m < 1
 
 
-def test_a_position_that_drifts_is_averaged_and_the_vehicle_is_above_the_transmitter() -> None:
+def test_a_position_that_drifts_is_averaged_above_the_transmitter() -> None:
     scenario = replace(draw(Random(50.0, (0.0, 2.0)), 12), seed=12)
     result = trial.fly(trial.Trial("estimate", scenario, gps_noise_m=1.0))
     assert result.outcome == "found"
