@@ -12,7 +12,7 @@ from arva_hil.cli.outcome import FAILED, OK, UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario
 from arva_hil.events import Event
-from arva_hil.events.searches import PlaceFound, SearchEnded, TransmitterChosen
+from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TransmitterChosen
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import Notice
 from arva_hil.registry import FORMATS_WITH_IDS
@@ -38,6 +38,8 @@ def fly(options: argparse.Namespace, base: Scenario) -> int:
         surroundings = stack.enter_context(common.Run(options, chosen, clock.epoch_us, live=not options.headless))
 
         def emit(name: str, event: Event) -> None:
+            if surroundings.page:
+                surroundings.page.observe(FromSearch(event.time_s, event, name))
             if isinstance(event, _TOLD) and (said := sentence(event)):
                 surroundings.printer.notice(Notice(said.level, f"{name}: {said.text}"))
 

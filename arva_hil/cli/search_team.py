@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
@@ -14,18 +15,21 @@ from arva_hil.cli.demo_fleet import check_receivers, check_width
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, SignalGuard, UsageError
 from arva_hil.cli.search_report import as_dict, close_log, result, would_order
 from arva_hil.cli.terminal import show_json
+from arva_hil.cli.watchers import open_page
 from arva_hil.config import Lla, Scenario, VehicleConfig, load
 from arva_hil.events import Event
-from arva_hil.events.searches import SetPointPlanned, WouldOrder
+from arva_hil.events.searches import FromSearch, SetPointPlanned, WouldOrder
 from arva_hil.field import LocalFrame
 from arva_hil.links import Link, parse
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.shared import SharedLink
 from arva_hil.links.url import show
+from arva_hil.observers.audience import Observer
 from arva_hil.observers.console import Printer
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import Notice
 from arva_hil.observers.record.search_log import SearchLog
+from arva_hil.observers.web.state import State
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.client import COMPONENT, SearchClient
@@ -34,7 +38,7 @@ from arva_hil.search.team import Bus, TeamField, Teammate, layered
 from arva_hil.search.team_tunnel import MOST_MEMBERS, TeamTunnel
 from arva_hil.vehicle.session import Session
 
-_ONE_ONLY: Final = ("receiver", "gcs", "web", "foxglove", "ros2", "signing_key", "target_system", "target_component")
+_ONE_ONLY: Final = ("receiver", "gcs", "foxglove", "ros2", "signing_key", "target_system", "target_component")
 _READ_AT: Final = {"udpout": "udpin", "tcpin": "tcp", "tcp": "tcpin", "udpin": "udpout"}  # where frames go: other end
 
 
@@ -87,6 +91,10 @@ def main(options: argparse.Namespace) -> int:
     planned = {member.name: list[Event]() for member in members}
     guard, printer = SignalGuard(), Printer(sys.stderr)
     with ExitStack() as stack:
+        title = f"{options.strategy}, {len(members)} vehicles"
+        page = open_page(options.web, lambda: State("search", title, known=False, named=True), printer.say)
+        if page:
+            stack.callback(lambda: page.close("interrupted" if guard.caught else "ended"))
 
         def opened(url: str, of: list[Member]) -> Link:
             """A link that is looked for until one of its searches has launched its vehicle."""
@@ -108,6 +116,7 @@ def main(options: argparse.Namespace) -> int:
             if log:
                 logs[member.name] = log
             session = Session(target_system=member.system, rate_hz=options.stream_rate, component=COMPONENT)
+            session.news.name = member.name
             clients[member.name] = search.client_of(
                 options,
                 layered(plan, member.number),
@@ -115,7 +124,7 @@ def main(options: argparse.Namespace) -> int:
                 member.format,
                 start=start,
                 question=None,
-                emit=partial(_tell, printer, member.name, log, planned[member.name]),
+                emit=partial(_tell, printer, member.name, [one for one in (log, page) if one], planned[member.name]),
                 log=log.row if log else lambda _: None,
                 team=bus.join(),
             )
@@ -152,9 +161,9 @@ def exit_code(outcomes: list[Outcome]) -> int:
     return OK
 
 
-def _tell(printer: Printer, name: str, log: SearchLog | None, planned: list[Event], event: Event) -> None:
-    if log:
-        log.observe(event)
+def _tell(printer: Printer, name: str, observers: Sequence[Observer], planned: list[Event], event: Event) -> None:
+    for observer in observers:
+        observer.observe(event if isinstance(observer, SearchLog) else FromSearch(event.time_s, event, name))
     if isinstance(event, WouldOrder | SetPointPlanned):
         planned.append(event)
     if said := sentence(event):

@@ -10,9 +10,11 @@ from firmware_proto import Frame
 
 
 class FromSearch(Event):
-    """An event of a search that runs in one program with an emulator."""
+    """An event of a search that runs in one program with an emulator or with other searches. `vehicle`: whose search
+    it is, "" if there is one only."""
 
     event: Event
+    vehicle: str = ""
 
 
 class SearchEvent(Event):

@@ -46,7 +46,7 @@ def field(tmp_path: Path) -> Path:
         ("", "", "--victims 2", "--victims: several drones share the transmitters"),
         ("", "", "--receiver /tmp/x", "--receiver: of one search: with --scenario, name its --vehicle"),
         ("", "", "--gcs udpout:127.0.0.1:1", "--gcs: of one search"),
-        ("", "", "--web on", "--web: of one search"),
+        ("", "", "--foxglove on", "--foxglove: of one search"),
         ("", "", "--area=-20,-3,20,3", "2 drones would have 3.0 m each"),
         ("", "", "--vehicle c", "--vehicle c: "),
     ],

@@ -231,6 +231,24 @@ def test_a_search_alone_shows_the_frames_that_it_hears() -> None:
     assert receiver["points"][1] == [2.0, 1.0, 2.0, -3.0, 90.0, None, None, slots, 10]
 
 
+def test_each_search_of_a_team_has_its_state_its_place_and_what_it_found() -> None:
+    state = State("search", "estimate, 2 vehicles", known=False)
+    for east, name in ((0.0, "a"), (3.0, "b")):
+        heard = FrameHeard(2.0, Frame(1, 1, (Channel(7, 1, 100, 0),)), (1.0, 2.0, -3.0), 90.0)
+        events = [TakeOffPoint(1.0, 46.0, 7.0 + east / 77.4e3, 1650.0), TransmitterChosen(2.0, 7, 10.0), heard]
+        state.update([FromSearch(event.time_s, event, name) for event in events])
+    state.update([FromSearch(3.0, PlaceFound(3.0, 7, 5.0, 1.0, None, True), "b")])
+    document = shown(state)
+    assert document["search"] is None
+    first, second = document["team"]
+    assert (first["vehicle"], first["phase"], first["found"]) == ("a", "homing in", None)
+    assert (second["vehicle"], second["phase"], second["found"]["id"]) == ("b", "place found", 7)
+    assert second["found"]["place"] == pytest.approx([5.0, 4.0], abs=0.02)
+    places = {one["vehicle"]: one["points"][0][1:3] for one in document["receivers"]}
+    assert places == {"a": [1.0, 2.0], "b": [pytest.approx(1.0, abs=0.02), pytest.approx(5.0, abs=0.02)]}
+    assert [event[2][:2] for event in document["events"]] == ["a:", "b:"]
+
+
 @pytest.mark.parametrize(("roll", "pitch"), [(0.0, 0.0), (0.3, 0.8), (0.0, math.pi / 2)])
 def test_the_lines_are_what_a_level_receiver_measures_there(roll: float, pitch: float) -> None:
     there = transmitters((3.0, -2.0, 1.0), roll=roll, pitch=pitch)

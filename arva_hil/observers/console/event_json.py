@@ -32,7 +32,7 @@ def event_json(event: Event) -> str | None:
 def event_object(event: Event) -> dict[str, Any]:
     """Any event as a dictionary that JSON can take."""
     if isinstance(event, FromSearch):
-        return {**event_object(event.event), "by": "search"}
+        return {**event_object(event.event), "by": "search"} | ({"of": event.vehicle} if event.vehicle else {})
     return {"event": event_name(type(event)), **_fields(event)}
 
 
@@ -41,13 +41,13 @@ def event_of(said: Mapping[str, Any]) -> Event | None:
 
     The types of its values are not checked.
     """
-    fields = {name: value for name, value in said.items() if name not in ("event", "by", "notice")}
+    fields = {name: value for name, value in said.items() if name not in ("event", "by", "of", "notice")}
     kind = _kinds().get(str(said.get("event")))
     try:
         event = kind(**fields) if kind else None
     except TypeError:  # it lacks fields, or has others
         return None
-    return FromSearch(event.time_s, event) if event and said.get("by") == "search" else event
+    return FromSearch(event.time_s, event, said.get("of", "")) if event and said.get("by") == "search" else event
 
 
 @functools.cache

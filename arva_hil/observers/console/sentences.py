@@ -16,7 +16,7 @@ def sentence(event: Event, *, named: bool = False) -> Notice | None:
     """An event for a person; None if a person is told nothing. `named`: with the vehicle's or receiver's name."""
     if isinstance(event, searches.FromSearch):
         told = sentence(event.event)
-        return told and Notice(told.level, f"search: {told.text}")
+        return told and Notice(told.level, f"{event.vehicle or 'search'}: {told.text}")
     form = _SENTENCES.get(type(event), "")
     if not form or (isinstance(event, events.HeartbeatMissing) and not named):  # with one vehicle it ends the run
         return None

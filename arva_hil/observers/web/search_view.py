@@ -6,8 +6,9 @@ from typing import Any, Final
 
 from arva_hil.events import Event, searches
 from arva_hil.observers.web.places import Places
+from arva_hil.safe_text import one_line
 
-SEARCH: Final = "search:"  # the name of its origin; no vehicle has a colon in its name
+SEARCH: Final = "search:"  # begins the name of its origin; no vehicle has a colon in its name
 
 _MOST_HEARD: Final = 16
 _PHASES: Final[dict[type[Event], str]] = {
@@ -25,10 +26,14 @@ _PHASES: Final[dict[type[Event], str]] = {
 
 
 class SearchView:
-    """Remembers the newest belief, the place found, and the phase of a search; None in `document` before the first."""
+    """Remembers the newest belief, the place found, and the phase of a search; None in `document` before the first.
 
-    def __init__(self, places: Places) -> None:
+    `vehicle`: whose it is, "" if there is one only.
+    """
+
+    def __init__(self, places: Places, vehicle: str = "") -> None:
         self._places = places
+        self._vehicle = vehicle
         self._seen = False
         self._phase = ""
         self._target: int | None = None
@@ -42,7 +47,7 @@ class SearchView:
         if phase := _PHASES.get(type(event)):
             self._phase, self._seen = phase, True
         if isinstance(event, searches.TakeOffPoint):
-            self._places.put(SEARCH, event.lat, event.lon, event.alt)
+            self._places.put(SEARCH + self._vehicle, event.lat, event.lon, event.alt)
         elif isinstance(event, searches.TransmitterHeard):
             if len(self._heard) < _MOST_HEARD:
                 self._heard[event.transmitter] = (event.north_m, event.east_m, event.distance_m)
@@ -64,8 +69,9 @@ class SearchView:
         """For the page; places as [north, east, …]."""
         if not self._seen:
             return None
-        north, east, _ = self._places.offset(SEARCH)
+        north, east, _ = self._places.offset(SEARCH + self._vehicle)
         made: dict[str, Any] = {
+            "vehicle": one_line(self._vehicle),
             "phase": self._phase,
             "ended": self._ended,
             "target": self._target,

@@ -27,6 +27,11 @@ _KAPPA_EQ: Final = 1.542
 Key = tuple[str, str]  # vehicle, receiver
 
 
+def _vehicle(event: Event) -> str:
+    """Whose search an event is of, "" if there is one only."""
+    return event.vehicle if isinstance(event, FromSearch) else ""
+
+
 class _ShownReceiver:
     """One receiver: its history, and what is shown of its newest frame alone."""
 
@@ -62,6 +67,7 @@ class State:
         self.version = 1
         self.health = Health(dict(asked_hz or {}), dict(links or {}))
         self.places = Places()
+        self._alone = kind == "search"  # without an emulator: their own frames and vehicles are shown
         self._about = {
             "run": secrets.token_hex(4),
             "kind": kind,
@@ -78,7 +84,7 @@ class State:
         self._ended = ""
         self._receivers: dict[Key, _ShownReceiver] = {}
         self._events = TextHistory(_MOST_EVENTS, 0)
-        self._search = SearchView(self.places)
+        self._searches: dict[str, SearchView] = {}  # by vehicle, "" where there is one only
         self._truth = TransmitterView(self.places, kappa_eq)
         self._documents: dict[int, bytes] = {}
 
@@ -97,8 +103,8 @@ class State:
             if isinstance(told, FrameMade):
                 frames.setdefault((told.vehicle, told.receiver), []).append(told)
             elif isinstance(told, FrameHeard):
-                if not by_search:
-                    frames.setdefault(("vehicle", "receiver"), []).append(told)
+                if self._alone or not by_search:
+                    frames.setdefault((_vehicle(event) or "vehicle", "receiver"), []).append(told)
             else:
                 self._take(event, told, by_search)
         for key, made in frames.items():
@@ -114,7 +120,7 @@ class State:
     def forget(self) -> None:
         """Forget what has happened, but not where things are."""
         self.health.forget()
-        self._search = SearchView(self.places)
+        self._searches.clear()
         self._events = TextHistory(_MOST_EVENTS, 0)
         self._time_s = 0.0
         self._new_version()
@@ -138,12 +144,14 @@ class State:
         self._time_s = max(self._time_s, event.time_s)
         if isinstance(told, DatumSet):
             self.places.put(told.vehicle, told.lat, told.lon, told.alt)
-        if not by_search:
+        if self._alone or not by_search:
             self.health.observe(told)
         if isinstance(told, StatusReport):
             self._truth.observe(told)
             return
-        self._search.observe(told)
+        name = _vehicle(event)
+        if name in self._searches or len(self._searches) < _MOST_RECEIVERS:
+            self._searches.setdefault(name, SearchView(self.places, name)).observe(told)
         if (notice := self.notice_of(event)) is not None:
             said = f"[{jsons.number(event.time_s - (self._start_s or 0.0), 2)},{jsons.text(notice.level)},"
             self._events.extend([said + jsons.text(notice.text) + "]"], self.version)
@@ -161,7 +169,7 @@ class State:
             if isinstance(made, FrameMade):
                 texts.append(jsons.point_of(made, offset))
             elif isinstance(made, FrameHeard):
-                texts.append(self._heard(made))
+                texts.append(self._heard(made, key[0]))
         receiver.history.extend(texts, self.version)
         last = frames[-1]
         self._time_s = max(self._time_s, last.time_s)
@@ -170,10 +178,11 @@ class State:
             receiver.sent, receiver.faults = last.sent, last.faults
             receiver.down_m = None if last.pose is None else float(last.pose.position[2]) + offset[2]
 
-    def _heard(self, heard: FrameHeard) -> str:
+    def _heard(self, heard: FrameHeard, vehicle: str) -> str:
         place: tuple[float | None, ...] = (None, None, None)
         if heard.position is not None:
-            place = tuple(a + b for a, b in zip(heard.position, self.places.offset(SEARCH), strict=True))
+            offset = self.places.offset(SEARCH + (vehicle if vehicle in self._searches else ""))
+            place = tuple(a + b for a, b in zip(heard.position, offset, strict=True))
         channels = heard.frame.channels
         said = jsons.slots(channels, [None] * len(channels))
         return jsons.point(heard.time_s, place, heard.heading_deg, None, None, said, heard.frame.sequence)
@@ -227,7 +236,8 @@ class State:
             "origin": self.places.origin,
             "vehicles": self.health.vehicles(),
             "links": self.health.links(),
-            "search": self._search.document(),
+            "search": self._searches[""].document() if "" in self._searches else None,
+            "team": [shown for name, one in self._searches.items() if name and (shown := one.document())],
             "field": self._truth.version,
             "all_events": events is None,
         }

@@ -1,6 +1,6 @@
 // Asks for what is new a few times a second, and hands it to the parts of the page.
 
-import { checks, showChecks, showCounters, showEvents, showSearch } from "./health.js";
+import { checks, showChecks, showCounters, showEvents, showSearch, showTeam } from "./health.js";
 import { showDisplay } from "./display.js";
 import { showMap, view } from "./map.js";
 import { forgetPlots, setSpan, showPlots } from "./plots.js";
@@ -86,10 +86,12 @@ function show() {
   showChecks(checks(state, last, !state.ended && !failures && old, chosen), failures < 2 || state.ended);
   showCounters(state);
   showEvents(store.events);
-  showSearch(state.search, shown, own(state.transmitters));
+  const search = mine(state);
+  showSearch(search, shown, own(state.transmitters));
+  showTeam(state.team, store.points, chosen);
   showMap({
-    truth: shown, all: state.transmitters, transmitters: own(state.transmitters), field: field.transmitters, search: state.search, chosen,
-    vehicles: vehicles(),
+    truth: shown, all: state.transmitters, transmitters: own(state.transmitters), field: field.transmitters, search, chosen,
+    vehicles: vehicles(), team: state.team.filter((one) => one !== search),
   });
   $("map").setAttribute("aria-label", describe(state, last, shown));
   showLegend(state, shown);
@@ -114,10 +116,16 @@ function own(transmitters) {
   return transmitters.filter((one) => one.of.includes(vehicle) || !chosen);
 }
 
+// Of several searches that of the vehicle that is shown.
+function mine(state) {
+  const vehicle = chosen.slice(0, chosen.lastIndexOf("/"));
+  return state.team.find((one) => one.vehicle === vehicle) ?? state.search;
+}
+
 function describe(state, last, shown) {
   const parts = [last && last[N] !== null ? `vehicle at ${last[N].toFixed(1)} m north, ${last[E].toFixed(1)} m east` : "vehicle not placed"];
   if (shown) for (const one of own(state.transmitters).slice(0, 8)) parts.push(`transmitter ${one.id} at ${one.place[0].toFixed(1)} m north, ${one.place[1].toFixed(1)} m east`);
-  if (state.search?.found) parts.push(`place found at ${state.search.found.place[0].toFixed(1)} m north, ${state.search.found.place[1].toFixed(1)} m east`);
+  for (const { vehicle, found } of [...(state.search ? [state.search] : []), ...state.team]) if (found) parts.push(`${vehicle ? `${vehicle}: ` : ""}place found at ${found.place[0].toFixed(1)} m north, ${found.place[1].toFixed(1)} m east`);
   return `Map: ${parts.join("; ")}. Arrow keys move it, plus and minus zoom.`;
 }
 
@@ -137,7 +145,7 @@ const SIGNS = {
 };
 
 function showLegend(state, shown) {
-  const wanted = ["track", ...(shown && field.transmitters.length ? ["flux", "equal", "inner"] : []), ...(state.search?.covariance ? ["belief"] : [])];
+  const wanted = ["track", ...(shown && field.transmitters.length ? ["flux", "equal", "inner"] : []), ...(mine(state)?.covariance ? ["belief"] : [])];
   if (wanted.join() === legend) return;
   legend = wanted.join();
   $("legend").replaceChildren(...wanted.map((name) => {

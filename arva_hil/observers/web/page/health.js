@@ -97,3 +97,16 @@ export function showSearch(search, truth, transmitters) {
   $("belief").replaceChildren(...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]));
 }
 
+// A row for each search of several: its vehicle, what it does, where it is, which transmitter it flies to or has found.
+export function showTeam(team, points, chosen) {
+  $("team").hidden = !team.length;
+  if (team.length) $("search").hidden = false;
+  const near = ([north, east]) => `${north.toFixed(0)} N, ${east.toFixed(0)} E`;
+  $("team-rows").replaceChildren(...team.map((one) => {
+    const key = [...points.keys()].find((each) => each.slice(0, each.lastIndexOf("/")) === one.vehicle);
+    const last = points.get(key)?.findLast((point) => point[N] !== null), id = one.found?.id ?? one.target;
+    const number = id === null ? "" : String(id), found = one.found ? `${number} ${one.found.sure ? "found" : "not sure"}` : number;
+    return el("tr", key === chosen ? { "aria-current": "true" } : {}, el("th", { scope: "row" }, one.vehicle),
+      el("td", {}, one.phase), el("td", {}, last ? near([last[N], last[N + 1]]) : ""), el("td", {}, found));
+  }));
+}

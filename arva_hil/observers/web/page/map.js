@@ -57,6 +57,7 @@ function bounds() {
     if (scene.search.found) add(...scene.search.found.place, 3);
     for (const [, n, e] of scene.search.noted ?? []) add(n, e, 3);
   }
+  for (const { found } of scene.team) if (found) add(...found.place, 3);
   return box[0] === Infinity ? [-25, -25, 25, 25] : box;
 }
 
@@ -78,6 +79,7 @@ function draw(time) {
   drawGrid();
   if (scene.truth) for (const one of field) drawField(one, field.length < 2);
   for (const vehicle of scene.vehicles) drawTrack(vehicle, vehicle === own);
+  for (const { found } of scene.team) if (found) drawPlace(...found.place, "found");
   if (scene.search) drawSearch(scene.search);
   if (scene.truth) scene.transmitters.forEach(drawTransmitter);
   let moving = false;
@@ -273,16 +275,18 @@ function drawSearch(search) {
     ink.stroke();
   }
   const noted = (search.noted ?? []).map(([, n, e], at) => [n, e, `victim ${at + 1}`]);
-  for (const [n, e, name] of [...noted, ...(search.found && !noted.length ? [[...search.found.place, "found"]] : [])]) {
-    const x = view.x(e), y = view.y(n);
-    for (const [width, style] of [[7, css("--ground")], [3.4, colour]]) {
-      ink.lineWidth = width; ink.strokeStyle = style;
-      ink.beginPath();
-      ink.moveTo(x - 11, y - 11); ink.lineTo(x + 11, y + 11); ink.moveTo(x - 11, y + 11); ink.lineTo(x + 11, y - 11);
-      ink.stroke();
-    }
-    label(name, x - 16, y - 14, colour, FONT, "right");
+  for (const place of [...noted, ...(search.found && !noted.length ? [[...search.found.place, "found"]] : [])]) drawPlace(...place);
+}
+
+function drawPlace(n, e, name) {
+  const x = view.x(e), y = view.y(n), colour = css("--belief");
+  for (const [width, style] of [[7, css("--ground")], [3.4, colour]]) {
+    ink.lineWidth = width; ink.strokeStyle = style;
+    ink.beginPath();
+    ink.moveTo(x - 11, y - 11); ink.lineTo(x + 11, y + 11); ink.moveTo(x - 11, y + 11); ink.lineTo(x + 11, y - 11);
+    ink.stroke();
   }
+  label(name, x - 16, y - 14, colour, FONT, "right");
 }
 
 function drawScale() {
