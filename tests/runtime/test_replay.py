@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import functools
 import json
 import math
 from contextlib import closing
@@ -36,6 +37,7 @@ receiver:
 """
 
 
+@functools.cache
 def messages(log: Path) -> dict[str, list[Any]]:
     """The autopilot's messages by name, read by pymavlink alone."""
     data, at, found = log.read_bytes(), 0, {}  # type: ignore[var-annotated]
@@ -61,14 +63,23 @@ def replay(flight: Path, folder: Path, *options: str) -> None:
 
 
 @pytest.fixture
-def recorded(flight: Path, tmp_path: Path) -> tuple[Path, list[dict[str, str]], tuple[float, float, float]]:
+def recorded(
+    flight: Path, tmp_path: Path, replayed: dict[Path, list[dict[str, str]]]
+) -> tuple[Path, list[dict[str, str]], tuple[float, float, float]]:
     """A flight replayed, noise off, a turned mount and two turned transmitters: log, readings, datum."""
     home = messages(flight)["HOME_POSITION"][-1]
     datum = (home.latitude / 1e7, home.longitude / 1e7, home.altitude / 1e3)
-    scenario = tmp_path / "scenario.yaml"
-    scenario.write_text(SCENARIO % datum)
-    replay(flight, tmp_path / "record", "--scenario", str(scenario))
-    return flight, rows(tmp_path / "record"), datum
+    if flight not in replayed:
+        (scenario := tmp_path / "scenario.yaml").write_text(SCENARIO % datum)
+        replay(flight, tmp_path / "record", "--scenario", str(scenario))
+        replayed[flight] = rows(tmp_path / "record")
+    return flight, replayed[flight], datum
+
+
+@pytest.fixture(scope="module")
+def replayed() -> dict[Path, list[dict[str, str]]]:
+    """The readings of each flight, once."""
+    return {}
 
 
 def test_every_pose_is_the_logs_own_interpolated_at_its_instant(

