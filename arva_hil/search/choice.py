@@ -8,11 +8,15 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from arva_hil.events import Event
 from arva_hil.events.searches import TransmitterChosen, TransmitterFaded, TransmitterHeard
 from arva_hil.search.agreement import Evidence
-from arva_hil.search.strategy import Observation, Strategy
-from firmware_proto import MORE_TRANSMITTERS, OVERLAP, Channel, Frame
+from arva_hil.search.strategy import Observation, Position, Strategy
+from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Frame
+from firmware_proto.measured import VectorChannel
 
 NO_ID: Final = -1  # in place of an id, if the frames have none
 _REMEMBERED: Final = 256  # observations of each transmitter
@@ -50,12 +54,18 @@ def id_of(id_: int | None) -> int | None:
     return None if id_ == NO_ID else id_
 
 
-def nearest(frame: Frame) -> dict[int, Channel]:
-    """The channels with a signal, one for each id (or none): the nearest if there are several."""
-    best: dict[int, Channel] = {}
-    for channel in sorted(frame.channels, key=lambda channel: channel.d):
+def observations(
+    frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64], ground: float | None
+) -> dict[int, Observation]:
+    """The readings with a signal in a frame, one for each id (or none): the nearest if there are several."""
+    best: dict[int, Observation] = {}
+    measured = frame.measured.channels if frame.measured else (None,) * len(frame.channels)
+    for channel, pulse in sorted(zip(frame.channels, measured, strict=True), key=lambda pair: pair[0].d):
         if channel.valid:
-            best.setdefault(NO_ID if channel.id is None else channel.id, channel)
+            o = Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER, ground)
+            if isinstance(pulse, VectorChannel) and pulse.age_ms is not None:
+                o = o._replace(signal=(pulse.x, pulse.y, pulse.z), age_s=pulse.age_ms / 1e3)
+            best.setdefault(NO_ID if channel.id is None else channel.id, o)
     return best
 
 

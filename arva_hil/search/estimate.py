@@ -108,8 +108,9 @@ class Estimate:
         self._last_s = o.time_s
         self._silent = 0 if o.heard else self._silent + 1
         self._age += 1
-        at, rotation = self._evidence.at(o.time_s - self._cause.lag_s)
-        self._readings.add(at, rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s, o.ground)
+        at, rotation = self._evidence.at(o.time_s - o.age_s - self._cause.lag_s)
+        for told in o.told:
+            self._readings.add(at, rotation, *told, o.time_s, o.ground)
         if not len(self._x):
             self._heading = np.array([math.cos(o.bearing), math.sin(o.bearing)])
             self._seed(o)

@@ -33,7 +33,8 @@ class Explained:
         readings = dipole.Readings()
         for o in past:
             if o.heard:
-                readings.add(o.position, o.rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s, o.ground)
+                for told in o.told:
+                    readings.add(o.position, o.rotation, *told, o.time_s, o.ground)
         moments = dipole.MOMENT * np.array([(1, 0, 0), (0, 1, 0), (0.7, 0.7, 0), (0.7, -0.7, 0), (0, 0, 1)])
         level = float(readings.level(np.array([[found.north, found.east, 0, 0, 0, 0]]))[0])
         x = np.array([[found.north, found.east, level + down, *moment] for down in _DOWNS for moment in moments])

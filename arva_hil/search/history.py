@@ -93,8 +93,9 @@ class History:
         for o in self._read:
             if o.d_cm > least[0]:
                 continue
-            position, rotation = self.at(o.time_s - cause.lag_s)
-            there.add(position, rotation, o.d_m, math.radians(o.delta_deg), o.inner, o.time_s, o.ground)
+            position, rotation = self.at(o.time_s - o.age_s - cause.lag_s)
+            for told in o.told:
+                there.add(position, rotation, *told, o.time_s, o.ground)
         return there
 
     def explanations(self, x: Array, cause: Cause = NOTHING) -> list[Explanation]:
@@ -120,7 +121,7 @@ class History:
         there, error = self.readings(cause), max(0.3, drift_m)
         nearest = self.nearest
         assert nearest is not None
-        position, _ = self.at(nearest.time_s - cause.lag_s)
+        position, _ = self.at(nearest.time_s - nearest.age_s - cause.lag_s)
         if (drift_m and not near) or cause.gains != NOTHING.gains:
             x = np.concatenate([x, dipole.seeds(position, nearest.bearing, nearest.d_m, nearest.ground)])
         damping, given = np.full(len(x), 0.01), x[:_FEW]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from arva_hil.events import Event
 from arva_hil.events.searches import DescentBegun, StrategySlow
 from arva_hil.search.beliefs import Beliefs
-from arva_hil.search.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, nearest
+from arva_hil.search.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations
 from arva_hil.search.ground import Height
 from arva_hil.search.height import Descent, HeightKeeper
 from arva_hil.search.pauses import Pauses
@@ -28,7 +28,7 @@ from arva_hil.search.strategy_checks import OFTEN, SLOW_S, checked_found, checke
 from arva_hil.search.strips import Strips
 from arva_hil.search.team import Teammate
 from arva_hil.search.victims import Victim, Victims
-from firmware_proto import INNER, Frame
+from firmware_proto import Frame
 
 FOUND: Final = "found"  # the outcome of a successful search
 NOT_SURE: Final = "not sure: the readings do not agree with the place reported"
@@ -87,20 +87,19 @@ class Mission:
         self.frames += 1
         if not self._pauses.hear(frame, position, time_s):
             return
-        channels, ground = {}, self._keeper.ground
-        for id_, channel in nearest(frame).items():
-            o = Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER, ground)
+        heard = []
+        for id_, o in observations(frame, time_s, position, rotation, self._keeper.ground).items():
             if not self._pauses.repeats(id_of(id_)) and (id_ != NO_ID or not self.victims.explain(o)):
-                channels[id_] = channel
+                heard.append(id_)
                 self._choice.note(id_, o)
         if self.victims.several:
             self.victims.hear(frame, time_s)
         if not self.ended and self.found is None:
             with self._failing():
                 masked = self._shares and hidden(frame, self.target)
-                self._choice.choose(channels.keys(), time_s, masked=masked)
+                self._choice.choose(heard, time_s, masked=masked)
                 nothing = Observation(time_s, position, rotation, -1, -1, False)
-                self._observe(channels.keys(), nothing, masked=masked)
+                self._observe(heard, nothing, masked=masked)
                 self._beliefs.look(time_s, id_of(self.target), self._choice.strategy)
 
     def fly(

@@ -22,7 +22,8 @@ class Observation(NamedTuple):
 
     `rotation`: matrix receiver FRD → NED, shape (3, 3). `d_cm`, `delta_deg`: the receiver's integers; d_cm ≤ 0 means
     no signal. `inner`: the inner zone, where d_cm is from all three antennas and delta_deg has no meaning. `ground`:
-    the ground below, down from the take-off point [m]; None if the vehicle does not know it.
+    the ground below, down from the take-off point [m]; None if the vehicle does not know it. `signal`: the signed
+    signals of the three antennas, in any unit, and `age_s`, the time since then, from receivers that tell them.
     """
 
     time_s: float
@@ -32,6 +33,8 @@ class Observation(NamedTuple):
     delta_deg: int
     inner: bool
     ground: float | None = None
+    signal: tuple[float, float, float] | None = None
+    age_s: float = 0.0
 
     @property
     def heard(self) -> bool:
@@ -42,6 +45,16 @@ class Observation(NamedTuple):
     def d_m(self) -> float:
         """d in metres; 0 or less without a signal."""
         return self.d_cm / 100
+
+    @property
+    def told(self) -> list[tuple[float, float, bool]]:
+        """What it tells of the field: d [m], δ [rad], and whether d is of all three antennas. Signals tell both d."""
+        x, y, z = self.signal or (0.0, 0.0, 0.0)
+        level, full = math.hypot(x, y), math.hypot(x, y, z)
+        if not (self.heard and level and z):
+            return [(self.d_m, math.radians(self.delta_deg), self.inner)]
+        unit = self.d_m * math.cbrt(full if self.inner else level)
+        return [(unit / math.cbrt(level), math.atan2(y, x), False), (unit / math.cbrt(full), 0.0, True)]
 
     @property
     def bearing(self) -> float:
