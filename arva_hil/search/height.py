@@ -14,6 +14,7 @@ from arva_hil.search.strategy import STILL, Position, towards
 _GAIN: Final = 1.0  # 1/s; k_z of the paper
 _CLIMB: Final = 1.0  # m/s
 _SINK: Final = 0.5
+_SLOWER_M: Final = (1.0, 3.0)  # above the height wanted, as measured: there it flies slower, and does not fly on
 _LEAST: Final = 0.5  # of the height wanted: below it the vehicle only climbs,
 _CLEAR: Final = 0.75  # up to this share
 _RECOVERY_S: Final = 10.0  # for that climb, and for a new margin; again after each
@@ -30,7 +31,8 @@ _LIMIT_S: Final = 30.0  # plus 5 s per metre; then it lands where it is
 
 
 class HeightKeeper:
-    """Remembers whether the vehicle is too low. `too_low`: it only climbs. `failed`: it does not get higher.
+    """Remembers whether the vehicle is too low. `too_low`: it only climbs. `failed`: it does not get higher. `pace`:
+    the share of the speed at which the height can follow the ground, before a rangefinder loses it.
 
     `wanted`: the height above the ground [m], with the margin of an uncertain height. `ground`: below, down from the
     take-off point [m], None if it is not known.
@@ -39,6 +41,7 @@ class HeightKeeper:
     def __init__(self, wanted: float, emit: Callable[[Event], None]) -> None:
         self.too_low = False
         self.failed = False
+        self.pace = 1.0
         self.wanted = self._asked = wanted
         self.ground: float | None = None
         self._reached = False  # whether the height was reached once, after the climb from the take-off
@@ -50,6 +53,9 @@ class HeightKeeper:
         """The vertical velocity [m/s], down. It climbs if the height is not a number."""
         metres, self.wanted = height.metres, self._asked + height.margin
         self.ground = None if height.ground is None else -height.ground
+        from_m, to_m = _SLOWER_M
+        above = (metres - self.wanted - from_m) / (to_m - from_m) if height.measured else 0.0
+        self.pace = 1.0 - max(0.0, min(above, 1.0))
         enough = (_CLEAR if self.too_low else _LEAST) * self.wanted
         self._reached = self._reached or metres >= _CLEAR * self.wanted
         if metres >= enough:
@@ -63,6 +69,7 @@ class HeightKeeper:
         elif metres >= self._risen_m + _RISE_M:  # above a falling slope there may be far to climb
             self._risen_m, self._late_s = metres, min(max(self._late_s, time_s + _RECOVERY_S), self._last_s)
         self.failed = time_s > self._late_s
+        self.pace = 0.0
         return -_CLIMB
 
 

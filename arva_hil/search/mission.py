@@ -123,8 +123,8 @@ class Mission:
         if self._keeper.failed and not self.ended:
             self._end(f"it does not get higher than {height.metres:.1f} m", broken=True)
         north, east = self._horizontal(time_s, position, receiver or position)
-        share = self.plan.speed / max(math.hypot(north, east), self.plan.speed)
-        return (0.0, 0.0, down) if self._keeper.too_low else (north * share, east * share, down)
+        share = self._keeper.pace * self.plan.speed / max(math.hypot(north, east), self.plan.speed)
+        return north * share, east * share, down
 
     def took(self, seconds: float, time_s: float) -> None:
         """The strategy took this long to answer, until `time_s`. A pause of the computer looks the same."""

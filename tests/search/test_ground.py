@@ -247,10 +247,12 @@ class Slope(Vehicle):
     """Flies north at 2 m/s, 3 m above the ground as far as that is known, above a slope that falls by `fall` m a metre.
 
     `report`: what the autopilot's report is changed to, 2 a second; `terrain`: how it believes that the ground lies.
+    `reach_m`: of its rangefinder.
     """
 
-    def __init__(self, fall: float, terrain: float | None = None) -> None:
+    def __init__(self, fall: float, terrain: float | None = None, reach_m: float = 0.0) -> None:
         super().__init__()
+        self.reach_m = reach_m
         self.keeper = HeightKeeper(3.0, lambda event: None)
         self.fall, self.terrain = fall, fall if terrain is None else terrain
         self.now, self.north, self.above, self.velocity = 0.0, 0.0, 0.0, 0.0
@@ -268,6 +270,9 @@ class Slope(Vehicle):
         self.above -= 0.1 * self.velocity
         ground = -self.terrain * self.north
         said = [pressure(self.above)]
+        clear = self.above + self.fall * self.north
+        if 0.2 < clear < self.reach_m:
+            said.append(distance(round(100 * clear), high=round(100 * self.reach_m)))
         if round(self.now * 10) % 5 == 0:
             place = round((46 + self.north / 111_200) * 1e7), 70_000_000
             made = dialect.MAVLink_terrain_report_message(*place, 30, 1650 + ground, self.above - ground, 0, 10)
@@ -280,7 +285,7 @@ class Slope(Vehicle):
         """The true heights above the ground."""
         clear = []
         for _ in range(round(10 * seconds)):
-            height = self.step(report, 0.0 if self.keeper.too_low else 2.0)
+            height = self.step(report, 2.0 * self.keeper.pace)
             self.velocity = self.keeper.velocity(self.now, height)
             clear.append(self.above + self.fall * self.north)
         return clear
@@ -362,6 +367,16 @@ def test_without_reports_it_climbs_back_to_the_take_off_height(report: Callable[
     slope.fly(45, report)
     assert slope.above == pytest.approx(3.0, abs=0.8)
     assert not slope.keeper.failed
+
+
+@pytest.mark.parametrize("fall", [0.4, 0.8, -0.8])
+def test_with_a_rangefinder_it_flies_no_faster_than_it_can_follow_the_ground(fall: float) -> None:
+    slope = Slope(fall, reach_m=7.0)
+    clear = slope.fly(60)
+    assert min(clear) > 1.2  # of a slope that rises faster than it climbs
+    assert max(clear) < 6.0
+    assert abs(slope.north) > 30.0
+    assert slope.height_sources()[-1] == "rangefinder"
 
 
 def test_where_a_rangefinder_has_measured_the_database_is_not_followed() -> None:
