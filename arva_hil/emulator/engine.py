@@ -154,8 +154,8 @@ class Emulator:
 
     def output(self) -> list[Output]:
         """The outputs to write, in this order. Call `written` for each of them."""
-        outputs = self._outputs.copy()
-        self._outputs.clear()
+        if outputs := self._outputs[:]:
+            self._outputs.clear()
         return outputs
 
     def addressees(self, link: str) -> tuple[Hashable, Sequence[Hashable]]:
@@ -172,8 +172,8 @@ class Emulator:
 
     def events(self) -> list[Event]:
         """The events since the last call, in their order."""
-        events = self._events.copy()
-        self._events.clear()
+        if events := self._events[:]:
+            self._events.clear()
         return events
 
     def _make_frames(self, vehicle: EmulatedVehicle, now: float, *, last: bool = False) -> None:

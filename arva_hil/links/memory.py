@@ -39,8 +39,8 @@ class MemoryLink(Link):
         self._inbox.clear()
 
     def _check_open(self) -> None:
-        super()._check_open()
-        if not self._far._open:
+        if not (self._open and self._far._open):
+            super()._check_open()
             raise LinkError(self.name, "lost: closed by the far end")
 
     def ready(self) -> bool:
