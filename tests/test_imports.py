@@ -218,6 +218,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.events",
         "arva_hil.links",
         "arva_hil.mavlink",
+        "arva_hil.observers.console.reasons",
         "arva_hil.observers.console.sentences",
         "arva_hil.runtime.clock",
         "arva_hil.vehicle",

@@ -7,7 +7,7 @@ https://docs.px4.io/main/en/advanced_config/parameter_reference.html
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 from arva_hil.doctor.values import Finding, Source, StreamRate, Traffic
@@ -63,7 +63,7 @@ _OTHER_PROTOCOLS: Final = (  # the bytes of a protocol → its name
 )
 
 
-def rate(times: Sequence[float], now: float, window_s: float = 2.0) -> float:
+def rate(times: Iterable[float], now: float, window_s: float = 2.0) -> float:
     """Messages per second in the last `window_s` [s]; 0 if there are fewer than two."""
     recent = [t for t in times if t > now - window_s]
     return (len(recent) - 1) / (now - recent[0]) if len(recent) > 1 and now > recent[0] else 0.0

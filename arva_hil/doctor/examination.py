@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections import Counter, defaultdict, deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -17,7 +17,8 @@ from arva_hil.events.vehicles import StreamEvent
 from arva_hil.links import Address, Link, LinkEnded, LinkError, Sender
 from arva_hil.links.processes import far_program, holders, unread
 from arva_hil.links.pty import PtyLink
-from arva_hil.mavlink.codec import RESULTS, Packet, dialect
+from arva_hil.mavlink.codec import Packet, dialect
+from arva_hil.observers.console.reasons import request
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.runtime.clock import Clock
 from arva_hil.vehicle.discovery import is_autopilot, short_name
@@ -28,11 +29,12 @@ _FRAME_S: Final = 0.5
 _SAMPLE: Final = 4096  # bytes kept from the beginning
 _LATELY_S: Final = 2.0
 _MOST_SOURCES: Final = 32  # of heartbeats; a hostile link has 65,536
-_POSE: Final = {
-    "GLOBAL_POSITION_INT": (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,),
-    "ATTITUDE": (dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION),
-}
-_READ: Final = (dialect.MAVLINK_MSG_ID_GPS_RAW_INT, dialect.MAVLINK_MSG_ID_COMMAND_ACK)
+_READ: Final = (
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
+    dialect.MAVLINK_MSG_ID_ATTITUDE,
+    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT,
+)
 
 
 class AutopilotProbe:
@@ -57,11 +59,9 @@ class AutopilotProbe:
         self._first = first
         self._old = self._signed = 0
         self._sources: dict[tuple[int, int], Source] = {}
-        self._times: dict[int, deque[float]] = defaultdict(lambda: deque(maxlen=4096))
         self._counts: Counter[int] = Counter()
-        self._offsets: deque[tuple[float, float]] = deque(maxlen=4096)  # host time, host − boot
-        self._acks: Counter[str] = Counter()
         self._said: dict[str, str] = {}
+        self._offsets: deque[tuple[float, float]] = deque(maxlen=4096)  # host time, host − boot
 
     def close(self) -> None:
         self.over = True
@@ -97,8 +97,13 @@ class AutopilotProbe:
             self._signed += packet.signed
             if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
                 self._on_heartbeat(packet, now)
-        for packet in self.session.own:
-            self._on_vehicle(packet, now)
+        for msgid, message in self.session.messages(_READ):
+            if msgid == dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
+                fix = short_name("GPS_FIX_TYPE", message.fix_type)
+                self.fix = f"GPS {fix}, {message.satellites_visible} satellites"
+            else:
+                self._counts[msgid] += 1
+                self._offsets.append((now, now - message.time_boot_ms / 1e3))
         if self.session.vehicle:
             self.followed_at = min(self.followed_at, now)
         for event in self.session.take_events():
@@ -120,21 +125,6 @@ class AutopilotProbe:
         source.hz = source.count / (now - source.first_s) if now > source.first_s else None
         source.count += 1
 
-    def _on_vehicle(self, packet: Packet, now: float) -> None:
-        of_pose = any(packet.msgid in ids for ids in _POSE.values())
-        if of_pose:
-            self._counts[packet.msgid] += 1
-            self._times[packet.msgid].append(now)
-        message = self.session.parser.decode(packet) if of_pose or packet.msgid in _READ else None
-        if message is None:
-            return
-        if of_pose:
-            self._offsets.append((now, now - message.time_boot_ms / 1e3))
-        elif packet.msgid == dialect.MAVLINK_MSG_ID_GPS_RAW_INT:
-            self.fix = f"GPS {short_name('GPS_FIX_TYPE', message.fix_type)}, {message.satellites_visible} satellites"
-        elif message.command == dialect.MAV_CMD_SET_MESSAGE_INTERVAL and self.session.answers_us(message):
-            self._acks[RESULTS.get(message.result, f"result {message.result}")] += 1
-
     def traffic(self, now: float) -> Traffic:
         session, parser = self.session, self.session.parser
         counts = now - self.start, session.reader.bytes, parser.packets, self._old, self._signed, parser.bad_crc
@@ -155,19 +145,17 @@ class AutopilotProbe:
         return sorted(self._sources.values(), key=lambda source: not source.pilot)
 
     def streams(self, now: float, wanted_hz: float, *, recorded: bool) -> list[StreamRate]:
-        every = ", ".join(f"{result} ×{n}" for result, n in self._acks.items())
-        acks = f"SET_MESSAGE_INTERVAL: {every or 'never answered'}"
         return [
             StreamRate(
-                name,
-                sum(self._counts[msgid] for msgid in ids),
-                max(rate(self._times[msgid], now) for msgid in ids),
+                stream.name,
+                sum(self._counts[msgid] for msgid in stream.ids),
+                max(rate(times, now) for times in stream.seen.values()),
                 wanted_hz,
-                "" if recorded else self._said.get(name, acks),
+                "" if recorded else self._said.get(stream.name, request(*stream.asked)),
                 recorded,
-                not recorded and self._acks["MAV_RESULT_ACCEPTED"] > 0,
+                stream.promised,
             )
-            for name, ids in _POSE.items()
+            for stream in self.session.streams
         ]
 
     def lags(self, now: float) -> list[float]:

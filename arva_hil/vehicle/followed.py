@@ -14,7 +14,7 @@ from arva_hil.vehicle.discovery import Identity, Senders, Vehicle, VehicleDiscov
 from arva_hil.vehicle.navigation import EventQueue, Navigation, Place
 from arva_hil.vehicle.pose_track import ClockMap, PoseTrack, VehicleState
 from arva_hil.vehicle.reasons import NoPose, NoVehicle, SilentStream
-from arva_hil.vehicle.streams import Streams
+from arva_hil.vehicle.streams import Stream, Streams
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 
@@ -102,6 +102,11 @@ class FollowedVehicle:
     def rates(self, now: float) -> dict[str, float]:
         """Measured rates [Hz] of the pose streams."""
         return self._streams.rates(now) if self._streams else {}
+
+    @property
+    def streams(self) -> Sequence[Stream]:
+        """The pose streams; none before there is a vehicle."""
+        return self._streams.wanted if self._streams else ()
 
     def answers_us(self, message: Any) -> bool:
         """Whether a COMMAND_ACK is for us, or without an addressee, as older autopilots send it."""
