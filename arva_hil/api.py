@@ -159,11 +159,7 @@ class _Watcher:
 
     @property
     def over(self) -> bool:
-        return self._error is not None or self._none_appeared
-
-    @property
-    def _none_appeared(self) -> bool:
-        return len(self._missing) == self._vehicles
+        return self._error is not None or len(self._missing) == self._vehicles
 
     def observe(self, event: Event) -> None:
         if isinstance(event, HeartbeatMissing):
@@ -178,5 +174,5 @@ class _Watcher:
         """Raise the error that ended the run. With an `address`, raise LinkError if no vehicle was heard there."""
         if self._error:
             raise self._error
-        if self._none_appeared and address:
+        if address and self.over:
             raise LinkError(address, "; ".join(dict.fromkeys(self._missing.values())))

@@ -53,12 +53,9 @@ def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
                 "half the period"
             )
         receiver = dataclasses.replace(receiver, rate_hz=options.rate)
-    chosen = dataclasses.replace(
-        base,
-        receiver=receiver,
-        output_format=options.format or base.output_format,
-        seed=base.seed if options.seed is None else options.seed,
-    )
+    seed = base.seed if options.seed is None else options.seed
+    form = options.format or base.output_format
+    chosen = dataclasses.replace(base, receiver=receiver, output_format=form, seed=seed)
     return dataclasses.replace(chosen, faults=_faults(options, chosen))
 
 

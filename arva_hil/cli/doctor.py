@@ -43,43 +43,22 @@ def main(options: argparse.Namespace) -> int:
     check_sides(address, options.port, options.format)
     if options.port == "-":
         raise UsageError("--port -: this is stdout, where the findings go; `run` can send frames there")
-    report, guard, clock = FindingsReport(as_json=options.json), SignalGuard(), RealClock()
+    guard, clock = SignalGuard(), RealClock()
     with ExitStack() as stack, guard:
         key = signing(options.signing_key, clock.epoch_us, stack, link=1)  # `run` may go on at the same time
-        Doctor(options, parse(address), report, clock, stack, lambda: guard.caught is not None, key).examine()
-    return INTERRUPTED if guard.caught else diagnosis.exit_code(report.findings)
-
-
-class FindingsReport:
-    """Prints each finding at once, and remembers it."""
-
-    def __init__(self, *, as_json: bool) -> None:
-        self.findings: list[Finding] = []
-        self._as_json = as_json
-        self._colour = wants_colour(sys.stdout)
-
-    def add(self, finding: Finding | None) -> None:
-        if finding is None:
-            return
-        self.findings.append(finding)
-        if self._as_json:
-            show_json(finding._asdict())
-            return
-        mark = f"{'FAIL' if finding.state == 'fail' else finding.state:<4}"
-        line = f"  {finding.check:<19}  {finding.found}" + (f" → {finding.cure}" if finding.cure else "")
-        paint = partial(coloured, colour=_COLOURS[finding.state]) if self._colour else str
-        show_marked(mark, line, paint=paint, further=_FOUND_AT)
+        doctor = Doctor(options, parse(address), clock, stack, lambda: guard.caught is not None, key)
+        doctor.examine()
+    return INTERRUPTED if guard.caught else diagnosis.exit_code(doctor.findings)
 
 
 @dataclass
 class Doctor:
-    """One examination of the links. Remembers them, and the right values of options that were wrong. `stack` closes
-    the links.
+    """One examination of the links. Remembers them, what was found, and the right values of options that were wrong.
+    `stack` closes the links.
     """
 
     options: argparse.Namespace
     autopilot: Address
-    report: FindingsReport
     clock: Clock
     stack: ExitStack
     stopped: Callable[[], bool]
@@ -87,12 +66,29 @@ class Doctor:
     out: Link | None = None
     port_probe: PortProbe | None = None
     right: dict[str, str | None] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+
+    def _add(self, finding: Finding | None) -> None:
+        """Print a finding at once, and remember it."""
+        if finding is None:
+            return
+        self.findings.append(finding)
+        if self.options.json:
+            show_json(finding._asdict())
+            return
+        mark = f"{'FAIL' if finding.state == 'fail' else finding.state:<4}"
+        line = f"  {finding.check:<19}  {finding.found}" + (f" → {finding.cure}" if finding.cure else "")
+        paint = partial(coloured, colour=_COLOURS[finding.state]) if wants_colour(sys.stdout) else str
+        show_marked(mark, line, paint=paint, further=_FOUND_AT)
 
     def examine(self) -> None:
         """Examine everything and print the verdict, unless it is stopped."""
         self._say_autopilot()
         link = self._open(self.autopilot, "link", answered=True)
-        self.out = self._open_port()
+        if self.options.port:
+            self.out = self._open(parse(self.options.port), "port")
+        elif self.options.format not in MAVLINK_FORMATS:
+            self._add(port_diagnosis.no_port(_candidates(self.autopilot)))
         probe = self._listen(link)
         if probe and not self.stopped():
             probe = self._judge_packets(probe) or probe
@@ -102,13 +98,13 @@ class Doctor:
             return
         if self.port_probe:
             traffic = self.port_probe.traffic()
-            self.report.add(port_diagnosis.frames(traffic, self.options.format))
-            self.report.add(port_diagnosis.reader(traffic))
+            self._add(port_diagnosis.frames(traffic, self.options.format))
+            self._add(port_diagnosis.reader(traffic))
         usb = [port.device for port in _candidates(self.autopilot) if port.usb and port.device != self.options.port]
         if self.right.get("port") and len(usb) == 1:
             self.right["port"] = usb[0]
         command = next_command(self.options, str(self.autopilot), usb, self.right)
-        self.report.add(diagnosis.verdict(self.report.findings, command))
+        self._add(diagnosis.verdict(self.findings, command))
 
     def _say_autopilot(self) -> None:
         if self.options.autopilot:
@@ -118,31 +114,24 @@ class Doctor:
         else:
             named = {port.device: port.description or port.usb for port in list_ports()}
             why = f"on USB: {named.get(str(self.autopilot), '')}"
-        self.report.add(Finding("autopilot", "ok", f"{self.options.autopilot or self.autopilot}, {why}"))
+        self._add(Finding("autopilot", "ok", f"{self.options.autopilot or self.autopilot}, {why}"))
 
     def _open(self, address: Address, check: str, *, answered: bool = False) -> Link | None:
         """Open a link, and add a finding; None if it cannot be opened."""
         far = far_program(address.path) if check == "port" and address.kind == "serial" else ""
         if finding := held(check, str(address), far):
-            self.report.add(finding)
+            self._add(finding)
             return None
         try:
             link = self.stack.enter_context(closing(open_link(address, clock=self.clock, answered=answered)))
         except LinkError as error:
             ours = held(check, error.link, error.what)
-            self.report.add(ours or Finding(check, "fail", f"{error.link}: {error.what}", error.hint))
+            self._add(ours or Finding(check, "fail", f"{error.link}: {error.what}", error.hint))
             if not ours and not any(cause in error.what for cause in _STAYS):
                 self.right["port" if check == "port" else "autopilot"] = "URL"
             return None
-        self.report.add(Finding(check, "ok", f"{link.name} is open"))
+        self._add(Finding(check, "ok", f"{link.name} is open"))
         return link
-
-    def _open_port(self) -> Link | None:
-        if self.options.port:
-            return self._open(parse(self.options.port), "port")
-        if self.options.format not in MAVLINK_FORMATS:
-            self.report.add(port_diagnosis.no_port(_candidates(self.autopilot)))
-        return None
 
     def _session(self) -> Session:
         return session(self.options, passive=self.autopilot.kind == "tlog", signing=self.key)
@@ -151,7 +140,7 @@ class Doctor:
         """Read the autopilot's link and send frames, for the time of --listen."""
 
         def first(after_s: float) -> None:
-            self.report.add(Finding("bytes", "ok", f"the first came after {after_s:.1f} s"))
+            self._add(Finding("bytes", "ok", f"the first came after {after_s:.1f} s"))
 
         probe = AutopilotProbe(link, self._session(), self.clock.now(), first) if link else None
         self.port_probe = self._new_port_probe(probe, link) or self.port_probe
@@ -185,24 +174,22 @@ class Doctor:
         now, session = self.clock.now(), probe.session
         if not session.reader.bytes:
             taken = accepted(self.autopilot.port) if self.autopilot.kind == "tcp" and self.autopilot.port else None
-            self.report.add(
-                diagnosis.silence(self.autopilot.kind, now - probe.start, refused=probe.refused, accepted=taken)
-            )
+            self._add(diagnosis.silence(self.autopilot.kind, now - probe.start, refused=probe.refused, accepted=taken))
             if taken is False:
                 self.right["autopilot"] = "URL"
         if probe.lost:
-            self.report.add(Finding("link", "fail", probe.lost))
+            self._add(Finding("link", "fail", probe.lost))
         if not session.reader.bytes:
             return None
         if probe.known:
             traffic = probe.traffic(now)
-            self.report.add(diagnosis.packets(traffic))
-            self.report.add(signatures := diagnosis.signing(traffic))
+            self._add(diagnosis.packets(traffic))
+            self._add(signatures := diagnosis.signing(traffic))
             if signatures.state == "fail":
                 self.right["signing_key"] = "FILE"
-            self.report.add(diagnosis.other_senders(*probe.other_senders))
+            self._add(diagnosis.other_senders(*probe.other_senders))
             return None
-        self.report.add(diagnosis.garbage(self.autopilot.kind, session.reader.bytes, bytes(probe.sample)))
+        self._add(diagnosis.garbage(self.autopilot.kind, session.reader.bytes, bytes(probe.sample)))
         if self.autopilot.kind != "serial" or probe.lost or again:
             return None
         probe.close()
@@ -211,9 +198,7 @@ class Doctor:
             return None
         self.autopilot = self.autopilot._replace(baud=found)
         link = self._open(self.autopilot, "link", answered=True)
-        if link is None:
-            return None
-        heard = self._listen(link)
+        heard = self._listen(link) if link else None
         if heard and not self.stopped():
             self._judge_packets(heard, again=True)
         return heard
@@ -236,7 +221,7 @@ class Doctor:
             if found or self.stopped():
                 break
         if not self.stopped():
-            self.report.add(diagnosis.baud(self.autopilot.path, rates, found))
+            self._add(diagnosis.baud(self.autopilot.path, rates, found))
         return found
 
     def _judge_vehicle(self, probe: AutopilotProbe) -> None:
@@ -244,7 +229,7 @@ class Doctor:
         if vehicle is None and any((session.disbelieved_signatures() or {}).values()):
             return
         followed = (vehicle.system, vehicle.component) if vehicle else None
-        target, add = (self.options.target_system, self.options.target_component), self.report.add
+        target, add = (self.options.target_system, self.options.target_component), self._add
         add(diagnosis.heartbeat(probe.sources(), followed, target))
         if vehicle is None:
             self.right |= diagnosis.target(probe.sources())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -36,14 +35,17 @@ class SearchLog(GrowingFiles):
         self._start_s = start_s
         self._lines = EventLines(0)
         self.rows: list[SearchStep] = []
-        self._line = io.StringIO()
-        self._csv = csv.writer(self._line, lineterminator="\n")
-        self._add(SearchStep._fields)
+        self._csv = csv.writer(self, lineterminator="\n")
+        self._csv.writerow(SearchStep._fields)
+
+    def write(self, line: str) -> None:
+        """Add a line of `search.csv`."""
+        self._pending[TRACK] += line.encode()
 
     def row(self, row: SearchStep) -> None:
         """Add one step."""
         self.rows.append(row)
-        self._add(row)
+        self._csv.writerow(row)
         self._flush_now_and_then(full=len(self._pending[TRACK]) > _BATCH_BYTES)
 
     def observe(self, event: Event) -> None:
@@ -51,9 +53,3 @@ class SearchLog(GrowingFiles):
         if self._start_s is not None:
             self._pending[NEWS] += self._lines.of(replace(event, time_s=event.time_s - self._start_s))
             self._flush_now_and_then(full=False)
-
-    def _add(self, cells: tuple[object, ...]) -> None:
-        self._csv.writerow(cells)
-        self._pending[TRACK] += self._line.getvalue().encode()
-        self._line.seek(0)
-        self._line.truncate()
