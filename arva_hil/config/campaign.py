@@ -14,7 +14,7 @@ from arva_hil.config.nodes import folder_of
 from arva_hil.config.profiles import located
 from arva_hil.config.reading import keys_in, read, read_text
 from arva_hil.config.scenario import Scenario, load
-from arva_hil.config.tables import TableOf, fields_of, key, newer_keys, read_keys, table
+from arva_hil.config.tables import Table, TableOf, fields_of, key, newer_keys, read_keys
 from arva_hil.registry import FORMATS_WITH_IDS, MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1
@@ -163,8 +163,7 @@ _GPS_NOISE: Final = _Axis(Number(0, 1000, unit="m"), "numbers")
 _AREA: Final = (-50.0, -50.0, 50.0, 50.0)
 
 
-@table()
-class CampaignPlan:
+class CampaignPlan(Table):
     """What a campaign tries: all of it crossed. `scenarios` by name; `noise` None is the scenario's own; heights,
     speeds and limits by strategy, or one for all; `victims`: how many are searched for, None: all; `drones`: how many
     divide the area and search it together, each for one. Raises ValueError for what does not fit.

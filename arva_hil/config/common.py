@@ -5,7 +5,7 @@ from typing import Any, Final, Literal, get_args
 
 from arva_hil.config.constraints import Named, Number, Numbers, Whole
 from arva_hil.config.nodes import NEWEST_SPEC
-from arva_hil.config.tables import TableOf, key, table
+from arva_hil.config.tables import Table, TableOf, key
 from arva_hil.ranges import FRAMES_HZ, LARGEST_SEED
 from arva_hil.registry import FORMATS
 
@@ -31,8 +31,7 @@ BODY_POINT: Final = Numbers(*[Number(-100, 100, unit="m")] * 3)
 SPAN: Final = Number(0, 1_000_000, "seconds", above=True, unit="s")
 
 
-@table()
-class Angles:
+class Angles(Table):
     """An attitude as a file has it."""
 
     roll: float = key(ANGLE, "about x", default=0.0)

@@ -4,7 +4,7 @@ from typing import Any, Final, get_args
 
 from arva_hil.config.constraints import Constraint, Named, Number, Numbers, Whole, Word
 from arva_hil.config.errors import ConstraintError, wrong
-from arva_hil.config.tables import key, table
+from arva_hil.config.tables import Table, key
 from arva_hil.config.transmitter import KeyingKind
 from arva_hil.registry import RECEIVERS
 
@@ -56,8 +56,7 @@ class HowMany(Constraint):
         return {"anyOf": [self._number.json(), {"const": "all"}]}
 
 
-@table(one_of="within_m area_m")
-class Random:
+class Random(Table, one_of="within_m area_m"):
     """`count` transmitters, others for each seed: uniform within ±`within_m` north and east of home, or in `area_m`,
     uniform in depth from `depth_m`[0] to [1], their attitudes uniform among all rotations."""
 

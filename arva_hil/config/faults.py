@@ -9,7 +9,7 @@ from typing import Any, Final, Literal, NamedTuple
 from arva_hil.config.common import SPAN, TRANSMITTER_ID, WORLD_POINT, Triple
 from arva_hil.config.constraints import Anything, Constraint, Named, Number, On, Whole
 from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, wrong
-from arva_hil.config.tables import fields_of, key, read_keys, table, unknown_key
+from arva_hil.config.tables import Table, fields_of, key, read_keys, unknown_key
 from arva_hil.errors import KindError
 from arva_hil.registry import FAULTS, FORMATS, MAVLINK_FORMATS
 
@@ -43,8 +43,7 @@ class FaultKind(NamedTuple):
         return self.valid or On()
 
 
-@table()
-class Fault:
+class Fault(Table):
     """One fault and when it is on, in seconds from the start of the run.
 
     `value`: a probability per frame or byte, seconds, a factor, a transmitter's id, or 1 for a fault that is just on.

@@ -9,7 +9,7 @@ from arva_hil.config import nodes
 from arva_hil.config.common import SPEC
 from arva_hil.config.errors import Problem, ScenarioError, Violation, any_of, nearest
 from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.tables import Given, TableOf, key, table
+from arva_hil.config.tables import Given, Table, TableOf, key
 from arva_hil.config.transmitter import STRENGTH, KeyingOptions
 
 PREFIX: Final = "builtin:"
@@ -35,8 +35,7 @@ def located(path: str | os.PathLike[str]) -> str:
     return str(files[wanted])
 
 
-@table()
-class ReceiverProfile:
+class ReceiverProfile(Table):
     """A file with what a kind of receiver is like."""
 
     spec: int = key(SPEC, "the version of this file format")
@@ -49,16 +48,14 @@ class ReceiverProfile:
             yield Violation("none in a profile", "profile", path=("receiver", "profile"), at_key=True)
 
 
-@table()
-class TransmitterTraits:
+class TransmitterTraits(Table):
     """What a kind of transmitter is like, wherever it is."""
 
     strength: float = key(STRENGTH, "relative to the reference transmitter", default=1.0)
     keying: KeyingOptions | None = key(help="when it sends", default=None)
 
 
-@table()
-class TransmitterProfile:
+class TransmitterProfile(Table):
     """A file with what a kind of transmitter is like."""
 
     spec: int = key(SPEC, "the version of this file format")

@@ -12,7 +12,7 @@ from arva_hil.config.common import BODY_POINT, NOISE_KINDS, RATE_HZ, Attitude, N
 from arva_hil.config.constraints import FLOAT, WHOLE, Anything, Named, Number, Numbers, Whole, Word
 from arva_hil.config.errors import Violation, any_of, wrong
 from arva_hil.config.nodes import Scalar
-from arva_hil.config.tables import OtherKeys, key, table, valid_value
+from arva_hil.config.tables import OtherKeys, Table, key, valid_value
 from arva_hil.config.transmitter import PROFILE, VehicleNoiseOptions
 from arva_hil.errors import KindError
 from arva_hil.registry import RECEIVERS
@@ -132,8 +132,7 @@ class _NoSignal(Numbers):
         return {"enum": [list(pair) for pair in NO_SIGNAL]}
 
 
-@table()
-class Noise:
+class Noise(Table):
     """The noise of eq. 4; `floor_range_m` is r_en, where it is as strong as the reference transmitter."""
 
     kind: NoiseKind = key(Word(NOISE_KINDS), "how it is distributed", default="uniform")
@@ -142,16 +141,14 @@ class Noise:
     )
 
 
-@table()
-class SlingOptions:
+class SlingOptions(Table):
     """A rope from `position` to the receiver."""
 
     length_m: float = key(Number(0, 100, above=True, unit="m"), "of the rope")
     damping: float = key(Number(0, 0.99), "of its swing, relative to critical", default=0.05)
 
 
-@table()
-class MountOptions:
+class MountOptions(Table):
     """Where the receiver sits: `position` in body FRD, metres; `attitude` roll, pitch, yaw in degrees. With a `sling`
     it hangs from there, leans with the rope, and has the heading of vehicle and `attitude`."""
 
@@ -166,8 +163,7 @@ _SENSITIVITY: Final = Numbers(*[Number(0, 1, above=True)] * 3)
 _ONE_SLOT: Final = _NoSignal(*[Whole(-1, 0)] * 2)
 
 
-@table()
-class ReceiverOptions:
+class ReceiverOptions(Table):
     """The receiver. `sensitivity`: the diagonal of Q; `no_signal`: (d, δ) when there is nothing to report.
 
     Each frame is up to `jitter_s` late, less than half the period. `options`: for a model with keys of its own its

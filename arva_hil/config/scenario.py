@@ -16,18 +16,7 @@ from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, el
 from arva_hil.config.faults import Fault, FaultItem, misfit
 from arva_hil.config.profiles import located, take_over
 from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.tables import (
-    Given,
-    TableOf,
-    duplicates,
-    items_of,
-    key,
-    keys,
-    lacks,
-    newer_keys,
-    table,
-    valid_value,
-)
+from arva_hil.config.tables import Given, Table, TableOf, duplicates, items_of, key, keys, newer_keys, valid_value
 from arva_hil.config.terrain import Terrain, ground_conflicts
 from arva_hil.config.transmitter import Lla, MediumOptions, Transmitter
 from arva_hil.config.vehicles import NavigationError, VehicleConfig, vehicle_conflicts
@@ -55,8 +44,7 @@ class _HomeOrPlace(TableOf):
         return {"anyOf": [{"const": "home"}, super().json()]}
 
 
-@table()
-class OutputOptions:
+class OutputOptions(Table):
     """The frames, as a file has it."""
 
     format: str = key(FORMAT, "of the frames", default="binary")
@@ -67,8 +55,7 @@ _FAULTS: Final = ListOf(FaultItem(), 0, 1000, "faults")
 _VEHICLES: Final = ListOf(TableOf(VehicleConfig), 1, 250, "vehicles")
 
 
-@table()
-class Scenario:
+class Scenario(Table):
     """One scenario. `source` is the file's name; two scenarios that differ in nothing else are equal.
 
     `pose`: whether the receiver is at the pose that the autopilot estimates or at the true pose of a simulator.
@@ -112,7 +99,7 @@ class Scenario:
         yield from duplicates(transmitters, "id", "id")
         yield from vehicle_conflicts(of)
         yield from ground_conflicts(of)
-        if of.pose == "truth" and not lacks(of, "navigation_error"):
+        if of.pose == "truth" and of.navigation_error is not None:
             expected = "none with `pose: truth`, which has no error"
             yield Violation(expected, "navigation_error", None, ("navigation_error",), at_key=True)
         ids = [one.id for _, one in transmitters]

@@ -7,17 +7,15 @@ is one key of a file, checked there and in Python, and has its place in the JSON
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import MISSING, InitVar, field, replace
 from types import SimpleNamespace
-from typing import Any, NamedTuple, TypeVar, dataclass_transform, get_args
+from typing import Any, NamedTuple, dataclass_transform, get_args
 
 from arva_hil.config.constraints import Anything, Constraint
 from arva_hil.config.errors import ConstraintError, Violation, any_of, nearest, short
 from arva_hil.config.nodes import spec_of
 from arva_hil.frozen import frozen
-
-_T = TypeVar("_T")
 
 
 def key(constraint: Constraint | None = None, help: str = "", *, since: int = 1, **more: Any) -> Any:
@@ -38,34 +36,59 @@ class Field(NamedTuple):
     file_only: bool
     optional: bool  # may be None in Python
 
+    def is_usual(self, value: Any) -> bool:
+        """Whether a value needs no check."""
+        return value is self.default or (value is None and self.optional)
+
 
 class Given(SimpleNamespace):
     """A table of a file that is not valid as a whole: its fields, None where they are wrong. `mapping`: the file's."""
 
 
+class OtherKeys(NamedTuple):
+    """Keys of a mapping that are not declared: their `names`, what is wrong with them, or else the field `options`."""
+
+    names: Collection[str] = ()
+    options: Any = None
+    violations: Collection[Violation] = ()
+
+
 @dataclass_transform(frozen_default=True, field_specifiers=(key,))
-def table(*, required: str = "", one_of: str = "") -> Callable[[type[_T]], type[_T]]:
-    """A frozen dataclass that checks its values, and can be read from a mapping of a file (`TableOf`).
+class Table:
+    """Makes each subclass a frozen dataclass that checks its values, and can be read from a mapping of a file.
 
     Its fields are made by `key`; an InitVar is a key of files alone. A file has all keys without a default, those in
-    `required`, and exactly one of those in `one_of`. The class may have class methods: `conflicts(of)` gives the
-    violations between values, of an object or of `Given`; `other_keys(mapping)` reads keys of a file's mapping that are
-    not declared. A method `file_keys()` gives the keys of a file that are not as in Python. Raises ConstraintError, a
-    ValueError.
+    `required`, and exactly one of those in `one_of`. Raises ConstraintError, a ValueError.
     """
 
-    def decorate(cls: type[_T]) -> type[_T]:
+    def __init_subclass__(cls, *, required: str = "", one_of: str = "") -> None:
         made: Any = cls
         if "__post_init__" in vars(cls):
             made.__finish__ = made.__post_init__
         made.__post_init__ = _check
         frozen(cls)
         made.__table__ = {one.name: _declared(one) for one in made.__dataclass_fields__.values()}
-        made.__required__ = [*(name for name, one in keys(made).items() if one.default is MISSING), *required.split()]
+        made.__required__ = [*(name for name, one in keys(cls).items() if one.default is MISSING), *required.split()]
         made.__one_of__ = one_of.split()
-        return cls
 
-    return decorate
+    @classmethod
+    def conflicts(cls, of: Any) -> Iterable[Violation]:
+        """The violations between values, of an object or of what is `Given` of one."""
+        return ()
+
+    @classmethod
+    def other_keys(cls, mapping: Mapping[str, Any]) -> OtherKeys:
+        """Reads keys of a file's mapping that are not declared."""
+        return OtherKeys()
+
+    @classmethod
+    def other_schemas(cls) -> Mapping[str, Any]:
+        """The JSON Schemas of keys that are not declared."""
+        return {}
+
+    def file_keys(self) -> Mapping[str, Any]:
+        """The keys of a file that are not as in Python."""
+        return {}
 
 
 def _declared(one: Any) -> Field:
@@ -106,46 +129,24 @@ def newer_keys(value: Any) -> set[str]:
 
 def _check(self: Any, *init_vars: Any) -> None:
     """The `__post_init__` of a table: checks the values that it was made with."""
-    cls = type(self)
-    violations: list[Violation] = []
-    for_file = iter(init_vars)
-    checked = []
-    for name, one in fields_of(cls).items():
-        value = next(for_file) if one.file_only else getattr(self, name)
-        if value is not one.default and not (value is None and one.optional):
-            try:
-                value = one.constraint.read(value)
-            except ConstraintError as error:
-                violations += _described(error.below(name), {name: value})
-        if one.file_only:
-            checked.append(value)
-        else:
+    fields, for_file = fields_of(type(self)), iter(init_vars)
+    values = {name: next(for_file) if one.file_only else getattr(self, name) for name, one in fields.items()}
+    unusual = {name: value for name, value in values.items() if not fields[name].is_usual(value)}
+    right, violations = read_keys(unusual, {name: one.constraint for name, one in fields.items()})
+    for name, value in right.items():
+        if not fields[name].file_only:
             object.__setattr__(self, name, value)
-    if not violations and hasattr(cls, "conflicts"):
-        violations = _described(cls.conflicts(self), self)
-    if violations:
-        raise ConstraintError(*violations, of=cls.__name__)
-    if hasattr(cls, "__finish__"):
-        self.__finish__(*checked)
+    if every := violations or [*self.conflicts(self)]:
+        raise ConstraintError(*(_described(one, values) for one in every), of=type(self).__name__)
+    if hasattr(self, "__finish__"):
+        self.__finish__(*((values | right)[name] for name, one in fields.items() if one.file_only))
 
 
-def _described(violations: Iterable[Violation], top: Any) -> list[Violation]:
-    """The violations of a value of Python, each with what was found."""
-    every = []
-    for one in violations:
-        value = top
-        for step in one.path if one.found is None else ():
-            value = getattr(value, str(step)) if is_table(value) else value[step]
-        every.append(replace(one, found=one.found or short(repr(value))))
-    return every
-
-
-class OtherKeys(NamedTuple):
-    """Keys of a mapping that are not declared: their `names`, what is wrong with them, or else the field `options`."""
-
-    names: Collection[str] = ()
-    options: Any = None
-    violations: Collection[Violation] = ()
+def _described(violation: Violation, value: Any) -> Violation:
+    """A violation of values of Python, with what was found."""
+    for step in violation.path if violation.found is None else ():
+        value = getattr(value, str(step)) if is_table(value) else value[step]
+    return replace(violation, found=violation.found or short(repr(value)))
 
 
 class TableOf(Constraint):
@@ -167,22 +168,20 @@ class TableOf(Constraint):
         known = {name: one.constraint for name, one in keys(cls, spec).items()}
         if not isinstance(value, Mapping):
             raise ConstraintError(Violation(f"a mapping with {', '.join(known)}"))
-        other = cls.other_keys(value) if hasattr(cls, "other_keys") else OtherKeys()
+        other = cls.other_keys(value)
         valid = known | dict.fromkeys(other.names, Anything())
         newer = {name: one.since for name, one in keys(cls).items() if one.since > spec}
         values, violations = read_keys(value, valid, cls.__required__, cls.__one_of__, newer)
-        violations += other.violations
         default = {name: None if one.default is MISSING else one.default for name, one in fields_of(cls).items()}
         given = Given(**default | {name: values[name] for name in values if name in known}, mapping=value)
-        if hasattr(cls, "conflicts"):
-            violations += cls.conflicts(given)
+        violations += [*other.violations, *cls.conflicts(given)]
         if violations:
             raise ConstraintError(*violations, given=given)
         options = {"options": other.options} if other.names else {}
         return cls(**{name: values[name] for name in values if name in known} | options)
 
     def plain(self, value: Any, spec: int) -> Any:
-        file_keys: dict[str, Any] = dict(value.file_keys()) if hasattr(value, "file_keys") else {}
+        file_keys: dict[str, Any] = dict(value.file_keys())
         made: dict[str, Any] = {}
         for name, one in keys(self.table, spec).items():
             item = None if one.file_only else getattr(value, name)
@@ -194,7 +193,7 @@ class TableOf(Constraint):
 
     def json(self) -> dict[str, Any]:
         cls = self.table
-        properties = dict(cls.other_schemas()) if hasattr(cls, "other_schemas") else {}
+        properties = dict(cls.other_schemas())
         for name, one in keys(cls).items():
             properties[name] = one.constraint.json() | {"description": one.help} | _json_default(one)
         schema = {"type": "object", "properties": properties, "additionalProperties": False}

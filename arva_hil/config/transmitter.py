@@ -18,7 +18,7 @@ from arva_hil.config.common import (
 )
 from arva_hil.config.constraints import ListOf, Number, Numbers, Text, Word
 from arva_hil.config.errors import Violation
-from arva_hil.config.tables import items_of, key, table
+from arva_hil.config.tables import Table, items_of, key
 
 KeyingKind = Literal["modern", "modern-tight", "old-digital", "analogue", "norm-weak", "norm-strong"]
 DipoleKind = Literal["static", "full"]
@@ -30,8 +30,7 @@ def _seconds(low: float, high: float) -> Number:
     return Number(low, high, unit="s")
 
 
-@table()
-class KeyingOptions:
+class KeyingOptions(Table):
     """When a transmitter sends. What is None is drawn from its class, by the scenario's seed and its id.
 
     Raises ValueError for a period that is not longer than the pulse.
@@ -77,8 +76,7 @@ _CONDUCTIVITY: Final = Number(0, 10, unit="S/m")
 _SURFACE: Final = Number(-10_000, 10_000, unit="m")
 
 
-@table()
-class MediumOptions:
+class MediumOptions(Table):
     """What lies between transmitters and receivers."""
 
     dipole: DipoleKind = key(
@@ -91,8 +89,7 @@ class MediumOptions:
     surface_m: float = key(_SURFACE, "its surface, down from the datum", default=0.0)
 
 
-@table()
-class VehicleNoiseOptions:
+class VehicleNoiseOptions(Table):
     """What the vehicle's motors add to a receiver's noise."""
 
     motors: tuple[Triple, ...] = key(ListOf(BODY_POINT, 1, 16, "places", unit="m"), "body FRD, of each motor")
@@ -111,8 +108,7 @@ PROFILE: Final = Text("the name of a profile")
 Waypoint = tuple[float, float, float, float]  # seconds, then metres north, east, down (or as the file's frame has it)
 
 
-@table()
-class Lla:
+class Lla(Table):
     """WGS-84 latitude and longitude in degrees, altitude in metres AMSL."""
 
     lat: float = key(LATITUDE, "WGS-84")
@@ -132,8 +128,7 @@ _WAYPOINT: Final = Numbers(Number(0, 1_000_000, unit="s"), WORLD, WORLD, WORLD)
 _WAYPOINTS: Final = ListOf(_WAYPOINT, 1, 10_000, "waypoints", unit="s, m, m, m")
 
 
-@table(required="frame points")
-class Path:
+class Path(Table, required="frame points"):
     """Timed waypoints, straight between them: `points_ned` (s, north, east, down in metres from the datum), at times
     from the start of the run that rise. After the last one the transmitter stays there, or starts again at the first.
 
@@ -169,8 +164,7 @@ class Path:
             before = time_s
 
 
-@table()
-class Follows:
+class Follows(Table):
     """Another MAVLink system that carries the transmitter, `offset` from it in its body FRD, metres."""
 
     system: int = key(SYSTEM_ID, "a vehicle heard on any link")
@@ -182,8 +176,7 @@ _DEPTH: Final = Number(-100, 100, unit="m")
 STRENGTH: Final = Number(0, 1000, above=True)
 
 
-@table(one_of="enu ned lla path follows")
-class Transmitter:
+class Transmitter(Table, one_of="enu ned lla path follows"):
     """A buried beacon, its place as given: `ned` (metres from the datum), `lla`, `path` or `follows`; the others are
     None. `enu` is a way to give `ned`.
 

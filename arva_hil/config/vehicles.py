@@ -8,7 +8,7 @@ from arva_hil.config.common import FORMAT, SEED, SYSTEM_ID, Triple
 from arva_hil.config.constraints import ListOf, Number, Numbers, Text
 from arva_hil.config.errors import Violation
 from arva_hil.config.receiver import ReceiverOptions
-from arva_hil.config.tables import TableOf, duplicates, items_of, key, lacks, table
+from arva_hil.config.tables import Table, TableOf, duplicates, items_of, key, lacks
 from arva_hil.registry import MAVLINK_FORMATS
 
 _NAME: Final = Text("a name of letters, digits, _, - and .", r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -18,16 +18,14 @@ _TAU: Final = Number(0, 1_000_000, above=True, unit="s")
 _BIAS: Final = Numbers(*[Number(-10_000, 10_000, unit="m")] * 3)
 
 
-@table()
-class RandomWalk:
+class RandomWalk(Table):
     """A random walk that keeps coming back (Gauss-Markov), on each axis."""
 
     sigma_m: float = key(_SIGMA, "standard deviation on each axis", default=0.0)
     tau_s: float = key(_TAU, "how long it remembers", default=60.0)
 
 
-@table()
-class NavigationError:
+class NavigationError(Table):
     """How the vehicle's true pose differs from the pose that its autopilot reports: true pose = reported pose + this.
 
     `bias_ned` in metres; a random walk of `walk_sigma_m` on each axis that forgets in `walk_tau_s`; `heading_deg` is
@@ -51,7 +49,6 @@ class NavigationError:
         return {"walk": {"sigma_m": self.walk_sigma_m, "tau_s": self.walk_tau_s}}
 
 
-@table()
 class ReceiverEntry(ReceiverOptions):
     """One receiver of a vehicle as a file has it: its own keys beside those of `receiver`."""
 
@@ -75,8 +72,7 @@ class ReceiverEntry(ReceiverOptions):
             yield Violation(f"a mapping with port, because frames of the format {of.format} go there", "no port")
 
 
-@table()
-class ReceiverConfig:
+class ReceiverConfig(Table):
     """One receiver of a vehicle: where its frames go (None: over the autopilot's link), in which format, and what it
     is like. Raises ValueError for a format that needs a port and has none, or the other way round."""
 
@@ -108,8 +104,7 @@ class _Receiver(TableOf):
         return {key: item for key, item in own.items() if item is not None} | options
 
 
-@table()
-class VehicleConfig:
+class VehicleConfig(Table):
     """A vehicle: the link of its autopilot (None: the command line's), its MAVLink system id (None: the first one
     heard there), and its receivers."""
 
