@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.every import every
+
 ROOT = Path(__file__).parent.parent
 ROOMS = {  # a room → what of ours it may import
     "firmware_proto": {"firmware_proto"},
@@ -270,7 +272,7 @@ def within(name: str, allowed: set[str]) -> bool:
     return any(name == room or name.startswith(room + ".") for room in allowed)
 
 
-@pytest.mark.parametrize("room", ROOMS)
+@every("room", ROOMS)
 def test_a_room_imports_only_what_the_map_allows(room: str) -> None:
     assert files(room)
     allowed = ROOMS[room] | (EVERYBODY if room.startswith("arva_hil") else set())

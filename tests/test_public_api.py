@@ -19,6 +19,7 @@ import pytest
 import arva_hil
 from arva_hil.links.pty import PtyLink
 from tests.cli.far_ends import Autopilot
+from tests.every import every
 
 ROOT = Path(__file__).parent.parent
 PINNED = (  # in the order of the project's interface
@@ -47,7 +48,7 @@ def test_a_name_that_is_not_public_is_not_there() -> None:
         arva_hil.Nothing  # type: ignore[attr-defined]  # noqa: B018
 
 
-@pytest.mark.parametrize("name", arva_hil.__all__)
+@every("name", arva_hil.__all__)
 def test_every_public_name_is_documented_and_so_is_what_it_can_do(name: str) -> None:
     thing = getattr(arva_hil, name)
     assert inspect.getdoc(thing)
@@ -57,7 +58,7 @@ def test_every_public_name_is_documented_and_so_is_what_it_can_do(name: str) -> 
         assert undocumented == []
 
 
-@pytest.mark.parametrize("name", arva_hil.__all__)
+@every("name", arva_hil.__all__)
 def test_the_examples_of_public_names_are_true(name: str) -> None:
     thing = getattr(arva_hil, name)
     home = importlib.import_module(thing.__module__)
@@ -147,7 +148,7 @@ def _scenario() -> arva_hil.Scenario:
     return DEFAULT
 
 
-@pytest.mark.parametrize(("call", "said"), MISTAKES, ids=[said for _, said in MISTAKES])
+@every("call, said", MISTAKES)
 def test_a_caller_s_mistake_is_a_value_error_that_names_the_argument(call: Callable[[], Any], said: str) -> None:
     with pytest.raises(ValueError) as error:  # noqa: PT011
         call()

@@ -16,6 +16,7 @@ from arva_hil.config import Scenario, ScenarioError, load
 from arva_hil.config.campaign import CampaignPlan, load_plan, parse_plan
 from arva_hil.config.drawn import Random
 from arva_hil.field import rotation
+from tests.every import every
 
 from .fakes import planned
 
@@ -103,8 +104,8 @@ def test_the_plans_that_come_with_it(name: str, count: int) -> None:
 # What is refused
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
+@every(
+    "text, expected",
     [
         ("", ["1:1: an empty file, expected a mapping with strategies and scenarios"]),
         ("- 1", ["1:1: a list of 1, expected a mapping with spec, strategies, scenarios, seeds, noise, "]),

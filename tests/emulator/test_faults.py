@@ -41,6 +41,7 @@ from arva_hil.simulated.vehicle import SimulatedVehicle
 from arva_hil.vehicle.followed import COMPONENT
 from arva_hil.vehicle.session import Session
 from firmware_proto import INTERFERENCE, SELF_TEST_FAULT, Decoder, Frame
+from tests.every import every
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "tests" / "data" / "px4.tlog"
@@ -611,8 +612,8 @@ NAMES = ", ".join(FAULTS)
 KEYS = f"{NAMES}, by_ned, over_s, from_s, until_s, every_s, for_s"
 
 
-@pytest.mark.parametrize(
-    ("text", "expected"),
+@every(
+    "text, expected",
     [
         ("faults: {drop: 0.1}", ["2:9: a mapping, expected a list of 0 to 1000 faults"]),
         ("faults: [5]", [f"2:10: '5', expected a mapping with {KEYS}"]),

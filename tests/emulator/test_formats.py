@@ -15,6 +15,7 @@ from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from arva_hil.vehicle.session import Session
 from firmware_proto import Channel, Frame
+from tests.every import every
 
 VECTORS = json.loads((Path(firmware_proto.__file__).parent / "vectors.json").read_text(encoding="utf-8"))
 FRAMES = [pytest.param(value, id=value["name"]) for value in VECTORS["frames"] if not value["decode_only"]]
@@ -34,13 +35,13 @@ def floats(*values: tuple[str, float]) -> bytes:
     return packed(*(dialect.MAVLink_named_value_float_message(5, name.encode(), value) for name, value in values))
 
 
-@pytest.mark.parametrize("value", FRAMES)
+@every("value", FRAMES)
 def test_the_named_values_are_those_of_the_vectors(value: Any) -> None:
     assert [[name.decode(), number] for name, number in named_values(as_frame(value))] == value["named"]
 
 
-@pytest.mark.parametrize("value", FRAMES)
 @pytest.mark.parametrize("format", MESSAGES)
+@every("value", FRAMES)
 def test_a_frame_goes_out_as_these_messages_and_is_read_back(format: str, value: Any) -> None:
     session, vehicle = Session(), SimulatedVehicle(HOME)
     session.feed(vehicle.poll(0.0), 0.0)
@@ -64,8 +65,8 @@ def test_what_the_lua_driver_sends_is_read_too() -> None:
     assert frame.channels == (Channel(3, 1, 1234, -17),)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 0.5, 1e30, -32769.0, 32768.0])
 @pytest.mark.parametrize("name", ["ARVA1_D", "ARVA1_DIR", "ARVA1_ID"])
+@every("value", [math.nan, math.inf, -math.inf, 0.5, 1e30, -32769.0, 32768.0])
 def test_a_float_that_no_receiver_can_have_sent_makes_no_such_reading(name: str, value: float) -> None:
     decoder = MavlinkDecoder("named_float")
     frames = decoder.feed(2 * floats(("ARVA1_D", 700), (name, value), ("ARVA1_ID", 3)), 0.0)

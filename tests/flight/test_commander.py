@@ -20,6 +20,7 @@ from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from arva_hil.vehicle.session import Session
+from tests.every import every
 
 HOME = (46.5, 11.35, 1800.0)
 US = 193  # our component
@@ -523,7 +524,7 @@ TAKE_OVERS = [
 
 
 @pytest.mark.parametrize("phase", ON)
-@pytest.mark.parametrize(("autopilot", "mode", "name"), TAKE_OVERS)
+@every("autopilot, mode, name", TAKE_OVERS)
 def test_a_mode_that_was_not_ordered_ends_all_orders(phase: Phase, autopilot: int, mode: int, name: str) -> None:
     told = Told(autopilot)
     told.reach(phase)

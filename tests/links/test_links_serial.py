@@ -22,6 +22,7 @@ from arva_hil.links.serial import open_serial, open_url
 from arva_hil.links.serial_ports import SerialPort, find_autopilot, list_ports
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.runtime.clock import StepClock
+from tests.every import every
 
 Keep = Callable[[Link], Link]
 
@@ -295,8 +296,8 @@ def info(device: str, **fields: Any) -> SimpleNamespace:
     return SimpleNamespace(**{"device": device, "description": "n/a", **nothing, **fields})
 
 
-@pytest.mark.parametrize(
-    ("fields", "autopilot"),
+@every(
+    "fields, autopilot",
     [
         ({"vid": 0x1209, "pid": 0x5740, "manufacturer": "ArduPilot", "product": "fmuv3"}, True),
         ({"vid": 0x1209, "pid": 0x5741}, True),

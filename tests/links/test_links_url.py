@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.links import Address, AddressError, parse
+from tests.every import every
 
 SPELLINGS = {
     "/dev/ttyACM0": Address("serial", path="/dev/ttyACM0"),
@@ -129,17 +130,17 @@ REFUSALS = {
 }
 
 
-@pytest.mark.parametrize(("text", "address"), SPELLINGS.items())
+@every("text, address", SPELLINGS.items())
 def test_spelling(text: str, address: Address) -> None:
     assert parse(text) == address
 
 
-@pytest.mark.parametrize("address", SPELLINGS.values())
+@every("address", SPELLINGS.values())
 def test_an_address_is_spelled_so_that_it_reads_back(address: Address) -> None:
     assert parse(str(address)) == address
 
 
-@pytest.mark.parametrize(("text", "found"), REFUSALS.items())
+@every("text, found", REFUSALS.items())
 def test_refusal(text: str, found: str) -> None:
     with pytest.raises(AddressError) as caught:
         parse(text)
@@ -147,7 +148,7 @@ def test_refusal(text: str, found: str) -> None:
     assert ": write " in str(caught.value)
 
 
-@pytest.mark.parametrize("text", [t for t in REFUSALS if t not in ("udp:drone", "tcp:fe80::1")])
+@every("text", [t for t in REFUSALS if t not in ("udp:drone", "tcp:fe80::1")])
 def test_every_example_of_a_refusal_is_right(text: str) -> None:
     with pytest.raises(AddressError) as caught:
         parse(text)

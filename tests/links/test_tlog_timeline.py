@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.links.tlog_timeline import Record, Timeline
+from tests.every import every
 
 T0 = 1_700_000_000.0
 HOUR, DAY = 3600.0, 86400.0
@@ -47,8 +48,8 @@ def test_stamps_that_go_on_are_kept_as_they_are() -> None:
     assert (line.steps, line.strays) == (0, 0)
 
 
-@pytest.mark.parametrize("offset", [-78.0, -HOUR, -30 * DAY, 30 * DAY, 60.0, 1800.0])
 @pytest.mark.parametrize("pause", [0.1, 7.0, 600.0])
+@every("offset", [-78.0, -HOUR, -30 * DAY, 30 * DAY, 60.0, 1800.0])
 def test_a_step_is_taken_out_and_a_pause_stays(offset: float, pause: float) -> None:
     behind = flight(9.9 + pause, 20 + pause, T0 + offset)
     times, line = run(flight(0, 10) + behind)

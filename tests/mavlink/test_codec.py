@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from pymavlink.generator.mavcrc import x25crc
 
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from tests.every import every
 
 HEARTBEAT = dialect.MAVLINK_MSG_ID_HEARTBEAT
 UNKNOWN = 99_999
@@ -323,7 +324,7 @@ V1_LENGTHS = xml_lengths()
 BASE = {name: V1_LENGTHS[getattr(dialect, f"MAVLINK_MSG_ID_{name}")] for name in NAMED}
 
 
-@pytest.mark.parametrize("msgid", KNOWN_V1)
+@every("msgid", KNOWN_V1)
 def test_mavlink_1_has_no_extension_fields_and_nothing_is_missing(msgid: int) -> None:
     whole, short = (packet(msgid, bytes([1]) * n, 1) for n in (V1_LENGTHS[msgid], V1_LENGTHS[msgid] - 1))
     (found, cut), parser = parse(whole + short)
@@ -350,7 +351,7 @@ def test_fields_are_what_pymavlink_reads(name: str, data: st.DataObject) -> None
     assert repr(decoded(raw)) == repr(theirs)  # repr, for NaN is not equal to NaN
 
 
-@pytest.mark.parametrize("msgid", KNOWN)
+@every("msgid", KNOWN)
 def test_every_message_there_is_is_read_as_pymavlink_does(msgid: int) -> None:
     size = dialect.mavlink_map[msgid].unpacker.size
     raw = packet(msgid, bytes((7 * i + 1) % 120 for i in range(size)))
@@ -391,7 +392,7 @@ def test_what_is_packed_is_read_back(message: Any, system: int, component: int, 
     assert parser.decode(found).to_dict() == message.to_dict()
 
 
-@pytest.mark.parametrize("msgid", KNOWN)
+@every("msgid", KNOWN)
 def test_every_message_there_is_is_written_as_pymavlink_does(msgid: int) -> None:
     """Whole, with zeros at the end, and of zeros alone."""
     size = dialect.mavlink_map[msgid].unpacker.size

@@ -17,6 +17,7 @@ from arva_hil.field import dipole_field
 from arva_hil.receiver import Antennas, Zone, outputs
 from arva_hil.receiver.noise import NoiseKind, NoiseSource, draw_noise, noise_bound
 from arva_hil.receiver.paper import receive, rounded
+from tests.every import every
 
 K = 1.542
 ONE = (np.zeros((1, 3)), np.eye(3)[None], np.ones(1))  # a reference transmitter at the origin, facing north
@@ -44,8 +45,8 @@ def facing(degrees: float, d: float) -> list[float]:
 OUT = (-1, -1, Zone.OUTER)
 
 
-@pytest.mark.parametrize(
-    ("h", "expected"),
+@every(
+    "h, expected",
     [
         (facing(0, 10), (1000, 0, Zone.MID)),
         (facing(30, 10), (1000, 30, Zone.MID)),

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.position import Home, PositionError
 from arva_hil.simulated.vehicle import SimulatedVehicle, Truth
+from tests.every import every
 
 HOME = (46.5, 11.35, 1800.0)
 GUIDED, LOITER, RTL, LAND = 4, 5, 6, 9
@@ -143,7 +144,7 @@ def test_a_requested_rate_holds(msgid: int, name: str, hz: float) -> None:
     assert abs(stamps[-1] - (11234 - 11234 % (1000 / hz))) <= 1000 / hz
 
 
-@pytest.mark.parametrize("msgid", [1, 24, 30, 31, 32, 33, 108, 132, 164, 242, 245])
+@every("msgid", [1, 24, 30, 31, 32, 33, 108, 132, 164, 242, 245])
 def test_every_stream_can_be_asked_for(msgid: int) -> None:
     client = Client()
     assert client.command(SET_INTERVAL, msgid, 100_000) == ACCEPTED
@@ -247,7 +248,7 @@ def test_data_streams(group: int, kinds: set[str]) -> None:
     assert names(client.run(5.0)) == {"HEARTBEAT": 5}
 
 
-@pytest.mark.parametrize("msgid", [0, 1, 24, 30, 31, 32, 33, 108, 132, 148, 164, 242, 245])
+@every("msgid", [0, 1, 24, 30, 31, 32, 33, 108, 132, 148, 164, 242, 245])
 def test_a_message_on_request(msgid: int) -> None:
     client = Client()
     client.run(0.5)

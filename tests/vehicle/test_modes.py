@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
 from arva_hil.vehicle.discovery import Vehicle
 from arva_hil.vehicle.modes import ARDUCOPTER, PX4, modes_of
+from tests.every import every
 
 QUADROTOR = dialect.MAV_TYPE_QUADROTOR
 
@@ -23,8 +24,8 @@ def px4(main: int, sub: int = 0) -> int:
     return main << 16 | sub << 24
 
 
-@pytest.mark.parametrize(
-    ("modes", "mode", "name"),
+@every(
+    "modes, mode, name",
     [
         (ARDUCOPTER, 0, "STABILIZE"),
         (ARDUCOPTER, 4, "GUIDED"),

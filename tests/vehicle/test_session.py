@@ -32,6 +32,7 @@ from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.observers.console.reasons import no_pose, no_vehicle
 from arva_hil.vehicle.reasons import NoPose, NoVehicle
 from arva_hil.vehicle.session import Session
+from tests.every import every
 
 HOME = (46.5, 11.35, 1800.0)
 FRAME = LocalFrame(*HOME)
@@ -113,8 +114,8 @@ def packets(data: bytes) -> list[Packet]:
 # -- which vehicle -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("source", "kind", "autopilot"),
+@every(
+    "source, kind, autopilot",
     [
         ((255, 190), GCS, NONE),
         ((1, 1), GCS, NONE),
@@ -272,7 +273,7 @@ ODD = {
 }
 
 
-@pytest.mark.parametrize("message", ODD.values(), ids=ODD.keys())
+@every("message", ODD.values())
 def test_values_that_are_no_pose_are_refused_and_counted(message: Any) -> None:
     session = following()
     before = session.state_at(101.0, FRAME)
