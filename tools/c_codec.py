@@ -74,11 +74,12 @@ class State(ctypes.Structure):
 
 
 class Codec:
-    """The compiled codec, built in `folder`."""
+    """The compiled codec, built in `folder` if it is not there."""
 
     def __init__(self, folder: Path, *options: str) -> None:
         target = folder / "libarva_frame.so"
-        compile_c(compiler(), target, "-std=c99", "-O2", "-shared", "-fPIC", *options, SOURCE)
+        if not target.exists():
+            compile_c(compiler(), target, "-std=c99", "-O2", "-shared", "-fPIC", *options, SOURCE)
         self.library = library = ctypes.CDLL(str(target))
         decoder = ctypes.POINTER(State)
         signatures: dict[str, tuple[Any, ...]] = {

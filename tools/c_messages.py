@@ -94,11 +94,12 @@ class Request(ctypes.Structure):
 
 
 class CMessages:
-    """The compiled code, built in `folder`."""
+    """The compiled code, built in `folder` if it is not there."""
 
     def __init__(self, folder: Path, *options: str) -> None:
         target = folder / "libarva_message.so"
-        compile_c(compiler(), target, "-std=c99", "-O2", "-shared", "-fPIC", *options, MESSAGES, SOURCE)
+        if not target.exists():
+            compile_c(compiler(), target, "-std=c99", "-O2", "-shared", "-fPIC", *options, MESSAGES, SOURCE)
         self.library = ctypes.CDLL(str(target))
         for name in ("send", "again", "encode"):
             getattr(self.library, f"arva_command_{name}").restype = ctypes.c_size_t

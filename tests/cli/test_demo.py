@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from .far_ends import Program
+from .flown import demo
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
 MAX = ("demo", "--speed", "max", "--headless")
@@ -38,8 +39,14 @@ def scenario(folder: Path, *transmitters: tuple[int, float, float]) -> Path:
 
 
 @pytest.mark.parametrize("form", ["binary", "text"])
-def test_it_finds_the_transmitter_and_lands(arva: Arva, form: str, tmp_path: Path) -> None:
-    code, out, err = arva(*MAX, "--format", form, "--record", tmp_path)
+def test_it_finds_the_transmitter_and_lands(
+    arva: Arva, form: str, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    if form == "binary":
+        code, out, err, record = demo(tmp_path_factory)
+    else:
+        record = tmp_path
+        code, out, err = arva(*MAX, "--format", form, "--record", record)
     assert (code, out) == (0, "")
     assert error_m(err) < 1.0
     down = re.search(r"^the vehicle has landed ([\d.]+) m from it$", err, re.MULTILINE)
@@ -48,13 +55,13 @@ def test_it_finds_the_transmitter_and_lands(arva: Arva, form: str, tmp_path: Pat
     name = "a transmitter" if form == "text" else "transmitter 1"
     assert re.search(rf"^found {name}: (19|20)\.\d m north, [45]\.\d m east of the take-off point", err, re.MULTILINE)
     assert "search: found; landing" in err
-    run, search = (json.loads((tmp_path / name).read_text()) for name in ("run.json", "search.json"))
+    run, search = (json.loads((record / name).read_text()) for name in ("run.json", "search.json"))
     assert (run["ended"], search["outcome"], search["exit_code"]) == ("finished", "found", 0)
-    with open(tmp_path / "search.csv", newline="") as file:
+    with open(record / "search.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows[-1]["phase"] == "landing"
     assert abs(float(rows[-1]["down_m"])) < 0.2
-    assert (tmp_path / "search.png").stat().st_size > 10_000
+    assert (record / "search.png").stat().st_size > 10_000
 
 
 def test_the_strategy_is_chosen(arva: Arva, tmp_path: Path) -> None:
@@ -64,11 +71,10 @@ def test_the_strategy_is_chosen(arva: Arva, tmp_path: Path) -> None:
     assert "covariance" not in (tmp_path / "search.json").read_text().replace('"covariance": null', "")
 
 
-def test_at_full_speed_it_is_repeatable(arva: Arva, tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        assert arva(*MAX, "--record", tmp_path / name).code == 0
+def test_at_full_speed_it_is_repeatable(arva: Arva, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    assert arva(*MAX, "--record", tmp_path).code == 0
     for file in ("frames.bin", "search.csv", "search.png", "autopilot.tlog"):
-        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+        assert (demo(tmp_path_factory).record / file).read_bytes() == (tmp_path / file).read_bytes()
 
 
 def test_of_two_victims_the_nearer_is_found_and_the_other_reported(arva: Arva, tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def test_two_drones_find_one_transmitter_each(arva: Arva, field: Path, tmp_path:
 
 def test_what_was_not_found_is_named(arva: Arva, field: Path) -> None:
     field.write_text(FIELD.replace("-12, 12, 1", "-400, 12, 1"))
-    ended = arva(*MAX, "--scenario", field, "--count", 2, "--area=-16,-16,16,16")
+    ended = arva(*MAX, "--scenario", field, "--count", 2, "--area=0,-12,16,0")
     assert ended.code == 1
     assert "not found: transmitter 2" in ended.err
 

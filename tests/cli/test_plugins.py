@@ -128,11 +128,18 @@ def test_frames_go_to_a_link_of_another_package(arva: Arva, autopilot: Autopilot
 
 
 @pytest.mark.usefixtures("example")
-@pytest.mark.parametrize("name", ["homing", "arva_example.strategy:Homing"])
-def test_a_demo_flies_by_another_s_strategy_by_its_name_or_its_place(arva: Arva, tmp_path: Path, name: str) -> None:
-    ran = arva("demo", "--speed", "max", "--strategy", name, "--record", tmp_path / "record")
+def test_a_demo_flies_by_another_s_strategy_by_its_name_or_its_place(arva: Arva, tmp_path: Path) -> None:
+    named, placed = tmp_path / "named", tmp_path / "placed"
+    ran = arva("demo", "--speed", "max", "--strategy", "homing", "--record", named)
     assert ran.code == 0, ran.err
     assert "found" in ran.err
+    place = "arva_example.strategy:Homing"
+    assert arva("demo", "--speed", "max", "--strategy", place, "--limit", 20, "--record", placed).code == 1
+    flown, landed, _ = (placed / "search.csv").read_text().partition("landing")
+    lines = flown.splitlines()[:-3]  # it stops before it lands
+    assert landed
+    assert len(lines) > 50
+    assert (named / "search.csv").read_text().splitlines()[: len(lines)] == lines
 
 
 @pytest.mark.usefixtures("example")

@@ -15,17 +15,12 @@ from wire_vectors import VECTORS, as_frame, by_name, follow
 
 from firmware_proto import Channel, Frame, encode
 from tests.every import every
-from tools.c_codec import FOLDER, NEVER, ON_FRAME, SOURCE, CDecoder, Codec, State, compile_c, compiler
+from tools.c_codec import FOLDER, NEVER, ON_FRAME, SOURCE, CDecoder, State, compile_c, compiler
 
 TOOLS = Path(__file__).parents[2] / "tools"
 ONE = Frame(1, 1, (Channel(1, 2, 300, 12),))
 FALSE_LONG = bytes.fromhex("A4570163000010")
 COMPILERS = ["cc", *(c for c in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(c))]  # those beyond cc: if there
-
-
-@pytest.fixture(scope="session")
-def codec(tmp_path_factory):
-    return Codec(tmp_path_factory.mktemp("c"))
 
 
 def test_no_compiler_is_said_so(monkeypatch):

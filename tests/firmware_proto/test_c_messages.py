@@ -13,19 +13,14 @@ from wire_vectors import MESSAGES, VECTORS, by_name, follow_messages
 from firmware_proto import Answer, Channel, Command, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
 from tests.every import every
-from tools.c_codec import FOLDER, CDecoder, Codec, compile_c, compiler
+from tools.c_codec import FOLDER, CDecoder, compile_c, compiler
 from tools.c_messages import MESSAGES as SOURCE
-from tools.c_messages import CMessageDecoder, CMessages, Request, State, _Answer
+from tools.c_messages import CMessageDecoder, Request, State, _Answer
 
 TOOLS = Path(__file__).parents[2] / "tools"
 COMPILERS = ["cc", *(c for c in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(c))]  # those beyond cc: if there
 MARK = Command(7, "mark", (3,))
 DONE = Answer(7, "mark", "done")
-
-
-@pytest.fixture(scope="session")
-def code(tmp_path_factory):
-    return CMessages(tmp_path_factory.mktemp("c"))
 
 
 @pytest.mark.parametrize("language", [("-std=c99",), ("-x", "c++", "-std=c++11")], ids=["C99", "C++"])
@@ -80,8 +75,8 @@ WRONG = [
 ]
 
 
-def test_the_decoder_of_frames_as_it_stands_delivers_every_frame_between_messages_at_once(tmp_path):
-    decoder, sent, skipped = CDecoder(Codec(tmp_path)), 0, 0
+def test_the_decoder_of_frames_as_it_stands_delivers_every_frame_between_messages_at_once(codec):
+    decoder, sent, skipped = CDecoder(codec), 0, 0
     for k, value in enumerate(VECTORS["messages"]):
         message, frame = bytes.fromhex(value["hex"]), Frame(k % 256, 1, (Channel(1, 1, 300, 5),))
         assert decoder.feed(message + encode(frame), 0.0) == [frame]

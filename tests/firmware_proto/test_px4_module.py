@@ -14,6 +14,7 @@ import firmware_proto
 from firmware_proto import MID, Answer, Channel, Command, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
 from tests.every import every
+from tests.once import once
 from tools.c_codec import FOLDER as CODEC
 from tools.c_codec import SOURCE, compile_c, compiler
 from tools.c_messages import MESSAGES
@@ -25,17 +26,23 @@ FOUR = (Channel(3, 2, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 
 @pytest.fixture(scope="module")
 def stand_in(tmp_path_factory):
     """A folder with the headers of PX4 that the module includes."""
-    folder = tmp_path_factory.mktemp("px4")
+    return once(tmp_path_factory, "px4", write_headers)
+
+
+def write_headers(folder):
     for name in HEADERS.split():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text('#include "stand_in.hpp"\n')
     (folder / "stand_in.hpp").write_text(STAND_IN.replace("ARVA_READING", c_struct()))
-    return folder
 
 
 @pytest.fixture(scope="module")
-def binary(stand_in):
-    folder = stand_in
+def binary(tmp_path_factory):
+    return once(tmp_path_factory, "px4-module", build) / "px4.so"
+
+
+def build(folder):
+    write_headers(folder)
     (folder / "driver.cpp").write_text(DRIVER)
     codec = compile_c(compiler(), folder / "codec.o", "-std=c99", "-fPIC", "-c", SOURCE)
     board = ("-include", folder / "board.h", "-Wno-conversion")
@@ -44,7 +51,7 @@ def binary(stand_in):
     command = compiler("g++", "clang++", "c++")
     options = ("-std=c++14", "-Wno-conversion", "-Wno-unused-parameter", "-Wno-format-security", "-fPIC", "-shared")
     include = (f"-I{folder}", f"-I{MODULE}")
-    return compile_c(command, folder / "px4.so", *options, *include, folder / "driver.cpp", codec, messages)
+    compile_c(command, folder / "px4.so", *options, *include, folder / "driver.cpp", codec, messages)
 
 
 @pytest.fixture
