@@ -24,8 +24,9 @@ _OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
 def lost_links(live: Live) -> list[str]:
     """A line for each link that was lost."""
     return [
-        f"{_OF_LINKS.get(name, name)} was lost {losses} ×, and came back {returns} ×"
-        for name, (losses, returns) in live.losses().items()
+        f"{_OF_LINKS.get(name, name)} was lost {link.losses} ×, and came back {link.returns} ×"
+        for name, link in live.sinks.items()
+        if link.losses
     ]
 
 
