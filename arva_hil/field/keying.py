@@ -8,7 +8,7 @@ docs/explanation/pulsed.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
@@ -77,24 +77,31 @@ class Keying(Frozen):
 
     def pulses(self, t0: float, t1: float) -> Pulses:
         """The pulses that start in [t0, t1)."""
-        period = self.period_s * (1 + self.drift_ppm * 1e-6)
-        around = _WORST_JITTER * self.jitter_s
-        first = math.floor((max(t0, self.from_s) - around - self.phase_s) / period) - 1
-        last = math.ceil((t1 + around - self.phase_s) / period) + 1
-        numbers = np.arange(first, max(first, last), dtype=np.int64)
-        starts: Array = np.multiply(numbers, period, dtype=np.float64) + self.phase_s
-        if self.jitter_s:
-            starts += self.jitter_s * _normals(self.seed, numbers)
-        within = (starts >= t0) & (starts < t1) & (starts >= self.from_s)
-        starts = starts[within]
-        return Pulses(numbers[within], starts, starts + self.pulse_s, self._amplitudes(starts))
+        return pulses_of([self], t0, t1)[1]
 
-    def _amplitudes(self, times: Array) -> Array:
-        if self.battery >= _LOW_BATTERY and self.battery_life_s == math.inf:
-            return np.ones_like(times)
-        charge = np.clip(self.battery - np.maximum(times, 0.0) / self.battery_life_s, 0.0, 1.0)
-        amplitudes: Array = 10 ** (_EMPTY_DB / 20 * np.maximum(0.0, 1 - charge / _LOW_BATTERY))
-        return amplitudes
+
+def pulses_of(keyings: Sequence[Keying], t0: float, t1: float) -> tuple[NDArray[np.int64], Pulses]:
+    """The pulses of several transmitters that start in [t0, t1), one after the other, and the index of each sender.
+
+    Those of many need hardly more time than those of one.
+    """
+    periods = [k.period_s * (1 + k.drift_ppm * 1e-6) for k in keyings]
+    every = []
+    for k, period in zip(keyings, periods, strict=True):
+        around = _WORST_JITTER * k.jitter_s
+        first = math.floor((max(t0, k.from_s) - around - k.phase_s) / period) - 1
+        every.append(range(first, max(first, math.ceil((t1 + around - k.phase_s) / period) + 1)))
+    numbers = np.array([number for one in every for number in one], np.int64)
+    senders = np.repeat(np.arange(len(keyings)), [len(one) for one in every])
+    values = [(k.phase_s, k.jitter_s, k.pulse_s, k.from_s, k.battery, k.battery_life_s) for k in keyings]
+    phase, jitter, length, from_s, battery, life_s = np.array(values, float).reshape(-1, 6).T[:, senders]
+    seeds = np.array([k.seed % 2**64 for k in keyings], np.uint64)[senders]
+    starts: Array = np.multiply(numbers, np.array(periods)[senders], dtype=np.float64) + phase
+    starts += jitter * _normals(seeds, numbers)
+    charge = np.minimum(np.maximum(battery - np.maximum(starts, 0.0) / life_s, 0.0), 1.0)
+    amplitudes: Array = 10 ** (_EMPTY_DB / 20 * np.maximum(0.0, 1 - charge / _LOW_BATTERY))
+    within = (starts >= t0) & (starts < t1) & (starts >= from_s)
+    return senders[within], Pulses(*(of[within] for of in (numbers, starts, starts + length, amplitudes)))
 
 
 class KeyingClass(Frozen):
@@ -163,9 +170,9 @@ def outside_norm(keying: Keying, strength: float = 1.0) -> Iterator[str]:
         yield f"strength {strength:g}: the norm has 0.5…2.24 µA/m at 10 m"
 
 
-def _normals(seed: int, numbers: NDArray[np.int64]) -> Array:
+def _normals(seeds: NDArray[np.uint64], numbers: NDArray[np.int64]) -> Array:
     """A normal random number for each pulse number, limited to `_WORST_JITTER`: Box-Muller of hashed counters."""
-    counters = 2 * numbers.astype(np.uint64) + np.uint64(seed % 2**64)
+    counters = 2 * numbers.astype(np.uint64) + seeds
     radius, angle = _uniform(np.stack([counters, counters + np.uint64(1)]))
     normals: Array = np.sqrt(-2 * np.log(1 - radius)) * np.cos(2 * np.pi * angle)
     return np.minimum(np.maximum(normals, -_WORST_JITTER), _WORST_JITTER)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
-from arva_hil.field.keying import Keying
+from arva_hil.field.keying import Keying, pulses_of
 
 _STRETCH_PULSES: Final = 64  # calculated at a time, about
 
@@ -27,8 +27,8 @@ class SentPulse(NamedTuple):
 
 
 class PulseTimeline:
-    """The pulses of transmitters with these `keyings`. Remembers the pulses of the present stretch of time, and
-    prepares the next stretch in small parts, one transmitter at a time, so that no call takes long.
+    """The pulses of transmitters with these `keyings`. Remembers those of the present stretch of time, which is short,
+    so that no call takes long.
 
     Calls go forward in time: `next_end` and `take` never return a pulse that ended before one already taken.
     """
@@ -39,17 +39,14 @@ class PulseTimeline:
         self._stretch_s = max(2 * max((k.period_s for k in keyings), default=1.0), _STRETCH_PULSES / max(rate, 1e-3))
         self._margin_s = max((keying.pulse_s for keying in keyings), default=0.0)
         self._waiting: list[SentPulse] = []  # the next one last
-        self._begin(start_s)
+        self._from_s = start_s  # of the next stretch
 
     def next_end(self, after_s: float, until_s: float) -> float:
         """The end of the first pulse that ends after `after_s`; at most `until_s`."""
         while self._waiting and self._waiting[-1].pulse.end_s <= after_s:
             self._waiting.pop()
-        if self._prepared < len(self._keyings):
-            self._prepare()
         while not self._waiting and self._from_s < until_s:
-            if after_s > self._from_s:
-                self._begin(after_s)
+            self._from_s = max(self._from_s, after_s)
             self._fill()
         return min(self._waiting[-1].pulse.end_s, until_s) if self._waiting else until_s
 
@@ -58,26 +55,13 @@ class PulseTimeline:
         while self._waiting and self._waiting[-1].pulse.end_s <= until_s:
             yield self._waiting.pop()
 
-    def _begin(self, from_s: float) -> None:
-        """Begin the next stretch: of pulses that end after `from_s`."""
-        self._from_s = from_s
-        self._next: list[Pulse] = []
-        self._prepared = 0  # the number of transmitters in it
-
-    def _prepare(self) -> None:
-        """Add one transmitter's pulses to the next stretch."""
-        sender = self._prepared
-        t0, t1 = self._from_s - 2 * self._margin_s, self._from_s + self._stretch_s + self._margin_s
-        _, *columns = self._keyings[sender].pulses(t0, t1)
-        self._next += [Pulse(sender, *row) for row in zip(*(column.tolist() for column in columns), strict=True)]
-        self._prepared += 1
-
     def _fill(self) -> None:
         """Change to the next stretch."""
-        while self._prepared < len(self._keyings):
-            self._prepare()
+        t0, t1 = self._from_s - 2 * self._margin_s, self._from_s + self._stretch_s + self._margin_s
+        senders, (_, *columns) = pulses_of(self._keyings, t0, t1)
+        made = (Pulse(*row) for row in zip(*(one.tolist() for one in (senders, *columns)), strict=True))
         until_s = self._from_s + self._stretch_s
-        every = sorted(self._next, key=lambda pulse: pulse.start_s)
+        every = sorted(made, key=lambda pulse: pulse.start_s)
         sent = [
             SentPulse(pulse, tuple(others))
             for pulse, others in zip(every, _touching(every), strict=True)
@@ -85,7 +69,7 @@ class PulseTimeline:
         ]
         sent.sort(key=lambda one: one.pulse.end_s, reverse=True)
         self._waiting = sent
-        self._begin(until_s)
+        self._from_s = until_s
 
 
 def _touching(every: Sequence[Pulse]) -> list[list[Pulse]]:
