@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, FrozenInstanceError, dataclass, field, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Never, TypeVar, dataclass_transform
+from typing import TYPE_CHECKING, Any, ClassVar, Never, dataclass_transform
 
 if TYPE_CHECKING:
     from inspect import Signature
-
-_T = TypeVar("_T")
 
 
 class _LazySignature:
@@ -44,7 +42,9 @@ class Frozen:
     __signature__: ClassVar[Any] = _LazySignature()
 
     def __init_subclass__(cls) -> None:
-        frozen(cls)
+        dataclass(init=False, repr=False, eq=False)(cls)
+        every = cls.__dataclass_fields__
+        cls.__places__ = -1 if hasattr(cls, "__post_init__") or any(f.kw_only for f in every.values()) else len(every)
 
     def __init__(self, *values: Any, **named: Any) -> None:
         if named or len(values) != self.__places__:
@@ -67,22 +67,6 @@ class Frozen:
 
     def __delattr__(self, name: str) -> Never:
         raise FrozenInstanceError(f"cannot delete field {name!r}")
-
-
-_SHARED = "__init__", "__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__", "__signature__"
-
-
-@dataclass_transform(frozen_default=True, field_specifiers=(field,))
-def frozen(cls: type[_T]) -> type[_T]:
-    """Make a class what a subclass of `Frozen` is."""
-    dataclass(init=False, repr=False, eq=False)(cls)
-    made: Any = cls
-    if not issubclass(cls, Frozen):
-        for name in _SHARED:
-            setattr(cls, name, vars(Frozen)[name])
-    every = made.__dataclass_fields__
-    made.__places__ = -1 if hasattr(cls, "__post_init__") or any(f.kw_only for f in every.values()) else len(every)
-    return cls
 
 
 def _compared(made: Any) -> list[Any]:

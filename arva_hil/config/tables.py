@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, dataclass_transform, get_args
 from arva_hil.config.constraints import Anything, Constraint
 from arva_hil.config.errors import ConstraintError, Violation, any_of, nearest, short
 from arva_hil.config.nodes import spec_of
-from arva_hil.frozen import frozen
+from arva_hil.frozen import Frozen
 
 
 def key(constraint: Constraint | None = None, help: str = "", *, since: int = 1, **more: Any) -> Any:
@@ -54,7 +54,7 @@ class OtherKeys(NamedTuple):
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(key,))
-class Table:
+class Table(Frozen):
     """Makes each subclass a frozen dataclass that checks its values, and can be read from a mapping of a file.
 
     Its fields are made by `key`; an InitVar is a key of files alone. A file has all keys without a default, those in
@@ -66,7 +66,7 @@ class Table:
         if "__post_init__" in vars(cls):
             made.__finish__ = made.__post_init__
         made.__post_init__ = _check
-        frozen(cls)
+        super().__init_subclass__()
         made.__table__ = {one.name: _declared(one) for one in made.__dataclass_fields__.values()}
         made.__required__ = [*(name for name, one in keys(cls).items() if one.default is MISSING), *required.split()]
         made.__one_of__ = one_of.split()
