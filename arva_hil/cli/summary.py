@@ -24,9 +24,8 @@ _OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
 def lost_links(live: Live) -> list[str]:
     """A line for each link that was lost."""
     return [
-        f"{_OF_LINKS.get(name, name)} was lost {link.losses} ×, and came back {link.returns} ×"
-        for name, link in live.sinks.items()
-        if link.losses
+        f"{_OF_LINKS.get(name, name)} was lost {losses} ×, and came back {returns} ×"
+        for name, (losses, returns) in live.losses().items()
     ]
 
 
@@ -106,12 +105,18 @@ def summary_lines(emulator: Emulator) -> list[str]:
     for vehicle in emulator.vehicles:
         for source in vehicle.sources:
             of = "" if one else f"{vehicle.name}/{source.name}: "
-            c = source.counters
-            taken = f"{c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose"
-            lines.append(f"{of}{c.frames} frames: {taken}; worst lateness {c.latest_s * 1e3:.1f} ms")
+            lines.append(of + _frames(source))
             lines += [of + line for line in _mishaps(source)]
         lines += [line if one else f"{vehicle.name}: {line}" for line in _heard(vehicle.session)]
     return lines
+
+
+def _frames(source: FrameSource) -> str:
+    c = source.counters
+    return (
+        f"{c.frames} frames: {c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose; "
+        f"worst lateness {c.latest_s * 1e3:.1f} ms"
+    )
 
 
 def _heard(session: Session) -> list[str]:

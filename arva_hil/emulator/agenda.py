@@ -10,7 +10,7 @@ from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 
 
 class Agenda:
-    """Remembers when each vehicle is due, and which ones have to be served next at any time.
+    """Remembers when each vehicle is due, and in `called` those for which something arrived: they are served next time.
 
     A single vehicle is always served. Times are seconds on the driver's clock.
     """
@@ -20,25 +20,20 @@ class Agenda:
         self._number = {vehicle: number for number, vehicle in enumerate(vehicles)}
         self._dues = [math.inf] * len(vehicles)
         self._heap: list[tuple[float, int]] = []  # entries that differ from `_dues` are out of date
-        self._called = set(range(len(vehicles)))
-
-    def call(self, vehicle: EmulatedVehicle) -> None:
-        """Something arrived for a vehicle: serve it next time."""
-        if len(self._vehicles) > 1:
-            self._called.add(self._number[vehicle])
+        self.called = set(vehicles)
 
     def due(self, now: float) -> Sequence[EmulatedVehicle]:
         """The vehicles to serve at `now`, in their order. Call `served` for each of them."""
         if len(self._vehicles) == 1:
             return self._vehicles
-        heap, called = self._heap, self._called
+        heap, called = self._heap, self.called
         while heap and heap[0][0] <= now:
             due, number = heapq.heappop(heap)
             if due == self._dues[number]:
                 self._dues[number] = math.inf
-                called.add(number)
-        self._called = set()
-        return [self._vehicles[number] for number in sorted(called)]
+                called.add(self._vehicles[number])
+        self.called = set()
+        return sorted(called, key=self._number.__getitem__)
 
     def served(self, vehicle: EmulatedVehicle) -> None:
         """A vehicle has been served."""
@@ -49,8 +44,8 @@ class Agenda:
         """The time at which the first vehicle is due."""
         if len(self._vehicles) == 1:
             return self._vehicles[0].next_due
-        for number in self._called:
-            self._note(number)
+        for vehicle in self.called:
+            self._note(self._number[vehicle])
         heap = self._heap
         while heap and heap[0][0] != self._dues[heap[0][1]]:
             heapq.heappop(heap)

@@ -107,6 +107,7 @@ class EmulatedVehicle:
         noises = [noise for receiver in setup.receivers if (noise := receiver.scenario.receiver.vehicle_noise)]
         full_a = next((noise.full_current_a for noise in noises if noise.full_current_a), None)
         self._motors = MotorLoad(setup.session, full_a) if noises else None
+        self.reads_more = bool(noises) or setup.scenario.terrain == "autopilot" or setup.scenario.pose == "truth"
         self._events = run.events
         self._followed = followed
         receivers = [source.receiver for source in self.sources]
@@ -126,15 +127,19 @@ class EmulatedVehicle:
 
     def hear(self, now: float) -> None:
         """The session has been fed."""
-        self.true_state.hear(now)
-        if self._motors:
-            self._motors.hear(now)
-        self._transmitters.hear(now)
-        if any(packet.msgid in MOVE_DATUM for packet in self.session.own) and self.datum.update(self.session, now):
-            assert self.datum.frame is not None
-            self._transmitters.place(self.datum.frame)
-            change = self.datum.changes[-1]
-            self._events.append(DatumSet(now, self.name, *change.lat_lon_alt, change.why))
+        if self.reads_more:
+            self.true_state.hear(now)
+            if self._motors:
+                self._motors.hear(now)
+            self._transmitters.hear(now)
+        for packet in self.session.own:
+            if packet.msgid in MOVE_DATUM:
+                if self.datum.update(self.session, now):
+                    assert self.datum.frame is not None
+                    self._transmitters.place(self.datum.frame)
+                    change = self.datum.changes[-1]
+                    self._events.append(DatumSet(now, self.name, *change.lat_lon_alt, change.why))
+                break
 
     def poll(self, now: float) -> bytes:
         """The requests to the vehicle to send now."""

@@ -26,7 +26,7 @@ from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.virtual_receiver import Run
 from arva_hil.events import Event, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet
-from arva_hil.mavlink.packet_reader import PacketReader
+from arva_hil.mavlink.packet_reader import PacketReader, Packets
 from arva_hil.vehicle.session import Session
 
 _STATUS_S: Final = 0.25
@@ -77,6 +77,7 @@ class Emulator:
         self._tell_packets = tell_packets
         self._next_status = start
         self._lost: set[str] = set()
+        self._told: PacketsReceived | None = None  # the newest
         self._later: list[tuple[float, Sequence[Packet]]] = []  # chunks behind the newest that was told
 
     def receive(self, link: str, data: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> None:
@@ -84,12 +85,12 @@ class Emulator:
 
         `sender`: one of several on the link. `whole`: no packet continues in the next bytes.
         """
-        if link not in self._on_link:
+        vehicles: Sequence[EmulatedVehicle] | None = self._on_link.get(link)
+        if vehicles is None:
             for vehicle, commands in self._hosts.get(link, ()):
                 commands.receive(data, now)
-                self._agenda.call(vehicle)
+                self._agenda.called.add(vehicle)
             return
-        vehicles: Sequence[EmulatedVehicle] = self._on_link[link]
         if not self._followed and len(vehicles) == 1:
             packets: Sequence[Packet] = vehicles[0].session.feed(data, now, sender, whole=whole)
         else:
@@ -102,29 +103,53 @@ class Emulator:
             else:
                 packets = read.every if vehicles[0].session.hear(read, now, sender) else []
         if self._tell_packets:
-            newest = self._events[-1] if self._events else None
-            if isinstance(newest, PacketsReceived) and newest.link == link:
-                self._later.append((now, packets))
-            else:
-                self._later = []
-                self._events.append(PacketsReceived(now, link, packets, self._later))
+            self._tell(link, packets, now)
         for vehicle in vehicles:
-            self._agenda.call(vehicle)
+            self._agenda.called.add(vehicle)
             vehicle.hear(now)
+
+    def receive_records(self, link: str, records: Sequence[tuple[float, bytes]]) -> None:
+        """As `receive` for each record of a log, its time and one whole packet. Packets that nobody uses are only told.
+
+        There must be no deadline between the records.
+        """
+        vehicle, *others = self._on_link[link]
+        session = vehicle.session
+        if others or self._followed or vehicle.reads_more or session.reader.signing:
+            for now, data in records:
+                self.receive(link, data, now, whole=True)
+            return
+        every = session.reader.read_records([data for _, data in records])
+        for (now, _), packets in zip(records, every, strict=True):
+            if used := session.uses(packets):
+                session.hear(Packets(packets, packets), now)
+            if self._tell_packets:
+                self._tell(link, packets, now)
+            if used:
+                vehicle.hear(now)
+        self._agenda.called.add(vehicle)
+
+    def _tell(self, link: str, packets: Sequence[Packet], now: float) -> None:
+        if self._told and self._events and self._events[-1] is self._told and link == self._told.link:
+            self._later.append((now, packets))
+        else:
+            self._later = []
+            self._told = PacketsReceived(now, link, packets, self._later)
+            self._events.append(self._told)
 
     def link_lost(self, link: str, why: str, now: float) -> None:
         """A link is lost: until `link_back` nothing can be sent there, and silence does not count."""
         self._lost.add(link)
         for vehicle in self._on_link.get(link, ()):
             vehicle.session.interrupt(why)
-            self._agenda.call(vehicle)
+            self._agenda.called.add(vehicle)
 
     def link_back(self, link: str, now: float) -> None:
         """The link is back. Its vehicles may have rebooted."""
         self._lost.discard(link)
         for vehicle in self._on_link.get(link, ()):
             vehicle.session.resume(now)
-            self._agenda.call(vehicle)
+            self._agenda.called.add(vehicle)
 
     def advance(self, now: float) -> None:
         """Do what is due until `now`."""

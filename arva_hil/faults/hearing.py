@@ -78,6 +78,7 @@ COLD: Final = FaultKind("heard", _DECIBELS, "a cold battery: all antennas hear s
 SATURATION: Final = FaultKind("heard", _SIGNAL, "no antenna says more, as next to a transmitter", _saturated)
 ELECTRONICS: Final = FaultKind("heard", _SIGNAL, "something beside it adds noise of this deviation", _electronics)
 
+
 _LIMIT_RANGE_M: Final = Antennas().floor_range_m  # the noise a receiver is made for is a transmitter's field from there
 
 
@@ -135,7 +136,7 @@ def _interference(scenario: Scenario, switch: Switch) -> NoiseSource:
 def _moved(look: Look, switch: Switch) -> Look:
     there = look.transmitters
     positions = there.positions.copy()
-    positions[there.ids.index(int(switch.fault.value))] += np.array(switch.fault.by_ned)
+    positions[_index(look, switch)] += np.array(switch.fault.by_ned)
     return replace(look, transmitters=replace(there, positions=positions))
 
 
@@ -148,8 +149,12 @@ def _fading(look: Look, switch: Switch) -> Look:
 
 def _weakened(look: Look, switch: Switch, factor: float = 0.0) -> Look:
     strengths = look.transmitters.strengths.copy()
-    strengths[look.transmitters.ids.index(int(switch.fault.value))] *= factor
+    strengths[_index(look, switch)] *= factor
     return replace(look, transmitters=replace(look.transmitters, strengths=strengths))
+
+
+def _index(look: Look, switch: Switch) -> int:
+    return look.transmitters.ids.index(int(switch.fault.value))
 
 
 OFF: Final = FaultKind("heard", TRANSMITTER, "it sends nothing", _weakened)

@@ -73,16 +73,16 @@ class Timeline(Iterator[Record]):
     def _by_stamps(self) -> Iterator[Record]:
         ahead, records, remember = self._ahead, self._records, self._past.append
         heard: int | None = None  # the latest time returned
-        shift = 0
+        shift, most_back, most_ahead = 0, -_BACK_US, _AHEAD_US
         while (record := ahead.popleft() if ahead else next(records, None)) is not None:
-            time_us = record.time_us + shift
-            if heard is None or -_BACK_US <= time_us - heard <= _AHEAD_US:
-                if heard is None or time_us > heard:
-                    heard = time_us
-            else:
+            stamp = record.time_us
+            time_us = stamp + shift
+            if heard is None or 0 < time_us - heard <= most_ahead:
+                heard = time_us
+            elif not most_back <= time_us - heard <= 0:
                 time_us = heard = self._placed(record, heard)
                 shift = self._shift
-            if time_us != record.time_us:
+            if time_us != stamp:
                 record = Record(time_us, record.raw)
             remember(record)
             yield record

@@ -6,7 +6,18 @@ from collections.abc import Hashable, Sequence
 from functools import partial
 from typing import Final, NamedTuple
 
-from arva_hil.mavlink.codec import Packet, Parser
+from fastcrc import crc16
+
+from arva_hil.mavlink.codec import (
+    CRC_EXTRA,
+    HEAD_V2,
+    MAGIC_V2,
+    SIGNATURE_BYTES,
+    SIGNED,
+    Packet,
+    Parser,
+    make_packet,
+)
 from arva_hil.mavlink.signing import Signing, Verdict
 
 
@@ -59,3 +70,30 @@ class PacketReader:
         verdicts = [(packet, self.signing.judge(packet)) for packet in packets]
         believed = [packet for packet, why in verdicts if not why]
         return Packets(packets, believed, [(packet, why) for packet, why in verdicts if why])
+
+    def read_records(self, records: Sequence[bytes]) -> list[list[Packet]]:
+        """The packets of each record of a log, none of which continues in the next one. Only without signing."""
+        self.bytes += sum(map(len, records))
+        parser, every = self.parser, []
+        for raw in records:
+            if (packet := _usual(raw)) is None:
+                every.append(parser.feed(raw, whole=True))
+            else:
+                parser.packets += 1
+                every.append([packet])
+        return every
+
+
+def _usual(raw: bytes) -> Packet | None:
+    """The packet that a record is, if it is one of MAVLink 2, known and correct, as nearly all are."""
+    if len(raw) < HEAD_V2.size:
+        return None
+    magic, length, flags, system, component, msgid = HEAD_V2.unpack_from(raw)
+    msgid &= 0xFFFFFF
+    seed = CRC_EXTRA.get(msgid)
+    end = length + 10
+    if magic != MAGIC_V2 or flags > SIGNED or not seed or len(raw) != end + (2 + SIGNATURE_BYTES if flags else 2):
+        return None
+    if crc16.mcrf4xx(raw[1:end] + seed) != raw[end] | raw[end + 1] << 8:
+        return None
+    return make_packet((raw, 2, flags == 1, system, component, msgid, True))

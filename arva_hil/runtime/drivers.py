@@ -100,6 +100,7 @@ _STALL_S: Final = 0.05  # a frame that is later than this waits until everything
 _MOST_READS: Final = 64
 _PIECE: Final = 4096  # bytes that are used at a time
 _HELD_UP_S: Final = 0.001  # after this time of reading, frames that are due are sent first
+_MOST_RECORDS: Final = 256
 LOOK_AHEAD_S: Final = 1.0  # how far a log is read after the instant of a frame, to interpolate
 
 
@@ -117,9 +118,9 @@ class Live:
         self.emulator = emulator
         self._autopilots = autopilots
         self._ports = ports
-        self.sinks = {**ports, **autopilots}
+        self._sinks = {**ports, **autopilots}
         lost, back = emulator.link_lost, emulator.link_back
-        self._monitors = [LinkMonitor(n, link, partial(lost, n), partial(back, n)) for n, link in self.sinks.items()]
+        self._monitors = [LinkMonitor(n, link, partial(lost, n), partial(back, n)) for n, link in self._sinks.items()]
         self._audience = audience
         self._ready = ReadyLinks(autopilots)
         self._next_look = -math.inf
@@ -153,9 +154,13 @@ class Live:
         """For each link: how often it was lost and came back, and the number of reads from strangers."""
         return {
             f"{name}_link_{what}": getattr(link, what)
-            for name, link in self.sinks.items()
+            for name, link in self._sinks.items()
             for what in ("losses", "returns", "strangers")
         }
+
+    def losses(self) -> dict[str, tuple[int, int]]:
+        """For each link that was lost: how often it was lost, and how often it came back."""
+        return {name: (link.losses, link.returns) for name, link in self._sinks.items() if link.losses}
 
     def _read(self, name: str, link: Link, clock: Clock, patience: float) -> None:
         """Read a link. Frames that are due are sent first only after the time `patience`."""
@@ -188,7 +193,7 @@ class Live:
 
     def _write(self, output: Output, now: float) -> LinkError | None:
         """Write one output. Returns the error if the last link of its kind is lost for ever."""
-        taken, last, link = False, None, self.sinks[output.sink]
+        taken, last, link = False, None, self._sinks[output.sink]
         try:
             taken = output.sink not in self._gone and link.write(output.data)
         except LinkError as error:
@@ -206,7 +211,7 @@ class Live:
             return True
         self._ready.forget(name)
         self.emulator.link_lost(name, str(error), now)
-        self._audience.tell([LinkLost(now, name, self.sinks[name].name, str(error))])
+        self._audience.tell([LinkLost(now, name, self._sinks[name].name, str(error))])
         return False
 
     def _look_at_links(self, now: float) -> None:
@@ -242,6 +247,11 @@ def replay(
     start_us: int | None = None
     heard = tend_at = 0.0
     due = emulator.next_deadline()
+    batch: list[tuple[float, bytes]] = []  # between two deadlines
+
+    def receive() -> None:
+        emulator.receive_records(link, batch)
+        batch.clear()
 
     def settle() -> float:
         for output in emulator.output():
@@ -256,14 +266,19 @@ def replay(
             start_us = record.time_us
         heard = max(heard, (record.time_us - start_us) / 1e6)
         if due <= heard:
+            receive()
             emulator.advance(heard)
             due = settle()
             if stopped():
                 return
-        emulator.receive(link, record.raw, heard, whole=True)
+        batch.append((heard, record.raw))
         if heard >= tend_at:
+            receive()
             emulator.advance(heard)
             due = settle()
             tend_at = heard + _LONGEST_WAIT_S
+        elif len(batch) >= _MOST_RECORDS:  # of one instant
+            receive()
+    receive()
     emulator.finish(heard)
     settle()

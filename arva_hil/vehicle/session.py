@@ -63,6 +63,15 @@ class Session(FollowedVehicle):
         self._take_all(packets, now, sender)
         return self.vehicle is None or bool(sender == self.senders.vehicle)
 
+    def uses(self, packets: Sequence[Packet]) -> bool:
+        """Whether packets must be heard: false for a single one of the vehicle whose kind only others could want."""
+        if len(packets) != 1 or (vehicle := self.vehicle) is None:
+            return True
+        packet = packets[0]
+        if packet.msgid in self.navigation.handles or packet.msgid in (_HEARTBEAT, _ACK):
+            return True
+        return bool(packet.system != vehicle.system or packet.component != vehicle.component)
+
     def want(self, streams: Mapping[int, float]) -> None:
         """Request these optional streams too: message id → Hz."""
         self._extras.update(streams)
