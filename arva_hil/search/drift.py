@@ -19,7 +19,7 @@ WHITE_M: Final = 0.1  # sigma of what else is wrong with a place
 
 _SLOW_S: Final = (30.0, 5.0)  # forgotten in, filtered with
 _FARTHEST_M: Final = 2.0  # of a step
-_SETTLED_M: Final = 0.005  # a step that moves it less is the last
+_SETTLED_M: Final = 0.01  # a step that moves it and the drift less is the last
 
 Array = NDArray[np.float64]
 
@@ -62,8 +62,9 @@ def fitted(x: Array, o: dipole.Readings, pose_error: float, drift_m: float, roun
         far = float(np.abs(step[:3]).max())
         share = min(1.0, _FARTHEST_M / max(far, 1e-9))
         x = x + share * step
-        drift = drift + share * ((j[:3] * left) @ alike[of] - drift)
-        rounds = 0 if far < _SETTLED_M else rounds - 1
+        moved = (j[:3] * left) @ alike[of] - drift
+        drift = drift + share * moved
+        rounds = 0 if max(far, float(np.abs(moved).max())) < _SETTLED_M else rounds - 1
     covariance: Array = np.linalg.inv(information)
     known = j[:3] * newest[of]  # covariance of the drift now with each error
     turn = np.eye(3, 6) - known @ solved[:, :6]

@@ -28,7 +28,7 @@ _FORGET: Final = 12.0  # a hypothesis whose likelihood is e^−12 of the best on
 _SAME: Final = np.array([0.02] * 3 + [0.1] * 3)  # apart by less: place over distance, and moment
 _MANY: Final = 40
 _FEW, _APART_M = 4, 0.2  # if the places drift
-_ROUNDS: Final = 2
+_ROUNDS, _MORE_ROUNDS = 2, 4  # where places drift it takes more
 _DOUBTS: Final = (4, 4)  # rounds again, before it stops
 _CAUTION: Final = 2.0  # of the covariance: readings are not as independent as the fit believes
 _SURE_M: Final = 0.3  # sigma
@@ -219,7 +219,7 @@ class Estimate:
     def _weigh(self, o: Observation, rounds: int) -> None:
         """Fit the hypotheses, and drop unlikely and equal ones."""
         if self._cause.drift_m:
-            self._weigh_drifting(rounds)
+            self._weigh_drifting()
             return
         fit, damping = dipole.refine(self._x, self._damping, self._readings, self._pose_error, rounds)
         order = np.argsort(fit.cost, kind="stable")
@@ -235,9 +235,9 @@ class Estimate:
         self._places = self._x[:, :3]
         self._spread(_CAUTION * np.linalg.inv(fit.information[order])[:, :2, :2])
 
-    def _weigh_drifting(self, rounds: int) -> None:
+    def _weigh_drifting(self) -> None:
         """The same, when the places drift: the hypotheses are where they would be in the places reported now."""
-        every = [fitted(x, self._readings, WHITE_M, self._cause.drift_m, rounds) for x in self._x[:_FEW]]
+        every = [fitted(x, self._readings, WHITE_M, self._cause.drift_m, _MORE_ROUNDS) for x in self._x[:_FEW]]
         best = min(one.cost for one in every)
         every = sorted((one for one in every if one.cost - best < _FORGET), key=lambda one: one.cost)
         self._drifts = []

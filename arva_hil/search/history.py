@@ -21,7 +21,7 @@ _LAGS_S: Final = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)
 _GAINS: Final = ((1.0, 0.0), (0.0, 1.0), (1.0, 0.5), (0.5, 1.0))  # of the antennas x and y
 _NEXT_S: Final = 0.1  # between two poses that are kept
 _MOST: Final = (4096, 192)  # poses, readings
-_ROUNDS: Final = 6
+_ROUNDS, _MORE_ROUNDS = 6, 15  # where places drift it takes more
 _FEW, _FEWER = 3, 2  # hypotheses; where places drift
 _ODD: Final = 4.0  # cost of a cause that is neither nothing nor the usual drift
 _FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift,
@@ -134,7 +134,7 @@ class History:
         if drift_m:
             begin = given if near else np.concatenate([given, x])
             rough = sorted((fitted(one, there, WHITE_M, drift_m, 1) for one in begin), key=lambda one: one.cost)
-            every = [fitted(one.x, there, WHITE_M, drift_m, _ROUNDS) for one in rough[:_FEWER]]
+            every = [fitted(one.x, there, WHITE_M, drift_m, _MORE_ROUNDS) for one in rough[:_FEWER]]
             every.sort(key=lambda one: one.cost)
             one, costs = every[0], np.array([one.cost for one in every])
             x, error = np.array([one.x for one in every]), WHITE_M

@@ -87,6 +87,8 @@ def test_a_short_plan_has_the_defaults_of_a_trial() -> None:
     [
         ("paper", 4 * 25 * 4 * 3),
         ("random", 500 * 3),
+        ("one_victim", 200),
+        ("gps_drift", 400),
         ("two_victims", 200),
         ("four_victims", 200),
         ("four_published", 3 * 200),
