@@ -48,6 +48,7 @@ class Judgement(NamedTuple):
     sigma_m: float  # of the place, whatever the cause
     outliers: float  # share of the readings that it does not explain,
     newest: float  # and of the newest ones
+    covariance: tuple[float, float, float]  # of north and east about the place, as in `Found`
 
     def agrees(self, height_m: float) -> bool:
         """It can be true; the receiver was flown at that height."""
@@ -115,9 +116,10 @@ def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> J
     below, depth = down - float(o.at[2, 1:].max()), down - float(o.level(there.x)[0]) if o.sloping else None
     everything = float(_unexplained(there, _ROUGH_M, 9.0).mean())
     newest = _unexplained(there, _FINE_M, 4.0)[o.time_s[1:] > o.time_s[1:].max() - _NEWEST_S]
-    return Judgement(
-        there.pose_error, below, depth, strength, elsewhere - here, sigma, everything, float(newest.mean())
-    )
+    off = x[:2] - place
+    (nn, ne), (_, ee) = (there.best.covariance[:2, :2] + np.outer(off, off)).tolist()
+    better, share = elsewhere - here, float(newest.mean())
+    return Judgement(there.pose_error, below, depth, strength, better, sigma, everything, share, (nn, ne, ee))
 
 
 def _unexplained(there: Explanation, place_m: float, variances: float) -> NDArray[np.bool_]:

@@ -32,17 +32,20 @@ class DriftFit(NamedTuple):
     now: Array  # (3,)
     now_covariance: Array  # (3, 3)
     cost: float  # −ln of the likelihood
+    drift: Array  # (3, N) of the readings
 
 
-def fitted(x: Array, o: dipole.Readings, pose_error: float, drift_m: float, rounds: int) -> DriftFit:
+def fitted(
+    x: Array, o: dipole.Readings, pose_error: float, drift_m: float, rounds: int, drift: Array | None = None
+) -> DriftFit:
     """The hypothesis (6,) near x that fits the readings best; sigmas of each place and of the drift [m].
 
-    The cost of a fit with `drift_m` 0 can be compared with others.
+    `drift`: to begin with. The cost of a fit with `drift_m` 0 can be compared with others.
     """
     alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s)
     newest = drift_m**2 * _alike(o.time_s - o.time_s[1:].max(initial=0.0))
     alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is no reading
-    there, drift = copy.copy(o), np.zeros((3, len(o.time_s)))
+    there, drift = copy.copy(o), np.zeros((3, len(o.time_s))) if drift is None else drift
     while True:
         there.at = o.at - drift
         fit = dipole.evaluate(x[None], there, pose_error)
@@ -71,7 +74,7 @@ def fitted(x: Array, o: dipole.Readings, pose_error: float, drift_m: float, roun
     rest = drift_m**2 * np.eye(3) - known @ np.linalg.solve(each, known.T)
     now_covariance: Array = turn @ covariance @ turn.T + rest
     cost = 0.5 * float(e @ solved[:, 6] + np.linalg.slogdet(each)[1])
-    return DriftFit(x, covariance, x[:3] + known @ left, now_covariance, cost)
+    return DriftFit(x, covariance, x[:3] + known @ left, now_covariance, cost, drift)
 
 
 def _alike(after_s: Array) -> Array:

@@ -178,7 +178,8 @@ class Estimate:
         """
         self._unexplained = 0
         best, before = min(every, key=lambda one: one.cost), self._cause
-        evident = drift if best.cause.drift_m and not before.drift_m else evident
+        if best.cause.drift_m:
+            evident = _EVIDENT if before.drift_m else drift
         if best.cause == before or every[0].cost - best.cost < evident:
             return False
         if best.cause.lag_s > before.lag_s + _LATE_S:

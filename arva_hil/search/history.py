@@ -23,7 +23,7 @@ _NEXT_S: Final = 0.1  # between two poses that are kept
 _MOST: Final = (4096, 192)  # poses, readings
 _ROUNDS, _MORE_ROUNDS = 6, 15  # where places drift it takes more
 _FEW, _FEWER = 3, 2  # hypotheses; where places drift
-_ODD: Final = 4.0  # cost of a cause that is neither nothing nor the usual drift
+_ODD: Final = 4.0  # cost of anything but the usual drift
 _FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift,
 _DOWNS: Final = (-2.5, 3.5)  # if the transmitter lies so far below the ground [m]
 _STRENGTH: Final = 2.3  # and has at most so many times the reference transmitter's moment, or that part of it
@@ -107,22 +107,30 @@ class History:
         if cause == NOTHING and first.pose_error < _FITS_M and _usual(first):
             return [first]
         every = [first, *(self._fitted(x, one) for one in _CAUSES if one != cause)]
-        drift = next((one for one in every if one.cause.drift_m), None)
-        for drift_m in DRIFTS_M:
-            if drift is None or drift_m not in (one.cause.drift_m for one in every):
-                near, begin = drift is not None, x if drift is None else drift.x[:_FEWER]
-                drift = self._fitted(begin, Cause(drift_m=drift_m), near)
-                every.append(drift)
-        return every
+        late = min((one for one in every if one.cause == Cause(one.cause.lag_s)), key=lambda one: one.cost)
+        drifts = self._drifting(x, first, late.cause.lag_s)
+        every[0] = next((one for one in drifts if one.cause == cause), first)
+        return every + [one for one in drifts if one.cause != cause]
 
-    def _fitted(self, x: Array, cause: Cause, near: bool = False) -> Explanation:
-        """What fits under a cause. `near`: only near x."""
+    def _drifting(self, x: Array, first: Explanation, lag_s: float) -> list[Explanation]:
+        """What fits under each drift, if readings are so late. A fit may miss what another finds: begin there again."""
+        causes = [Cause(lag_s, drift_m) for drift_m in DRIFTS_M]
+        every = [first] if first.cause in causes else []
+        every.append(self._fitted(x, causes[0]))
+        for one in (*causes[1:], *causes):
+            every.append(self._fitted(x, one, min(every, key=lambda fit: fit.cost).best))
+        return [min((one for one in every if one.cause == cause), key=lambda fit: fit.cost) for cause in causes]
+
+    def _fitted(self, x: Array, cause: Cause, near: DriftFit | None = None) -> Explanation:
+        """What fits under a cause; under a drift `near` one, of the same readings."""
         drift_m = cause.drift_m
         there, error = self.readings(cause), max(0.3, drift_m)
+        if near is not None:
+            return _drifts(cause, there, [fitted(near.x, there, WHITE_M, drift_m, _MORE_ROUNDS, near.drift)])
         nearest = self.nearest
         assert nearest is not None
         position, _ = self.at(nearest.time_s - nearest.age_s - cause.lag_s)
-        if (drift_m and not near) or cause.gains != NOTHING.gains:
+        if drift_m or cause.gains != NOTHING.gains:
             x = np.concatenate([x, dipole.seeds(position, nearest.bearing, nearest.d_m, nearest.ground)])
         damping, given = np.full(len(x), 0.01), x[:_FEW]
         for _ in range(2):
@@ -132,16 +140,13 @@ class History:
             if not drift_m:
                 error = dipole.likely_pose_error(fit, int(best[0]), there, dipole.WIDE)
         if drift_m:
-            begin = given if near else np.concatenate([given, x])
+            begin = np.concatenate([given, x])
             rough = sorted((fitted(one, there, WHITE_M, drift_m, 1) for one in begin), key=lambda one: one.cost)
-            every = [fitted(one.x, there, WHITE_M, drift_m, _MORE_ROUNDS) for one in rough[:_FEWER]]
-            every.sort(key=lambda one: one.cost)
-            one, costs = every[0], np.array([one.cost for one in every])
-            x, error = np.array([one.x for one in every]), WHITE_M
-        else:
-            one, costs = fitted(x[0], there, error, 0.0, 0), fit.cost[best]
-        surprise = 0.0 if drift_m else 0.5 * (math.log(error / dipole.USUAL[0]) / dipole.USUAL[1]) ** 2
-        cost = one.cost + surprise + _ODD * (cause not in (NOTHING, Cause(drift_m=DRIFTS_M[0])))
+            fits = [fitted(one.x, there, WHITE_M, drift_m, _MORE_ROUNDS, one.drift) for one in rough[:_FEWER]]
+            return _drifts(cause, there, fits)
+        one, costs = fitted(x[0], there, error, 0.0, 0), fit.cost[best]
+        surprise = 0.5 * (math.log(error / dipole.USUAL[0]) / dipole.USUAL[1]) ** 2
+        cost = one.cost + surprise + _ODD * (cause != NOTHING)
         return Explanation(cause, there, x, error, one, cost, cost + costs - costs[0])
 
     def at(self, time_s: float) -> tuple[Position, Array]:
@@ -154,6 +159,14 @@ class History:
         share = (time_s - a.time_s) / (b.time_s - a.time_s)
         north, east, down = (p + (q - p) * share for p, q in zip(a.position, b.position, strict=True))
         return (north, east, down), b.rotation
+
+
+def _drifts(cause: Cause, readings: dipole.Readings, fits: list[DriftFit]) -> Explanation:
+    """The explanation by fits under a drift."""
+    fits.sort(key=lambda one: one.cost)
+    odd = _ODD * ((cause.lag_s > 0) + (cause.drift_m != DRIFTS_M[0]))
+    costs, x = (np.array(column) for column in zip(*((odd + one.cost, one.x) for one in fits), strict=True))
+    return Explanation(cause, readings, x, WHITE_M, fits[0], float(costs[0]), costs)
 
 
 def _usual(one: Explanation) -> bool:

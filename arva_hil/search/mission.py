@@ -205,7 +205,6 @@ class Mission:
         return self._end(FOUND if self.sure else NOT_SURE)
 
     def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
-        """If it lands, it lands there."""
         place, late = found.goal, self.searched_s > self.plan.limit_s
         if not late and math.dist(position[:2], place) >= _THERE_M:
             return towards(position, place, self.plan.speed)
@@ -265,7 +264,7 @@ class Mission:
             strategy.hear(nothing)
         if (found := checked_found(strategy.found)) is None:
             return
-        sure = self._agrees(self.heard[target], found)
+        found, sure = self._judged(self.heard[target], found)
         if self._shares and self._repeated(target, found, sure, nothing):
             return
         self.found, self.sure = found, sure
@@ -280,10 +279,12 @@ class Mission:
         self._go_on(nothing.position)
         return True
 
-    def _agrees(self, heard: HeardTransmitter, found: Found) -> bool:
-        """Whether the readings agree with the place found, with any strategy."""
-        judgement = heard.evidence.judge((found.north, found.east))
-        return judgement is not None and judgement.agrees(self._keeper.wanted)
+    def _judged(self, heard: HeardTransmitter, found: Found) -> tuple[Found, bool]:
+        """A place found with any strategy, and whether the readings agree with it: then also how well it is known."""
+        judgement = heard.evidence.judge(found[:2])
+        if judgement is None or not judgement.agrees(self._keeper.wanted):
+            return found, False
+        return found._replace(covariance=found.covariance or judgement.covariance), True
 
     @contextmanager
     def _failing(self) -> Iterator[None]:

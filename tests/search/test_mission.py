@@ -58,7 +58,7 @@ class Scripted:
 @pytest.fixture
 def believed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Any place agrees with the readings: of a few from one place none can be told."""
-    monkeypatch.setattr(Mission, "_agrees", lambda self, heard, found: True)
+    monkeypatch.setattr(Mission, "_judged", lambda self, heard, found: (found, True))
 
 
 @pytest.fixture
