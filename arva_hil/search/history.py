@@ -18,6 +18,7 @@ from arva_hil.search.drift import DRIFTS_M, WHITE_M, DriftFit, fitted
 from arva_hil.search.strategy import Observation, Position
 
 _LAGS_S: Final = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)
+_LATER_S: Final = 0.5  # from one to the next
 _GAINS: Final = ((1.0, 0.0), (0.0, 1.0), (1.0, 0.5), (0.5, 1.0))  # of the antennas x and y
 _NEXT_S: Final = 0.1  # between two poses that are kept
 _MOST: Final = (4096, 192)  # poses, readings
@@ -113,13 +114,20 @@ class History:
         return every + [one for one in drifts if one.cause != cause]
 
     def _drifting(self, x: Array, first: Explanation, lag_s: float) -> list[Explanation]:
-        """What fits under each drift, if readings are so late. A fit may miss what another finds: begin there again."""
-        causes = [Cause(lag_s, drift_m) for drift_m in DRIFTS_M]
-        every = [first] if first.cause in causes else []
-        every.append(self._fitted(x, causes[0]))
-        for one in (*causes[1:], *causes):
-            every.append(self._fitted(x, one, min(every, key=lambda fit: fit.cost).best))
-        return [min((one for one in every if one.cause == cause), key=lambda fit: fit.cost) for cause in causes]
+        """What fits under each drift, if readings are about so late. A fit may miss what another finds: begin there."""
+        best, tried = self._fitted(x, Cause(lag_s, DRIFTS_M[0])), {lag_s}
+        if first.cause.drift_m and first.cost < best.cost:
+            best = first
+        while beside := {best.cause.lag_s + step for step in (-_LATER_S, _LATER_S)} & set(_LAGS_S) - tried:
+            tried |= beside
+            near = [self._fitted(x, best.cause._replace(lag_s=one), best.best) for one in sorted(beside)]
+            best = min([best, *near], key=lambda one: one.cost)
+        every = {best.cause.drift_m: best}
+        for drift_m in DRIFTS_M * 2:
+            least = min(every.values(), key=lambda one: one.cost)
+            one = self._fitted(x, best.cause._replace(drift_m=drift_m), least.best)
+            every[drift_m] = min(one, every.get(drift_m, one), key=lambda one: one.cost)
+        return list(every.values())
 
     def _fitted(self, x: Array, cause: Cause, near: DriftFit | None = None) -> Explanation:
         """What fits under a cause; under a drift `near` one, of the same readings."""
