@@ -7,6 +7,7 @@ under whatever cause, and explains nearly all of them.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterable
 from typing import Final, NamedTuple
@@ -124,7 +125,8 @@ def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> J
 
 def _unexplained(there: Explanation, place_m: float, variances: float) -> NDArray[np.bool_]:
     """Which readings (N − 1,) are farther off than that, were the receiver's place known so well at most [m]."""
-    o, error = there.readings, max(place_m, there.pose_error, there.cause.drift_m)
+    o, error = copy.copy(there.readings), max(place_m, there.pose_error)
+    o.at = o.at - there.best.drift
     fit = dipole.evaluate(there.best.x[None], o, error)
     out = fit.error[0] ** 2 > variances * (error**2 * fit.slope[0] + fit.variance[0])
     parts: NDArray[np.bool_] = (out & o.told).reshape(-1, 2)[1:]

@@ -43,11 +43,12 @@ _GAIN: Final = 1.5  # 1/s
 _AVERAGE_M: Final = 0.65  # sigma of a place that drifts: so small it becomes
 _AVERAGE_S: Final = 90.0  # or it listens for so long
 _EXPLAIN_EVERY: Final = 15  # readings between two looks for how late they are,
-_EXPLAIN_LATER: Final = 60  # and when not, or when they are known to drift,
+_EXPLAIN_LATER, _EXPLAIN_DRIFTING = 60, 30  # and when not, and when they are known to drift,
 _ODD_M: Final = 0.3  # when their places seem wrong by so much
 _EVIDENT: Final = 16.0  # another cause is believed if it is more likely by e^16,
 _LATE_S: Final = 1.0  # readings that are later by more need another circle
-_LIKELIER: Final = 6.0  # and by e^6 where the place is doubtful
+_LIKELY: Final = 3.0  # at the end, a drift by e^3,
+_LIKELIER: Final = 6.0  # and any by e^6 where the place is doubtful
 _DOUBTFUL_S: Final = 90.0  # then the place is told as it is,
 _LONGEST_S: Final = 240.0  # and so long after it first came above a place, whatever has happened since
 _DRIFT: Final = 0.3  # of a drift: what sigma may be more of the place where it hovers
@@ -119,7 +120,8 @@ class Estimate:
         self._weigh(o, _ROUNDS)
         self._unexplained += 1
         odd = bool(self._cause.drift_m) or self._pose_error > _ODD_M
-        if self._unexplained > (_EXPLAIN_EVERY if odd and not self._drifts else _EXPLAIN_LATER):
+        later = _EXPLAIN_DRIFTING if self._drifts else _EXPLAIN_EVERY if odd else _EXPLAIN_LATER
+        if self._unexplained > later:
             self._explain(o)
         self._listen(o)
         self._steer(o, self._strongest)
@@ -162,7 +164,7 @@ class Estimate:
         if not agrees:
             self._doubtful_s = min(self._doubtful_s, o.time_s)
             self._circle = None
-        return not self._believe(every, _LIKELIER, o, drift=0.0) and agrees
+        return not self._believe(every, _LIKELIER, o, drift=_LIKELY) and agrees
 
     def _explain(self, o: Observation) -> None:
         """Find out how late the readings are, how their places drift, and which antennas fail."""
@@ -174,10 +176,11 @@ class Estimate:
         """Believe the best explanation, if it is more likely by e^evident than the present one, the first. Whether
         there is more to hear then: not for a smaller drift.
 
-        `drift`: the same for a drift where there was none.
+        `drift`: the same for a drift where there was none, which takes long to average out.
         """
-        self._unexplained = 0
-        best, before = min(every, key=lambda one: one.cost), self._cause
+        self._unexplained, before = 0, self._cause
+        new = 0.0 if before.drift_m else min(drift, _LIKELIER)
+        best = min(every, key=lambda one: one.cost + (new if one.cause.drift_m else 0.0))
         if best.cause.drift_m:
             evident = _EVIDENT if before.drift_m else drift
         if best.cause == before or every[0].cost - best.cost < evident:

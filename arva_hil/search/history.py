@@ -22,7 +22,7 @@ _LATER_S: Final = 0.5  # from one to the next
 _GAINS: Final = ((1.0, 0.0), (0.0, 1.0), (1.0, 0.5), (0.5, 1.0))  # of the antennas x and y
 _NEXT_S: Final = 0.1  # between two poses that are kept
 _MOST: Final = (4096, 192)  # poses, readings
-_ROUNDS, _MORE_ROUNDS = 6, 15  # where places drift it takes more
+_ROUNDS, _SOME_ROUNDS, _MORE_ROUNDS = 6, 4, 15  # where places drift: to choose, and to the end
 _FEW, _FEWER = 3, 2  # hypotheses; where places drift
 _ODD: Final = 4.0  # cost of anything but the usual drift
 _FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift,
@@ -115,13 +115,14 @@ class History:
 
     def _drifting(self, x: Array, first: Explanation, lag_s: float) -> list[Explanation]:
         """What fits under each drift, if readings are about so late. A fit may miss what another finds: begin there."""
-        best, tried = self._fitted(x, Cause(lag_s, DRIFTS_M[0])), {lag_s}
+        best, tried, beside = self._fitted(x, Cause(drift_m=DRIFTS_M[0])), {0.0}, {lag_s, _LATER_S}
         if first.cause.drift_m and first.cost < best.cost:
             best = first
-        while beside := {best.cause.lag_s + step for step in (-_LATER_S, _LATER_S)} & set(_LAGS_S) - tried:
+        while beside := beside & set(_LAGS_S) - tried:
             tried |= beside
             near = [self._fitted(x, best.cause._replace(lag_s=one), best.best) for one in sorted(beside)]
             best = min([best, *near], key=lambda one: one.cost)
+            beside = {best.cause.lag_s - _LATER_S, best.cause.lag_s + _LATER_S}
         every = {best.cause.drift_m: best}
         for drift_m in DRIFTS_M * 2:
             least = min(every.values(), key=lambda one: one.cost)
@@ -149,7 +150,8 @@ class History:
                 error = dipole.likely_pose_error(fit, int(best[0]), there, dipole.WIDE)
         if drift_m:
             begin = np.concatenate([given, x])
-            rough = sorted((fitted(one, there, WHITE_M, drift_m, 1) for one in begin), key=lambda one: one.cost)
+            rough = [fitted(one, there, WHITE_M, drift_m, _SOME_ROUNDS) for one in begin]
+            rough.sort(key=lambda one: one.cost)
             fits = [fitted(one.x, there, WHITE_M, drift_m, _MORE_ROUNDS, one.drift) for one in rough[:_FEWER]]
             return _drifts(cause, there, fits)
         one, costs = fitted(x[0], there, error, 0.0, 0), fit.cost[best]
