@@ -104,7 +104,7 @@ def processes(count: int) -> Iterator[WorkerPool]:
     """`count` processes on this machine, with one thread for numpy in each. They are ended afterwards, even if busy."""
     context = multiprocessing.get_context("spawn")
     held, lifeline = context.Pipe(duplex=False)
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    before = {name: os.environ[name] for name in _ONE_THREAD if name in os.environ}
     os.environ.update(_ONE_THREAD)
     executor = _Processes(count, context, _hold, (held,))
     try:
@@ -113,11 +113,9 @@ def processes(count: int) -> Iterator[WorkerPool]:
         lifeline.close()
         executor.shutdown(cancel_futures=True)
         held.close()
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        for name in _ONE_THREAD:
+            del os.environ[name]
+        os.environ.update(before)
 
 
 @contextmanager

@@ -7,7 +7,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager, closing
+from contextlib import closing
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Final
@@ -16,7 +16,7 @@ from arva_hil.campaign import report, trial
 from arva_hil.campaign.plan import Planned, size, trials
 from arva_hil.campaign.results import REPORT, TABLE, Results, ResultsError, flown, opened, row
 from arva_hil.campaign.results import replace as write
-from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPool, WorkerPoolError, cluster, processes
+from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPoolError, cluster, processes
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, SignalGuard, UsageError
 from arva_hil.cli.terminal import bar, show, show_json, tell, time_left
 from arva_hil.config.campaign import CampaignPlan, load_plan
@@ -109,10 +109,12 @@ def _fly(
             progress.show()
         return guard.caught is not None
 
-    done = len(every) - len(left)
+    done, trials = len(every) - len(left), len(left)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     connected = False
     try:
-        with _worker_pool(options, len(left), within_s=within_s) as pool, SignalGuard() as guard:
+        where = cluster(options.scheduler, trials, within_s=within_s) if options.scheduler else None
+        with where or processes(min(options.jobs or cores, trials)) as pool, SignalGuard() as guard:
             connected = True
             _say(f"{len(every)} trials, {done} of them done; {pool.name}")
             with closing(_Progress(len(every), done)) as progress:
@@ -131,19 +133,6 @@ def _fly(
         code, when = (NO_LINK, " once there is a scheduler") if isinstance(error, Unreachable) else (FAILED, "")
         raise Failure(code, f"{error}; {_progress(kept, every)}; the same command continues it{when}") from None
     return guard.caught is not None
-
-
-def _worker_pool(
-    options: argparse.Namespace, trials: int, *, within_s: float | None
-) -> AbstractContextManager[WorkerPool]:
-    if options.scheduler:
-        return cluster(options.scheduler, trials, within_s=within_s)
-    return processes(min(options.jobs or _cores(), trials))
-
-
-def _cores() -> int:
-    """The number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _progress(kept: Results, every: Sequence[Planned]) -> str:

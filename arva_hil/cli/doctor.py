@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -144,9 +144,16 @@ class Doctor:
 
         probe = AutopilotProbe(link, self._session(), self.clock.now(), first) if link else None
         self.port_probe = self._new_port_probe(probe, link) or self.port_probe
+        seconds, start = self.options.listen, self.clock.now()
+
+        def enough() -> bool:
+            """Whether it was as long as asked. A vehicle that is found late gets time to answer."""
+            late = probe.followed_at + min(seconds, _ANSWER_S) if probe and probe.session.vehicle else start
+            return (probe is not None and probe.over) or self.clock.now() >= max(start + seconds, late)
+
         if tasks := [task for task in (probe, self.port_probe) if task]:
-            tell(f"listening for {self.options.listen:g} s")
-            self._attend(tasks, probe)
+            tell(f"listening for {seconds:g} s")
+            run(tasks, self.clock, stopped=lambda: self.stopped() or enough())
         return probe
 
     def _new_port_probe(self, probe: AutopilotProbe | None, link: Link | None) -> PortProbe | None:
@@ -158,16 +165,6 @@ class Doctor:
         session = probe.session if probe else self._session()
         address = None if over_mavlink else parse(self.options.port)
         return PortProbe(encoder(self.options.format, session), out, address, self.clock.now())
-
-    def _attend(self, tasks: Sequence[AutopilotProbe | PortProbe], probe: AutopilotProbe | None) -> None:
-        """Run both probes for as long as asked. A vehicle that is found late gets time to answer."""
-        seconds, start = self.options.listen, self.clock.now()
-
-        def enough() -> bool:
-            late = probe.followed_at + min(seconds, _ANSWER_S) if probe and probe.session.vehicle else start
-            return (probe is not None and probe.over) or self.clock.now() >= max(start + seconds, late)
-
-        run(tasks, self.clock, stopped=lambda: self.stopped() or enough())
 
     def _judge_packets(self, probe: AutopilotProbe, *, again: bool = False) -> AutopilotProbe | None:
         """Judge bytes and packets, and try other baud rates. Returns the probe at the rate that brings packets."""

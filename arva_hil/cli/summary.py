@@ -24,8 +24,9 @@ _OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
 def lost_links(live: Live) -> list[str]:
     """A line for each link that was lost."""
     return [
-        f"{_OF_LINKS.get(name, name)} was lost {losses} ×, and came back {returns} ×"
-        for name, (losses, returns) in live.losses().items()
+        f"{_OF_LINKS.get(name, name)} was lost {link.losses} ×, and came back {link.returns} ×"
+        for name, link in live.sinks.items()
+        if link.losses
     ]
 
 
@@ -105,18 +106,12 @@ def summary_lines(emulator: Emulator) -> list[str]:
     for vehicle in emulator.vehicles:
         for source in vehicle.sources:
             of = "" if one else f"{vehicle.name}/{source.name}: "
-            lines.append(of + _frames(source))
+            c = source.counters
+            taken = f"{c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose"
+            lines.append(f"{of}{c.frames} frames: {taken}; worst lateness {c.latest_s * 1e3:.1f} ms")
             lines += [of + line for line in _mishaps(source)]
         lines += [line if one else f"{vehicle.name}: {line}" for line in _heard(vehicle.session)]
     return lines
-
-
-def _frames(source: FrameSource) -> str:
-    c = source.counters
-    return (
-        f"{c.frames} frames: {c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose; "
-        f"worst lateness {c.latest_s * 1e3:.1f} ms"
-    )
 
 
 def _heard(session: Session) -> list[str]:

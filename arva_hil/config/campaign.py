@@ -4,6 +4,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import InitVar
+from pathlib import Path
 from typing import Any, Final
 
 from arva_hil.config.common import NOISE_KINDS, SEED, NoiseKind
@@ -145,13 +146,9 @@ class _Scenarios(_Axis):
         if isinstance(value, Mapping) and not hasattr(value, "node"):
             return value
         every = self._list.read(value) if isinstance(value, list) else (self.item.read(value),)
-        names = [str(one) if isinstance(one, Random) else _stem(one.source) for one in every]
+        names = [str(one) if isinstance(one, Random) else Path(one.source).stem for one in every]
         _each_once(names)
         return dict(zip(names, every, strict=True))
-
-
-def _stem(path: str) -> str:
-    return os.path.splitext(os.path.basename(path))[0]
 
 
 _HEIGHT: Final = Number(0, 1000, above=True, unit="m")

@@ -26,23 +26,13 @@ class Problems:
         self.found: list[Problem] = []
         self.source = source
 
-    def raise_any(self) -> None:
-        """Raises ScenarioError with all problems, if there are any."""
-        if self.found:
-            raise ScenarioError(self.found)
-
-    def add(self, node: yaml.Node, found: str, expected: str, nearest: str | None = None) -> None:
-        """One at the start of `node`."""
-        if node.tag != _REFUSED:
-            self.add_at(node.start_mark, found, expected, nearest)
-
-    def add_at(self, at: yaml.Mark, found: str, expected: str, nearest: str | None = None) -> None:
+    def add(self, at: yaml.Mark, found: str, expected: str, nearest: str | None = None) -> None:
         """One at a place."""
         self.found.append(Problem(self.source, at.line + 1, at.column + 1, found, expected, nearest))
 
     def fail(self, at: yaml.Mark, found: str, expected: str) -> NoReturn:
         """Raises ScenarioError with the problems so far and this one, after which nothing can be read."""
-        self.add_at(at, found, expected)
+        self.add(at, found, expected)
         raise ScenarioError(self.found)
 
     def compose(self, text: str, what: str) -> yaml.Node:
@@ -57,7 +47,7 @@ class Problems:
                 self.fail(_START, "an empty file", what)
             if loader.check_node():
                 second = loader.peek_event()  # type: ignore[no-untyped-call]
-                self.add_at(second.start_mark, "a second document", "one")
+                self.add(second.start_mark, "a second document", "one")
         except yaml.MarkedYAMLError as error:
             at = error.problem_mark or loader.get_mark()
             if text[at.index : at.index + 1] == "\t":
@@ -108,10 +98,8 @@ class _Loader(yaml.BaseLoader):
                 return node
             tag = event.tag.replace("tag:yaml.org,2002:", "!!")
             found, expected = f"the tag {short(tag)!r}", "a value without a tag"
-        node = yaml.ScalarNode("", "", event.start_mark, event.end_mark)
-        self._problems.add(node, found, expected)
-        node.tag = _REFUSED
-        return node
+        self._problems.add(event.start_mark, found, expected)
+        return yaml.ScalarNode(_REFUSED, "", event.start_mark, event.end_mark)
 
 
 def keys_in(text: str) -> set[str]:
@@ -195,7 +183,8 @@ def read(text: str, source: str, what: str, reader: Callable[[Value], _T], newes
     except ConstraintError as error:
         _add(problems, top, error.violations)
         raise ScenarioError(problems.found) from None
-    problems.raise_any()
+    if problems.found:
+        raise ScenarioError(problems.found)
     return value
 
 
@@ -210,9 +199,10 @@ def _add(problems: Problems, top: Value, violations: Iterable[Violation]) -> Non
         found = describe(node) if one.found is None else one.found
         if one.first:
             found += f" (first on line {_node(top, one.first, at_key=True).start_mark.line + 1})"
-        if (place := (node.start_mark.index, found, one.expected)) not in seen:
+        place = node.start_mark.index, found, one.expected
+        if place not in seen and node.tag != _REFUSED:
             seen.add(place)
-            problems.add(node, found, one.expected, one.nearest)
+            problems.add(node.start_mark, found, one.expected, one.nearest)
 
 
 def _node(top: Value, path: Iterable[str | int], *, at_key: bool) -> yaml.Node:
@@ -240,6 +230,5 @@ def _spec(problems: Problems, root: yaml.Node, newest: int) -> int:
     if spec is not None and spec > newest:
         problems.found.clear()  # what looks wrong may be right in that version
         found = f"spec {spec} is newer than this program reads ({newest}): upgrade arva-hil"
-        problems.add(node, found, f"spec {newest}")
-        problems.raise_any()
+        problems.fail(node.start_mark, found, f"spec {newest}")
     return newest if spec is None or spec < 1 else spec

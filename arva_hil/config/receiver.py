@@ -18,8 +18,10 @@ from arva_hil.errors import KindError
 from arva_hil.registry import RECEIVERS
 
 if TYPE_CHECKING:
+    from pydantic import TypeAdapter
     from pydantic_core import ValidationError
 
+_ADAPTERS: Final[dict[type[Any], "TypeAdapter[Any]"]] = {}
 PAPER: Final = "paper"  # it has no keys of its own; a scenario without another model imports none
 _WORDS: Final = {"true": True, "false": False, "null": None, "~": None}
 
@@ -30,10 +32,10 @@ def read_options(model: str | None, mapping: Mapping[str, Any]) -> OtherKeys:
     if cls is None:
         return OtherKeys()
     names = [field.name for field in dataclasses.fields(cls)]
-    from pydantic import TypeAdapter, ValidationError  # slow to import
+    from pydantic import ValidationError  # slow to import
 
     try:
-        options = TypeAdapter(cls).validate_python({name: _plain(mapping[name]) for name in names if name in mapping})
+        options = _adapter(cls).validate_python({name: _plain(mapping[name]) for name in names if name in mapping})
     except ValidationError as error:
         return OtherKeys(names, None, list(_violations(error, model)))
     return OtherKeys(names, options)
@@ -53,9 +55,16 @@ def checked_options(model: str, options: Any) -> Any:
     names = [field.name for field in dataclasses.fields(cls)]
     if unknown := [name for name in options or () if name not in names]:
         raise ValueError(f"options: {unknown[0]!r}, expected {any_of(names)}")
+    return _adapter(cls).validate_python(dict(options or {}))
+
+
+def _adapter(cls: type[Any]) -> "TypeAdapter[Any]":
+    """Made once for a class: it takes a millisecond."""
     from pydantic import TypeAdapter  # slow to import
 
-    return TypeAdapter(cls).validate_python(dict(options or {}))
+    if cls not in _ADAPTERS:
+        _ADAPTERS[cls] = TypeAdapter(cls)
+    return _ADAPTERS[cls]
 
 
 def options_class(model: str | None) -> type[Any] | None:
@@ -75,9 +84,7 @@ def schemas() -> dict[str, Any]:
     """The JSON Schema of each own key of all models that are installed."""
     every: dict[str, Any] = {}
     for cls in filter(None, map(options_class, RECEIVERS.names())):
-        from pydantic import TypeAdapter  # slow to import
-
-        schema = TypeAdapter(cls).json_schema()
+        schema = _adapter(cls).json_schema()
         for name, one in schema["properties"].items():
             every.setdefault(name, {} if "$defs" in schema else _tidy(one))
     return every

@@ -104,17 +104,14 @@ class Scenario(Table):
             yield Violation(expected, "navigation_error", None, ("navigation_error",), at_key=True)
         ids = [one.id for _, one in transmitters]
         known: Collection[int] = range(255) if not ids or None in ids else ids
+        receivers = [one for _, vehicle in items_of(of, "vehicles") for _, one in items_of(vehicle, "receivers")]
+        formats = {one.format if isinstance(one, Given) else one.output_format for one in receivers} - {None}
+        if isinstance(of, Given) and not formats:
+            formats = {(of.output and of.output.format) or "binary"}
         for at, fault in items_of(of, "faults") if isinstance(of, Given) else ():
-            found = next(filter(None, (misfit(fault, known, form) for form in _formats(of))), None)
+            found = next(filter(None, (misfit(fault, known, form) for form in sorted(formats))), None)
             if found:
                 yield Violation(found[1], found[0], path=("faults", at))
-
-
-def _formats(of: Given) -> list[str]:
-    """The formats of all receivers in a file, as far as they are right."""
-    receivers = [one for _, vehicle in items_of(of, "vehicles") for _, one in items_of(vehicle, "receivers")]
-    formats = [one.format if isinstance(one, Given) else one.output_format for one in receivers]
-    return list(filter(None, formats)) or [(of.output and of.output.format) or "binary"]
 
 
 DEFAULT: Final = Scenario((Transmitter(id=1, ned=(20.0, 5.0, 0.0)),))

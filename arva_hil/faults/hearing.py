@@ -78,7 +78,6 @@ COLD: Final = FaultKind("heard", _DECIBELS, "a cold battery: all antennas hear s
 SATURATION: Final = FaultKind("heard", _SIGNAL, "no antenna says more, as next to a transmitter", _saturated)
 ELECTRONICS: Final = FaultKind("heard", _SIGNAL, "something beside it adds noise of this deviation", _electronics)
 
-
 _LIMIT_RANGE_M: Final = Antennas().floor_range_m  # the noise a receiver is made for is a transmitter's field from there
 
 
@@ -136,7 +135,7 @@ def _interference(scenario: Scenario, switch: Switch) -> NoiseSource:
 def _moved(look: Look, switch: Switch) -> Look:
     there = look.transmitters
     positions = there.positions.copy()
-    positions[_index(look, switch)] += np.array(switch.fault.by_ned)
+    positions[there.ids.index(int(switch.fault.value))] += np.array(switch.fault.by_ned)
     return replace(look, transmitters=replace(there, positions=positions))
 
 
@@ -149,12 +148,8 @@ def _fading(look: Look, switch: Switch) -> Look:
 
 def _weakened(look: Look, switch: Switch, factor: float = 0.0) -> Look:
     strengths = look.transmitters.strengths.copy()
-    strengths[_index(look, switch)] *= factor
+    strengths[look.transmitters.ids.index(int(switch.fault.value))] *= factor
     return replace(look, transmitters=replace(look.transmitters, strengths=strengths))
-
-
-def _index(look: Look, switch: Switch) -> int:
-    return look.transmitters.ids.index(int(switch.fault.value))
 
 
 OFF: Final = FaultKind("heard", TRANSMITTER, "it sends nothing", _weakened)

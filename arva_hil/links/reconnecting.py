@@ -97,20 +97,17 @@ class ReconnectingLink(Link):
         return sent
 
     def close(self) -> None:
-        if not self._open:
-            return
-        self._open = False
-        if self._link:
-            self._link.close()
-        if self._attempt:
-            self._attempt.add_done_callback(_close_link)
-        self._waker.close()
-        self._wake.close()
+        if self._open:
+            self._open = False
+            if self._link:
+                self._link.close()
+            if self._attempt:
+                self._attempt.add_done_callback(_close_link)
+            self._waker.close()
+            self._wake.close()
 
     def fileno(self) -> int | None:
-        if not self._open:
-            return None
-        return self._link.fileno() if self._link else self._waker.fileno()
+        return (self._link or self._waker).fileno() if self._open else None
 
     def ready(self) -> bool:
         if self._link:

@@ -18,29 +18,12 @@ from arva_hil.runtime.clock import Clock
 if TYPE_CHECKING:
     from serial.tools.list_ports_common import ListPortInfo
 
-# USB vendors that make flight controllers, and single products of others. Sources: QGroundControl's
-# USBBoardInfo.json, ArduPilot's bootloaders.
-_VENDORS: Final = frozenset(
-    (
-        0x26AC,  # 3DR, PX4
-        0x2DAE,  # CubePilot
-        0x3162,  # Holybro
-        0x3163,  # CUAV
-        0x3185,  # ARK, Auterion
-        0x3643,  # PX4 FMU V6X-RT
-        0x35A7,  # ThePeach
-    )
-)
-_PRODUCTS: Final = frozenset(
-    (
-        (0x1209, 0x5740),  # ArduPilot
-        (0x1209, 0x5741),  # ArduPilot
-        (0x1B8C, 0x0036),  # PX4 FMU V6U
-        (0x1FC9, 0x001C),  # PX4 FMUK66
-        (0x0483, 0xA32F),  # ModalAI
-        (0x0483, 0xA330),  # ModalAI
-    )
-)
+# USB vendors that make flight controllers (3DR, CubePilot, Holybro, CUAV, ARK, PX4 FMU V6X-RT, ThePeach), and single
+# products of others (ArduPilot, PX4 FMU V6U, PX4 FMUK66, ModalAI). Sources: QGroundControl's USBBoardInfo.json,
+# ArduPilot's bootloaders.
+_VENDORS: Final = frozenset((0x26AC, 0x2DAE, 0x3162, 0x3163, 0x3185, 0x3643, 0x35A7))
+_ARDUPILOT: Final = ((0x1209, 0x5740), (0x1209, 0x5741))
+_PRODUCTS: Final = frozenset(((0x1B8C, 0x0036), (0x1FC9, 0x001C), (0x0483, 0xA32F), (0x0483, 0xA330), *_ARDUPILOT))
 _WORDS: Final = re.compile(
     r"\bardu(?!ino)|px4|pixhawk|pixracer|fmu|\bcube(?!mx)|holybro|cuav|\bmro|matek|kakute|durandal|speedybee",
     re.IGNORECASE,

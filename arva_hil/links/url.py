@@ -10,6 +10,7 @@ from arva_hil.errors import ArvaError
 from arva_hil.registry import LINKS
 
 _LOOPBACK: Final = "127.0.0.1"
+_LOG: Final = ".tlog"
 _NETWORK: Final = {"udpin": "udpin", "udpout": "udpout", "tcp": "tcp", "tcpout": "tcp", "tcpin": "tcpin"}
 _KINDS: Final = {*_NETWORK.values(), "serial", "pyserial", "pty", "tlog", "stdout"}  # with spellings of their own
 _USUAL_PORT: Final[dict[str, int]] = {"udpin": 14550, "udpout": 14550, "tcp": 5760, "tcpin": 5760}
@@ -46,7 +47,7 @@ class Address(NamedTuple):
             return self.path + (f",{self.baud}" if self.baud else "")
         if self.kind == "pty":
             return f"pty:{self.path}" if self.path else "pty"
-        if self.kind == "tlog" and not _is_log(self.path):
+        if self.kind == "tlog" and not self.path.lower().endswith(_LOG):
             return f"file:{self.path}"
         if self.kind not in _KINDS:
             return f"{self.kind}:{self.path}"
@@ -89,7 +90,7 @@ def parse(text: str) -> Address:
         return Address(scheme, path=rest)
     if scheme:
         raise _refused(text, f"starts with {scheme!r}, which is not a kind of link", *_EXAMPLES)
-    if _is_log(text):
+    if text.lower().endswith(_LOG):
         return Address("tlog", path=text)
     if re.match(_DEVICE, text):
         return _serial(text, text, colon=False)
@@ -153,10 +154,6 @@ def place(url: str) -> Address:
     """An address that is equal for all spellings of the same link. Raises AddressError."""
     where = parse(url)
     return where._replace(path=os.path.realpath(where.path) if where.path else "", baud=None)
-
-
-def _is_log(path: str) -> bool:
-    return path.lower().endswith(".tlog")
 
 
 def _target(rest: str) -> str:

@@ -34,7 +34,6 @@ _HEAD_V2_BYTES: Final = HEAD_V2.size
 _U16: Final = struct.Struct("<H")
 CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
 
-
 _CODEC: Final = dialect.MAVLink(None)  # decodes what has text in it; without a key it remembers nothing
 _MOST_RESTS: Final = 8  # senders of which a part of a packet is kept
 
@@ -273,12 +272,7 @@ def _first_good(data: bytes, start: int, stop: int) -> int:
 def _is_good(data: bytes, at: int, msgid: int) -> bool:
     """Whether the checksum of the complete candidate at `at`, a known message, is correct."""
     crc_at = at + data[at + 1] + (10 if data[at] == MAGIC_V2 else 6)
-    return _crc(data[at + 1 : crc_at], msgid) == data[crc_at] | data[crc_at + 1] << 8
-
-
-def _crc(data: bytes, msgid: int) -> int:
-    """The checksum of a known message. `data`: the packet without its first byte and its checksum."""
-    return int(crc16.mcrf4xx(data + CRC_EXTRA[msgid]))
+    return bool(crc16.mcrf4xx(data[at + 1 : crc_at] + CRC_EXTRA[msgid]) == data[crc_at] | data[crc_at + 1] << 8)
 
 
 def _without_extensions(raw: bytes, msgid: int) -> bytes:
@@ -287,4 +281,4 @@ def _without_extensions(raw: bytes, msgid: int) -> bytes:
     if raw[1] == length:
         return raw
     body = bytes([length]) + raw[2 : 6 + length]
-    return raw[:1] + body + _crc(body, msgid).to_bytes(2, "little")
+    return raw[:1] + body + _U16.pack(crc16.mcrf4xx(body + CRC_EXTRA[msgid]))

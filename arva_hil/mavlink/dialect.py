@@ -17,10 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 MAVLINK_MSG_ID_CURRENT_MODE: Final = 436
 MAVLINK_MSG_ID_ESC_STATUS: Final = 291
 
-
-_BYTES: Final = {"char": 1, "float": 4, "double": 8} | {
-    f"{u}int{n}_t": n // 8 for u in ("", "u") for n in (8, 16, 32, 64)
-}
+_BYTES: Final = {f"{u}int{8 * n}_t": n for u in ("", "u") for n in (1, 2, 4, 8)} | {"char": 1, "float": 4, "double": 8}
 _CODES: Final = {"uint8_t": "B", "uint32_t": "I", "uint64_t": "Q", "int32_t": "i", "float": "f"}
 
 

@@ -118,9 +118,9 @@ class Live:
         self.emulator = emulator
         self._autopilots = autopilots
         self._ports = ports
-        self._sinks = {**ports, **autopilots}
+        self.sinks = {**ports, **autopilots}
         lost, back = emulator.link_lost, emulator.link_back
-        self._monitors = [LinkMonitor(n, link, partial(lost, n), partial(back, n)) for n, link in self._sinks.items()]
+        self._monitors = [LinkMonitor(n, link, partial(lost, n), partial(back, n)) for n, link in self.sinks.items()]
         self._audience = audience
         self._ready = ReadyLinks(autopilots)
         self._next_look = -math.inf
@@ -154,13 +154,9 @@ class Live:
         """For each link: how often it was lost and came back, and the number of reads from strangers."""
         return {
             f"{name}_link_{what}": getattr(link, what)
-            for name, link in self._sinks.items()
+            for name, link in self.sinks.items()
             for what in ("losses", "returns", "strangers")
         }
-
-    def losses(self) -> dict[str, tuple[int, int]]:
-        """For each link that was lost: how often it was lost, and how often it came back."""
-        return {name: (link.losses, link.returns) for name, link in self._sinks.items() if link.losses}
 
     def _read(self, name: str, link: Link, clock: Clock, patience: float) -> None:
         """Read a link. Frames that are due are sent first only after the time `patience`."""
@@ -193,7 +189,7 @@ class Live:
 
     def _write(self, output: Output, now: float) -> LinkError | None:
         """Write one output. Returns the error if the last link of its kind is lost for ever."""
-        taken, last, link = False, None, self._sinks[output.sink]
+        taken, last, link = False, None, self.sinks[output.sink]
         try:
             taken = output.sink not in self._gone and link.write(output.data)
         except LinkError as error:
@@ -211,7 +207,7 @@ class Live:
             return True
         self._ready.forget(name)
         self.emulator.link_lost(name, str(error), now)
-        self._audience.tell([LinkLost(now, name, self._sinks[name].name, str(error))])
+        self._audience.tell([LinkLost(now, name, self.sinks[name].name, str(error))])
         return False
 
     def _look_at_links(self, now: float) -> None:

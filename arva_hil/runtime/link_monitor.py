@@ -11,7 +11,6 @@ from arva_hil.links import Link
 
 _WORTH_SAYING_S: Final = 0.05  # a shorter absence is not reported
 
-
 _STATE: Final = operator.attrgetter("losses", "renewals", "returns", "strangers", "away", "why")
 
 

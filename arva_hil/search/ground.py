@@ -132,7 +132,7 @@ class Ground:
             self._tell("GPS", now, margin)
         elif self._source in ("rangefinder", "highest ground"):
             self._tell("highest ground", now)
-        elif down_slope > base:
+        elif down_slope > base or (rise is not None and self._source == "terrain"):
             self._tell("terrain", now, _SURVEY_OFF_M)
         else:
             self._tell("doubtful terrain" if self._doubted else "estimate", now)

@@ -101,12 +101,9 @@ class SimulatedVehicle:
             self._heard = True
             message = parser.decode(packet)
             handler = _HANDLERS.get(packet.msgid)
-            if (
-                message is not None
-                and handler is not None
-                and getattr(message, "target_system", 0) in (0, self.system)
-                and getattr(message, "target_component", 0) in (0, _COMPONENT)
-            ):
+            system, component = getattr(message, "target_system", 0), getattr(message, "target_component", 0)
+            ours = system in (0, self.system) and component in (0, _COMPONENT)
+            if message is not None and handler is not None and ours:
                 handler(self, message, packet)
                 self._tell_events()
 

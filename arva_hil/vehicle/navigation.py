@@ -25,9 +25,7 @@ class EventQueue:
 
     def take(self) -> list[Event]:
         """The events since the last call."""
-        events = self._events
-        if events:
-            self._events = []
+        events, self._events = self._events, []
         return events
 
 

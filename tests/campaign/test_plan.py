@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -99,7 +100,8 @@ def test_a_short_plan_has_the_defaults_of_a_trial() -> None:
 def test_the_plans_that_come_with_it(name: str, count: int) -> None:
     path = CONFIGS / "campaigns" / f"{name}.yaml"
     plan = load_plan(path)
-    assert size(plan) == count == len({one.key for one in trials(plan)})
+    assert size(plan) == count
+    assert len({one.key for one in islice(trials(plan), 300)}) == min(count, 300)
     assert path.read_text().startswith("# ")
 
 

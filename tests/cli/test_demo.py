@@ -154,9 +154,10 @@ def test_the_time_is_limited(arva: Arva, tmp_path: Path) -> None:
 
 
 def test_it_runs_over_real_terminals(start: Start, tmp_path: Path) -> None:
-    program = start("demo", "--speed", 8, "--headless", "--record", tmp_path)
+    # at a speed of 8, a program that gets a quarter of a core lets the vehicle go, as it should
+    program = start("demo", "--speed", 3, "--headless", "--record", tmp_path)
     program.says(r"vehicle at /dev/\S+, frames at /dev/\S+")
-    assert program.ends(60) == 0
+    assert program.ends() == 0
     assert error_m(program.err) < 1.0
 
 

@@ -247,13 +247,17 @@ def test_a_broken_pipe_of_frames_ends_the_run_and_its_record_is_whole(
     program = start(*arguments, stdout=writer)
     os.close(writer)
     program.says("readings are real")
-    assert os.read(reader, 65536)
+    read = os.read(reader, 65536)
     os.close(reader)
     assert program.ends() == 141
     assert "went away" not in program.err  # who ended it knows
     run = json.loads((record / "run.json").read_bytes())
     assert (run["exit_code"], run["ended"]) == (141, "-: the reader of this pipe went away")
-    assert 0 < len(frames_in((record / "frames.bin").read_bytes())) < run["counters"]["frames"]  # not the last
+    written, counters = (record / "frames.bin").read_bytes(), run["counters"]
+    assert read
+    assert written.startswith(read)
+    assert len(frames_in(written)) == counters["delivered"] == counters["frames"] - counters["dropped"]
+    assert counters["dropped"] > 0  # at least the one that found the reader gone
 
 
 # -- what is left behind ------------------------------------------------------------------------------------

@@ -80,7 +80,7 @@ def oracle_noise(rng: np.random.Generator, kind: NoiseKind, bound: float) -> tup
 
 @pytest.mark.parametrize(("kind", "floor"), [("uniform", 80.0), ("gaussian", 45.0), ("uniform", 78.0)])
 def test_the_whole_chain_agrees_with_an_independent_one(kind: NoiseKind, floor: float) -> None:
-    m, frames, channels = 5, 2000, 4
+    m, frames, channels = 5, 1000, 4
     rng = np.random.default_rng(1)
     t, R_t = random_transmitters(rng, m)
     antennas = Antennas(sensitivity=(0.9, 0.7, 0.5), kappa_eq=1.6, floor_range_m=floor, noise=kind)
@@ -130,8 +130,8 @@ def test_the_whole_chain_agrees_with_an_independent_one(kind: NoiseKind, floor: 
         interfered += interference
         overfull += got.more_heard
     assert edges <= 3
-    assert min(zones[z] for z in Zone) > 500, zones
-    assert overfull > 50
+    assert min(zones[z] for z in Zone) > 250, zones
+    assert overfull > 25
     assert (interfered > 0) == (floor < 80)
 
 

@@ -281,11 +281,13 @@ class Slope(Vehicle):
         at, velocity = np.array([self.north, 0.0, -self.above]), np.array([0.0, 0.0, self.velocity])
         return self.ground.height(self.now, VehicleState(self.now, at, velocity, from_euler(0.0, 0.0, 0.0), 0.0))
 
-    def fly(self, seconds: float, report: Callable[[Any], Any] = lambda report: report) -> list[float]:
+    def fly(
+        self, seconds: float, report: Callable[[Any], Any] = lambda report: report, speed: float = 2.0
+    ) -> list[float]:
         """The true heights above the ground."""
         clear = []
         for _ in range(round(10 * seconds)):
-            height = self.step(report, 2.0 * self.keeper.pace)
+            height = self.step(report, speed * self.keeper.pace)
             self.velocity = self.keeper.velocity(self.now, height)
             clear.append(self.above + self.fall * self.north)
         return clear
@@ -304,6 +306,13 @@ def test_down_a_slope_it_is_followed_ten_metres_higher_than_asked() -> None:
     assert slope.height_sources() == ["estimate", "terrain"]
     for wrong_by in (0.05, -0.05):  # the slope is less steep than the database has it, or steeper
         assert min(Slope(0.2, 0.2 + wrong_by).fly(100)) > 2.9
+
+
+def test_down_up_and_down_a_slope_what_is_followed_is_said_once() -> None:
+    slope = Slope(0.4)
+    for speed in (2.0, -2.0, 2.0):
+        slope.fly(30, speed=speed)
+    assert slope.height_sources() == ["estimate", "terrain"]
 
 
 def changed(**values: Any) -> Callable[[Any], Any]:
