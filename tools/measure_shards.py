@@ -1,9 +1,10 @@
 """A campaign of 100,000 trials on a Dask cluster of this machine whose workers and scheduler are killed: what the
 scheduler's memory does, what a trial costs beside its flight, and whether every result is there once.
 
-    python tools/measure_shards.py [TRIALS]
+    python tools/measure_shards.py [TRIALS] [--keep-alive] [--log-length 100]
 
-The flights are fakes that take no time: all that is measured is what is around them.
+The flights are fakes that take no time: all that is measured is what is around them. `--keep-alive` kills nothing:
+then the scheduler's memory is that of one process. `--log-length`: of the scheduler's logs for Dask's developers.
 """
 
 from __future__ import annotations
@@ -25,13 +26,15 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (TESTS, ROOT)
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
-def start(*arguments: str) -> subprocess.Popen[bytes]:
-    return subprocess.Popen([sys.executable, *arguments], env=ENVIRONMENT, stderr=subprocess.DEVNULL)
+def start(*arguments: str, **environment: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, *arguments], env=ENVIRONMENT | environment, stderr=subprocess.DEVNULL)
 
 
-def scheduler() -> subprocess.Popen[bytes]:
-    port = ADDRESS.rpartition(":")[2]
-    return start("-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--host", "127.0.0.1", "--port", port)
+def scheduler(log_length: int) -> subprocess.Popen[bytes]:
+    port, length = ADDRESS.rpartition(":")[2], {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": str(log_length)}
+    return start(
+        "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--host", "127.0.0.1", "--port", port, **length
+    )
 
 
 def worker() -> subprocess.Popen[bytes]:
@@ -59,17 +62,20 @@ def rows(folder: Path) -> int:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("trials", type=int, nargs="?", default=100_000)
-    trials = parser.parse_args().trials
+    parser.add_argument("--keep-alive", action="store_true", help="kill nothing")
+    parser.add_argument("--log-length", type=int, default=100, help="Dask's own default: 1000")
+    options = parser.parse_args()
+    trials = options.trials
     with TemporaryDirectory() as name:
         folder = Path(name)
         plan = folder / "plan.yaml"
         plan.write_text(
             f"strategies: [flux, estimate]\nscenarios: {{random: {{within_m: 50}}}}\nseeds: {trials // 2}\n"
         )
-        running, workers = scheduler(), [worker(), worker()]
+        running, workers = scheduler(options.log_length), [worker(), worker()]
         program = start(str(TESTS / "campaign/driver.py"), "fake", "campaign", str(plan), "--out", str(folder / "r"),
                         "--scheduler", ADDRESS)  # fmt: skip
-        kills = {0.3: "a worker", 0.6: "the scheduler and its workers"}
+        kills = {} if options.keep_alive else {0.3: "a worker", 0.6: "the scheduler and its workers"}
         spent, peak, next_print, began = 0.0, 0.0, 0.0, time.monotonic()
         campaign_s = 0.0
         while program.poll() is None:
@@ -88,7 +94,7 @@ def main() -> None:
                     running.kill()
                     running.wait()
                     workers.pop().kill()
-                    running = scheduler()
+                    running = scheduler(options.log_length)
                     workers.append(worker())
                 workers.append(worker())
             time.sleep(0.2)

@@ -248,7 +248,8 @@ class ListOf(Constraint):
     def read(self, value: Any) -> tuple[Any, ...]:
         if isinstance(value, str) or not isinstance(value, Sequence):
             raise wrong(str(self))
-        values, violations = read_each(value, [self.item.read] * len(value))
+        some = value[: self.high] if isinstance(value, Items) else value  # of a thousand too many one thing is said
+        values, violations = read_each(some, [self.item.read] * len(some))
         if isinstance(value, Items) and not self.low <= len(value) <= self.high:
             violations.insert(0, Violation(str(self)))
         if violations:

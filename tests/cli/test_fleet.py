@@ -10,6 +10,7 @@ import socket
 import sys
 import termios
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -184,23 +185,35 @@ def test_when_no_vehicle_appears_in_time_it_ends_with_3(start: Start, keep: Keep
     assert program.err.count("error: nothing was heard at all") == 1
 
 
-def test_a_consumer_that_reads_nothing_holds_up_no_other(
+def test_an_unread_port_a_broken_link_and_a_flood_hold_up_no_other(
     start: Start, keep: Keep, autopilot: Autopilot, tmp_path: Path
 ) -> None:
-    deaf, heard = ports(keep, 2)
+    deaf, heard, *others = ports(keep, 4)
     fill(deaf)
+    broken, number = keep(PtyLink()), free_port(socket.SOCK_DGRAM)
     receivers = [f"{{name: {n}, port: '{line.path}', rate_hz: 50}}" for n, line in (("deaf", deaf), ("heard", heard))]
-    path = fleet_file(tmp_path, vehicle("alpha", 1, autopilot.address, *receivers))
+    spare = [f"{{name: r, port: '{line.path}'}}" for line in others]
+    vehicles = vehicle("alpha", 1, autopilot.address, *receivers) + vehicle("bravo", 2, broken.path, spare[0])
+    path = fleet_file(tmp_path, vehicles + vehicle("charlie", 3, f"udpin:127.0.0.1:{number}", spare[1]))
     record = tmp_path / "record"
     program = start("run", "--scenario", path, "--record", record)
     program.says("alpha/deaf: nobody takes the frames")
-    consumer = Consumer(heard)
+    broken.close()
+    flood, consumer = keep(UdpOutLink("127.0.0.1", number)), Consumer(heard)
     consumer.read(0)
-    consumer.read(100)  # they were made while the other port was full
+    frames: list[Frame] = []
+    while len(frames) < 100:  # made while the other port was full, the other link away, and this one busy
+        for _ in range(20):
+            flood.write(bytes(range(256)) * 5)
+        frames += consumer.read(1)
     program.stops()
-    receivers_ran = json.loads((record / "run.json").read_text())["vehicles"]["alpha"]["receivers"]
+    assert f"{broken.path}: lost" in program.err
+    vehicles_ran = json.loads((record / "run.json").read_text())["vehicles"]
+    receivers_ran = vehicles_ran["alpha"]["receivers"]
+    assert vehicles_ran["charlie"]["counters"]["bytes_skipped"] > 100_000
     assert receivers_ran["deaf"]["dropped"] > 0
     assert receivers_ran["heard"]["dropped"] == 0
+    assert {(b.sequence - a.sequence) % 256 for a, b in pairwise(frames)} == {1}
     assert program.err.count("alpha/deaf: nobody takes the frames") == 1
     assert "alpha/heard: nobody" not in program.err
 

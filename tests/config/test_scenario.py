@@ -527,3 +527,12 @@ def test_any_text_is_a_scenario_or_a_scenario_error(text: str) -> None:
 @settings(deadline=None, max_examples=100)
 def test_so_is_the_default_with_any_piece_replaced(at: int, cut: int, piece: str) -> None:
     scenario_or_error(DEFAULT_TEXT[:at] + piece + DEFAULT_TEXT[at + cut :])
+
+
+def test_a_thousand_transmitters_are_one_mistake() -> None:
+    """Their ids could not be told apart: a frame has room for 255."""
+    every = "".join(f"  - {{id: {id_}, ned: [{id_}, 0, 1]}}\n" for id_ in range(1000))
+    with pytest.raises(ScenarioError) as told:
+        parse(f"transmitters:\n{every}", "f.yaml")
+    assert list(map(str, told.value.problems)) == ["f.yaml:2:3: a list of 1000, expected a list of 1 to 255 transmitters"]
+    assert len(parse(f"transmitters:\n{''.join(every.splitlines(True)[:255])}", "f.yaml").transmitters) == 255
