@@ -42,10 +42,17 @@ class Program:
     """The program as a process. Its stdout goes to a file unless told otherwise, its stderr to `err`.
 
     `fresh`: as `python -m arva_hil` for certain, where its start or its command line is what counts; else it is forked
-    if that is the same.
+    if that is the same. `closed`: standard streams that it does not have, by their descriptors.
     """
 
-    def __init__(self, *arguments: object, before: Sequence[str] = (), fresh: bool = False, **options: Any) -> None:
+    def __init__(
+        self,
+        *arguments: object,
+        before: Sequence[str] = (),
+        fresh: bool = False,
+        closed: Sequence[int] = (),
+        **options: Any,
+    ) -> None:
         self.err = ""
         self._out = tempfile.TemporaryFile()  # noqa: SIM115 (closed in `close`)
         options.setdefault("stdout", self._out)
@@ -54,9 +61,11 @@ class Program:
         self.process: subprocess.Popen[bytes] | Forked
         words = list(map(str, arguments))
         if fresh or before or PROGRAM is not REAL or not possible(options):
+            if closed:
+                before = ["sh", "-c", 'exec "$@"' + "".join(f" {fd}>&-" for fd in closed), "sh"]
             self.process = subprocess.Popen([*before, *PROGRAM, *words], **options)
         else:
-            self.process = Forked(words, **{"env": None, **options})
+            self.process = Forked(words, closed=closed, **{"env": None, **options})
 
     @property
     def out(self) -> bytes:

@@ -21,7 +21,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import IO, Any, Final, NoReturn
 
 _PIPE, _DEVNULL = subprocess.PIPE, subprocess.DEVNULL
@@ -52,7 +52,9 @@ def possible(options: Mapping[str, Any]) -> bool:
 
 
 class Forked:
-    """One process. `stdin`, `stdout`, `stderr`: as for Popen, PIPE for the last two at most."""
+    """One process. `stdin`, `stdout`, `stderr`: as for Popen, PIPE for the last two at most. `closed`: descriptors of
+    these three that it does not have.
+    """
 
     def __init__(
         self,
@@ -63,6 +65,7 @@ class Forked:
         stderr: Any,
         env: Mapping[str, str] | None,
         cwd: str | os.PathLike[str] | None = None,
+        closed: Sequence[int] = (),
     ) -> None:
         self.args = arguments
         self.returncode: int | None = None
@@ -70,7 +73,8 @@ class Forked:
         pipes = {stream: os.pipe() for stream, wanted in (("out", stdout), ("err", stderr)) if wanted == _PIPE}
         ends = (_fd(stdin, null), _fd(stdout, null, pipes.get("out")), _fd(stderr, null, pipes.get("err")))
         environment = dict(os.environ if env is None else env)
-        request = json.dumps({"arguments": arguments, "env": environment, "cwd": os.fspath(cwd or os.getcwd())})
+        folder = os.fspath(cwd or os.getcwd())
+        request = json.dumps({"arguments": arguments, "env": environment, "cwd": folder, "closed": [*closed]})
         status, theirs = os.pipe()
         socket.send_fds(_server(), [len(request.encode()).to_bytes(4, "big")], [*ends, theirs])
         _server().sendall(request.encode())
@@ -176,7 +180,7 @@ def _serve(requests: socket.socket) -> list[str]:
                         os.close(key.data[1])
                 requests.detach()
                 waiting.close()
-                _become(request["env"], request["cwd"], fds)
+                _become(request["env"], request["cwd"], fds, request["closed"])
                 return list(request["arguments"])
             *streams, status = fds
             for fd in streams:
@@ -193,7 +197,7 @@ def _exactly(source: socket.socket, size: int) -> bytes:
     return data
 
 
-def _become(environment: dict[str, str], folder: str, fds: list[int]) -> None:
+def _become(environment: dict[str, str], folder: str, fds: list[int], closed: list[int]) -> None:
     """What an interpreter does at its start, as far as it depends on who starts it."""
     os.chdir(folder)
     for target, fd in enumerate(fds[:3]):
@@ -205,6 +209,11 @@ def _become(environment: dict[str, str], folder: str, fds: list[int]) -> None:
     sys.stdin = sys.__stdin__ = open(0, closefd=False)  # noqa: SIM115 (for as long as the program runs)
     sys.stdout = sys.__stdout__ = open(1, "w", closefd=False)  # noqa: SIM115
     sys.stderr = sys.__stderr__ = open(2, "w", 1, errors="backslashreplace", closefd=False)  # noqa: SIM115
+    for fd in closed:
+        os.close(fd)
+        for name in ("stdin", "stdout", "stderr")[fd : fd + 1]:
+            setattr(sys, name, None)
+            setattr(sys, f"__{name}__", None)
 
 
 def _end(code: int) -> NoReturn:

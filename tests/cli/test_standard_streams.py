@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -25,7 +27,7 @@ Arva = Callable[..., Any]
 
 
 def shut(which: str) -> dict[str, list[str]]:
-    """Start it as `arva-hil … WHICH`, e.g. `2>&-`."""
+    """Start it as `arva-hil … WHICH`, e.g. `2>&-`, with an interpreter of its own."""
     return {"before": ["sh", "-c", f'exec "$@" {which}', "sh"]}
 
 
@@ -49,22 +51,30 @@ def test_whatever_is_closed_nothing_but_frames_is_on_the_port(
     assert bytes(autopilot.heard).count(b"arva-hil") == 0
 
 
-@pytest.mark.parametrize("which", ["<&-", "2>&-", ">&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full", "2</dev/null"])
-@pytest.mark.parametrize(("arguments", "code"), [(["check", "none.yaml"], 2), (["replay", LOG], 0)])
-def test_no_command_crashes(start: Start, which: str, arguments: list[Any], code: int) -> None:
-    ends_quietly(start, which, arguments, code)
+CLOSED = {"<&-": [0], "2>&-": [2], ">&-": [1], ">&- 2>&-": [1, 2], "<&- >&- 2>&-": [0, 1, 2]}
+OTHERS = {"2>/dev/full": ("/dev/full", "w"), "2</dev/null": (os.devnull, "r")}
+
+
+@pytest.mark.parametrize("which", [*CLOSED, *OTHERS])
+def test_no_command_crashes(start: Start, which: str) -> None:
+    for arguments, code in ((["check", "none.yaml"], 2), (["replay", LOG], 0)):
+        ends_quietly(start, which, arguments, code)
 
 
 @pytest.mark.parametrize("which", [">&-", "<&- >&- 2>&-", "2>/dev/full"])
-@pytest.mark.parametrize("arguments", [["check", DEFAULT], ["--help"], ["ports"]])
-def test_nor_does_one_that_only_prints(start: Start, which: str, arguments: list[Any]) -> None:
-    ends_quietly(start, which, arguments, 0)
+def test_nor_does_one_that_only_prints(start: Start, which: str) -> None:
+    for arguments in (["check", DEFAULT], ["--help"], ["ports"]):
+        ends_quietly(start, which, arguments, 0)
 
 
 def ends_quietly(start: Start, which: str, arguments: list[Any], code: int) -> None:
-    program = start(*arguments, **shut(which))
-    assert program.ends() == code
-    assert "unexpected" not in program.err
+    with contextlib.ExitStack() as stack:
+        if which in CLOSED:
+            program = start(*arguments, closed=CLOSED[which])
+        else:
+            program = start(*arguments, stderr=stack.enter_context(open(*OTHERS[which])))
+        assert program.ends() == code, arguments
+        assert "unexpected" not in program.err
 
 
 @pytest.mark.parametrize(
