@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import resource
 import select
 import signal
 import socket
@@ -36,6 +37,14 @@ PROGRAM = [UNDER_TEST] if UNDER_TEST else REAL
 
 # root reads and writes whatever it likes; without these two capabilities it is like everybody else
 ORDINARY = ["setpriv", "--bounding-set", "-dac_override,-dac_read_search"] if os.geteuid() == 0 else []
+
+
+def full_disk() -> dict[str, Any]:
+    """Options of a `Program` that cannot write more than 8000 bytes to a file: nor compiled modules for the others."""
+    return {
+        "preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8000, 8000)),
+        "env": os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
+    }
 
 
 class Program:

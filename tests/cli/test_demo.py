@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import re
-import resource
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from .far_ends import Program
+from .far_ends import Program, full_disk
 from .flown import demo
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
@@ -173,7 +172,7 @@ def test_it_can_be_interrupted(start: Start, tmp_path: Path) -> None:
 def test_a_full_disk_does_not_end_the_flight(start: Start, tmp_path: Path) -> None:
     program = start(
         *(*MAX, "--record", tmp_path),
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8000, 8000)),
+        **full_disk(),
     )
     assert program.ends() == 1
     assert error_m(program.err) < 1.0

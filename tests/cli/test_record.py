@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 import os
-import resource
 import signal
 import subprocess
 from collections.abc import Callable
@@ -21,7 +20,7 @@ from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.recordings import load
 from firmware_proto import Frame
 
-from .far_ends import ORDINARY, Autopilot, Program, contents, frames_in, hears, heartbeat, read_frames
+from .far_ends import ORDINARY, Autopilot, Program, contents, frames_in, full_disk, hears, heartbeat, read_frames
 
 DATA = Path(__file__).parent.parent / "data"
 COLUMNS = (
@@ -185,7 +184,7 @@ def test_a_full_disk_ends_the_record_but_not_the_frames(
     program = start(
         *("--port", line.path, "--autopilot", autopilot.address, "--rate", 50, "--duration", 3),
         *("--record", tmp_path / "record"),
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8000, 8000)),
+        **full_disk(),
         stdout=subprocess.DEVNULL,
     )
     program.says("frames go on")
