@@ -241,6 +241,7 @@ class Estimate:
 
     def _weigh_drifting(self) -> None:
         """The same, when the places drift: the hypotheses are where they would be in the places reported now."""
+        self._readings = self._evidence.readings(self._cause)
         every = [fitted(x, self._readings, WHITE_M, self._cause.drift_m, _MORE_ROUNDS) for x in self._x[:_FEW]]
         best = min(one.cost for one in every)
         every = sorted((one for one in every if one.cost - best < _FORGET), key=lambda one: one.cost)
