@@ -25,7 +25,7 @@ _DEAF_S: Final = 60.0  # without a signal of the transmitter, before strips are 
 _HARDLY_S: Final = 40.0  # or if it is in fewer frames than
 _OFTEN: Final = 0.25  # of those that could show it, and no
 _CLOSER: Final = 0.8  # times as far as before; then it is put off until it is so much nearer,
-_STEADY_S: Final = 5.0  # or in all frames for so long
+_STEADY_S: Final = 5.0  # or as near as ever and in all frames for so long
 _MOST_HEARD: Final = 16  # transmitters
 
 
@@ -90,7 +90,7 @@ class Choice:
         self.target: int | None = None
         self.strategy: Strategy | None = None
         self.since_s = 0.0
-        self._put_off: dict[int, tuple[float, float]] = {}  # how near they have to be, m; since when they are steady
+        self._put_off: dict[int, tuple[float, float]] = {}  # how near they were, m; since when they are steady
         self._block = (0.0, 0, 0, 0.0)  # since when, frames, those with the transmitter, how near it was before
         self._begin = begin
         self._passes = passes
@@ -116,14 +116,15 @@ class Choice:
         if self.target is not None and current is not None and self.strategy is not None:
             hardly = not masked and self._hardly_heard(current, self.target in ids, time_s)
             if hardly:
-                self._put_off[self.target] = _CLOSER * current.nearest_m, time_s
+                self._put_off[self.target] = current.nearest_m, time_s
             if hardly or time_s - current.last_s > _DEAF_S:
                 self.strategy = None
                 self._emit(TransmitterFaded(time_s, id_of(self.target), hardly))
         heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard and not self._passes(id_, self._is(id_))}
         for id_, (metres, since_s) in self._put_off.items():
             self._put_off[id_] = metres, since_s if id_ in ids or masked else time_s
-            if id_ in heard and heard[id_].last_m > metres and time_s - since_s < _STEADY_S:
+            enough_m = metres if time_s - since_s >= _STEADY_S else _CLOSER * metres
+            if id_ in heard and heard[id_].last_m > enough_m:
                 del heard[id_]
         if not heard:
             return
