@@ -7,10 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from arva_hil.campaign.trial import Trial, fly
-from arva_hil.config import parse
-from arva_hil.field import dipole_field
+from arva_hil.field import dipole_field, rotation
 from arva_hil.search.choice import observations
+from arva_hil.search.estimate import Estimate
 from arva_hil.search.strategy import Observation
 from firmware_proto import INNER, MID, Channel, Frame
 from firmware_proto.measured import VECTOR, LevelChannel, Measured, VectorChannel
@@ -52,9 +51,19 @@ def test_what_was_measured_comes_with_the_reading_of_its_channel() -> None:
     assert observations(levels, 8.0, (0.0, 0.0, -3.0), np.eye(3), None)[7].signal is None
 
 
-def test_with_signals_a_place_is_estimated_better() -> None:
-    """With integers alone this one is told 0.3 m off."""
-    text = """{spec: 2, seed: 12, transmitters: [{id: 1, ned: [PLACE], attitude: ATTITUDE}],
-               receiver: {model: vector}, output: {format: vector}}"""
-    where = text.replace("PLACE", "-1.8, 11.0, 1.3").replace("ATTITUDE", "{roll: -129, pitch: -88, yaw: -45}")
-    assert (fly(Trial("estimate", parse(where, "world"))).error_m or math.inf) < 0.1
+@pytest.mark.parametrize("turn", [(0.0, 0.1, 0.4), (2.0, -0.5, 2.5)])
+def test_the_same_readings_with_signals_tell_the_place_better(turn: tuple[float, float, float]) -> None:
+    sent = [[0.0, 0.0, 1.0]], [rotation.to_matrix(rotation.from_euler(*turn))], [1.0]
+    sigmas = []
+    for with_signals in (True, False):
+        strategy = Estimate(1.0)
+        for k in range(8):
+            at = (-14.0 + 1.5 * k, 4.0, -3.0)
+            x, y, z = (1e6 * dipole_field(at, *sent)[0]).tolist()
+            d_cm = round(100 * math.cbrt(1e6 * KAPPA_EQ / (4 * math.pi * math.hypot(x, y))))
+            delta_deg = round(math.degrees(math.atan(y / x)))
+            signal = (x, y, z) if with_signals else None
+            strategy.hear(Observation(float(k), at, np.eye(3), d_cm, delta_deg, False, signal=signal))
+        nn, _, ee = strategy.belief.covariance or (math.inf,) * 3
+        sigmas.append(math.hypot(nn, ee) ** 0.5)
+    assert sigmas[0] < 0.7 * sigmas[1]
