@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from tools.bench import __main__ as bench
 from tools.bench.table import Row, ratio, read, slower, write
 
 ROW = ratio("work", "peer", 1.0, 4.0, "s", 0.25)
@@ -37,3 +39,29 @@ def test_what_got_slower_is_named_and_nothing_else() -> None:
     assert slower([replace(ROW, cost=0.3)], before) == []  # as two runs differ
     assert slower([replace(ROW, cost=0.35)], before) == ["work: 0.35, before 0.25"]
     assert slower([replace(ROW, work="new", cost=9.0)], before) == []
+
+
+def test_check_names_what_got_slower_than_the_baseline_and_ends_with_1(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    write([ROW], tmp_path / "before.json")
+    for cost, code, said in (0.25, 0, ""), (0.5, 1, "slower: work: 0.5, before 0.25\n"):
+        group = [replace(ROW, cost=cost)]
+        monkeypatch.setattr(bench, "_GROUPS", {"model": lambda _, rows=group: iter(rows)})
+        monkeypatch.setattr(sys, "argv", ["bench", "--check", str(tmp_path / "before.json"), "model"])
+        assert bench.main() == code
+        assert capsys.readouterr().out.endswith(said)
+
+
+def test_the_kept_baseline_has_the_work_that_does_not_need_an_idle_machine() -> None:
+    works = " ".join(read(Path(bench.__file__).with_name("baseline.json")))
+    for work in (
+        "field of 4",
+        "1,000,000 readings",
+        "one reading",
+        "MAVLink in",
+        "whole replay",
+        "closed loop",
+        "--help",
+    ):
+        assert work in works
