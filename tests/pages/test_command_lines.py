@@ -33,7 +33,7 @@ NOT_RUN = {  # what a line begins with → why it is not run here
     r"make (demo|test|test-fast|lint|docs|dist)$": "calls what other tests call, after an installation by pip",
     r"python3 -m venv|\. |(~/mavproxy/bin/)?pip install": "installs from the network; so does `make dist`",
     r"sudo(edit)? ": "changes the system; tests/cli/test_service.py runs the unit's command",
-    r"dask |arva-hil campaign plan\.yaml ": "tests/cli/test_campaign_shards.py runs them, with a cluster here",
+    r"(DASK_\w+=\S+ )?dask |arva-hil campaign plan\.yaml ": "tests/cli/test_campaign_shards.py runs them",
     r"gdal": "needs GDAL and the grid of a survey",
     r"docker ": "needs docker; tests/cli/test_service.py reads the Containerfile",
     r"sim_vehicle\.py|make px4|ARVA_HIL_(ARDUCOPTER|PX4)=|PX4_PARAM|px4-": "needs a simulator: tests/sitl",
