@@ -161,8 +161,6 @@ class Emulator:
             self._agenda.served(vehicle)
         if now >= self._next_status:
             self._next_status = now + _STATUS_S
-            for vehicle in self.vehicles if now - self._start > self._timeout_s else ():
-                self._tell_missing(vehicle, now)
             self._events += [event for followed in self._followed.values() if (event := followed.look(now))]
             self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
 
@@ -218,6 +216,8 @@ class Emulator:
         if out := vehicle.poll(now):
             self._outputs.append(Output(vehicle.link, out, now))
         self._events += vehicle.session.take_events()
+        if now - self._start > self._timeout_s:
+            self._tell_missing(vehicle, now)
 
     def _tell_missing(self, vehicle: EmulatedVehicle, now: float) -> None:
         if not vehicle.known and not vehicle.told_missing:

@@ -217,13 +217,10 @@ def test_whatever_command_it_is_an_error_that_nobody_foresaw_is_one_line(
 def test_an_error_on_a_thread_ends_the_command_with_its_cause(
     arva: Arva, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str
 ) -> None:
-    def writing(file: Any, data: bytes) -> Callable[[], None]:
-        def write() -> None:
-            raise ZeroDivisionError("a mistake")
+    def write(file: Any, data: bytes) -> None:
+        raise ZeroDivisionError("a mistake")
 
-        return write
-
-    monkeypatch.setattr(growing_files, "_writing", writing)
+    monkeypatch.setattr(growing_files, "_write", write)
     what = ("replay", DATA / "px4.tlog") if command == "replay" else ("--port", "pty", "--autopilot", "pty")
     code, _, err = arva(*what, "--record", tmp_path)
     assert code == 1

@@ -123,7 +123,7 @@ def test_a_run(start: Start, autopilot: Autopilot, line: PtyLink, tab: Tab, tmp_
 
 
 def test_a_demo_shows_truth_and_search_and_hides_the_truth(start: Start, tab: Tab, tmp_path: Path) -> None:
-    program = start("demo", "--headless", "--speed", 4, *WEB, "--record", tmp_path / "record")
+    program = start("demo", "--headless", "--speed", 3, *WEB, "--record", tmp_path / "record")
     tab.open(url_of(program))
     label = tab.page.locator("#map")
     tab.shows("#phase", "homing in")
