@@ -56,6 +56,7 @@ class SimulatedAutopilot:
         self.landed = True
         self.taking_off = False
         self.empty = False  # its battery
+        self.error = _STILL  # of the position that it flies by, NED [m]
         self.sticks = (1500, 1500, 1500, 1500)  # roll, pitch, throttle, yaw [µs]; reported, but not used for flying
         self._set_point = SetPoint()
         self._set_at = 0  # step
@@ -86,10 +87,11 @@ class SimulatedAutopilot:
         return True
 
     def take_off(self, height: float) -> bool:
-        """Climb to a height above home [m]."""
+        """Climb to a height above home [m], where it armed."""
         if self.mode != Mode.GUIDED or not self.armed or not self.landed or not 0 < height < math.inf:
             return False
-        self.steer(SetPoint((self.motion.north, self.motion.east, -height)))
+        north, east, down = self._believed
+        self.steer(SetPoint((north, east, down - height)))
         self.taking_off = True
         return True
 
@@ -115,7 +117,7 @@ class SimulatedAutopilot:
                 self.landed = False
         else:
             self._rest()
-        if self.taking_off and self._set_point.position and motion.down < self._set_point.position[2] + 0.1:
+        if self.taking_off and self._set_point.position and self._believed[2] < self._set_point.position[2] + 0.1:
             self.taking_off = False
 
     def _rest(self) -> None:
@@ -149,16 +151,24 @@ class SimulatedAutopilot:
 
     def _home(self) -> Vector:
         """Climb, fly home, land."""
-        if math.hypot(self.motion.north, self.motion.east) < 1:
+        here = self._believed
+        if math.hypot(here[0], here[1]) < 1:
             return self._sink()
-        down = min(self.motion.down, -_RTL_HEIGHT)
+        down = min(here[2], -_RTL_HEIGHT)
         north, east, climb = self._towards((0.0, 0.0, down), _STILL)
-        return (0.0, 0.0, climb) if self.motion.down > down + 0.5 else (north, east, climb)
+        return (0.0, 0.0, climb) if here[2] > down + 0.5 else (north, east, climb)
+
+    @property
+    def _believed(self) -> Vector:
+        """The position by the autopilot's own estimate."""
+        motion, (north, east, down) = self.motion, self.error
+        return motion.north + north, motion.east + east, motion.down + down
 
     def _towards(self, position: Vector, along: Vector) -> Vector:
-        north, east = position[0] - self.motion.north, position[1] - self.motion.east
+        here = self._believed
+        north, east = position[0] - here[0], position[1] - here[1]
         distance = math.hypot(north, east)
         speed = min(_APPROACH_GAIN * distance, math.sqrt(2 * _BRAKE * distance), _APPROACH_SPEED)
         share = speed / distance if distance > 0 else 0.0
-        down = _APPROACH_GAIN * (position[2] - self.motion.down)
+        down = _APPROACH_GAIN * (position[2] - here[2])
         return north * share + along[0], east * share + along[1], down + along[2]

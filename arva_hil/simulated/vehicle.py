@@ -191,7 +191,7 @@ class SimulatedVehicle:
         boot_ms = (at - self._boot_at) // 1000
         at = self._boot_at + boot_ms * 1000
         motion = self._pilot.motion.at(at)
-        north, east, down = self._error.at(at)
+        self._pilot.error = north, east, down = self._error.at(at)
         n, e, d = motion.position
         return VehicleReport(boot_ms, motion, (n + north, e + east, d + down), self._pilot, self._home, self._sensors)
 

@@ -209,6 +209,7 @@ def answers_to_its_options(words: list[str]) -> None:
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(told):
         patch.syspath_prepend(ROOT / "tools")
         patch.setattr(sys, "argv", [words[count - 1], "--help"])
+        patch.delitem(sys.modules, f"{words[count - 1]}.__main__", raising=False)  # another test imported it
         start = runpy.run_module if count == 2 else runpy.run_path
         with pytest.raises(SystemExit, match=r"^0$"):
             start(words[1] if count == 2 else str(ROOT / words[0]), run_name="__main__")
