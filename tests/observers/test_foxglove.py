@@ -8,7 +8,7 @@ import json
 import socket
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -48,14 +48,22 @@ def taken() -> Iterator[int]:
         yield other.getsockname()[1]
 
 
-def subscribed(served: FoxgloveServer, client: FoxgloveClient) -> None:
-    """Tell something until the client hears it."""
+def poll(done: Callable[[], bool]) -> None:
     for _ in range(2000):
-        if client.told:
+        if done():
             return
-        served.observe(made(time_s=0.5))
         threading.Event().wait(0.01)
     raise AssertionError("the deadline passed")
+
+
+def subscribed(served: FoxgloveServer, client: FoxgloveClient) -> None:
+    """Tell something until the client hears it."""
+
+    def told() -> bool:
+        served.observe(made(time_s=0.5))
+        return bool(client.told)
+
+    poll(told)
 
 
 def test_a_client_gets_every_message_with_its_schema_and_time() -> None:
@@ -67,6 +75,8 @@ def test_a_client_gets_every_message_with_its_schema_and_time() -> None:
         for n in range(20):
             served.observe(made(time_s=1.5 + n))
         assert client.channels["/arva"] == ("cdr", "arva_msgs/msg/Arva", "ros2msg")
+        last_ns = (EPOCH_US + 20_000_000) * 1000
+        poll(lambda: any(one.stamp_ns == last_ns for one in client.of("/arva")))  # a server that ends loses the rest
     told = [one for one in client.until_closed() if one.topic == "/arva"]
     later = [one for one in told[before:] if one.stamp_ns > (EPOCH_US + 600_000) * 1000]
     assert [one.stamp_ns for one in later] == [(EPOCH_US + 1_000_000 * (1 + n)) * 1000 for n in range(20)]
