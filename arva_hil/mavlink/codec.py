@@ -24,15 +24,15 @@ __all__ = ["RESULTS", "Encoder", "Packet", "Parser", "command", "dialect"]
 Message = Any  # pymavlink's generated classes carry no types
 
 _MAGIC_V1: Final = 0xFE
-MAGIC_V2: Final = 0xFD
+_MAGIC_V2: Final = 0xFD
 _MAGIC: Final = re.compile(b"[\xfd\xfe]")
-SIGNED: Final = 0x01  # the only known incompatibility flag; a packet with another one must be dropped
-SIGNATURE_BYTES: Final = 13
-HEAD_V2: Final = struct.Struct("<BBBxxBBI")  # magic, length, incompatibility flags, ids, message id and one more byte
+_SIGNED: Final = 0x01  # the only known incompatibility flag; a packet with another one must be dropped
+_SIGNATURE_BYTES: Final = 13
+_HEAD_V2: Final = struct.Struct("<BBBxxBBI")  # magic, length, incompatibility flags, ids, message id and one more byte
 _COVERED_V2: Final = struct.Struct("<BBBBBBHB")  # without magic: length, two flags, sequence number, ids, message id
-_HEAD_V2_BYTES: Final = HEAD_V2.size
+_HEAD_V2_BYTES: Final = _HEAD_V2.size
 _U16: Final = struct.Struct("<H")
-CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
+_CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in dialect.mavlink_map.items()}
 
 _CODEC: Final = dialect.MAVLink(None)  # decodes what has text in it; without a key it remembers nothing
 _MOST_RESTS: Final = 8  # senders of which a part of a packet is kept
@@ -52,12 +52,27 @@ class Packet(NamedTuple):
     known: bool  # the dialect can decode it
 
 
-make_packet: Final = functools.partial(tuple.__new__, Packet)  # from the tuple of its fields, in a third of the time
+_packet: Final = functools.partial(tuple.__new__, Packet)  # from the tuple of its fields, in a third of the time
 
 
 # The last chunk of any parser, if all of it was good packets, and these packets: the built-in vehicle sends the same
 # bytes on several links of one process. Not an attribute of the class: setting one would clear Python's lookup caches.
 _newest: Final = SimpleNamespace(chunk=b"", packets=())
+
+
+def usual_packet(data: bytes, at: int) -> Packet | None:
+    """The packet at `at`, if it is MAVLink 2, complete, known and correct, as nearly all are; else None."""
+    if len(data) - at < _HEAD_V2_BYTES:
+        return None
+    magic, length, flags, system, component, msgid = _HEAD_V2.unpack_from(data, at)
+    msgid &= 0xFFFFFF
+    if magic != _MAGIC_V2 or flags > _SIGNED or not (seed := _CRC_EXTRA.get(msgid)):
+        return None
+    crc_at = at + 10 + length
+    stop = crc_at + (2 + _SIGNATURE_BYTES if flags else 2)
+    if stop > len(data) or crc16.mcrf4xx(data[at + 1 : crc_at] + seed) != data[crc_at] | data[crc_at + 1] << 8:
+        return None
+    return _packet((data[at:stop], 2, flags == 1, system, component, msgid, True))
 
 
 class Parser:
@@ -89,28 +104,21 @@ class Parser:
         packets: list[Packet] = []
         at, end, alike = 0, len(data), data is chunk
         self._good_at = -1
-        head, seeds, crc = HEAD_V2.unpack_from, CRC_EXTRA, crc16.mcrf4xx
         while at < end:
-            if end - at >= _HEAD_V2_BYTES:  # nearly all packets are MAVLink 2, complete, known and correct
-                magic, length, flags, system, component, msgid = head(data, at)
-                msgid &= 0xFFFFFF
-                if magic == MAGIC_V2 and flags <= SIGNED and (seed := seeds.get(msgid)):
-                    crc_at = at + 10 + length
-                    stop = crc_at + (2 + SIGNATURE_BYTES if flags else 2)
-                    if stop <= end and crc(data[at + 1 : crc_at] + seed) == data[crc_at] | data[crc_at + 1] << 8:
-                        packets.append(make_packet((data[at:stop], 2, flags == 1, system, component, msgid, True)))
-                        at = stop
-                        continue
+            if (packet := usual_packet(data, at)) is not None:
+                packets.append(packet)
+                at += len(packet.raw)
+                continue
             alike = False
             size = _size(data, at)
             if at + size <= end:
-                packet = self._packet(data, at, size) if size else None
+                packet = self._candidate(data, at, size) if size else None
             elif whole or self._is_false_head(data, at):
                 packet = None
             else:
                 break
             if packet is not None:
-                if packet.version == 2 and packet.raw[2] > SIGNED:
+                if packet.version == 2 and packet.raw[2] > _SIGNED:
                     self.incompatible += 1
                     self.skipped += size
                 else:
@@ -139,33 +147,33 @@ class Parser:
             self.skipped += len(self._rests.pop(next(iter(self._rests))))
         self._rests[sender] = rest
 
-    def _packet(self, data: bytes, at: int, size: int) -> Packet | None:
+    def _candidate(self, data: bytes, at: int, size: int) -> Packet | None:
         """The candidate at `at` as a packet; None if it is none.
 
         The checksum of an unknown message id cannot be verified. Such a candidate is accepted only if the next byte, if
         any, starts a packet, if no verified packet starts inside it, and if its flags are known.
         """
         raw, msgid = data[at : at + size], _msgid(data, at)
-        later = raw[0] == MAGIC_V2
+        later = raw[0] == _MAGIC_V2
         system, component = raw[5:7] if later else raw[3:5]
         assert msgid is not None
-        if msgid not in CRC_EXTRA:
+        if msgid not in _CRC_EXTRA:
             behind = data[at + size : at + size + 1]
             if behind not in (b"", b"\xfd", b"\xfe") or self._is_false_head(data, at):
                 return None
         elif not _is_good(data, at, msgid):
             self.bad_crc += 1
             return None
-        signed = later and raw[2] == SIGNED
-        return make_packet((raw, 2 if later else 1, signed, system, component, msgid, msgid in CRC_EXTRA))
+        signed = later and raw[2] == _SIGNED
+        return _packet((raw, 2 if later else 1, signed, system, component, msgid, msgid in _CRC_EXTRA))
 
     def _is_false_head(self, data: bytes, at: int) -> bool:
         """Whether the header at `at` is certainly false: its message id is unknown, and a verified packet starts before
         its own would end, or its flags are unknown too.
         """
-        if (msgid := _msgid(data, at)) is None or msgid in CRC_EXTRA:
+        if (msgid := _msgid(data, at)) is None or msgid in _CRC_EXTRA:
             return False
-        if data[at] == MAGIC_V2 and data[at + 2] > SIGNED:
+        if data[at] == _MAGIC_V2 and data[at + 2] > _SIGNED:
             return True
         stop = at + _size(data, at)
         if self._good_at <= at:  # no later packet was found yet
@@ -218,7 +226,7 @@ class Encoder:
                 payload = write(message).rstrip(b"\0") or b"\0"
                 source = codec.seq, self.system, codec.srcComponent
                 covered = _COVERED_V2.pack(len(payload), 0, 0, *source, msgid & 0xFFFF, msgid >> 16) + payload
-                raw = b"\xfd" + covered + _U16.pack(crc16.mcrf4xx(covered + CRC_EXTRA[msgid]))
+                raw = b"\xfd" + covered + _U16.pack(crc16.mcrf4xx(covered + _CRC_EXTRA[msgid]))
             else:
                 raw = self._packed(message, first=first)
         except (struct.error, OverflowError, IndexError, dialect.MAVError) as error:
@@ -243,10 +251,10 @@ def command(system: int, component: int, number: int, *params: float) -> Message
 def _size(data: bytes, at: int) -> int:
     """Size [bytes] of the packet at `at`, 0 if there is none; of a header, if the header is incomplete."""
     magic = data[at]
-    if magic == MAGIC_V2:
+    if magic == _MAGIC_V2:
         if at + 3 > len(data):
             return 12
-        return data[at + 1] + (12 + SIGNATURE_BYTES if data[at + 2] & SIGNED else 12)
+        return data[at + 1] + (12 + _SIGNATURE_BYTES if data[at + 2] & _SIGNED else 12)
     if magic == _MAGIC_V1:
         return data[at + 1] + 8 if at + 2 <= len(data) else 8
     return 0
@@ -264,15 +272,15 @@ def _first_good(data: bytes, start: int, stop: int) -> int:
     for found in _MAGIC.finditer(data, start, stop):
         at = found.start()
         msgid = _msgid(data, at)
-        if msgid in CRC_EXTRA and at + _size(data, at) <= len(data) and _is_good(data, at, msgid):
+        if msgid in _CRC_EXTRA and at + _size(data, at) <= len(data) and _is_good(data, at, msgid):
             return at
     return -1
 
 
 def _is_good(data: bytes, at: int, msgid: int) -> bool:
     """Whether the checksum of the complete candidate at `at`, a known message, is correct."""
-    crc_at = at + data[at + 1] + (10 if data[at] == MAGIC_V2 else 6)
-    return bool(crc16.mcrf4xx(data[at + 1 : crc_at] + CRC_EXTRA[msgid]) == data[crc_at] | data[crc_at + 1] << 8)
+    crc_at = at + data[at + 1] + (10 if data[at] == _MAGIC_V2 else 6)
+    return bool(crc16.mcrf4xx(data[at + 1 : crc_at] + _CRC_EXTRA[msgid]) == data[crc_at] | data[crc_at + 1] << 8)
 
 
 def _without_extensions(raw: bytes, msgid: int) -> bytes:
@@ -281,4 +289,4 @@ def _without_extensions(raw: bytes, msgid: int) -> bytes:
     if raw[1] == length:
         return raw
     body = bytes([length]) + raw[2 : 6 + length]
-    return raw[:1] + body + _U16.pack(crc16.mcrf4xx(body + CRC_EXTRA[msgid]))
+    return raw[:1] + body + _U16.pack(crc16.mcrf4xx(body + _CRC_EXTRA[msgid]))

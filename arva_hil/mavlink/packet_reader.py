@@ -6,18 +6,7 @@ from collections.abc import Hashable, Sequence
 from functools import partial
 from typing import Final, NamedTuple
 
-from fastcrc import crc16
-
-from arva_hil.mavlink.codec import (
-    CRC_EXTRA,
-    HEAD_V2,
-    MAGIC_V2,
-    SIGNATURE_BYTES,
-    SIGNED,
-    Packet,
-    Parser,
-    make_packet,
-)
+from arva_hil.mavlink.codec import Packet, Parser, usual_packet
 from arva_hil.mavlink.signing import Signing, Verdict
 
 
@@ -76,24 +65,10 @@ class PacketReader:
         self.bytes += sum(map(len, records))
         parser, every = self.parser, []
         for raw in records:
-            if (packet := _usual(raw)) is None:
+            packet = usual_packet(raw, 0)
+            if packet is None or len(packet.raw) < len(raw):
                 every.append(parser.feed(raw, whole=True))
             else:
                 parser.packets += 1
                 every.append([packet])
         return every
-
-
-def _usual(raw: bytes) -> Packet | None:
-    """The packet that a record is, if it is one of MAVLink 2, known and correct, as nearly all are."""
-    if len(raw) < HEAD_V2.size:
-        return None
-    magic, length, flags, system, component, msgid = HEAD_V2.unpack_from(raw)
-    msgid &= 0xFFFFFF
-    seed = CRC_EXTRA.get(msgid)
-    end = length + 10
-    if magic != MAGIC_V2 or flags > SIGNED or not seed or len(raw) != end + (2 + SIGNATURE_BYTES if flags else 2):
-        return None
-    if crc16.mcrf4xx(raw[1:end] + seed) != raw[end] | raw[end + 1] << 8:
-        return None
-    return make_packet((raw, 2, flags == 1, system, component, msgid, True))
