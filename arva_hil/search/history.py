@@ -123,22 +123,24 @@ class History:
             best = first
         while beside := beside & set(_LAGS_S) - tried:
             tried |= beside
-            near = [self._fitted(x, best.cause._replace(lag_s=one), best.best) for one in sorted(beside)]
+            near = [self._fitted(x, best.cause._replace(lag_s=one), best) for one in sorted(beside)]
             best = min([best, *near], key=lambda one: one.cost)
             beside = {best.cause.lag_s - _LATER_S, best.cause.lag_s + _LATER_S}
         every = {best.cause.drift_m: best}
         for drift_m in DRIFTS_M * 2:
             least = min(every.values(), key=lambda one: one.cost)
-            one = self._fitted(x, best.cause._replace(drift_m=drift_m), least.best)
+            one = self._fitted(x, best.cause._replace(drift_m=drift_m), least)
             every[drift_m] = min(one, every.get(drift_m, one), key=lambda one: one.cost)
         return list(every.values())
 
-    def _fitted(self, x: Array, cause: Cause, near: DriftFit | None = None) -> Explanation:
-        """What fits under a cause; under a drift `near` one, of the same readings."""
+    def _fitted(self, x: Array, cause: Cause, near: Explanation | None = None) -> Explanation:
+        """What fits under a cause; under a drift `near` another explanation, of the same readings."""
         drift_m = cause.drift_m
-        there, error = self.readings(cause), max(0.3, drift_m)
+        there = near.readings if near and near.cause.lag_s == cause.lag_s else self.readings(cause)
         if near is not None:
-            return _drifts(cause, there, [fitted(near.x, there, WHITE_M, drift_m, _MORE_ROUNDS, near.drift)])
+            one = near.best
+            return _drifts(cause, there, [fitted(one.x, there, WHITE_M, drift_m, _MORE_ROUNDS, one.drift)])
+        error = max(0.3, drift_m)
         nearest = self.nearest
         assert nearest is not None
         position, _ = self.at(nearest.time_s - nearest.age_s - cause.lag_s)

@@ -31,7 +31,7 @@ class Pauses:
         """A new frame; whether it may be used: not if it repeats a reading from another place."""
         self._last_frame_s = time_s
         self._standstill.hear(frame, position, time_s)
-        return not self._standstill.old
+        return not self._standstill.whole.old
 
     def repeats(self, id_: int | None) -> bool:
         """Whether the last frame's reading of this transmitter is from another place."""
@@ -44,13 +44,13 @@ class Pauses:
 
     def waits(self, time_s: float) -> bool:
         """Whether it hovers because the receiver does not work."""
-        before, stuck = self._why, self._standstill.stuck
+        before, stuck = self._why, self._standstill.whole.stuck
         silent = time_s - self._last_frame_s > _SILENT_S
         why: Literal["no frame", "same readings"] | None
         self._why = why = "no frame" if silent else "same readings" if stuck else None
         if why and why != before:
             self._since_s = time_s
-            self._emit(SearchPaused(time_s, why, _SILENT_S, round(self._standstill.moved_m, 1)))
+            self._emit(SearchPaused(time_s, why, _SILENT_S, round(self._standstill.whole.moved_m, 1)))
         elif before and not why:
             self._emit(SearchResumed(time_s, before))
         return why is not None

@@ -38,27 +38,11 @@ class NewFrames:
 
 
 class StuckReadings:
-    """Remembers of the whole frame, and of each transmitter in it, where and when its present reading began.
-
-    `old`: the whole frame came so far away that it is not of this place. `stuck`: too far for an equal one, or away
-    for too long. `moved_m`: the largest distance from where it began.
-    """
+    """Remembers the `whole` frame's present reading, and that of each transmitter in it."""
 
     def __init__(self) -> None:
-        self._whole = _SameReading((), (0.0, 0.0, 0.0))
-        self._each: dict[int | None, _SameReading] = {}
-
-    @property
-    def old(self) -> bool:
-        return self._whole.old
-
-    @property
-    def stuck(self) -> bool:
-        return self._whole.stuck
-
-    @property
-    def moved_m(self) -> float:
-        return self._whole.moved_m
+        self.whole = SameReading((), (0.0, 0.0, 0.0))
+        self._each: dict[int | None, SameReading] = {}
 
     def repeats(self, id_: int | None) -> bool:
         """Whether the reading of this transmitter is not of this place, though others of the frame may be."""
@@ -67,18 +51,19 @@ class StuckReadings:
     def hear(self, frame: Frame, position: Position, time_s: float) -> None:
         """Use a new frame and the receiver's place."""
         heard = tuple(channel for channel in frame.channels if channel.valid)
-        self._whole = self._whole.after(heard, position, time_s)
+        self.whole = self.whole.after(heard, position, time_s)
         before, self._each = self._each, {}
         for id_ in {channel.id for channel in heard}:
             channels = tuple(channel for channel in heard if channel.id == id_)
-            same = before.get(id_) or _SameReading(channels, position)
+            same = before.get(id_) or SameReading(channels, position)
             self._each[id_] = same.after(channels, position, time_s)
 
 
-class _SameReading:
+class SameReading:
     """Remembers a reading, where and when it began, and how far away it came again.
 
     `old`: so far away that it is not of this place. `stuck`: too far for an equal reading, or away for too long.
+    `moved_m`: the largest distance from where it began.
     """
 
     def __init__(self, channels: tuple[Channel, ...], at: Position) -> None:
@@ -90,9 +75,9 @@ class _SameReading:
         self._old_since = math.inf
         self._frames = 0
 
-    def after(self, channels: tuple[Channel, ...], position: Position, time_s: float) -> _SameReading:
+    def after(self, channels: tuple[Channel, ...], position: Position, time_s: float) -> SameReading:
         """This one, if these channels are the same, otherwise a new one."""
-        same = self if channels == self.channels else _SameReading(channels, position)
+        same = self if channels == self.channels else SameReading(channels, position)
         if channels:
             same._again(position, time_s)
         return same

@@ -58,28 +58,28 @@ def after(*frames: tuple[Frame, float], every_s: float = 1.0) -> StuckReadings:
 
 
 def test_the_same_reading_over_some_metres_is_stuck() -> None:
-    assert after(*((frame(n), 0.5 * n) for n in range(8)), every_s=0.1).stuck
+    assert after(*((frame(n), 0.5 * n) for n in range(8)), every_s=0.1).whole.stuck
 
 
 def test_the_same_reading_half_a_metre_farther_is_none_of_here() -> None:
-    assert not after((frame(0), 0.0), (frame(1), 0.4)).old
-    assert after((frame(0), 0.0), (frame(1), 0.6)).old
-    assert after((frame(0), 0.0), (frame(1), 0.6), (frame(2), 0.0)).old  # back again
+    assert not after((frame(0), 0.0), (frame(1), 0.4)).whole.old
+    assert after((frame(0), 0.0), (frame(1), 0.6)).whole.old
+    assert after((frame(0), 0.0), (frame(1), 0.6), (frame(2), 0.0)).whole.old  # back again
 
 
 @pytest.mark.parametrize(("d", "same_m"), [(810, 0.8), (1300, 1.3), (6000, 1.5)])
 def test_farther_from_a_transmitter_the_same_reading_is_of_more_places(d: int, same_m: float) -> None:
     far = Channel(1, MID, d, 20)
     hovering = [(frame(n, far), same_m * (n > 2)) for n in range(30)]
-    assert (after(*hovering).old, after(*hovering).stuck) == (False, False)
-    assert after((frame(0, far), 0.0), (frame(1, far), same_m + 0.1)).old
+    assert (after(*hovering).whole.old, after(*hovering).whole.stuck) == (False, False)
+    assert after((frame(0, far), 0.0), (frame(1, far), same_m + 0.1)).whole.old
 
 
 def test_the_same_reading_for_long_off_the_place_where_it_was_right_is_stuck() -> None:
     """A search that believes itself above the transmitter hovers there."""
     places = [0.0, 0.6, 1.2, 1.3, 1.3, 1.3, 1.3, 1.3]
-    assert not after(*((frame(n), north) for n, north in enumerate(places[:-1]))).stuck
-    assert after(*((frame(n), north) for n, north in enumerate(places))).stuck
+    assert not after(*((frame(n), north) for n, north in enumerate(places[:-1]))).whole.stuck
+    assert after(*((frame(n), north) for n, north in enumerate(places))).whole.stuck
 
 
 def test_it_is_not_while_the_vehicle_stands_or_anything_changes_or_nothing_is_heard() -> None:
@@ -89,15 +89,15 @@ def test_it_is_not_while_the_vehicle_stands_or_anything_changes_or_nothing_is_he
         after(*((frame(n, Channel(1, MID, 900, n)), float(n)) for n in range(30))),
         after(*((frame(n, Channel()), float(n)) for n in range(30))),
     ):
-        assert not standstill.old
-        assert not standstill.stuck
-    assert not after((frame(0), 0.0), (frame(1), 50.0)).stuck
+        assert not standstill.whole.old
+        assert not standstill.whole.stuck
+    assert not after((frame(0), 0.0), (frame(1), 50.0)).whole.stuck
 
 
 def test_a_change_frees_it() -> None:
     same = [(frame(n), 1.0 * n) for n in range(8)]
     standstill = after(*same, (frame(9, Channel(1, MID, 901, 20)), 8.0))
-    assert (standstill.old, standstill.stuck, standstill.moved_m) == (False, False, 0.0)
+    assert (standstill.whole.old, standstill.whole.stuck, standstill.whole.moved_m) == (False, False, 0.0)
 
 
 def test_a_stuck_reading_is_noticed_though_another_transmitter_s_changes() -> None:
@@ -106,10 +106,10 @@ def test_a_stuck_reading_is_noticed_though_another_transmitter_s_changes() -> No
     assert standstill.repeats(1)
     assert not standstill.repeats(2)
     assert not standstill.repeats(3)
-    assert not standstill.old
-    assert not standstill.stuck
+    assert not standstill.whole.old
+    assert not standstill.whole.stuck
 
 
 def test_an_empty_channel_that_changes_hides_no_stuck_reading() -> None:
     frames = [(frame(n, Channel(1, MID, 900, 20), Channel(n, MID, -1, -1)), 1.0 * n) for n in range(8)]
-    assert after(*frames).stuck
+    assert after(*frames).whole.stuck
