@@ -97,7 +97,7 @@ class ReadyLinks:
 _LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within this time
 _LOOK_S: Final = 0.05  # the shortest time between two checks of the links; these are no deadlines
 _STALL_S: Final = 0.05  # a frame that is later than this waits until everything that arrived is read
-_MOST_READS: Final = 64
+_CATCH_UP_S: Final = 0.25  # at most: where more arrives than can be read, frames are late, but they are sent
 _PIECE: Final = 4096  # bytes that are used at a time
 _HELD_UP_S: Final = 0.001  # after this time of reading, frames that are due are sent first
 _MOST_RECORDS: Final = 256
@@ -141,8 +141,10 @@ class Live:
         """
         begun = clock.now()
         stalled = begun - self._deadline > _STALL_S
+        patience = begun + (_CATCH_UP_S if stalled else _HELD_UP_S)
         for name in self._ready.names():
-            self._read(name, self._autopilots[name], clock, math.inf if stalled else begun + _HELD_UP_S)
+            while self._read(name, self._autopilots[name], clock, patience) and stalled and clock.now() <= patience:
+                pass
         now = clock.now()
         if now >= self._next_look:
             self._next_look = now + _LOOK_S
@@ -158,24 +160,22 @@ class Live:
             for what in ("losses", "returns", "strangers")
         }
 
-    def _read(self, name: str, link: Link, clock: Clock, patience: float) -> None:
-        """Read a link. Frames that are due are sent first only after the time `patience`."""
-        for _ in range(_MOST_READS if patience == math.inf else 1):
-            try:
-                came = link.receive()
-            except LinkError as error:
-                if self._is_last(name, error, clock.now()):
-                    raise
-                return
-            for sender, data in came:
-                for at in range(0, len(data), _PIECE):
-                    now = clock.now()
-                    if now > patience and now >= self._deadline:
-                        self._do_due(now)
-                    self.emulator.receive(name, data[at : at + _PIECE], now, sender)
-            link.follow(*self.emulator.addressees(name))
-            if not came:
-                return
+    def _read(self, name: str, link: Link, clock: Clock, patience: float) -> bool:
+        """Read a link once; frames that are due go first after the time `patience`. Returns whether anything came."""
+        try:
+            came = link.receive()
+        except LinkError as error:
+            if self._is_last(name, error, clock.now()):
+                raise
+            return False
+        for sender, data in came:
+            for at in range(0, len(data), _PIECE):
+                now = clock.now()
+                if now > patience and now >= self._deadline:
+                    self._do_due(now)
+                self.emulator.receive(name, data[at : at + _PIECE], now, sender)
+        link.follow(*self.emulator.addressees(name))
+        return bool(came)
 
     def _do_due(self, now: float) -> None:
         """Do everything that is due. Raises the LinkError of the last link of its kind."""

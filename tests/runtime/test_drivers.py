@@ -316,6 +316,24 @@ def test_after_a_stall_all_that_waits_is_read_before_a_frame_is_made(
     assert all(frame.age_s is not None and frame.age_s < 0.2 for frame in late)
 
 
+def test_where_more_arrives_than_can_be_read_frames_are_late_but_are_sent(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A computer with too much to do: there is always more to read, and each read takes a while."""
+
+    def receive() -> list[tuple[Sender, bytes]]:
+        bench.clock.wait(bench.clock.now() + 0.01)
+        return [(None, bytes(4096))]
+
+    stopped = bench.clock.now()
+    run([bench], bench.clock, until=stopped + 3.0)
+    monkeypatch.setattr(bench.autopilot.link, "receive", receive)
+    made, begun = len(bench.diary.frames), bench.clock.now()
+    bench.emulator.service(bench.clock)
+    assert len(bench.diary.frames) > made
+    assert bench.clock.now() - begun < 0.3
+
+
 class Still(Link):
     """A link whose counters are set by the test."""
 
