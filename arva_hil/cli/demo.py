@@ -13,8 +13,9 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Final
 
-from arva_hil.cli import common, search, search_report
+from arva_hil.cli import common, search_report
 from arva_hil.cli.outcome import FAILED, NO_LINK, Failure, UsageError
+from arva_hil.cli.search_plan import plan_of
 from arva_hil.cli.search_report import PICTURE
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.victims_report import name as name_of
@@ -110,7 +111,7 @@ def main(options: argparse.Namespace) -> int:
         start = clock.now()
         loop = ClosedLoop(
             chosen,
-            search.plan_of(options, chosen),
+            plan_of(options, chosen),
             autopilot=autopilot,
             commands=memory.pair(),
             port=port,

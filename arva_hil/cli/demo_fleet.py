@@ -7,24 +7,22 @@ import math
 from contextlib import ExitStack
 from typing import Final
 
-from arva_hil.cli import common, search, search_report
+from arva_hil.cli import common, search_report
 from arva_hil.cli.outcome import FAILED, OK, UsageError
+from arva_hil.cli.search_plan import check_receivers, check_width, plan_of
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TransmitterChosen
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import Notice
-from arva_hil.registry import FORMATS_WITH_IDS
 from arva_hil.runtime.clock import RealClock, StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.outcome import Outcome
-from arva_hil.search.team import divide
 from arva_hil.simulated.closed_fleet import ClosedFleet, several
 
 _AROUND_S: Final = 120.0  # for take-off and landing
 _TOLD: Final = (TransmitterChosen, PlaceFound, SearchEnded)
-_NARROWEST_M: Final = 4.0  # part of an area: narrower ones are not worth a drone
 
 
 def fly(options: argparse.Namespace, base: Scenario) -> int:
@@ -45,7 +43,7 @@ def fly(options: argparse.Namespace, base: Scenario) -> int:
 
         loop = ClosedFleet(
             chosen,
-            search.plan_of(options, chosen),
+            plan_of(options, chosen),
             start=clock.now(),
             observers=surroundings.observers,
             tell_packets=bool(options.record),
@@ -81,25 +79,3 @@ def _check(options: argparse.Namespace, base: Scenario) -> None:
             "navigation_error: the demo does not support it, its vehicles report their true poses: leave it out"
         )
     check_receivers(base)
-
-
-def check_receivers(base: Scenario) -> None:
-    """Check that each vehicle has one receiver, whose frames carry ids. Raises UsageError."""
-    for vehicle in base.vehicles:
-        if len(vehicle.receivers) > 1:
-            raise UsageError(f"{base.source}: {vehicle.name}: {len(vehicle.receivers)} receivers; a drone has one here")
-    formats = [receiver.output_format for vehicle in base.vehicles for receiver in vehicle.receivers]
-    for of in formats or [base.output_format]:
-        if of not in FORMATS_WITH_IDS:
-            raise UsageError(
-                f"format {of}: several drones need {' or '.join(FORMATS_WITH_IDS)}, whose frames carry ids"
-            )
-
-
-def check_width(options: argparse.Namespace, count: int) -> None:
-    """Check that the parts of the area are wide enough. Raises UsageError."""
-    _, west, _, east = divide(options.area, count)[0]
-    if east - west < _NARROWEST_M:
-        raise UsageError(
-            f"--area: {count} drones would have {east - west:.1f} m each, at least {_NARROWEST_M:g} m needed"
-        )

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from arva_hil import __version__
+from arva_hil.cli.outcome import FAILED, NO_LINK, OK, USAGE
 from arva_hil.cli.victims_report import name, victims_as_dicts, victims_found, where
 from arva_hil.events import Event
 from arva_hil.observers.record import RecordError
@@ -18,6 +19,15 @@ from arva_hil.search.mission import FOUND
 from arva_hil.search.outcome import Outcome
 
 PICTURE: Final = "search.png"
+EXIT: Final = {
+    "found": OK,
+    "not sure": FAILED,
+    "not found": FAILED,
+    "failed": FAILED,
+    "no link": NO_LINK,
+    "refused": USAGE,
+    "would fly": OK,
+}
 
 
 def close_log(

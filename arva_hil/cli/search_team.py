@@ -10,10 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from arva_hil.cli import common, search
-from arva_hil.cli.demo_fleet import check_receivers, check_width
+from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, SignalGuard, UsageError
-from arva_hil.cli.search_report import as_dict, close_log, result, would_order
+from arva_hil.cli.search_plan import check_receivers, check_width, client_of, plan_of
+from arva_hil.cli.search_report import EXIT, as_dict, close_log, result, would_order
 from arva_hil.cli.terminal import show_json
 from arva_hil.cli.watchers import open_page
 from arva_hil.config import Lla, Scenario, VehicleConfig, load
@@ -86,7 +86,7 @@ def main(options: argparse.Namespace) -> int:
     scenario = load(options.scenario)
     vehicles, field, _ = _team(options, scenario)
     members = [_member(options, vehicle, number, scenario.source) for number, vehicle in enumerate(vehicles)]
-    plan, clock, bus = search.plan_of(options), RealClock(), Bus(field)
+    plan, clock, bus = plan_of(options), RealClock(), Bus(field)
     start, clients, logs = clock.now(), dict[str, SearchClient](), dict[str, SearchLog]()
     planned = {member.name: list[Event]() for member in members}
     guard, printer = SignalGuard(), Printer(sys.stderr)
@@ -117,7 +117,7 @@ def main(options: argparse.Namespace) -> int:
                 logs[member.name] = log
             session = Session(target_system=member.system, rate_hz=options.stream_rate, component=COMPONENT)
             session.news.name = member.name
-            clients[member.name] = search.client_of(
+            clients[member.name] = client_of(
                 options,
                 layered(plan, member.number),
                 (session, autopilot, receiver),
@@ -157,7 +157,7 @@ def exit_code(outcomes: list[Outcome]) -> int:
     kinds = [outcome.kind for outcome in outcomes]
     wrong = [kind for kind in kinds if kind not in ("found", "would fly", "not found", "not sure")]
     if wrong or not {"found", "would fly"} & set(kinds):
-        return max(search.EXIT[kind] for kind in wrong or kinds)
+        return max(EXIT[kind] for kind in wrong or kinds)
     return OK
 
 

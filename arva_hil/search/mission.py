@@ -27,6 +27,7 @@ from arva_hil.search.strategy import STILL, Found, Observation, Position, Veloci
 from arva_hil.search.strategy_checks import OFTEN, SLOW_S, checked_found, checked_velocity, failed, too_slow
 from arva_hil.search.strips import Strips
 from arva_hil.search.team import Teammate
+from arva_hil.search.team_strips import strips_of
 from arva_hil.search.victims import Victim, Victims
 from firmware_proto import Frame
 
@@ -68,7 +69,7 @@ class Mission:
         self.searched_s = 0.0
         self.path_m = 0.0
         self.frames = 0
-        self._strips = (team.strips if team else Strips.of)(plan, position)
+        self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
         self._slow = 0  # how often the strategy took too long,
         self.slow_s = 0.0  # and how long the last time
         self._pauses = Pauses(start_s, plan.patience_s, emit)

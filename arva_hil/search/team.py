@@ -14,9 +14,8 @@ from typing import Final
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strategy import Position
-from arva_hil.search.strips import Area, Strips
+from arva_hil.search.strips import Area
 from arva_hil.search.team_news import MOST_HEARD, HeardAt, News
-from arva_hil.search.team_strips import TeamStrips
 
 LAYER_M: Final = 3.0  # between the heights of neighbours
 _LAYERS: Final = 2
@@ -126,13 +125,6 @@ class Teammate:
         """The plan with the team's area as it is seen from the take-off point."""
         self._origin, self._alt = origin, float(origin.lla([0.0, 0.0, 0.0])[2])
         return plan if self._field is None else replace(plan, area=self._field.seen_from(origin))
-
-    def strips(self, plan: SearchPlan, position: Position) -> Strips:
-        """The way over its own part, then over those that others have left."""
-        area = self.area()
-        if area is None:
-            return Strips(plan.area, plan.speed, position, width=plan.strip_width)
-        return TeamStrips(area, plan, position, self)
 
     def area(self) -> Area | None:
         """The part that it searches, from its take-off point."""

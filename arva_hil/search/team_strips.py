@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strategy import STILL, Position, Velocity, towards
 from arva_hil.search.strips import Area, Strips
+from arva_hil.search.team import Teammate
 
-if TYPE_CHECKING:
-    from arva_hil.search.team import Teammate
+
+def strips_of(team: Teammate, plan: SearchPlan, position: Position) -> Strips:
+    """The way over its own part of the team's area, then over those that others have left."""
+    area = team.area()
+    return Strips.of(plan, position) if area is None else TeamStrips(area, plan, position, team)
 
 
 class TeamStrips(Strips):

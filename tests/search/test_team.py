@@ -17,6 +17,7 @@ from arva_hil.runtime.loop import run
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.team import Bus, TeamField, Teammate, divide
 from arva_hil.search.team_news import HeardAt, News
+from arva_hil.search.team_strips import strips_of
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
 
@@ -170,7 +171,7 @@ class Flyer:
         self._east = east
         self._plan = self.mate.plan(SearchPlan(STRATEGIES["flux"], speed=10.0, strip_width=30.0), self._origin)
         self.place = (0.0, 0.0, -3.0)
-        self.strips = self.mate.strips(self._plan, self.place)
+        self.strips = strips_of(self.mate, self._plan, self.place)
         self.track: list[tuple[float, float]] = []  # in the team's frame
 
     def step(self, now: float, *, searching: bool = True) -> None:

@@ -1,0 +1,147 @@
+"""What the options of a search mean: its plan and its client; what several drones need."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from typing import Final
+
+from arva_hil.cli.outcome import UsageError
+from arva_hil.cli.terminal import tell
+from arva_hil.config import Scenario, ScenarioError, parse
+from arva_hil.events import Event
+from arva_hil.field.mount import Mount
+from arva_hil.field.rotation import from_euler
+from arva_hil.links import Link
+from arva_hil.registry import FORMATS, FORMATS_WITH_IDS, STRATEGIES
+from arva_hil.search.client import SearchClient
+from arva_hil.search.outcome import SearchStep
+from arva_hil.search.permission import Permission, Question
+from arva_hil.search.plan import SearchPlan
+from arva_hil.search.strips import Strips
+from arva_hil.search.team import Teammate, divide
+from arva_hil.search.team_tunnel import TeamTunnel
+from arva_hil.vehicle.session import Session
+
+_NARROWEST_M: Final = 4.0  # part of an area: narrower ones are not worth a drone
+
+
+def plan_of(options: argparse.Namespace, scenario: Scenario | None = None) -> SearchPlan:
+    """Of the options; `scenario`: whose receiver `--strip-width auto` means."""
+    return SearchPlan(
+        STRATEGIES[options.strategy],
+        speed=options.max_speed,
+        height=options.height,
+        take_off=options.take_off,
+        trust_gps=options.trust_height,
+        area=options.area,
+        strip_width=_strip_width(options, scenario),
+        patience_s=options.patience,
+        limit_s=options.limit,
+        victims=None if options.victims == "all" else options.victims,
+        mount=Mount(options.mount[:3], from_euler(*map(math.radians, options.mount[3:]))),
+    )
+
+
+def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> float:
+    """As given, or as wide as a receiver allows. Raises UsageError."""
+    given = options.strip_width
+    if isinstance(given, float):
+        return given
+    from arva_hil.range_test.strips import strip_width  # slow to import
+
+    if given != "auto":
+        file = {"spec": 2, "transmitters": [{"id": 0, "ned": [0, 0, 0]}], "receiver": {"profile": given}}
+        try:
+            scenario = parse(json.dumps(file), "--strip-width")
+        except ScenarioError as error:
+            raise UsageError(*error.problems) from None
+    if scenario is None:
+        raise UsageError("--strip-width auto: give the receiver's profile, e.g. --strip-width builtin:two_antennas")
+    width = strip_width(scenario, options.height, options.max_speed)
+    if width is None:
+        raise UsageError(f"--strip-width {given}: that receiver hears too little for strips")
+    tell(
+        f"strips at most {width.metres:.0f} m wide: 1.26 × the range for the weakest transmitter; "
+        f"{width.detection:.1%} of simulated flights along such a strip hear it"
+    )
+    return width.metres
+
+
+def client_of(
+    options: argparse.Namespace,
+    plan: SearchPlan,
+    vehicle: tuple[Session, Link, Link],
+    format_: str,
+    *,
+    start: float,
+    question: Question | None,
+    emit: Callable[[Event], None],
+    log: Callable[[SearchStep], None],
+    team: Teammate | None,
+    tunnel: TeamTunnel | None = None,
+) -> SearchClient:
+    """One search. `vehicle`: its session, its link, and the receiver's, which speaks `format_`."""
+    session, autopilot, receiver = vehicle
+    kind = FORMATS[format_]
+    plan = replace(
+        plan,
+        land=options.end == "land",
+        timeout_s=options.timeout,
+        arm_timeout_s=options.arm_timeout,
+        take_over=options.take_over,
+        countdown_s=options.countdown,
+        dry_run=options.dry_run,
+    )
+    return SearchClient(
+        plan,
+        session,
+        autopilot,
+        receiver,
+        kind.decoder(),
+        start=start,
+        permission=Permission(session, yes=options.yes, question=question, dry_run=options.dry_run),
+        emit=emit,
+        log=log,
+        host=getattr(kind, "host", None),
+        team=team,
+        tunnel=tunnel,
+    )
+
+
+def describe(plan: SearchPlan) -> str:
+    """The way before the first signal, in words. Raises UsageError when it is too far for the time there is."""
+    lanes = Strips(plan.area, plan.speed, (0.0, 0.0, 0.0), width=plan.strip_width).lanes
+    there = math.hypot(*lanes[0])
+    way = there + sum(math.dist(a, b) for a, b in pairwise(lanes))
+    at = f"at {plan.speed:g} m/s"
+    if there > plan.limit_s * plan.speed:
+        raise UsageError(f"--area: its nearest corner is {there:.0f} m away, {at} too far for --limit {plan.limit_s:g}")
+    less = f", more than the {plan.limit_s:g} s there are" if way > plan.limit_s * plan.speed else ""
+    return f"strips of {way:.0f} m until the first signal, {way / plan.speed:.0f} s {at}{less}"
+
+
+def check_receivers(base: Scenario) -> None:
+    """Check that each vehicle has one receiver, whose frames carry ids. Raises UsageError."""
+    for vehicle in base.vehicles:
+        if len(vehicle.receivers) > 1:
+            raise UsageError(f"{base.source}: {vehicle.name}: {len(vehicle.receivers)} receivers; a drone has one here")
+    formats = [receiver.output_format for vehicle in base.vehicles for receiver in vehicle.receivers]
+    for of in formats or [base.output_format]:
+        if of not in FORMATS_WITH_IDS:
+            raise UsageError(
+                f"format {of}: several drones need {' or '.join(FORMATS_WITH_IDS)}, whose frames carry ids"
+            )
+
+
+def check_width(options: argparse.Namespace, count: int) -> None:
+    """Check that the parts of the area are wide enough. Raises UsageError."""
+    _, west, _, east = divide(options.area, count)[0]
+    if east - west < _NARROWEST_M:
+        raise UsageError(
+            f"--area: {count} drones would have {east - west:.1f} m each, at least {_NARROWEST_M:g} m needed"
+        )
