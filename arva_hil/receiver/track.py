@@ -1,7 +1,8 @@
 """The rhythm of one transmitter, as a receiver follows it, and the mark of its host.
 
 A slot opens after two pulses in rhythm. After that a pulse counts if it is within 3 ms of the rhythm, and within 10 Hz
-of the carrier. Without pulses the slot becomes blank, then it is dropped; later its mark is lost.
+of the carrier. If pulses between those two were missed, the rhythm is too slow: the first pulse in between corrects it.
+Without pulses the slot becomes blank, then it is dropped; later its mark is lost.
 """
 
 from __future__ import annotations
@@ -59,11 +60,18 @@ class Track:
         self.pass_time(end_s)
         if self.shown is None:
             return self._open(event, end_s, shown)
-        periods = max(1, round((event.start_s - self._start_s) / self.period_s))
-        late = event.start_s - self._start_s - periods * self.period_s
-        if abs(late) > _GATE_S or abs(event.carrier_hz - self.carrier_hz) > _GATE_HZ:
+        if abs(event.carrier_hz - self.carrier_hz) > _GATE_HZ:
             return False
-        self.period_s += _SMOOTHING * late / periods
+        gap_s = event.start_s - self._start_s
+        periods = max(1, round(gap_s / self.period_s))
+        late = gap_s - periods * self.period_s
+        if abs(late) <= _GATE_S:
+            self.period_s += _SMOOTHING * late / periods
+        elif self._divides(gap_s):
+            self.period_s = gap_s
+            self._regain_mark()
+        else:
+            return False
         self._take(event, end_s, shown)
         return True
 
@@ -102,14 +110,24 @@ class Track:
         if not _PERIODS_S[0] <= period_s <= _PERIODS_S[1]:
             self._start_s = event.start_s
             return False
-        for mark in self._lost if not self.marked else ():
-            if abs(mark.period_s - period_s) <= _GATE_S and abs(mark.carrier_hz - event.carrier_hz) <= _GATE_HZ:
-                self._lost.remove(mark)
-                self.marked = True
-                break
         self.period_s, self.carrier_hz = period_s, event.carrier_hz
+        self._regain_mark()
         self._take(event, end_s, shown)
         return True
+
+    def _divides(self, gap_s: float) -> bool:
+        """Whether the period is a multiple of this time: a half or a third of it."""
+        parts = round(self.period_s / gap_s)
+        return parts > 1 and gap_s >= _PERIODS_S[0] and abs(gap_s - self.period_s / parts) <= _GATE_S
+
+    def _regain_mark(self) -> None:
+        """Take over a lost mark of the same rhythm and carrier."""
+        for mark in self._lost if not self.marked else ():
+            near_hz = abs(mark.carrier_hz - self.carrier_hz) <= _GATE_HZ
+            if near_hz and abs(mark.period_s - self.period_s) <= _GATE_S:
+                self._lost.remove(mark)
+                self.marked = True
+                return
 
     def _take(self, event: Event, end_s: float, shown: Shown) -> None:
         self.shown, self.heard_s, self._start_s = shown, end_s, event.start_s

@@ -81,6 +81,24 @@ def test_a_pulse_out_of_rhythm_does_not_count() -> None:
     assert 50 < blanks < 180
 
 
+def test_a_slot_that_opened_behind_missed_pulses_finds_its_true_rhythm_with_the_next_pulse_and_its_mark_again() -> None:
+    quick = Keying(0.7, 0.08, 0.25)  # pulses end at 0.33, 1.03, 1.73, …
+    receiver = Hovering(transmitters([4, 0, 0], keyings=[quick]), model="vector")
+    assert receiver.read(3.0).channels[0].pulse
+    assert receiver.model.command(3.0, "mark", [1]) is Answer.DONE
+    receiver.silence(0)
+    receiver.read(20.5)
+    receiver.silence()
+    receiver.read(20.8)  # one pulse at 20.63
+    receiver.silence(0)
+    receiver.read(21.5)
+    receiver.silence()
+    (opened, *_), (corrected, *_) = receiver.read(22.1).channels, receiver.read(22.8).channels
+    periods = [one.pulse.period_s if one.pulse else None for one in (opened, corrected)]
+    assert periods == [pytest.approx(1.4, abs=1e-3), pytest.approx(0.7, abs=1e-3)]
+    assert (opened.marked, corrected.marked) == (False, True)
+
+
 def test_weaker_than_the_threshold_is_not_heard() -> None:
     for threshold, d_m in [(6.168, 54.4), (2.25, 76.2)]:  # on the axis
         for further, expected in [(0.0, [1]), (0.3, [])]:
