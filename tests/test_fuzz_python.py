@@ -1,35 +1,19 @@
-"""tools/fuzz_python.py: what it runs holds on its seeds and a few hundred damaged ones; what it says."""
+"""tools/fuzz: what its targets try holds on its seeds and a few hundred damaged ones; what it says."""
 
 from __future__ import annotations
 
-import importlib.util
 import random
 import re
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 
-TOOLS = Path(__file__).parent.parent / "tools"
-TOOL = TOOLS / "fuzz_python.py"
-
-
-def module(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, TOOLS / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
-
-
-sys.path.append(str(TOOLS))
-targets = module("fuzz_targets")
-tool = module("fuzz_python")
+from tools.fuzz import decoder, loader, session
+from tools.fuzz import python as tool
 
 
 def damaged(seeds: list[bytes], count: int) -> list[bytes]:
@@ -50,12 +34,12 @@ def damaged(seeds: list[bytes], count: int) -> list[bytes]:
     ("target", "count"), [("loader", 120), ("session", 150), ("decoder", 1000), ("commands", 1000), ("log", 150)]
 )
 def test_what_has_to_hold_holds_on_the_seeds_and_on_damaged_ones(target: str, count: int) -> None:
-    body, seeds = targets.TARGETS[target]
-    every = list(seeds())
+    module = tool.module(target)
+    every = list(module.seeds())
     assert len(every) >= 5
     for data in every + damaged(every, count):
         try:
-            body(data)
+            module.fuzz(data)
         except Exception as error:
             raise AssertionError(f"{target}: {data.hex()}") from error
 
@@ -71,47 +55,47 @@ FOUND = [  # inputs that once failed
 
 @pytest.mark.parametrize(("target", "data"), FOUND)
 def test_what_was_found_once(target: str, data: bytes) -> None:
-    targets.TARGETS[target][0](data)
+    tool.module(target).fuzz(data)
 
 
 def wrong_session(monkeypatch: pytest.MonkeyPatch) -> str:
     """Knows more than its twin, as if it had listened to somebody else."""
-    monkeypatch.setattr(targets.Bench, "_alone", lambda self, twin, packet: [packet])
+    monkeypatch.setattr(session.Bench, "_alone", lambda self, twin, packet: [packet])
     return "session"
 
 
 def wrong_loader(monkeypatch: pytest.MonkeyPatch) -> str:
     """Reads back another seed than was written."""
-    plain = targets.to_dict
-    monkeypatch.setattr(targets, "to_dict", lambda scenario: {**plain(scenario), "seed": 7})
+    plain = loader.to_dict
+    monkeypatch.setattr(loader, "to_dict", lambda scenario: {**plain(scenario), "seed": 7})
     return "loader"
 
 
 def wrong_decoder(monkeypatch: pytest.MonkeyPatch) -> str:
     """Says another distance than was sent."""
 
-    class Wrong(targets.DECODERS["binary"]):  # type: ignore[misc]
+    class Wrong(decoder.DECODERS["binary"]):  # type: ignore[misc]
         def feed(self, chunk: bytes, now: float) -> Any:
             return [f._replace(channels=(f.channels[0]._replace(d=5),)) for f in super().feed(chunk, now)]
 
-    monkeypatch.setitem(targets.DECODERS, "binary", Wrong)
+    monkeypatch.setitem(decoder.DECODERS, "binary", Wrong)
     return "decoder"
 
 
 @pytest.mark.parametrize("make", [wrong_session, wrong_loader, wrong_decoder])
 def test_what_is_wrong_is_found(make: Callable[[pytest.MonkeyPatch], str], monkeypatch: pytest.MonkeyPatch) -> None:
-    body, seeds = targets.TARGETS[make(monkeypatch)]
+    module = tool.module(make(monkeypatch))
     failed = 0
-    for data in seeds():
+    for data in module.seeds():
         try:
-            body(data)
+            module.fuzz(data)
         except AssertionError:
             failed += 1
     assert failed
 
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(TOOL), *map(str, arguments)]
+    command = [sys.executable, "-m", "tools.fuzz.python", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=60)
 
 
@@ -123,9 +107,9 @@ def test_an_input_is_tried_again(tmp_path: Path) -> None:
 
 
 def test_without_atheris_it_says_what_to_install() -> None:
-    hide = "import runpy, sys; sys.modules['atheris'] = None; del sys.argv[0]; "
-    hide += "runpy.run_path(sys.argv[0], run_name='__main__')"
-    command = [sys.executable, "-c", hide, str(TOOL), "loader", "--seconds", "1"]
+    hide = "import runpy, sys; sys.modules['atheris'] = None; "
+    hide += "runpy.run_module('tools.fuzz.python', run_name='__main__')"
+    command = [sys.executable, "-c", hide, "loader", "--seconds", "1"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
     assert re.search(r"atheris is not installed: pip install 'arva-hil\[fuzz\]'", done.stderr)

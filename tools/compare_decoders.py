@@ -13,10 +13,12 @@ import tempfile
 from collections import Counter
 from pathlib import Path
 
-from c_codec import CDecoder, Codec
-from random_streams import SECONDS, Call, streams
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from firmware_proto import Decoder
+from tools.c_codec import CDecoder, Codec
+from tools.random_streams import SECONDS, Call, streams
 
 COUNTERS = ("good", "bad_crc", "dropped", "lost")
 

@@ -29,13 +29,15 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from fastcrc import crc16
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from arva_hil.field import LocalFrame
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.signing import Signing
 from arva_hil.runtime.signing_state import PersistentSigning
 from arva_hil.vehicle.session import Session
+from tools.fuzz.packets import packet
 
 HOME = (46.0123, 7.7456, 1650.0)
 FRAME = LocalFrame(*HOME)
@@ -45,7 +47,6 @@ BURST = 500  # packets in between
 GROWTH_KB = 1024
 POSITION, ATTITUDE, QUATERNION, BEAT, LAST_HOME, ACK = 33, 30, 31, 0, 242, 77
 LAYOUTS = {POSITION: "<IiiiihhhH", ATTITUDE: "<Iffffff", QUATERNION: "<Ifffffff", BEAT: "<IBBBBB", ACK: "<HB"}
-EXTRA = {msgid: bytes([kind.crc_extra]) for msgid, kind in dialect.mavlink_map.items()}
 
 
 def main() -> None:
@@ -130,16 +131,6 @@ class Bench:
             self._vehicle._signing.advance(self.now)  # type: ignore[union-attr]
         self.past.append(self._vehicle.pack(message))
         self.session.feed(self.past[-1], self.now)
-
-
-def packet(msgid: int, payload: bytes, source: tuple[int, int], flags: int = 0, version: int = 2) -> bytes:
-    """A packet with a right checksum."""
-    if version == 1:
-        body = bytes((len(payload), 7, *source, msgid)) + payload
-    else:
-        body = bytes((len(payload), flags, 0, 7, *source)) + msgid.to_bytes(3, "little") + payload
-    crc = crc16.mcrf4xx(body + EXTRA.get(msgid, b"\0"))
-    return (b"\xfe" if version == 1 else b"\xfd") + body + crc.to_bytes(2, "little")
 
 
 class Enemy:

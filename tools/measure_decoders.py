@@ -13,14 +13,17 @@ import argparse
 import ctypes
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-from c_codec import SOURCE, compile_c, compiler
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from firmware_proto import Channel, Decoder, Frame, encode
+from tools.c_codec import SOURCE, compile_c, compiler
 
 RUNNER = """
 #include "arva_frame.h"

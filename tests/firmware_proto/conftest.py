@@ -1,4 +1,8 @@
-"""The C code, compiled once for all workers of a run of the tests."""
+"""The C code, compiled once for all workers of a run of the tests; and the tools that try it."""
+
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -15,3 +19,17 @@ def codec(tmp_path_factory):
 @pytest.fixture(scope="session")
 def code(tmp_path_factory):
     return CMessages(once(tmp_path_factory, "c-messages", CMessages))
+
+
+@pytest.fixture
+def run_tool():
+    """Runs a tool by its module's name, which has to end well: what it prints."""
+
+    def run(*words):
+        done = subprocess.run(
+            [sys.executable, "-m", *words], capture_output=True, text=True, cwd=Path(__file__).parents[2]
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    return run

@@ -6,9 +6,7 @@ import re
 import select
 import shutil
 import subprocess
-import sys
 import tty
-from pathlib import Path
 
 import pytest
 from wire_vectors import VECTORS, as_frame, by_name, follow
@@ -17,7 +15,6 @@ from firmware_proto import Channel, Frame, encode
 from tests.every import every
 from tools.c_codec import FOLDER, NEVER, ON_FRAME, SOURCE, CDecoder, State, compile_c, compiler
 
-TOOLS = Path(__file__).parents[2] / "tools"
 ONE = Frame(1, 1, (Channel(1, 2, 300, 12),))
 FALSE_LONG = bytes.fromhex("A4570163000010")
 COMPILERS = ["cc", *(c for c in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(c))]  # those beyond cc: if there
@@ -127,23 +124,17 @@ def test_frames_are_counted_without_a_function_to_take_them(codec):
     assert (state.good, state.lost, state.dropped) == (2, 2, 0)
 
 
-def run_tool(name, *arguments):
-    done = subprocess.run([sys.executable, TOOLS / name, *arguments], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+def test_python_and_c_make_the_same_of_the_same_bytes(run_tool):
+    assert "5000 streams, no difference" in run_tool("tools.compare_decoders", "5000")
 
 
-def test_python_and_c_make_the_same_of_the_same_bytes():
-    assert "5000 streams, no difference" in run_tool("compare_decoders.py", "5000")
-
-
-def test_sanitizers_find_nothing():
-    output = run_tool("fuzz_c.py", "--runs", "10000", "--without-clang")
+def test_sanitizers_find_nothing(run_tool):
+    output = run_tool("tools.fuzz.c", "--runs", "10000", "--without-clang")
     assert int(re.fullmatch(r"(\d+) delivered, nothing found\n", output)[1]) > 10_000
 
 
-def test_guided_by_coverage_they_find_nothing_either():
-    run_tool("fuzz_c.py", "--runs", "2000")  # as above if there is no libFuzzer
+def test_guided_by_coverage_they_find_nothing_either(run_tool):
+    run_tool("tools.fuzz.c", "--runs", "2000")  # as above if there is no libFuzzer
 
 
 def test_the_example_prints_what_comes_over_a_port(tmp_path):

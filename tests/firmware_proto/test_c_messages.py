@@ -4,8 +4,6 @@ import ctypes
 import re
 import shutil
 import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 from wire_vectors import MESSAGES, VECTORS, by_name, follow_messages
@@ -17,7 +15,6 @@ from tools.c_codec import FOLDER, CDecoder, compile_c, compiler
 from tools.c_messages import MESSAGES as SOURCE
 from tools.c_messages import CMessageDecoder, Request, State, _Answer
 
-TOOLS = Path(__file__).parents[2] / "tools"
 COMPILERS = ["cc", *(c for c in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(c))]  # those beyond cc: if there
 MARK = Command(7, "mark", (3,))
 DONE = Answer(7, "mark", "done")
@@ -141,16 +138,10 @@ def test_too_many_values_change_nothing(code):
     assert host.send(0, 2, 3) == encode_command(Command(1, "mark", (3,)))
 
 
-def run_tool(name, *arguments):
-    done = subprocess.run([sys.executable, TOOLS / name, *arguments], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+def test_python_and_c_make_the_same_of_the_same_bytes(run_tool):
+    assert "2000 streams, no difference" in run_tool("tools.compare_messages", "2000", "--no-lua")
 
 
-def test_python_and_c_make_the_same_of_the_same_bytes():
-    assert "2000 streams, no difference" in run_tool("compare_messages.py", "2000", "--no-lua")
-
-
-def test_sanitizers_find_nothing():
-    output = run_tool("fuzz_c.py", "messages", "--runs", "5000", "--without-clang")
+def test_sanitizers_find_nothing(run_tool):
+    output = run_tool("tools.fuzz.c", "messages", "--runs", "5000", "--without-clang")
     assert int(re.fullmatch(r"(\d+) delivered, nothing found\n", output)[1]) > 5000

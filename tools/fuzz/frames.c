@@ -2,29 +2,9 @@
  *
  * The decoder is fed them whole and, a second one, byte by byte; a third decoder, below, keeps every byte with its
  * time and applies the rules of PROTOCOL.md one after the other. All three must agree on every call. Each chunk lies
- * in memory of exactly its size, and so does what arva_encode writes. See fuzz_c.py. */
+ * in memory of exactly its size, and so does what arva_encode writes. See c.py. */
 #include "arva_frame.h"
-
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#define REQUIRE(truth) ((truth) ? (void)0 : fail(#truth, __LINE__))
-
-static uint64_t delivered_in_all;
-
-static void fail(const char *what, int line)
-{
-    fprintf(stderr, "fuzz_c.c:%d: not so: %s\n", line, what);
-    abort();
-}
-
-static void *exactly(size_t size)
-{
-    void *memory = malloc(size);
-    REQUIRE(memory != NULL || size == 0);
-    return memory;
-}
+#include "harness.h"
 
 /* The rules, plainly. */
 struct plain {
@@ -166,6 +146,12 @@ static void require_same(const arva_decoder *d, const struct heard *heard, const
     REQUIRE(arva_decoder_age_ms(d, (uint32_t)now_ms) == (p->good ? age < INT32_MAX ? age : INT32_MAX : ARVA_NEVER));
 }
 
+/* Of a frame of 1...16 channels. */
+static size_t special_size(int special)
+{
+    return 15u + 6u * (unsigned)special;
+}
+
 /* What no mutation hits upon: a head and a CRC round the rest. */
 static void make_good(uint8_t *bytes, size_t n)
 {
@@ -177,10 +163,6 @@ static void make_good(uint8_t *bytes, size_t n)
     bytes[8 + 6 * n] = (uint8_t)(crc >> 8);
 }
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
-
-/* Four bytes: when it begins. Then, again and again: the size of a chunk, the pause before it, the chunk. Sizes
- * 240...255 stand for a frame of 1...16 channels, made good. */
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     if (size < 4) {
@@ -195,35 +177,21 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     plain->out = (uint8_t *)exactly(size);
     arva_decoder_init(whole, on_frame, &of_whole);
     arva_decoder_init(single, on_frame, &of_single);
-    uint64_t now_ms = 0;
-    size_t at = 0;
-    for (; at < 4; at++) {
-        now_ms |= (uint64_t)data[at] << 8 * at;
-    }
-    while (at + 2 <= size) {
-        const size_t n = data[at] < 240 ? 0 : data[at] - 239u;
-        const unsigned pause = data[at + 1];
-        size_t chunk_size = n > 0 ? 9 + 6 * n : data[at];
-        at += 2;
-        chunk_size = chunk_size < size - at ? chunk_size : size - at;
-        now_ms += pause < 225 ? pause / 2 : (uint64_t)1 << (pause - 225); /* at most 2^30: 12 days */
-        uint8_t *chunk = (uint8_t *)exactly(chunk_size);
-        if (chunk_size > 0) {
-            memcpy(chunk, data + at, chunk_size);
+    struct script s = begin(data, size);
+    while (next(&s, special_size)) {
+        const uint32_t now_ms = (uint32_t)s.now_ms;
+        if (s.special >= 0 && s.chunk_size == special_size(s.special)) {
+            make_good(s.chunk, (size_t)s.special + 1);
         }
-        if (n > 0 && chunk_size == 9 + 6 * n) {
-            make_good(chunk, n);
+        arva_decoder_feed(whole, s.chunk_size > 0 ? s.chunk : NULL, s.chunk_size, now_ms);
+        arva_decoder_feed(single, NULL, 0, now_ms);
+        for (size_t k = 0; k < s.chunk_size; k++) {
+            arva_decoder_push(single, s.chunk[k], now_ms);
         }
-        at += chunk_size;
-        arva_decoder_feed(whole, chunk_size > 0 ? chunk : NULL, chunk_size, (uint32_t)now_ms);
-        arva_decoder_feed(single, NULL, 0, (uint32_t)now_ms);
-        for (size_t k = 0; k < chunk_size; k++) {
-            arva_decoder_push(single, chunk[k], (uint32_t)now_ms);
-        }
-        plain_feed(plain, chunk, chunk_size, now_ms);
-        free(chunk);
-        require_same(whole, &of_whole, plain, now_ms);
-        require_same(single, &of_single, plain, now_ms);
+        plain_feed(plain, s.chunk, s.chunk_size, s.now_ms);
+        free(s.chunk);
+        require_same(whole, &of_whole, plain, s.now_ms);
+        require_same(single, &of_single, plain, s.now_ms);
         REQUIRE(whole->lost == single->lost);
     }
     arva_frame any;
@@ -243,5 +211,3 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     free(plain);
     return 0;
 }
-
-#include "fuzz_alone.h"

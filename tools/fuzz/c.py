@@ -1,9 +1,9 @@
 """Fuzz the C code under AddressSanitizer and UndefinedBehaviorSanitizer, from the streams of vectors.json.
 
-    python tools/fuzz_c.py [frames|messages] [--seconds 600]    clang's libFuzzer, guided by coverage
-    python tools/fuzz_c.py [frames|messages] --runs 20000       so many runs, the same each time; by gcc without clang
+    python -m tools.fuzz.c [frames|messages] [--seconds 600]    clang's libFuzzer, guided by coverage
+    python -m tools.fuzz.c [frames|messages] --runs 20000       so many runs, the same each time; by gcc without clang
 
-`frames` is fuzz_c.c, `messages` fuzz_messages.c: commands, answers and what antennas measured.
+`frames` is frames.c, `messages` messages.c: commands, answers and what antennas measured.
 
 Exit 0 when nothing was found.
 """
@@ -18,14 +18,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-from c_codec import FOLDER, SOURCE, compile_c, compiler
+from tools.c_codec import FOLDER, SOURCE, compile_c, compiler
 
 SANITIZE = ("-std=c99", "-g", "-O1", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
 VECTORS = FOLDER.parent / "vectors.json"
-TOOLS = Path(__file__).parent
+HERE = Path(__file__).parent
 SOURCES = {
-    "frames": (TOOLS / "fuzz_c.c", SOURCE),
-    "messages": (TOOLS / "fuzz_messages.c", FOLDER / "arva_message.c", SOURCE),
+    "frames": (HERE / "frames.c", SOURCE),
+    "messages": (HERE / "messages.c", FOLDER / "arva_message.c", SOURCE),
 }
 LONGEST = 1024
 LONGEST_CHUNK = 239

@@ -1,4 +1,4 @@
-"""The body of `fuzz_python.py log`: telemetry logs whose clocks step, that are cut, torn and of other layouts."""
+"""Telemetry logs whose clocks step, that are cut, torn and of other layouts."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any, Final
 from arva_hil.links.tlog import TlogReader
 from arva_hil.links.tlog_timeline import Record, Timeline
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from tools.fuzz.script import ROOT
 
-ROOT: Final = Path(__file__).parent.parent
 _FOLDER: Final = tempfile.TemporaryDirectory(prefix="arva-fuzz-")
 _FILE: Final = Path(_FOLDER.name, "f.tlog")
 _START_US: Final = 1_700_000_000_000_000
@@ -25,7 +25,7 @@ _STEPS_US: Final = (
 )  # fmt: skip
 
 
-def log(data: bytes) -> None:
+def fuzz(data: bytes) -> None:
     """What is read of a log is all of it, in order, and its time line goes on."""
     written = _written(data)
     _FILE.write_bytes(written)

@@ -1,9 +1,9 @@
 """Coverage-guided fuzzing of what reads from outside: scenario files, the autopilot's MAVLink, frames, commands, logs.
 
-    python tools/fuzz_python.py loader|session|decoder|commands|log [--seconds 600] [--seed N] [--corpus DIR]
-    python tools/fuzz_python.py TARGET --reproduce FILE        one input, without atheris
+    python -m tools.fuzz.python loader|session|decoder|commands|log [--seconds 600] [--seed N] [--corpus DIR]
+    python -m tools.fuzz.python TARGET --reproduce FILE        one input, without atheris
 
-Needs atheris: pip install 'arva-hil[fuzz]'. What is tried and what has to hold: fuzz_targets.py. It begins with
+Needs atheris: pip install 'arva-hil[fuzz]'. What is tried and what has to hold: the target's module. It begins with
 configs/, tests/data, tests/broken and vectors.json, and with what is in `--corpus`, which grows. The first finding ends
 the run: its input is left in the current folder. Exit 0 when nothing was found, 1 when something was.
 """
@@ -11,6 +11,7 @@ the run: its input is left in the current folder. Exit 0 when nothing was found,
 from __future__ import annotations
 
 import argparse
+import importlib
 import importlib.util
 import os
 import random
@@ -21,24 +22,33 @@ import tempfile
 import time
 import traceback
 from pathlib import Path
+from types import ModuleType
+from typing import NamedTuple
 
-NAMES = ("loader", "session", "decoder", "commands", "log")
-LONGEST = {"loader": 4096, "session": 1024, "decoder": 2048, "commands": 1024, "log": 4096}
-INSTRUMENTED = {
-    "loader": ["arva_hil", "yaml"],
-    "session": ["arva_hil"],
-    "decoder": ["arva_hil", "firmware_proto"],
-    "commands": ["firmware_proto"],
-    "log": ["arva_hil.links"],
+from tools.fuzz.script import ROOT
+
+
+class Target(NamedTuple):
+    """How a module of this folder is fuzzed. `instrumented`: the packages whose coverage guides it."""
+
+    longest: int  # input, bytes
+    instrumented: list[str]
+
+
+TARGETS = {
+    "loader": Target(4096, ["arva_hil", "yaml"]),
+    "session": Target(1024, ["arva_hil"]),
+    "decoder": Target(2048, ["arva_hil", "firmware_proto"]),
+    "commands": Target(1024, ["firmware_proto"]),
+    "log": Target(4096, ["arva_hil.links"]),
 }
 SLOWEST_S = 20  # of one input
 LARGEST_MB = 2048
-ROOT = Path(__file__).parent.parent
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("target", choices=NAMES)
+    parser.add_argument("target", choices=TARGETS)
     parser.add_argument("--seconds", type=int, default=600, help="default 600")
     parser.add_argument("--seed", type=int, default=457)
     parser.add_argument("--corpus", type=Path, metavar="DIR")
@@ -47,7 +57,6 @@ def main() -> int:
     options, rest = parser.parse_known_args()
     if rest and not options.child:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
-    sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
     if options.reproduce:
         return reproduce(options.target, options.reproduce)
     if importlib.util.find_spec("atheris") is None:
@@ -56,11 +65,14 @@ def main() -> int:
     return child(options.target, rest) if options.child else fuzz(options)
 
 
-def reproduce(target: str, path: Path) -> int:
-    from fuzz_targets import TARGETS
+def module(target: str) -> ModuleType:
+    """Imported when it is wanted, for its imports are what may be instrumented."""
+    return importlib.import_module(f"tools.fuzz.{target}")
 
+
+def reproduce(target: str, path: Path) -> int:
     try:
-        TARGETS[target][0](path.read_bytes())
+        module(target).fuzz(path.read_bytes())
     except Exception:
         traceback.print_exc()
         print(f"{path}: fails", file=sys.stderr)
@@ -71,20 +83,19 @@ def reproduce(target: str, path: Path) -> int:
 
 def fuzz(options: argparse.Namespace) -> int:
     """The fuzzer in a process of its own, and its sum."""
-    from fuzz_targets import TARGETS
-
+    target, longest = module(options.target), TARGETS[options.target].longest
     with tempfile.TemporaryDirectory(prefix="arva-fuzz-") as name:
         seeds = Path(name, "seeds")
         seeds.mkdir()
-        for number, seed in enumerate(TARGETS[options.target][1]()):
+        for number, seed in enumerate(target.seeds()):
             (seeds / f"{number:04}").write_bytes(seed)
         grown = options.corpus or Path(name, "corpus")
         grown.mkdir(parents=True, exist_ok=True)
         words = Path(name, "words")
         words.write_text("".join(f'"{word}"\n' for word in dictionary()) if options.target == "loader" else "\n")
-        command = [sys.executable, __file__, options.target, "--child"]
+        command = [sys.executable, "-m", "tools.fuzz.python", options.target, "--child"]
         command += [f"-max_total_time={options.seconds}", f"-seed={options.seed}", f"-dict={words}"]
-        command += [f"-max_len={LONGEST[options.target]}", f"-timeout={SLOWEST_S}", f"-rss_limit_mb={LARGEST_MB}"]
+        command += [f"-max_len={longest}", f"-timeout={SLOWEST_S}", f"-rss_limit_mb={LARGEST_MB}"]
         command += ["-print_final_stats=1", f"-artifact_prefix={Path.cwd()}/", str(grown), str(seeds)]
         begun = time.monotonic()
         said: list[str] = []
@@ -103,7 +114,7 @@ def fuzz(options: argparse.Namespace) -> int:
         f"{edges} edges covered, {len(found)} findings"
     )
     for path in found:
-        print(f"finding: {path}\nreproduce: python {sys.argv[0]} {options.target} --reproduce {path}")
+        print(f"finding: {path}\nreproduce: python -m tools.fuzz.python {options.target} --reproduce {path}")
     if process.returncode and not found:
         print(f"the fuzzer ended with {process.returncode}", file=sys.stderr)
     return 1 if found or process.returncode else 0
@@ -114,9 +125,8 @@ def child(target: str, arguments: list[str]) -> int:
 
     import arva_hil.receiver  # noqa: F401 - before it could be instrumented: atheris keeps every array that is compared
 
-    with atheris.instrument_imports(include=INSTRUMENTED[target]):
-        from fuzz_targets import TARGETS
-    body = TARGETS[target][0]
+    with atheris.instrument_imports(include=TARGETS[target].instrumented):
+        body = module(target).fuzz
     words = [word.encode() for word in dictionary()]
 
     def rearranged(data: bytes, largest: int, seed: int) -> bytes:

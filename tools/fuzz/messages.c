@@ -2,29 +2,9 @@
  *
  * One decoder is fed them whole and another one byte by byte: both must agree on every call. What comes out is encoded
  * again where there is an encoder, and must come out once more. Each chunk, body and output lies in memory of exactly
- * its size. See fuzz_c.py. */
+ * its size. See c.py. */
 #include "arva_message.h"
-
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-
-#define REQUIRE(truth) ((truth) ? (void)0 : fail(#truth, __LINE__))
-
-static uint64_t delivered_in_all;
-
-static void fail(const char *what, int line)
-{
-    fprintf(stderr, "fuzz_messages.c:%d: not so: %s\n", line, what);
-    abort();
-}
-
-static void *exactly(size_t size)
-{
-    void *memory = malloc(size);
-    REQUIRE(memory != NULL || size == 0);
-    return memory;
-}
+#include "harness.h"
 
 /* What a decoder delivered: a sum over kind, size and body of every message, and their bytes on the wire. */
 struct heard {
@@ -100,14 +80,20 @@ static void on_message(void *context, const arva_message *given)
     free(body);
 }
 
-/* What no mutation hits upon: head and CRC round the rest, of a size that the kind can have; its new size. */
-static size_t make_good(uint8_t *bytes, size_t room, unsigned kind)
+static size_t special_size(int special)
+{
+    (void)special;
+    return 60;
+}
+
+/* What no mutation hits upon: head and CRC round the rest, of a size that the kind can have. */
+static void make_good(uint8_t *bytes, size_t room, unsigned kind)
 {
     static const uint8_t kinds[] = {ARVA_VECTORS, ARVA_LEVELS, ARVA_COMMAND, ARVA_ANSWER};
     const size_t bodies[] = {7u + 15u * (1 + kind / 4 % 3), 7u + 6u * (1 + kind / 4 % 3), 2u + 4u * (kind / 4), 4u + kind};
     const size_t body = bodies[kind % 4], size = body + 8u;
     if (size > room) {
-        return 0;
+        return;
     }
     const uint8_t mask = bytes[4];
     bytes[0] = 0xA4;
@@ -124,7 +110,6 @@ static size_t make_good(uint8_t *bytes, size_t room, unsigned kind)
     const uint16_t crc = arva_crc(bytes + 2, size - 4);
     bytes[size - 2] = (uint8_t)(crc & 0xFF);
     bytes[size - 1] = (uint8_t)(crc >> 8);
-    return size;
 }
 
 /* A request from any bytes: what it writes fits, and only its own answer ends it. */
@@ -153,8 +138,6 @@ static void request_from(const uint8_t *data, size_t size)
     free(out);
 }
 
-int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
-
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     if (size < 4) {
@@ -165,34 +148,22 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     arva_message_decoder *single = (arva_message_decoder *)exactly(sizeof *single);
     arva_message_decoder_init(whole, ARVA_WANT_ALL, on_message, &of_whole);
     arva_message_decoder_init(single, ARVA_WANT_ALL, on_message, &of_single);
-    uint64_t now_ms = 0, fed = 0;
-    size_t at = 0;
-    for (; at < 4; at++) {
-        now_ms |= (uint64_t)data[at] << 8 * at;
-    }
-    while (at + 2 <= size) {
-        const unsigned kind = data[at] < 240 ? 16 : data[at] - 240u, pause = data[at + 1];
-        size_t chunk_size = kind < 16 ? 60 : data[at];
-        at += 2;
-        chunk_size = chunk_size < size - at ? chunk_size : size - at;
-        now_ms += pause < 225 ? pause / 2 : (uint64_t)1 << (pause - 225);
-        uint8_t *chunk = (uint8_t *)exactly(chunk_size);
-        if (chunk_size > 0) {
-            memcpy(chunk, data + at, chunk_size);
+    uint64_t fed = 0;
+    struct script s = begin(data, size);
+    while (next(&s, special_size)) {
+        const uint32_t now_ms = (uint32_t)s.now_ms;
+        if (s.special >= 0) {
+            make_good(s.chunk, s.chunk_size, (unsigned)s.special);
         }
-        if (kind < 16) {
-            make_good(chunk, chunk_size, kind);
-        }
-        at += chunk_size;
-        fed += chunk_size;
+        fed += s.chunk_size;
         const size_t before = of_whole.messages;
-        const size_t count = arva_message_decoder_feed(whole, chunk_size > 0 ? chunk : NULL, chunk_size, (uint32_t)now_ms);
+        const size_t count = arva_message_decoder_feed(whole, s.chunk_size > 0 ? s.chunk : NULL, s.chunk_size, now_ms);
         REQUIRE(count == of_whole.messages - before);
-        arva_message_decoder_feed(single, NULL, 0, (uint32_t)now_ms);
-        for (size_t k = 0; k < chunk_size; k++) {
-            arva_message_decoder_feed(single, chunk + k, 1, (uint32_t)now_ms);
+        arva_message_decoder_feed(single, NULL, 0, now_ms);
+        for (size_t k = 0; k < s.chunk_size; k++) {
+            arva_message_decoder_feed(single, s.chunk + k, 1, now_ms);
         }
-        free(chunk);
+        free(s.chunk);
         REQUIRE(of_whole.sum == of_single.sum && of_whole.messages == of_single.messages);
         REQUIRE(whole->good == of_whole.messages && single->good == whole->good);
         REQUIRE(whole->bad_crc == single->bad_crc && whole->dropped == single->dropped && whole->count == single->count);
@@ -204,5 +175,3 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     free(whole);
     return 0;
 }
-
-#include "fuzz_alone.h"
