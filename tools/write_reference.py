@@ -52,7 +52,7 @@ def page() -> str:
         "## Receivers of pulses",
         "",
         "The own keys of `model: pulsed`, beside those of every receiver. `vector` and `rssi` have them too, with",
-        "other defaults.",
+        "other defaults; but `rssi` neither reverts to sending nor tests itself.",
         "",
         *_model_table("pulsed"),
         "",

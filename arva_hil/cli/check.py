@@ -41,8 +41,10 @@ def _check(name: str, text: str) -> None:
         parse_profile(text, of, name)
         show(f"{name}: ok: the profile of a {of}")
         own = f"profile: {json.dumps(os.path.basename(name))}"
-        keys, more = (f", {own}", "") if of == "transmitter" else ("", f"\nreceiver: {{{own}}}")
-        _warn(name, parse(f"spec: 2\ntransmitters: [{{id: 0, ned: [0, 0, 0]{keys}}}]{more}", name))
+        keys, hears = (f", {own}", "model: pulsed") if of == "transmitter" else ("", own)
+        text = f"spec: 2\ntransmitters: [{{id: 0, ned: [0, 0, 0]{keys}}}]\nreceiver: {{{hears}}}"
+        for remark in _remarks(parse(text, name)):
+            tell(f"{name}: warning: {remark.partition(': ')[2]}")
         return
     if is_plan(text):
         from arva_hil.campaign.plan import size
@@ -61,12 +63,12 @@ def _check(name: str, text: str) -> None:
     for fault in chosen.faults:
         show(f"  fault {fault}")
     if newer_keys(chosen):
-        _warn(name, chosen)
+        for remark in _remarks(chosen):
+            tell(f"{name}: warning: {remark}")
 
 
-def _warn(name: str, chosen: Scenario) -> None:
-    """Print what is outside the norm."""
+def _remarks(chosen: Scenario) -> list[str]:
+    """What is outside the norm."""
     from arva_hil.emulator.build import outside_norm  # slow to import
 
-    for remark in outside_norm(chosen):
-        tell(f"{name}: warning: {remark}")
+    return outside_norm(chosen)

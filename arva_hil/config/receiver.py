@@ -122,7 +122,8 @@ def _violations(error: "ValidationError", model: str | None) -> Iterator[Violati
             expected = message.removeprefix("Input should be ").partition(", unable to parse")[0]
             yield Violation(expected, path=path)
         else:
-            yield Violation(f"what the receiver model {model} takes", message.removeprefix("Value error, "), path=path)
+            found, _, expected = message.removeprefix("Value error, ").partition(": expected ")
+            yield Violation(expected or f"what the receiver model {model} takes", found, path=path)
 
 
 NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))

@@ -33,7 +33,7 @@ def _seconds(low: float, high: float) -> Number:
 class KeyingOptions(Table):
     """When a transmitter sends. What is None is drawn from its class, by the scenario's seed and its id.
 
-    Raises ValueError for a period that is not longer than the pulse.
+    Raises ValueError for contradictory times: no pause behind a pulse, or a jitter of a twelfth of it.
     """
 
     kind: KeyingKind = key(Word(get_args(KeyingKind)), "the class of sets it is of", default="modern")
@@ -58,18 +58,22 @@ class KeyingOptions(Table):
 
     @classmethod
     def conflicts(cls, of: Any) -> Iterator[Violation]:
-        period_s, pulse_s = of.period_s, of.pulse_s
-        if of.kind is None or (period_s is None and pulse_s is None):
+        if of.kind is None or (of.period_s is None and of.pulse_s is None and of.jitter_s is None):
             return
-        from arva_hil.field.keying import KEYING_CLASSES  # slow to import
+        from arva_hil.field.keying import JITTER_S, KEYING_CLASSES, jitter_limit_s  # slow to import
 
         usual = KEYING_CLASSES[of.kind]
-        shortest = usual.period_s - usual.spread_s if period_s is None else period_s
-        pulse_s = usual.pulse_s if pulse_s is None else pulse_s
-        if shortest <= pulse_s:
-            where = "pulse_s" if period_s is None else "period_s"
-            found = f"a pulse of {pulse_s:g} s in a period of {shortest:g} s"
+        period_s = usual.shortest_s if of.period_s is None else of.period_s
+        pulse_s = usual.pulse_s if of.pulse_s is None else of.pulse_s
+        jitter_s = JITTER_S if of.jitter_s is None else of.jitter_s
+        where = "pulse_s" if of.period_s is None else "period_s"
+        if period_s <= pulse_s:
+            found = f"a pulse of {pulse_s:g} s in a period of {period_s:g} s"
             yield Violation("a period above the pulse", found, path=(where,))
+        elif jitter_s >= jitter_limit_s(period_s, pulse_s):
+            found = f"a jitter of {jitter_s:g} s and a pause of {period_s - pulse_s:.4g} s"
+            where = where if of.jitter_s is None else "jitter_s"
+            yield Violation("a jitter below a twelfth of the pause", found, path=(where,))
 
 
 _CONDUCTIVITY: Final = Number(0, 10, unit="S/m")

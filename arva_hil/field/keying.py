@@ -25,7 +25,13 @@ LEAK_DB: Final = -71.0  # derived from one report: docs/explanation/pulsed.md
 _LOW_BATTERY: Final = 0.2  # assumption: below this charge the output falls, to −3 dB with an empty battery
 _EMPTY_DB: Final = -3.0  # assumption
 _WORST_JITTER: Final = 6.0  # standard deviations; jitter is limited to that
+_WORST_SPREAD: Final = 4.0  # standard deviations; a period drawn from a normal distribution is limited to that
 _GOLDEN: Final = 0x9E3779B97F4A7C15  # the step of SplitMix64
+
+
+def jitter_limit_s(period_s: float, pulse_s: float) -> float:
+    """The jitter has to be below this, so that a pause stays between any two pulses."""
+    return (period_s - pulse_s) / (2 * _WORST_JITTER)
 
 
 class Pulses(NamedTuple):
@@ -60,10 +66,10 @@ class Keying(Frozen):
             raise ValueError(
                 f"a pulse of {self.pulse_s:g} s in a period of {self.period_s:g} s: expected a period above the pulse"
             )
-        if not 0 <= self.jitter_s * 2 * _WORST_JITTER < self.period_s - self.pulse_s:
+        limit = jitter_limit_s(self.period_s, self.pulse_s)
+        if not 0 <= self.jitter_s < limit:
             raise ValueError(
-                f"jitter_s {self.jitter_s:g}: expected 0 or more, and below a twelfth of the pause "
-                f"({(self.period_s - self.pulse_s) / 2 / _WORST_JITTER:.4g} s)"
+                f"jitter_s {self.jitter_s:g}: expected 0 or more, and below a twelfth of the pause ({limit:.4g} s)"
             )
         if not 0 <= self.battery <= 1:
             raise ValueError(f"battery {self.battery:g}: expected 0…1")
@@ -120,6 +126,11 @@ class KeyingClass(Frozen):
     carrier_hz_per_c: float = 0.0  # from 20 °C
     leak_db: float | None = None
 
+    @property
+    def shortest_s(self) -> float:
+        """The shortest period that is drawn."""
+        return self.period_s - self.spread_s * (1.0 if self.spread == "uniform" else _WORST_SPREAD)
+
 
 KEYING_CLASSES: Final = {
     "modern": KeyingClass(0.080, 1.0, "uniform", 0.3, 20.0, 80.0),
@@ -137,7 +148,7 @@ def draw_keying(kind: KeyingClass, seed: int, id_: int, temperature_c: float = 2
     rng = np.random.Generator(np.random.PCG64([seed, id_]))
     uniform, clock, phase = rng.random(3).tolist()
     normal, carrier = rng.standard_normal(2).tolist()
-    around = 2 * uniform - 1 if kind.spread == "uniform" else max(-4.0, min(4.0, normal))
+    around = 2 * uniform - 1 if kind.spread == "uniform" else max(-_WORST_SPREAD, min(_WORST_SPREAD, normal))
     period_s = kind.period_s + kind.spread_s * around
     offset = kind.carrier_hz + kind.carrier_sigma_hz * carrier + kind.carrier_hz_per_c * (temperature_c - 20.0)
     return Keying(

@@ -29,6 +29,12 @@ class RssiOptions(PulsedOptions):
     frames: Frames = "pulses"
     full_scale_na_m: Annotated[float, Gt(0), "the signal that is 0 dBFS [nA/m]"] = 1e6
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in "self_test_m", "revert_s":
+            if getattr(self, name) is not None:
+                raise ValueError(f"{name} {getattr(self, name):g}: expected model: pulsed or vector, which have it")
+
 
 class RssiReceiver(ListeningReceiver):
     """A `ReceiverModel` with one channel: the strength of the newest pulse of any transmitter, for 1.5 s.

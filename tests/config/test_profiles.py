@@ -110,6 +110,9 @@ def test_what_does_not_fit_together_is_said_at_the_profile_s_name(tmp_path: Path
         ("medium: {snow_conductivity_s_m: -1}", "expected a number from 0 to 10"),
         ("receiver: {vehicle_noise: {motors: []}}", "expected a list of 1 to 16 places"),
         ("receiver: {vehicle_noise: {motor_na_m: 3}}", "no motors"),
+        ("receiver: {model: rssi, revert_s: 60}", "revert_s 60, expected model: pulsed or vector, which have it"),
+        ("receiver: {model: rssi, self_test_m: 5}", "self_test_m 5, expected model: pulsed or vector, which have it"),
+        ("receiver: {model: pulsed, saturation_na_m: 1}", "saturation_na_m 1, expected above threshold_na_m (2.25)"),
     ],
 )
 def test_what_is_wrong_is_said(text: str, words: str) -> None:
@@ -125,6 +128,12 @@ def test_what_is_wrong_is_said(text: str, words: str) -> None:
         ),
         ("{pulse_s: 0.9}", "2:58: a pulse of 0.9 s in a period of 0.7 s, expected a period above the pulse"),
         ("{period_s: 1, pulse_s: 1}", "a pulse of 1 s in a period of 1 s"),
+        ("{kind: analogue, pulse_s: 0.85}", "2:74: a pulse of 0.85 s in a period of 0.812 s"),
+        (
+            "{jitter_s: 0.06}",
+            "2:59: a jitter of 0.06 s and a pause of 0.62 s, expected a jitter below a twelfth of the pause",
+        ),
+        ("{period_s: 0.082}", "2:59: a jitter of 0.0002 s and a pause of 0.002 s, expected a jitter below a twelfth"),
         ("{kind: analog}", "did you mean 'analogue'?"),
     ],
 )
@@ -185,12 +194,24 @@ def test_a_set_outside_the_norm_is_a_warning_with_the_limit(tmp_path: Path, caps
 
 
 def test_a_profile_outside_the_norm_is_a_warning_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    deaf, weak = tmp_path / "deaf.yaml", tmp_path / "weak.yaml"
-    deaf.write_text("spec: 2\nreceiver: {model: pulsed, threshold_na_m: 90}\n")
+    deaf, weak, strong = tmp_path / "deaf.yaml", tmp_path / "weak.yaml", tmp_path / "strong.yaml"
+    deaf.write_text("spec: 2\nreceiver: {model: pulsed, threshold_na_m: 90, noise_na_m: 50}\n")
     weak.write_text("spec: 2\ntransmitter: {strength: 0.3, keying: {kind: modern, period_s: 1}}\n")
-    assert main(["check", str(deaf), str(weak)]) == 0
+    strong.write_text("spec: 2\ntransmitter: {strength: 5}\n")
+    assert main(["check", str(deaf), str(weak), str(strong)]) == 0
     told = capsys.readouterr().err.splitlines()
     assert told == [
-        f"{deaf}: warning: receiver: threshold_na_m 90: the norm has at most 80 nA/m",
-        f"{weak}: warning: transmitter 0: strength 0.3: the norm has 0.5…2.24 µA/m at 10 m",
+        f"{deaf}: warning: threshold_na_m 90: the norm has at most 80 nA/m",
+        f"{deaf}: warning: noise_na_m 50: the norm has at most 46 nA/m",
+        f"{weak}: warning: strength 0.3: the norm has 0.5…2.24 µA/m at 10 m",
+        f"{strong}: warning: strength 5: the norm has 0.5…2.24 µA/m at 10 m",
+    ]
+
+
+def test_a_strength_is_judged_in_the_units_of_the_receiver_that_listens_to_pulses() -> None:
+    places = "transmitters: [{id: 1, ned: [1, 2, 3], strength: 2}]\nreceiver: "
+    assert outside_norm(scenario(places + "{model: paper}")) == []
+    assert outside_norm(scenario(places + "{model: pulsed}")) == []
+    assert outside_norm(scenario(places + "{model: pulsed, reference_ua_m: 1.5}")) == [
+        "transmitter 1: strength 3: the norm has 0.5…2.24 µA/m at 10 m"
     ]
