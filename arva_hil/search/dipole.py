@@ -37,6 +37,7 @@ WIDE: Final = np.geomspace(0.03, 10.0, 16)  # of a place that may be wrong
 USUAL: Final = (0.1, 0.8)  # of such a sigma: its median, and the sigma of its logarithm
 _MODESTY: Final = 1.6  # a fit makes its own errors look smaller than they are
 
+FORGET: Final = 12.0  # a hypothesis whose likelihood is e^−12 of the best one's
 SETTLED: Final = 0.01  # of a cost: two rounds in a row that gain less are the last
 
 MOST: Final = 64  # readings

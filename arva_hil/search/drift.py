@@ -7,6 +7,9 @@ in time are alike, those of a minute average out.
 from __future__ import annotations
 
 import copy
+import math
+from collections.abc import Sequence
+from itertools import zip_longest
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -20,6 +23,8 @@ WHITE_M: Final = 0.1  # sigma of what else is wrong with a place
 _SLOW_S: Final = (30.0, 5.0)  # forgotten in, filtered with
 _FARTHEST_M: Final = 2.0  # of a step
 _SETTLED_M: Final = 0.01  # a step that moves it and the drift less is the last
+_ROUNDS: Final = 4
+_FEW, _APART_M = 4, 0.2  # hypotheses
 
 Array = NDArray[np.float64]
 
@@ -32,20 +37,21 @@ class DriftFit(NamedTuple):
     now: Array  # (3,)
     now_covariance: Array  # (3, 3)
     cost: float  # −ln of the likelihood
-    drift: Array  # (3, N) of the readings
+    drift: Array  # (3, N) of the readings,
+    time_s: Array  # (N,) at these times
 
 
 def fitted(
-    x: Array, o: dipole.Readings, pose_error: float, drift_m: float, rounds: int, drift: Array | None = None
+    x: Array, o: dipole.Readings, pose_error: float, drift_m: float, rounds: int, near: DriftFit | None = None
 ) -> DriftFit:
     """The hypothesis (6,) near x that fits the readings best; sigmas of each place and of the drift [m].
 
-    `drift`: to begin with. The cost of a fit with `drift_m` 0 can be compared with others.
+    `near`: a fit whose drift it begins with. The cost of a fit with `drift_m` 0 can be compared with others.
     """
     alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s)
     newest = drift_m**2 * _alike(o.time_s - o.time_s[1:].max(initial=0.0))
     alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is no reading
-    there, drift = copy.copy(o), np.zeros((3, len(o.time_s))) if drift is None else drift
+    there, drift = copy.copy(o), np.zeros((3, len(o.time_s))) if near is None else _then(near, o.time_s)
     while True:
         there.at = o.at - drift
         fit = dipole.evaluate(x[None], there, pose_error)
@@ -74,7 +80,28 @@ def fitted(
     rest = drift_m**2 * np.eye(3) - known @ np.linalg.solve(each, known.T)
     now_covariance: Array = turn @ covariance @ turn.T + rest
     cost = 0.5 * float(e @ solved[:, 6] + np.linalg.slogdet(each)[1])
-    return DriftFit(x, covariance, x[:3] + known @ left, now_covariance, cost, drift)
+    return DriftFit(x, covariance, x[:3] + known @ left, now_covariance, cost, drift, o.time_s)
+
+
+def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.Readings, drift_m: float) -> list[DriftFit]:
+    """Hypotheses (K, 6) fitted to more readings, best first; the first of them are of the fits `before`, and begin with
+    their drifts. Unlikely and equal ones are dropped.
+    """
+    pairs = zip_longest(x[:_FEW], before[:_FEW])
+    every = sorted((fitted(one, o, WHITE_M, drift_m, _ROUNDS, near) for one, near in pairs), key=lambda fit: fit.cost)
+    kept: list[DriftFit] = []
+    for one in every:
+        if one.cost - every[0].cost < dipole.FORGET and all(
+            math.dist(one.x[:3], other.x[:3]) > _APART_M for other in kept
+        ):
+            kept.append(one)
+    return kept
+
+
+def _then(fit: DriftFit, time_s: Array) -> Array:
+    """The drift of a fit at times (N,); of new readings, as it was last."""
+    order = 1 + np.argsort(fit.time_s[1:])
+    return np.array([np.interp(time_s, fit.time_s[order], axis[order]) for axis in fit.drift])
 
 
 def _alike(after_s: Array) -> Array:

@@ -18,17 +18,15 @@ from numpy.typing import NDArray
 from . import dipole
 from .agreement import Evidence, beginning, judged
 from .circle import RADIUS_M, Circle
-from .drift import WHITE_M, DriftFit, fitted
+from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again
 from .history import NOTHING, Explanation
 from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
 
 _STEP_M: Final = 0.48  # flown between two readings that are kept,
 _STEP_S, _DRIFTING_S = 0.2, 1.5  # and the time at least; where places drift
-_FORGET: Final = 12.0  # a hypothesis whose likelihood is e^−12 of the best one's
 _SAME: Final = np.array([0.02] * 3 + [0.1] * 3)  # apart by less: place over distance, and moment
 _MANY: Final = 40
-_FEW, _APART_M = 4, 0.2  # if the places drift
-_ROUNDS, _MORE_ROUNDS = 2, 4  # where places drift it takes more
+_ROUNDS: Final = 2
 _DOUBTS: Final = (4, 4)  # rounds again, before it stops
 _CAUTION: Final = 2.0  # of the covariance: readings are not as independent as the fit believes
 _SURE_M: Final = 0.3  # sigma
@@ -49,6 +47,7 @@ _EVIDENT: Final = 16.0  # another cause is believed if it is more likely by e^16
 _LATE_S: Final = 1.0  # readings that are later by more need another circle
 _LIKELY: Final = 3.0  # at the end, a drift by e^3,
 _LIKELIER: Final = 6.0  # and any by e^6 where the place is doubtful
+_UNLIKELY: Final = 9.0  # a drift that is less likely by e^9 is none
 _DOUBTFUL_S: Final = 90.0  # then the place is told as it is,
 _LONGEST_S: Final = 240.0  # and so long after it first came above a place, whatever has happened since
 _DRIFT: Final = 0.3  # of a drift: what sigma may be more of the place where it hovers
@@ -164,7 +163,18 @@ class Estimate:
         if not agrees:
             self._doubtful_s = min(self._doubtful_s, o.time_s)
             self._circle = None
-        return not self._believe(every, _LIKELIER, o, drift=_LIKELY) and agrees
+        if self._believe(every, _LIKELIER, o, drift=_LIKELY):
+            return False
+        if self._may_drift(every, o.time_s):
+            self._circle = None
+            return False
+        return agrees
+
+    def _may_drift(self, every: Sequence[Explanation], time_s: float) -> bool:
+        """Whether the readings of another circle are needed to tell a usual drift from none."""
+        least = min(one.cost for one in every)
+        drifts = any(one.cause.drift_m >= DRIFTS_M[0] and one.cost < least + _UNLIKELY for one in every)
+        return drifts and self._cause.drift_m < DRIFTS_M[0] and time_s - self._above_s < _AVERAGE_S
 
     def _explain(self, o: Observation) -> None:
         """Find out how late the readings are, how their places drift, and which antennas fail."""
@@ -182,7 +192,9 @@ class Estimate:
         new = 0.0 if before.drift_m else min(drift, _LIKELIER)
         best = min(every, key=lambda one: one.cost + (new if one.cause.drift_m else 0.0))
         if best.cause.drift_m:
-            evident = _EVIDENT if before.drift_m else drift
+            evident = drift if best.cause.drift_m > before.drift_m else _EVIDENT
+        if best.cause == before and self._drifts and best.best.cost < self._drifts[0].cost:
+            self._x, self._drifts = np.concatenate([best.x[:1], self._x]), [best.best, *self._drifts]
         if best.cause == before or every[0].cost - best.cost < evident:
             return False
         if best.cause.lag_s > before.lag_s + _LATE_S:
@@ -190,7 +202,7 @@ class Estimate:
         if not (best.cause.drift_m and before.drift_m):
             self._listens_s = o.time_s
         self._cause, self._readings = best.cause, best.readings
-        self._drifts = []
+        self._drifts = [best.best] if best.cause.drift_m else []
         self._x, self._damping, self._pose_error = best.x, np.full(len(best.x), 0.01), min(best.pose_error, 1.0)
         self._weigh(o, _ROUNDS)
         return not 0 < best.cause.drift_m < before.drift_m
@@ -231,7 +243,7 @@ class Estimate:
         x[:, 3:] *= np.where(x[:, 3:] @ x[0, 3:] < 0, -1, 1)[:, None]  # m and −m sound alike
         scale = _SAME * ([1 + math.dist(x[0, :3], o.position)] * 3 + [1] * 3)
         apart = (np.abs(x[:, None] - x) > scale).any(axis=2)
-        kept = np.flatnonzero((cost < _FORGET) & (apart | ~np.tri(len(x), k=-1, dtype=bool)).all(axis=1))[:_MANY]
+        kept = np.flatnonzero((cost < dipole.FORGET) & (apart | ~np.tri(len(x), k=-1, dtype=bool)).all(axis=1))[:_MANY]
         order = order[kept]
         self._x, self._damping, self._share = x[kept], damping[order], np.exp(-cost[kept])
         self._share /= self._share.sum()
@@ -242,15 +254,10 @@ class Estimate:
     def _weigh_drifting(self) -> None:
         """The same, when the places drift: the hypotheses are where they would be in the places reported now."""
         self._readings = self._evidence.readings(self._cause)
-        every = [fitted(x, self._readings, WHITE_M, self._cause.drift_m, _MORE_ROUNDS) for x in self._x[:_FEW]]
-        best = min(one.cost for one in every)
-        every = sorted((one for one in every if one.cost - best < _FORGET), key=lambda one: one.cost)
-        self._drifts = []
-        for one in every:
-            if all(math.dist(one.x[:3], other.x[:3]) > _APART_M for other in self._drifts):
-                self._drifts.append(one)
+        self._drifts = fitted_again(self._x, self._drifts, self._readings, self._cause.drift_m)
         self._x, self._places = (np.array(column) for column in zip(*((d.x, d.now) for d in self._drifts), strict=True))
-        self._damping, self._share = np.full(len(self._x), 0.01), np.exp([best - d.cost for d in self._drifts])
+        self._damping = np.full(len(self._x), 0.01)
+        self._share = np.exp([self._drifts[0].cost - d.cost for d in self._drifts])
         self._share /= self._share.sum()
         self._pose_error = WHITE_M
         self._spread(np.array([d.now_covariance[:2, :2] for d in self._drifts]))

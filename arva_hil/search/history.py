@@ -118,9 +118,11 @@ class History:
 
     def _drifting(self, x: Array, first: Explanation, lag_s: float) -> list[Explanation]:
         """What fits under each drift, if readings are about so late. A fit may miss what another finds: begin there."""
-        best, tried, beside = self._fitted(x, Cause(drift_m=DRIFTS_M[0])), {0.0}, {lag_s, _LATER_S}
+        some = (self._fitted(x, Cause(lag_s=one, drift_m=DRIFTS_M[0])) for one in (0.0, _LATER_S))
+        best, tried = min(some, key=lambda one: one.cost), {0.0, _LATER_S}
         if first.cause.drift_m and first.cost < best.cost:
             best = first
+        beside = {lag_s, best.cause.lag_s + _LATER_S}
         while beside := beside & set(_LAGS_S) - tried:
             tried |= beside
             near = [self._fitted(x, best.cause._replace(lag_s=one), best) for one in sorted(beside)]
@@ -139,7 +141,7 @@ class History:
         there = near.readings if near and near.cause.lag_s == cause.lag_s else self.readings(cause)
         if near is not None:
             one = near.best
-            return _drifts(cause, there, [fitted(one.x, there, WHITE_M, drift_m, _MORE_ROUNDS, one.drift)])
+            return _drifts(cause, there, [fitted(one.x, there, WHITE_M, drift_m, _MORE_ROUNDS, one)])
         error = max(0.3, drift_m)
         nearest = self.nearest
         assert nearest is not None
@@ -157,7 +159,7 @@ class History:
             begin = np.concatenate([given, x])
             rough = [fitted(one, there, WHITE_M, drift_m, _SOME_ROUNDS) for one in begin]
             rough.sort(key=lambda one: one.cost)
-            fits = [fitted(one.x, there, WHITE_M, drift_m, _MORE_ROUNDS, one.drift) for one in rough[:_FEWER]]
+            fits = [fitted(one.x, there, WHITE_M, drift_m, _MORE_ROUNDS, one) for one in rough[:_FEWER]]
             return _drifts(cause, there, fits)
         one, costs = fitted(x[0], there, error, 0.0, 0), fit.cost[best]
         surprise = 0.5 * (math.log(error / dipole.USUAL[0]) / dipole.USUAL[1]) ** 2
