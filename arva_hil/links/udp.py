@@ -11,6 +11,7 @@ from arva_hil.links.base import AT_ONCE, CHUNK, Link, LinkError, Opening, Sender
 from arva_hil.links.tcp import listen_error, resolve
 from arva_hil.links.url import Address, show
 
+_WAITING_BYTES: Final = 1 << 20  # kept by the system, if it may, while the program is held up; a fleet sends much
 _MOST_SENDERS: Final = 8  # that get each write while there is no peer
 
 
@@ -26,6 +27,7 @@ class _UdpLink(Link):
         family, address = resolve(self.name, host, port, socket.SOCK_DGRAM)
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _WAITING_BYTES)
         self._fd = self._socket.fileno()
         listens = self.scheme == "udpin"
         try:

@@ -149,6 +149,15 @@ def test_one_write_is_one_datagram_and_several_are_read_joined(udpin: UdpInLink)
         assert [far.recv(65536), far.recv(65536)] == [b"x" * 1000, b"y"]
 
 
+def test_what_a_fleet_sends_while_the_program_is_held_up_is_not_lost(udpin: UdpInLink) -> None:
+    """64 vehicles send 500 packets in 80 ms; the system keeps 256 of them unless it is asked for more."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        for _ in range(500):
+            vehicle.sendto(b"x" * 40, ("127.0.0.1", udpin.port))
+    came = b"".join(iter(udpin.read, b""))
+    assert len(came) == 500 * 40
+
+
 def test_udpout_does_not_mind_that_nobody_listens_yet(keep: Keep) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reserved:
         reserved.bind(("127.0.0.1", 0))
