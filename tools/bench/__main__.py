@@ -1,6 +1,7 @@
 """Measures our speed beside what a user would take instead, and prints one table.
 
-    python -m tools.bench --flight px4.tlog [--json FILE] [--check BASELINE] [model streams live loops starts fleet]
+    python -m tools.bench --flight px4.tlog [--json FILE] [--check BASELINE]
+                          [model streams live loops starts limits fleet]
 
 `--check` names what got slower than in a file that `--json` wrote before, and then the exit code is 1. Each cost is
 the least of several, of processor time where nothing else is said, and ours is measured beside its peer's.
@@ -48,6 +49,12 @@ def _loops(_: argparse.Namespace) -> Iterator[Row]:
     return starts.loops()
 
 
+def _limits(options: argparse.Namespace) -> Iterator[Row]:
+    from tools.bench import limits
+
+    return limits.rows(options.flight)
+
+
 def _fleet(options: argparse.Namespace) -> Iterator[Row]:
     from tools.bench import fleet
 
@@ -60,9 +67,10 @@ _GROUPS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "live": _live,
     "loops": _loops,
     "starts": _starts,
+    "limits": _limits,
     "fleet": _fleet,
 }
-_NEED_FLIGHT = ("streams", "live", "starts")
+_NEED_FLIGHT = ("streams", "live", "starts", "limits")
 
 
 def main() -> int:
