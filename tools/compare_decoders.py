@@ -11,19 +11,20 @@ import argparse
 import sys
 import tempfile
 from collections import Counter
+from functools import partial
 from pathlib import Path
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from firmware_proto import Decoder
-from tools.c_codec import CDecoder, Codec
-from tools.random_streams import SECONDS, Call, streams
+from tools.codecs.c_frames import CDecoder, Codec
+from tools.codecs.random_streams import SECONDS, Call, compare, streams
 
 COUNTERS = ("good", "bad_crc", "dropped", "lost")
 
 
-def differs(codec: Codec, calls: list[Call], epoch_ms: int, totals: Counter[str]) -> str:
+def difference(codec: Codec, totals: Counter[str], calls: list[Call], epoch_ms: int) -> str:
     """What the decoders disagree on; empty when on nothing."""
     ours, theirs = Decoder(), CDecoder(codec, epoch_ms)
     for now_ms, chunk in calls:
@@ -42,15 +43,8 @@ def main() -> int:
     options = parser.parse_args()
     totals: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
-        codec = Codec(Path(folder))
-        for k, calls in enumerate(streams(options.seed, options.count)):
-            epoch_ms = (k * 0x9E3779B1 - 500) & 0xFFFFFFFF  # everywhere, and just before the clock wraps
-            if difference := differs(codec, calls, epoch_ms, totals):
-                print(f"stream {k}, seed {options.seed}: {difference}", file=sys.stderr)
-                print(*(f"{now} {chunk.hex()}" for now, chunk in calls), sep="\n", file=sys.stderr)
-                return 1
-    print(f"{options.count} streams, no difference: " + ", ".join(f"{v} {k}" for k, v in sorted(totals.items())))
-    return 0
+        differs = partial(difference, Codec(Path(folder)), totals)
+        return compare(streams(options.seed, options.count), differs, totals, options.seed)
 
 
 if __name__ == "__main__":

@@ -20,8 +20,8 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "firmware_proto")]
 
 from firmware_proto import Answer, Command  # noqa: E402
 from firmware_proto.commands import encode_answer, encode_command  # noqa: E402
-from tools.c_messages import CMessageDecoder, CMessages, python_decoder  # noqa: E402
-from tools.random_streams import SECONDS, Call, message_streams  # noqa: E402
+from tools.codecs.c_messages import CMessageDecoder, CMessages, python_decoder  # noqa: E402
+from tools.codecs.random_streams import SECONDS, Call, compare, message_streams  # noqa: E402
 
 COUNTERS = ("good", "bad_crc", "dropped")
 
@@ -84,15 +84,9 @@ def main() -> int:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         comparison = Comparison(Path(folder), lua=not options.no_lua)
-        for k, calls in enumerate(message_streams(options.seed, options.count)):
-            epoch_ms = (k * 0x9E3779B1 - 500) & 0xFFFFFFFF  # everywhere, and just before the clock wraps
-            if difference := comparison.difference(calls, epoch_ms):
-                print(f"stream {k}, seed {options.seed}: {difference}", file=sys.stderr)
-                print(*(f"{now} {chunk.hex()}" for now, chunk in calls), sep="\n", file=sys.stderr)
-                return 1
-    totals = ", ".join(f"{v} {k}" for k, v in sorted(comparison.totals.items()))
-    print(f"{options.count} streams, no difference: {totals}")
-    return 0
+        return compare(
+            message_streams(options.seed, options.count), comparison.difference, comparison.totals, options.seed
+        )
 
 
 if __name__ == "__main__":

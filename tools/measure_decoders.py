@@ -23,7 +23,7 @@ if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from firmware_proto import Channel, Decoder, Frame, encode
-from tools.c_codec import SOURCE, compile_c, compiler
+from tools.codecs.c_code import SOURCE, compile_c, compiler
 
 RUNNER = """
 #include "arva_frame.h"

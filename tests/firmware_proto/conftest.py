@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.once import once
-from tools.c_codec import Codec
-from tools.c_messages import CMessages
+from tools.codecs.c_frames import Codec
+from tools.codecs.c_messages import CMessages
 
 
 @pytest.fixture(scope="session")

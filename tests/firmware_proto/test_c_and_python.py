@@ -5,7 +5,7 @@ from random import Random
 import pytest
 
 from firmware_proto import MAX_CHANNELS, Channel, Decoder, Frame, encode
-from tools.c_codec import CDecoder
+from tools.codecs.c_frames import CDecoder
 
 BYTE_MS = 10 / 115.2
 HEADS = [b"\xa4", b"\xa4\x57", b"\xa4\x57\x01", bytes.fromhex("A4570163"), bytes.fromhex("A4570163000010")]

@@ -13,7 +13,8 @@ from wire_vectors import VECTORS, as_frame, by_name, follow
 
 from firmware_proto import Channel, Frame, encode
 from tests.every import every
-from tools.c_codec import FOLDER, NEVER, ON_FRAME, SOURCE, CDecoder, State, compile_c, compiler
+from tools.codecs.c_code import FOLDER, NEVER, SOURCE, compile_c, compiler
+from tools.codecs.c_frames import ON_FRAME, CDecoder, State
 
 ONE = Frame(1, 1, (Channel(1, 2, 300, 12),))
 FALSE_LONG = bytes.fromhex("A4570163000010")

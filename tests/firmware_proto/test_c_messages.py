@@ -11,9 +11,10 @@ from wire_vectors import MESSAGES, VECTORS, by_name, follow_messages
 from firmware_proto import Answer, Channel, Command, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
 from tests.every import every
-from tools.c_codec import FOLDER, CDecoder, compile_c, compiler
-from tools.c_messages import MESSAGES as SOURCE
-from tools.c_messages import CMessageDecoder, Request, State, _Answer
+from tools.codecs.c_code import FOLDER, compile_c, compiler
+from tools.codecs.c_code import MESSAGES as SOURCE
+from tools.codecs.c_frames import CDecoder
+from tools.codecs.c_messages import CMessageDecoder, Request, State, _Answer
 
 COMPILERS = ["cc", *(c for c in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(c))]  # those beyond cc: if there
 MARK = Command(7, "mark", (3,))

@@ -13,8 +13,8 @@ from wire_vectors import MESSAGES, VECTORS, by_name, follow, follow_messages
 
 from firmware_proto import Channel, Decoder, Frame, encode
 from tests.every import every
-from tools.c_messages import python_decoder
-from tools.random_streams import SECONDS, message_streams, streams
+from tools.codecs.c_messages import python_decoder
+from tools.codecs.random_streams import SECONDS, message_streams, streams
 
 STREAMS = int(os.environ.get("ARVA_HIL_LUA_STREAMS", "500"))
 COUNTERS = ("good", "bad_crc", "dropped", "lost")

@@ -15,9 +15,8 @@ from firmware_proto import MID, Answer, Channel, Command, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
 from tests.every import every
 from tests.once import once
-from tools.c_codec import FOLDER as CODEC
-from tools.c_codec import SOURCE, compile_c, compiler
-from tools.c_messages import MESSAGES
+from tools.codecs.c_code import FOLDER as CODEC
+from tools.codecs.c_code import MESSAGES, SOURCE, compile_c, compiler
 
 CHANNELS, PASS_MS = 13, 10
 FOUR = (Channel(3, 2, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17, True), Channel())

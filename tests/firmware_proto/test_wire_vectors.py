@@ -22,7 +22,7 @@ from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.commands import encode_answer, encode_command
 from firmware_proto.measured import encode_rssi, encode_vector
 from tests.every import every
-from tools.c_messages import python_decoder
+from tools.codecs.c_messages import python_decoder
 
 MAKE = Path(__file__).parents[2] / "tools" / "make_vectors.py"
 

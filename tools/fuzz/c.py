@@ -18,14 +18,14 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tools.c_codec import FOLDER, SOURCE, compile_c, compiler
+from tools.codecs.c_code import FOLDER, MESSAGES, SOURCE, compile_c, compiler
 
 SANITIZE = ("-std=c99", "-g", "-O1", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
 VECTORS = FOLDER.parent / "vectors.json"
 HERE = Path(__file__).parent
 SOURCES = {
     "frames": (HERE / "frames.c", SOURCE),
-    "messages": (HERE / "messages.c", FOLDER / "arva_message.c", SOURCE),
+    "messages": (HERE / "messages.c", MESSAGES, SOURCE),
 }
 LONGEST = 1024
 LONGEST_CHUNK = 239

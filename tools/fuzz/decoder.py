@@ -23,11 +23,20 @@ DECODERS: Final = {
 }
 ENCODERS: Final = {name: registry.FORMATS[name].encode for name in DECODERS}
 FORMATS: Final = tuple(registry.FORMATS)
-_HELD: Final = {"binary": MAX_FRAME_BYTES, "nmea": 82 * (MAX_CHANNELS + 1), "text": 16}  # bytes, at most
-_HELD |= dict.fromkeys(registry.MEASURED_FORMATS, 2 * MAX_MESSAGE_BYTES)  # a message waits for its frame
-_HELD_IN_SILENCE: Final = {"binary": 0, "nmea": 82, "text": 16}
-_HELD_IN_SILENCE |= dict.fromkeys(registry.MEASURED_FORMATS, MAX_MESSAGE_BYTES)
+_HELD: Final = {"binary": MAX_FRAME_BYTES, "nmea": 82 * (MAX_CHANNELS + 1), "text": 16} | dict.fromkeys(
+    registry.MEASURED_FORMATS,
+    2 * MAX_MESSAGE_BYTES,  # a message waits for its frame
+)  # bytes, at most
+_HELD_IN_SILENCE: Final = {"binary": 0, "nmea": 82, "text": 16} | dict.fromkeys(
+    registry.MEASURED_FORMATS, MAX_MESSAGE_BYTES
+)
 _COUNTERS: Final = ("good", "bad_crc", "dropped", "lost")
+CARRIERS: Final = (
+    dialect.MAVLINK_MSG_ID_TUNNEL,
+    dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT,
+    dialect.MAVLINK_MSG_ID_DEBUG_VECT,
+    dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,
+)
 
 
 def fuzz(data: bytes) -> None:
@@ -85,14 +94,12 @@ def _in_order(data: bytes, frames: list[Frame]) -> None:
 
 def _through_the_autopilot(decoder: FrameDecoder, chunks: list[tuple[float, bytes]]) -> None:
     """MAVLink's own framing is right here, so that what is inside it is what is mutated."""
-    ids = (dialect.MAVLINK_MSG_ID_TUNNEL, dialect.MAVLINK_MSG_ID_NAMED_VALUE_INT, dialect.MAVLINK_MSG_ID_DEBUG_VECT)
-    ids += (dialect.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,)
     got: list[Frame] = []
     for k, (at, chunk) in enumerate(chunks):
         if chunk[:1] in (b"\xfe", b"\xfd"):
             raw = chunk
         else:
-            kind = ids[(chunk or b"\0")[0] % len(ids)]
+            kind = CARRIERS[(chunk or b"\0")[0] % len(CARRIERS)]
             raw = packet(kind, chunk[1:255], (1, 1), sequence=k % 256)
         got += decoder.feed(raw, at)
     assert decoder.good == len(got)

@@ -21,20 +21,20 @@ class Script:
     def __bool__(self) -> bool:
         return self._at < len(self._data)
 
-    def bytes(self, count: int) -> bytes:
+    def take(self, count: int) -> bytes:
         self._at += count
         return self._data[self._at - count : self._at]
 
     def number(self, layout: str = "B") -> Any:
         size = struct.calcsize("<" + layout)
-        return struct.unpack("<" + layout, self.bytes(size).ljust(size, b"\0"))[0]
+        return struct.unpack("<" + layout, self.take(size).ljust(size, b"\0"))[0]
 
     def chunks(self) -> Iterator[tuple[float, bytes]]:
         """The rest as chunks with their times: how long the pause before each is, how many bytes it has, and they."""
         now = 0.0
         while self:
             now += PAUSES_S[self.number() % len(PAUSES_S)]
-            yield now, self.bytes(self.number())
+            yield now, self.take(self.number())
 
 
 def scripted(chunks: Iterable[bytes], pause: int = 0) -> bytes:

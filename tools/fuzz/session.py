@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -76,7 +76,7 @@ class Bench:
     # what may happen
 
     def _raw(self) -> None:
-        self._feed(self._s.bytes(self._s.number()))
+        self._feed(self._s.take(self._s.number()))
 
     def _advance(self) -> None:
         self._now += STEPS_S[self._s.number() % len(STEPS_S)]
@@ -105,13 +105,13 @@ class Bench:
 
     def _any_message(self) -> None:
         msgid = MESSAGES[self._s.number("H") % len(MESSAGES)]
-        self._send(msgid, self._s.bytes(self._s.number()))
+        self._send(msgid, self._s.take(self._s.number()))
 
     def _unknown(self) -> None:
-        self._send(self._s.number("I") % (1 << 24), self._s.bytes(self._s.number() % 32))
+        self._send(self._s.number("I") % (1 << 24), self._s.take(self._s.number() % 32))
 
     def _heartbeat(self) -> None:
-        kind, autopilot, mode = self._s.bytes(3).ljust(3, b"\2")
+        kind, autopilot, mode = self._s.take(3).ljust(3, b"\2")
         self._say(dialect.MAVLink_heartbeat_message(kind, autopilot, mode, 0, 3, 3))
 
     def _position(self) -> None:
@@ -139,7 +139,7 @@ class Bench:
 
     def _hold(self) -> None:
         """The next packets come in one chunk with those behind it, which is cut where the input says."""
-        self._wire += self._s.bytes(1) or b"\xfd"
+        self._wire += self._s.take(1) or b"\xfd"
 
     def _ask(self) -> None:
         session = self._sides[0]
@@ -195,7 +195,7 @@ class Bench:
             if session.vehicle and (p.system, p.component) == (session.vehicle.system, session.vehicle.component):
                 assert self._alone(twin, p) == [p]
 
-    def _alone(self, twin: Session, p: Packet) -> list[Packet]:
+    def _alone(self, twin: Session, p: Packet) -> Sequence[Packet]:
         twin.parser.cut()
         return twin.feed(p.raw, self._now)
 
@@ -209,7 +209,7 @@ class Bench:
         vehicle = session.vehicle
         if vehicle is None:
             assert self._ids is None, "the vehicle is forgotten"
-            assert session.track.newest is session.home is session.state_at(self._now, FRAME) is None
+            assert (session.track.newest, session.home, session.state_at(self._now, FRAME)) == (None, None, None)
             return
         ids = vehicle.system, vehicle.component
         assert self._ids in (None, ids), f"the vehicle was {self._ids}, is {ids}"

@@ -1,8 +1,8 @@
-"""The messages of vectors.json, by no codec: see make_vectors.py."""
+"""The messages, and their streams."""
 
 from __future__ import annotations
 
-from typing import Any
+from tools.vectors.by_hand import Wire, number, seal, sentence
 
 ABOUT = [
     "messages: encode gives `hex`, and `line` where there is one; decoding gives the message back. `type`: command,",
@@ -12,18 +12,6 @@ ABOUT = [
 NAMES = ("identify", "mark", "unmark", "select", "restart", "channels", "scan", "search")
 RESULTS = ("done", "refused", "unknown", "busy")
 
-Wire = dict[str, Any]
-
-
-def crc(data: bytes) -> int:
-    """CRC-16/MCRF4XX, one bit at a time."""
-    register = 0xFFFF
-    for byte in data:
-        for bit in range(8):
-            carry = (register ^ byte >> bit) & 1
-            register = register >> 1 ^ 0x8408 * carry
-    return register
-
 
 def masked(kind: int, body: bytes, mask: int | None = None) -> bytes:
     """A message; the mask is the lowest with which no byte is A4, or the one given."""
@@ -32,12 +20,7 @@ def masked(kind: int, body: bytes, mask: int | None = None) -> bytes:
         mask = 0
         while 0xA4 in [byte ^ mask for byte in plain]:
             mask += 1
-    inside = bytes([2, len(plain) + 1, mask]) + bytes(byte ^ mask for byte in plain)
-    return b"\xa4\x57" + inside + crc(inside).to_bytes(2, "little")
-
-
-def number(value: int, size: int, *, signed: bool = True) -> bytes:
-    return value.to_bytes(size, "little", signed=signed)
+    return seal(bytes([2, len(plain) + 1, mask]) + bytes(byte ^ mask for byte in plain))
 
 
 def code(name: str) -> int:
@@ -88,14 +71,10 @@ def body(m: Wire) -> tuple[int, bytes]:
     return (1 if m["type"] == "vector" else 2), out
 
 
-def sentence(m: Wire) -> str:
-    fields: list[Any] = ["PARVC" if m["type"] == "command" else "PARVR", m["number"], m["command"]]
-    fields += ([m["result"], m["text"]] if m["type"] == "answer" else []) + m["values"]
-    text = ",".join(map(str, fields))
-    checksum = 0
-    for letter in text:
-        checksum ^= ord(letter)
-    return f"${text}*{checksum:02X}\r\n"
+def spoken(m: Wire) -> str:
+    """A command or an answer as a line."""
+    answered = [m["result"], m["text"]] if m["type"] == "answer" else []
+    return sentence("PARVC" if m["type"] == "command" else "PARVR", m["number"], m["command"], *answered, *m["values"])
 
 
 EMPTY = vector(None, 0, 0, 0, zone=0, period=0, carrier=None, age_ms=None)
@@ -238,7 +217,7 @@ def parts(frame: bytes) -> dict[str, list[Wire]]:
     for name, m in MESSAGES.items():
         channels = [{key: value for key, value in c.items() if key != "exponent"} for c in m.get("channels", ())]
         said = {"name": name, "hex": BYTES[name].hex(), **m} | ({"channels": channels} if channels else {})
-        if m["type"] in ("command", "answer") and len(sentence(m)) <= 82:
-            said["line"] = sentence(m)
+        if m["type"] in ("command", "answer") and len(spoken(m)) <= 82:
+            said["line"] = spoken(m)
         messages.append(said)
     return {"messages": messages, "message_streams": streams(frame)}

@@ -1,4 +1,4 @@
-"""firmware_proto/c/arva_message.c, compiled and called from Python: the same messages as Python's decoders give."""
+"""The messages of firmware_proto/c/arva_message.c: the same as Python's decoders give."""
 
 from __future__ import annotations
 
@@ -10,12 +10,10 @@ from firmware_proto import Answer, Command, LevelChannel, Measured, VectorChanne
 from firmware_proto.commands import ANSWER, ANSWER_KIND, COMMAND, COMMAND_KIND, NAMES, RESULTS
 from firmware_proto.measured import LEVEL_KIND, LEVELS, VECTOR_KIND, VECTORS, MeasuredMessage
 from firmware_proto.messages import Kind, MessageDecoder
-from tools.c_codec import FOLDER, SOURCE, compile_c, compiler
+from tools.codecs.c_code import I16, I32, MESSAGES, SOURCE, U8, U16, U32, Decoding, fields, library, written
 
-MESSAGES = FOLDER / "arva_message.c"
 KINDS: dict[int, Kind[Any]] = {VECTOR_KIND: VECTORS, LEVEL_KIND: LEVELS, COMMAND_KIND: COMMAND, ANSWER_KIND: ANSWER}
 WANT_ALL = 15
-NEVER = 2**32 - 1
 
 
 def python_decoder() -> MessageDecoder[Any]:
@@ -24,90 +22,54 @@ def python_decoder() -> MessageDecoder[Any]:
 
 
 class _Message(ctypes.Structure):
-    _fields_ = (("kind", ctypes.c_uint8), ("size", ctypes.c_uint8), ("body", ctypes.c_void_p))
+    _fields_ = fields(kind=U8, size=U8, body=ctypes.c_void_p)
 
 
 class _Command(ctypes.Structure):
-    _fields_ = (
-        ("number", ctypes.c_uint8),
-        ("code", ctypes.c_uint8),
-        ("count", ctypes.c_uint8),
-        ("values", ctypes.c_int32 * 4),
-    )
+    _fields_ = fields(number=U8, code=U8, count=U8, values=I32 * 4)
 
 
 class _Answer(ctypes.Structure):
-    _fields_ = (
-        ("number", ctypes.c_uint8),
-        ("code", ctypes.c_uint8),
-        ("result", ctypes.c_uint8),
-        ("count", ctypes.c_uint8),
-        ("values", ctypes.c_int32 * 4),
-        ("text", ctypes.c_char * 33),
-    )
+    _fields_ = fields(number=U8, code=U8, result=U8, count=U8, values=I32 * 4, text=ctypes.c_char * 33)
 
 
 class _Pulse(ctypes.Structure):
-    _fields_ = (
-        ("id", ctypes.c_uint8),
-        ("zone", ctypes.c_uint8),
-        ("marked", ctypes.c_uint8),
-        ("x", ctypes.c_int32),
-        ("y", ctypes.c_int32),
-        ("z", ctypes.c_int32),
-        ("period", ctypes.c_uint16),
-        ("carrier", ctypes.c_int16),
-        ("level", ctypes.c_int16),
-        ("age_ms", ctypes.c_uint16),
-    )
+    _fields_ = [
+        *fields(id=U8, zone=U8, marked=U8, x=I32, y=I32, z=I32),
+        *fields(period=U16, carrier=I16, level=I16, age_ms=U16),
+    ]
 
 
 class _Measured(ctypes.Structure):
-    _fields_ = (
-        ("sequence", ctypes.c_uint8),
-        ("status", ctypes.c_uint8),
-        ("n", ctypes.c_uint8),
-        ("time_ms", ctypes.c_uint32),
-    )
+    _fields_ = fields(sequence=U8, status=U8, n=U8, time_ms=U32)
 
 
 ON_MESSAGE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.POINTER(_Message))
 
 
 class State(ctypes.Structure):
-    _fields_ = (
-        ("good", ctypes.c_uint32),
-        ("bad_crc", ctypes.c_uint32),
-        ("dropped", ctypes.c_uint32),
-        ("on_message", ON_MESSAGE),
-        ("context", ctypes.c_void_p),
-        ("now_ms", ctypes.c_uint32),
-        ("held", ctypes.c_uint8 * 255),
-        ("came", ctypes.c_uint8 * 255),
-        ("count", ctypes.c_uint8),
-        ("want", ctypes.c_uint8),
-    )
+    _fields_ = [
+        *fields(good=U32, bad_crc=U32, dropped=U32, on_message=ON_MESSAGE, context=ctypes.c_void_p),
+        *fields(now_ms=U32, held=U8 * 255, came=U8 * 255, count=U8, want=U8),
+    ]
 
 
 class Request(ctypes.Structure):
-    _fields_ = (("command", _Command), ("sent_ms", ctypes.c_uint32), ("waiting", ctypes.c_uint8))
+    _fields_ = fields(command=_Command, sent_ms=U32, waiting=U8)
 
 
 class CMessages:
     """The compiled code, built in `folder` if it is not there."""
 
     def __init__(self, folder: Path, *options: str) -> None:
-        target = folder / "libarva_message.so"
-        if not target.exists():
-            compile_c(compiler(), target, "-std=c99", "-O2", "-shared", "-fPIC", *options, MESSAGES, SOURCE)
-        self.library = ctypes.CDLL(str(target))
+        self.library = library(folder, "arva_message", *options, MESSAGES, SOURCE)
         for name in ("send", "again", "encode"):
             getattr(self.library, f"arva_command_{name}").restype = ctypes.c_size_t
         self.library.arva_answer_encode.restype = ctypes.c_size_t
         self.library.arva_message_decoder_feed.restype = ctypes.c_size_t
 
     def encode(self, message: Command | Answer, capacity: int = 255) -> bytes:
-        """Empty when it is refused. Raises AssertionError when more or less than it says was written."""
+        """Empty when it is refused."""
         raw: Any
         if isinstance(message, Answer):
             raw = _Answer(message.number, code_of(message.name), RESULTS.index(message.result), len(message.values))
@@ -118,34 +80,20 @@ class CMessages:
             function = self.library.arva_command_encode
         for k, value in enumerate(message.values[:4]):
             raw.values[k] = value
-        out = ctypes.create_string_buffer(b"\xee" * (capacity + 8))
-        size: int = function(ctypes.byref(raw), out, ctypes.c_size_t(capacity))
-        assert out.raw[size:-1] == b"\xee" * (capacity + 8 - size)
-        return out.raw[:size]
+        return written(function, raw, capacity)
 
 
-class CMessageDecoder:
-    """`now` in seconds is rounded to milliseconds after `epoch_ms`."""
+class CMessageDecoder(Decoding):
+    """A firmware_proto.messages.MessageDecoder that is the C one; `want`: the kinds, as bits."""
 
     def __init__(self, code: CMessages, epoch_ms: int = 0, want: int = WANT_ALL) -> None:
-        self._library = code.library
-        self._epoch_ms = epoch_ms
-        self._messages: list[Any] = []
+        super().__init__(code.library, State(), epoch_ms)
         self._handler = ON_MESSAGE(self._on_message)
-        self._state = State()
-        self._at = ctypes.byref(self._state)
-        self._library.arva_message_decoder_init(self._at, ctypes.c_uint8(want), self._handler, None)
+        self._library.arva_message_decoder_init(self._at, U8(want), self._handler, None)
 
-    def feed(self, chunk: bytes, now: float) -> list[Any]:
-        return self.feed_ms(chunk, round(1000 * now))
-
-    def feed_ms(self, chunk: bytes, now_ms: int) -> list[Any]:
-        self._messages = []
-        now = ctypes.c_uint32((now_ms + self._epoch_ms) & NEVER)
+    def _push(self, chunk: bytes, now_ms: int) -> int:
         size = ctypes.c_size_t(len(chunk))
-        count = self._library.arva_message_decoder_feed(self._at, bytes(chunk) or None, size, now)
-        assert count == len(self._messages)
-        return self._messages
+        return int(self._library.arva_message_decoder_feed(self._at, chunk or None, size, U32(now_ms)))
 
     def _on_message(self, _: int | None, message: Any) -> None:
         library = self._library
@@ -158,16 +106,16 @@ class CMessageDecoder:
         assert sum(got) == 1
         if got[0]:
             values = tuple(command.values[: command.count])
-            self._messages.append(Command(command.number, name_of(command.code), values))
+            self._came.append(Command(command.number, name_of(command.code), values))
         elif got[1]:
             values, result = tuple(answer.values[: answer.count]), RESULTS[answer.result]
             text = answer.text.decode()
-            self._messages.append(Answer(answer.number, name_of(answer.code), result, values, text))
+            self._came.append(Answer(answer.number, name_of(answer.code), result, values, text))
         else:
             channels = tuple(self._pulse(message, k) for k in range(measured.n))
             assert not library.arva_pulse_get(message, ctypes.c_size_t(measured.n), ctypes.byref(_Pulse()))
             said = Measured(measured.time_ms, channels)
-            self._messages.append(MeasuredMessage(measured.sequence, measured.status, said))
+            self._came.append(MeasuredMessage(measured.sequence, measured.status, said))
 
     def _pulse(self, message: Any, k: int) -> Any:
         pulse = _Pulse()
@@ -178,10 +126,6 @@ class CMessageDecoder:
             return LevelChannel(*who, None if pulse.level == -0x8000 else pulse.level, age_ms)
         carrier = None if pulse.carrier == -0x8000 else pulse.carrier
         return VectorChannel(*who, pulse.x, pulse.y, pulse.z, pulse.period, carrier, age_ms)
-
-    good = property(lambda self: self._state.good)
-    bad_crc = property(lambda self: self._state.bad_crc)
-    dropped = property(lambda self: self._state.dropped)
 
 
 def name_of(code: int) -> str:

@@ -1,0 +1,1 @@
+"""The codecs in C called from Python, and random streams to compare codecs on."""
