@@ -191,8 +191,9 @@ class Estimate:
         self._unexplained, before = 0, self._cause
         new = 0.0 if before.drift_m else min(drift, _LIKELIER)
         best = min(every, key=lambda one: one.cost + (new if one.cause.drift_m else 0.0))
-        if best.cause.drift_m:
-            evident = drift if best.cause.drift_m > before.drift_m else _EVIDENT
+        lower = 0 < best.cause.drift_m < before.drift_m
+        if lower or best.cause.drift_m > before.drift_m:
+            evident = _EVIDENT if lower else drift
         if best.cause == before and self._drifts and best.best.cost < self._drifts[0].cost:
             self._x, self._drifts = np.concatenate([best.x[:1], self._x]), [best.best, *self._drifts]
         if best.cause == before or every[0].cost - best.cost < evident:
@@ -205,7 +206,7 @@ class Estimate:
         self._drifts = [best.best] if best.cause.drift_m else []
         self._x, self._damping, self._pose_error = best.x, np.full(len(best.x), 0.01), min(best.pose_error, 1.0)
         self._weigh(o, _ROUNDS)
-        return not 0 < best.cause.drift_m < before.drift_m
+        return not lower
 
     def _doubt(self, o: Observation) -> None:
         """Look for other hypotheses once more."""

@@ -25,7 +25,7 @@ _MOST: Final = (4096, 192)  # poses, readings
 _ROUNDS, _SOME_ROUNDS, _MORE_ROUNDS = 6, 4, 15  # where places drift: to choose, and to the end
 _FEW, _FEWER = 3, 2  # hypotheses; where places drift
 _ODD: Final = 4.0  # cost of anything but the usual drift
-_NEWEST: Final = 32  # readings that are used however weak they are
+_NEWEST: Final = 32  # readings that are all used
 _FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift,
 _DOWNS: Final = (-2.5, 3.5)  # if the transmitter lies so far below the ground [m]
 _STRENGTH: Final = 2.3  # and has at most so many times the reference transmitter's moment, or that part of it
@@ -89,13 +89,12 @@ class History:
         return min(self._read, key=lambda o: o.d_cm if o.heard else math.inf, default=None)
 
     def readings(self, cause: Cause = NOTHING) -> dipole.Readings:
-        """The newest readings and the strongest of the rest, where the receiver was when each was made, by its
+        """The newest readings and some of all the time before, where the receiver was when each was made, by its
         antennas."""
         there = dipole.Readings(cause.gains)
         rest, newest = self._read[:-_NEWEST], self._read[-_NEWEST:]
         if len(self._read) >= dipole.MOST:
-            weakest = sorted(o.d_cm for o in rest)[dipole.MOST - 2 - _NEWEST]
-            rest = [o for o in rest if o.d_cm <= weakest]
+            rest = [rest[i] for i in np.linspace(0, len(rest) - 1, dipole.MOST - 1 - _NEWEST).astype(int)]
         for o in (*rest, *newest):
             position, rotation = self.at(o.time_s - o.age_s - cause.lag_s)
             for told in o.told:
