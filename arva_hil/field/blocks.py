@@ -6,6 +6,7 @@ block. `dipole.field_of` is faster for few points; receivers use it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -27,7 +28,8 @@ def fill_field(out: Array, points: Array, positions: Array, axes: Array, strengt
         block = slice(start, start + BLOCK)
         x, y, z = np.ascontiguousarray(points[block].T)
         for m, (position, axis, strength) in enumerate(zip(positions, axes, strengths, strict=True)):
-            *h, bad = field_parts(x, y, z, position, axis, strength)
+            h = x - position[0], y - position[1], z - position[2]
+            bad = replace_by_field(h, axis, strength)
             out[block, m, 0], out[block, m, 1], out[block, m, 2] = h
             if len(bad):
                 odd.append([bad + start, np.full(len(bad), m)])
@@ -35,40 +37,35 @@ def fill_field(out: Array, points: Array, positions: Array, axes: Array, strengt
 
 
 @np.errstate(over="ignore", under="ignore")
-def field_parts(
-    x: Array, y: Array, z: Array, position: Array, axis: Array, strength: float
-) -> tuple[Array, Array, Array, Array]:
-    """North, east and down (N,) of the field of one dipole at points (N,), and the indices of the points for which they
-    are wrong.
+def replace_by_field(r: Array | Sequence[Array], axis: Array, strength: Array) -> Array:
+    """Replace places `r`, seen from a dipole, by its field there: north, east and down, each (N,).
+
+    `axis` and `strength` of the dipole: numbers, or one for each place (N,). Returns the indices of the places for
+    which the field is wrong: they are too near or too far.
     """
-    ax, ay, az = axis.tolist()
-    x, y, z = x - position[0], y - position[1], z - position[2]
+    x, y, z = r
     squared = x * x
-    part = y * y
-    squared += part
-    np.multiply(z, z, out=part)
-    squared += part
-    low, high = squared.min(), squared.max()
+    squared += y * y
+    squared += z * z
+    low, high = squared.min(initial=1.0), squared.max(initial=1.0)
     bad = np.empty(0, int)
     if not (_SQUARES[0] < low and high < _SQUARES[1]):
         bad = np.flatnonzero(~((squared > _SQUARES[0]) & (squared < _SQUARES[1])))
         x[bad] = y[bad] = z[bad] = 0.0
         squared[bad] = 1.0
-    along = x * ax
-    np.multiply(y, ay, out=part)
-    along += part
-    np.multiply(z, az, out=part)
-    along += part
+    along = x * axis[0]
+    along += y * axis[1]
+    along += z * axis[2]
     along *= 3.0
     along /= squared
-    scale = np.sqrt(squared, out=squared)
+    cubed = np.sqrt(squared)
     if low < _NEAREST_M**2:
-        np.maximum(scale, _NEAREST_M, out=scale)
-    np.multiply(scale, scale, out=part)
-    scale *= part
-    np.divide(strength / (4 * np.pi), scale, out=scale)
-    for r, a in (x, ax), (y, ay), (z, az):
-        r *= along
-        r -= a
-        r *= scale
-    return x, y, z, bad
+        np.maximum(cubed, _NEAREST_M, out=cubed)
+        np.square(cubed, out=squared)
+    cubed *= squared
+    scale = np.divide(strength / (4 * np.pi), cubed, out=cubed)
+    for part, a in zip(r, axis, strict=True):
+        part *= along
+        part -= a
+        part *= scale
+    return bad

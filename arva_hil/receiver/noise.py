@@ -21,25 +21,28 @@ def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
 
 
 def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) -> Array:
-    """Noise w (m, 3) in NED: direction uniform on the sphere, ‖w‖ ≤ bound.
-
-    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, limited to the bound. Draws 3 doubles for
-    each of the m (z, azimuth, magnitude) in any case; `off` is 0 and draws none.
-    """
+    """Noise w (m, 3) in NED, from 3 doubles for each of the m in any case; `off` is 0 and draws none."""
     if kind == "off":
         return np.zeros((m, 3))
-    u = rng.random((m, 3))
-    z, azimuth, magnitude = 2 * u[:, 0] - 1, 2 * np.pi * u[:, 1], u[:, 2]
+    return np.ascontiguousarray(noise_of(rng.random((m, 3)).T, kind, bound).T)
+
+
+def noise_of(u: Array, kind: NoiseKind, bound: float) -> Array:
+    """Noise w (3, N) in NED from u (3, N) in [0, 1) (z, azimuth, magnitude): uniform on the sphere, ‖w‖ ≤ bound.
+
+    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, limited to the bound.
+    """
+    z, magnitude = 2 * u[0] - 1, u[2]
     if kind == "gaussian":
         from statistics import NormalDist  # slow to import
 
         inverse = NormalDist().inv_cdf
         magnitude = np.array([min(1.0, -inverse(tail / 2) / 3) for tail in (1 - magnitude).tolist()])
-    across = np.sqrt(1 - z * z)
-    w = np.empty((m, 3))
-    w[:, 0], w[:, 1], w[:, 2] = across * np.cos(azimuth), across * np.sin(azimuth), z
-    w *= (bound * magnitude)[:, None]
-    return w
+    size = bound * magnitude
+    across = np.sqrt(1 - z * z) * size
+    half = np.tan(np.pi * u[1])  # of half the azimuth: much faster than its cosine and sine
+    more = 2 * across / (1 + half * half)  # across · (1 + cosine)
+    return np.stack((more - across, half * more, z * size))
 
 
 class NoiseSource:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from arva_hil.field import Transmitters, dipole_field
 from arva_hil.field.dipole import field_of
 from arva_hil.field.medium import Medium
-from arva_hil.receiver import Antennas, Look, NoiseKind, PaperReceiver, Pose, Zone
+from arva_hil.receiver import Antennas, Look, PaperReceiver, Pose, Zone, maps
 from arva_hil.receiver.maps import readings
 
 N = 5000
@@ -32,13 +32,21 @@ def poses(n: int, there: Transmitters) -> tuple[np.ndarray, np.ndarray]:
     places[100] = there.positions[0]
     places[101] = there.positions[0] + 1e-150
     places[102] = 1e150
+    places[103] = 1e200
     return places, Rotation.random(n, random_state=8).as_matrix()
 
 
-@pytest.mark.parametrize("noise", ["uniform", "off", "gaussian"])
+@pytest.mark.parametrize(
+    "antennas",
+    [Antennas(), Antennas(noise="off"), Antennas(noise="gaussian"), Antennas(floor_range_m=20), Antennas((0.5, 1, 1))],
+    ids=["uniform", "off", "gaussian", "loud", "sensitive"],
+)
 @pytest.mark.parametrize("m", [1, 4])
-def test_the_integers_are_those_of_one_look_after_another(noise: NoiseKind, m: int) -> None:
-    there, antennas, n = transmitters(m), Antennas(noise=noise), 2000
+def test_the_integers_are_those_of_one_look_after_another(
+    antennas: Antennas, m: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(maps, "_PAIRS", 1000)  # in several blocks
+    there, n = transmitters(m), 2000
     places, turns = poses(n, there)
     one = PaperReceiver(antennas, channels=m, seed=3)
     every = readings(places, turns, there, antennas, seed=3)
@@ -52,6 +60,13 @@ def test_the_integers_are_those_of_one_look_after_another(noise: NoiseKind, m: i
     assert (every.d_cm[silent] == -1).all()
     assert (every.delta_deg[silent] == -1).all()
     assert not every.delta_deg[every.zone == Zone.INNER].any()
+
+
+def test_several_threads_give_the_same_readings() -> None:
+    there = transmitters(4)
+    places, turns = poses(20_000, there)
+    one, three = (readings(places, turns, there, threads=threads) for threads in (1, 3))
+    assert all((a == b).all() for a, b in zip(one, three, strict=True))
 
 
 @pytest.mark.parametrize(("n", "m"), [(0, 4), (1, 1), (3, 0), (N, 3)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tracemalloc
 from collections.abc import Iterator
 from typing import Any
@@ -12,11 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.emulator.formats import frame_of
 from arva_hil.field import Transmitters, dipole_field
+from arva_hil.field.arrays import Array
 from arva_hil.receiver import Antennas, Look, PaperReceiver, Pose
 from arva_hil.receiver.maps import readings
 from firmware_proto import encode
 from tools.bench.table import Row, ratio
-from tools.bench.timing import cpu_of
+from tools.bench.timing import cpu_of, wall_of
 
 MANY = 1_000_000
 SINGLE = 5_000
@@ -50,16 +52,19 @@ def rows() -> Iterator[Row]:
     def look(i: int) -> None:
         receiver.look(Look(float(i), Pose(points[i], turns[i]), there))
 
-    loop = cpu_of(lambda: [look(i) for i in range(SINGLE)]) / SINGLE
-    each = cpu_of(lambda: readings(points, turns, there)) / MANY
+    def loop() -> None:
+        for i in range(SINGLE):
+            look(i)
+
+    beside, work = "one after another", "1,000,000 readings (poses × 4 transmitters → integers)"
+    each, single = cpu_of(lambda: readings(points, turns, there), 5) / MANY, cpu_of(loop) / SINGLE
+    yield ratio(work, beside, 1e6 * each, 1e6 * single, "µs each", 0.01)
+    cores = len(os.sched_getaffinity(0))
+    each = wall_of(lambda: readings(points, turns, there, threads=cores), 5) / MANY
     yield ratio(
-        "1,000,000 readings (poses × 4 transmitters → integers)",
-        "one after another",
-        1e6 * each,
-        1e6 * loop,
-        "µs each",
-        0.01,
+        f"the same on {cores} cores, on the wall", beside, 1e6 * each, 1e6 * wall_of(loop) / SINGLE, "µs each", 0.01
     )
+    _check_integers(points, turns, there)
 
     def whole(i: int) -> None:
         look(i)
@@ -77,3 +82,13 @@ def rows() -> Iterator[Row]:
         0.1,
     )
     yield Row("one reading, in µs", "20 µs", 1e6 * full, 20.0, "µs", 1e6 * full, 20.0)
+
+
+def _check_integers(points: Array, turns: Array, there: Transmitters) -> None:
+    """All readings are those of one look after another."""
+    every = np.stack(readings(points, turns, there), axis=2).tolist()
+    receiver = PaperReceiver(Antennas(), M)
+    for i, (point, turn, expected) in enumerate(zip(points, turns, every, strict=True)):
+        receiver.look(Look(float(i), Pose(point, turn), there))
+        found = {c.id: [c.d_cm, c.delta_deg, c.zone] for c in receiver.show(float(i)).channels}
+        assert [found.get(k, [-1, -1, 0]) for k in range(M)] == expected, f"pose {i}: {found}, expected {expected}"
