@@ -174,7 +174,7 @@ class History:
         a, b = self._poses[i - 1 : i + 1]
         share = (time_s - a.time_s) / (b.time_s - a.time_s)
         north, east, down = (p + (q - p) * share for p, q in zip(a.position, b.position, strict=True))
-        return (north, east, down), b.rotation
+        return (north, east, down), a.rotation if share < 0.5 else b.rotation
 
 
 def _drifts(cause: Cause, readings: dipole.Readings, fits: list[DriftFit]) -> Explanation:
