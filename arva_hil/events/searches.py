@@ -236,7 +236,7 @@ class VictimAgain(TransmitterEvent):
 
 
 class PlaceDoubted(TransmitterEvent):
-    """The readings do not agree with this place, which a search for several looks for once more."""
+    """The readings do not agree with this place, which is looked for once more."""
 
     north_m: float
     east_m: float

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -34,6 +34,8 @@ _ROUGH_M, _FINE_M = 0.5, 0.2  # errors of the receiver's place that are no surpr
 _OUTLIERS: Final = 0.15  # of the readings, at most,
 _NEWEST: Final = 0.4  # and of the newest
 _NEWEST_S: Final = 10.0
+_KNOWN_M: Final = 0.1  # error of the receiver's place, at least, for the check
+_CONTRADICTS: Final = 4.0  # variances: readings beyond contradict a place that was told before
 
 Array = NDArray[np.float64]
 
@@ -50,6 +52,7 @@ class Judgement(NamedTuple):
     outliers: float  # share of the readings that it does not explain,
     newest: float  # and of the newest ones
     covariance: tuple[float, float, float]  # of north and east about the place, as in `Found`
+    there: Explanation  # the best one near the place
 
     def agrees(self, height_m: float) -> bool:
         """It can be true; the receiver was flown at that height."""
@@ -66,6 +69,7 @@ class Evidence(History):
         super().__init__()
         self._at = (math.inf, math.inf)
         self._time_s = -math.inf
+        self._there: Explanation | None = None  # of the place judged last
 
     def add(self, o: Observation) -> None:
         """Add a reading, unless it is from the same place as the last one."""
@@ -79,7 +83,24 @@ class Evidence(History):
 
     def judge(self, place: tuple[float, float]) -> Judgement | None:
         """Judge a transmitter at `place` (north, east); None if nothing that was heard lies near it."""
-        return judged(place, self.explanations(beginning(place, self))) if self.nearest else None
+        judgement = judged(place, self.explanations(beginning(place, self))) if self.nearest else None
+        self._there = judgement.there if judgement else None
+        return judgement
+
+    def contradictions(self, newest: Sequence[Observation]) -> list[bool]:
+        """Which of these readings, heard since, contradict the place judged last; none if there is none."""
+        there = self._there
+        if there is None or not newest:
+            return []
+        o, drift = dipole.Readings(there.cause.gains), there.best.now - there.best.x[:3]
+        for one in newest:
+            position, rotation = self.at(one.time_s - one.age_s - there.cause.lag_s)
+            for told in one.told:
+                o.add((np.array(position) - drift).tolist(), rotation, *told, one.time_s, one.ground)
+        sigma = float(np.linalg.eigvalsh(there.best.now_covariance)[2]) ** 0.5
+        error = math.hypot(max(_KNOWN_M, there.pose_error), sigma)
+        beyond: list[bool] = _unexplained(there.best.x, o, error, _CONTRADICTS).tolist()
+        return beyond
 
 
 def beginning(place: tuple[float, float], history: History) -> Array:
@@ -107,6 +128,8 @@ def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> J
     if there is None:
         return None
     o, x = there.readings, there.best.x
+    placed = copy.copy(o)
+    placed.at = o.at - there.best.drift
     strength = float(np.linalg.norm(x[3:])) / dipole.MOMENT
     if there.cause.drift_m:
         strength = math.sqrt(strength)  # where heights drift, it is less known
@@ -115,19 +138,17 @@ def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> J
     sigma = math.sqrt(spread / sum(share for share, _ in likely))
     down = float(there.best.now[2])
     below, depth = down - float(o.at[2, 1:].max()), down - float(o.level(there.x)[0]) if o.sloping else None
-    everything = float(_unexplained(there, _ROUGH_M, 9.0).mean())
-    newest = _unexplained(there, _FINE_M, 4.0)[o.time_s[1:] > o.time_s[1:].max() - _NEWEST_S]
+    everything = float(_unexplained(x, placed, max(_ROUGH_M, there.pose_error), 9.0).mean())
+    newest = _unexplained(x, placed, max(_FINE_M, there.pose_error), 4.0)[o.time_s[1:] > o.time_s[1:].max() - _NEWEST_S]
     off = x[:2] - place
     (nn, ne), (_, ee) = (there.best.covariance[:2, :2] + np.outer(off, off)).tolist()
     better, share = elsewhere - here, float(newest.mean())
-    return Judgement(there.pose_error, below, depth, strength, better, sigma, everything, share, (nn, ne, ee))
+    return Judgement(there.pose_error, below, depth, strength, better, sigma, everything, share, (nn, ne, ee), there)
 
 
-def _unexplained(there: Explanation, place_m: float, variances: float) -> NDArray[np.bool_]:
-    """Which readings (N − 1,) are farther off than that, were the receiver's place known so well at most [m]."""
-    o, error = copy.copy(there.readings), max(place_m, there.pose_error)
-    o.at = o.at - there.best.drift
-    fit = dipole.evaluate(there.best.x[None], o, error)
-    out = fit.error[0] ** 2 > variances * (error**2 * fit.slope[0] + fit.variance[0])
+def _unexplained(x: Array, o: dipole.Readings, error_m: float, variances: float) -> NDArray[np.bool_]:
+    """Which readings (N − 1,) are farther off than that from the dipole (6,), by that error of the receiver's place."""
+    fit = dipole.evaluate(x[None], o, error_m)
+    out = fit.error[0] ** 2 > variances * (error_m**2 * fit.slope[0] + fit.variance[0])
     parts: NDArray[np.bool_] = (out & o.told).reshape(-1, 2)[1:]
     return parts[:, 0] | parts[:, 1]

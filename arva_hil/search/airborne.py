@@ -128,6 +128,11 @@ class Flight:
                 (self._commander.land if self._plan.land else self._commander.hold)(now)
         self._note(now, phase, state, velocity)
 
+    def confirm(self, now: float) -> None:
+        """It has landed, and what was heard until then is known."""
+        if self.mission is not None:
+            self.mission.confirm(now - self._skipped_s)
+
     def leave(self, now: float, *, flying: bool) -> None:
         """The search is over: tell the others where the vehicle is left, and whether it is still in the air."""
         self._searching = False

@@ -14,19 +14,23 @@ from numpy.typing import NDArray
 from arva_hil.events import Event
 from arva_hil.events.searches import TransmitterChosen, TransmitterFaded, TransmitterHeard
 from arva_hil.search.agreement import Evidence
-from arva_hil.search.strategy import Observation, Position, Strategy
+from arva_hil.search.strategy import Found, Observation, Position, Strategy
 from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Frame
 from firmware_proto.measured import VectorChannel
 
 NO_ID: Final = -1  # in place of an id, if the frames have none
 _REMEMBERED: Final = 256  # observations of each transmitter
-_NEARER: Final = 0.7  # another transmitter is chosen only if it is nearer by this factor
+_NEARER: Final = 0.7  # another transmitter is chosen only if it is nearer by this factor,
+_NEARER_S: Final = 1.0  # for so long: near one an antenna that is dead may not hear it for a moment
 _DEAF_S: Final = 60.0  # without a signal of the transmitter, before strips are flown again
 _HARDLY_S: Final = 40.0  # or if it is in fewer frames than
 _OFTEN: Final = 0.25  # of those that could show it, and no
 _CLOSER: Final = 0.8  # times as far as before; then it is put off until it is so much nearer,
 _STEADY_S: Final = 5.0  # or as near as ever and in all frames for so long
 _MOST_HEARD: Final = 16  # transmitters
+_NEWEST_S: Final = 2.0  # of readings that show whether a transmitter is still there,
+_NEWEST: Final = 20  # how many at most,
+_BESIDE_M: Final = 0.5  # and from how far: so near it is no dipole
 
 
 @dataclass
@@ -47,6 +51,18 @@ class HeardTransmitter:
             self.nearest_m, self.nearest_at = self.last_m, observation.position[:2]
         self.past.append(observation)
         self.evidence.add(observation)
+
+    def judged(self, found: Found, height_m: float) -> tuple[Found, bool]:
+        """A place found with any strategy, and whether the readings agree with it: then also how well it is known."""
+        judgement = self.evidence.judge(found[:2])
+        if judgement is None or not judgement.agrees(height_m):
+            return found, False
+        return found._replace(covariance=found.covariance or judgement.covariance), True
+
+    def contradictions(self, time_s: float) -> list[bool]:
+        """Which of the newest readings, in order of time, contradict the place judged last."""
+        newest = [o for o in self.past if time_s - o.time_s < _NEWEST_S and o.d_m > _BESIDE_M]
+        return self.evidence.contradictions(newest[-_NEWEST:])
 
 
 def id_of(id_: int | None) -> int | None:
@@ -90,6 +106,7 @@ class Choice:
         self.target: int | None = None
         self.strategy: Strategy | None = None
         self.since_s = 0.0
+        self._nearer_s = math.inf  # since when another one is nearer
         self._put_off: dict[int, tuple[float, float]] = {}  # how near they were, m; since when they are steady
         self._block = (0.0, 0, 0, 0.0)  # since when, frames, those with the transmitter, how near it was before
         self._begin = begin
@@ -129,7 +146,9 @@ class Choice:
         if not heard:
             return
         closest = min(heard, key=lambda id_: heard[id_].last_m)
-        if current is None or self.strategy is None or heard[closest].last_m < _NEARER * current.last_m:
+        nearer = current is not None and heard[closest].last_m < _NEARER * current.last_m
+        self._nearer_s = min(self._nearer_s, time_s) if nearer else math.inf
+        if current is None or self.strategy is None or time_s - self._nearer_s >= _NEARER_S:
             if closest != self.target:
                 self._emit(TransmitterChosen(time_s, id_of(closest), heard[closest].last_m))
             if closest != self.target or self.strategy is None:

@@ -228,6 +228,7 @@ class SearchClient:
         elif self._commander.why or mission is None:
             self._finish("failed", self._commander.why)
         else:
+            self._flight.confirm(self._now_s)
             self._finish(*conclusion(mission))
 
     def _conclude_lost(self) -> None:

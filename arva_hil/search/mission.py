@@ -20,8 +20,9 @@ from arva_hil.search.beliefs import Beliefs
 from arva_hil.search.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations
 from arva_hil.search.ground import Height
 from arva_hil.search.height import Descent, HeightKeeper
+from arva_hil.search.last_look import AGREES, LISTEN, LOOK_AGAIN, LastLook
 from arva_hil.search.pauses import Pauses
-from arva_hil.search.plan import SearchPlan
+from arva_hil.search.plan import FAR_M, SearchPlan
 from arva_hil.search.receiver_host import ReceiverHost
 from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.search.strategy_checks import OFTEN, SLOW_S, checked_found, checked_velocity, failed, too_slow
@@ -36,7 +37,6 @@ NOT_SURE: Final = "not sure: the readings do not agree with the place reported"
 
 _THERE_M: Final = 0.5  # from the place found
 _APPROACH_M_S: Final = 1.0  # the highest speed in the descent
-_AWAY_M: Final = 100.0  # from area and take-off point: a farther place ends the search
 
 
 class Mission:
@@ -75,6 +75,7 @@ class Mission:
         self._pauses = Pauses(start_s, plan.patience_s, emit)
         self.victims = Victims(plan.victims, host, emit)
         self._choice = Choice(lambda: plan.strategy(plan.speed), self._passes, emit)
+        self._last_look = LastLook(self._choice, emit)
         self._keeper = HeightKeeper(plan.height, emit)
         self._descent: Descent | None = None
         self._land = land
@@ -137,6 +138,11 @@ class Mission:
         if self._slow >= OFTEN:
             self._end(too_slow(seconds), broken=True)
 
+    def confirm(self, time_s: float) -> None:
+        """The last look, from near the ground: the transmitter may have moved since its place was told."""
+        if self.ended == FOUND and self.found and self._last_look.look(self.found, time_s, last=True) != AGREES:
+            self.sure, self.ended = False, NOT_SURE
+
     @property
     def over(self) -> bool:
         """Whether the search has ended, and the descent too."""
@@ -171,19 +177,23 @@ class Mission:
             place = self._team.beside(found.goal) if self._team else found.goal
             self._descent = Descent(place, speed, time_s, height.metres)
             self._emit(DescentBegun(time_s))
-        return self._descent.velocity(time_s, position, height)
+        velocity = self._descent.velocity(time_s, position, height)
+        if self._descent.done:
+            self.confirm(time_s)
+        return velocity
 
     def _horizontal(self, time_s: float, position: Position, receiver: Position) -> Velocity:
         if self.ended:
             return STILL
-        if self._away(position):
-            return self._end(f"it is more than {_AWAY_M:g} m outside the area", broken=True)
+        if self.plan.far(position):
+            return self._end(f"it is more than {FAR_M:g} m outside the area", broken=True)
         if self.found is not None:
             return self._go_there(self.found, time_s, position)
         if silent := self._pauses.silent(time_s):
             return self._end(silent, broken=True)
         if self.searched_s > self.plan.limit_s:
-            return self._end(self._not_all(f"in {self.plan.limit_s:g} s", f"not found in {self.plan.limit_s:g} s"))
+            where = f"in {self.plan.limit_s:g} s"
+            return self._end(self.victims.not_all(where, len(self.others), f"not found {where}"))
         if self._pauses.waits(time_s):
             if stuck := self._pauses.stuck(time_s):
                 self._end(stuck, broken=True)
@@ -202,13 +212,21 @@ class Mission:
         if self.victims.back() | self._choice.forgive():
             return self._strips.again()
         if self.victims.wanted or not self.victims.places or self.others:
-            return self._end(self._not_all("on all strips", "no signal: all strips are flown"))
+            nothing = "no signal: all strips are flown"
+            return self._end(self.victims.not_all("on all strips", len(self.others), nothing))
         return self._end(FOUND if self.sure else NOT_SURE)
 
     def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
         place, late = found.goal, self.searched_s > self.plan.limit_s
         if not late and math.dist(position[:2], place) >= _THERE_M:
             return towards(position, place, self.plan.speed)
+        if self.sure and not self.victims.noting:
+            verdict = self._last_look.look(found, time_s, last=late)
+            if verdict == LOOK_AGAIN:
+                return self._go_on(position)
+            if verdict == LISTEN:
+                return STILL
+            self.sure = verdict == AGREES
         if not self.victims.several:
             return self._end(FOUND if self.sure else NOT_SURE)
         return self._note_victim(found, time_s, position, late=late)
@@ -236,17 +254,6 @@ class Mission:
         self._strips.resume(position)
         return STILL
 
-    def _not_all(self, where: str, nothing: str) -> str:
-        """How it ends without all that was searched for."""
-        wanted, more, count = self.victims.wanted, len(self.others), len(self.victims.places)
-        some = f"{count} of {wanted} found {where}" if wanted else f"{count} found {where}, {more} more heard"
-        return some if count else nothing
-
-    def _away(self, position: Position) -> bool:
-        south, west, north, east = self.plan.area
-        inside = min(south, 0) - _AWAY_M <= position[0] <= max(north, 0) + _AWAY_M
-        return not (inside and min(west, 0) - _AWAY_M <= position[1] <= max(east, 0) + _AWAY_M)
-
     def _passes(self, id_: int, own: bool) -> bool:
         """Whether a transmitter is another search's, or found. Without ids nobody knows."""
         if id_ == NO_ID:
@@ -265,7 +272,7 @@ class Mission:
             strategy.hear(nothing)
         if (found := checked_found(strategy.found)) is None:
             return
-        found, sure = self._judged(self.heard[target], found)
+        found, sure = self.heard[target].judged(found, self._keeper.wanted)
         if self._shares and self._repeated(target, found, sure, nothing):
             return
         self.found, self.sure = found, sure
@@ -279,13 +286,6 @@ class Mission:
         self._choice.forget(target)
         self._go_on(nothing.position)
         return True
-
-    def _judged(self, heard: HeardTransmitter, found: Found) -> tuple[Found, bool]:
-        """A place found with any strategy, and whether the readings agree with it: then also how well it is known."""
-        judgement = heard.evidence.judge(found[:2])
-        if judgement is None or not judgement.agrees(self._keeper.wanted):
-            return found, False
-        return found._replace(covariance=found.covariance or judgement.covariance), True
 
     @contextmanager
     def _failing(self) -> Iterator[None]:

@@ -95,6 +95,12 @@ class Victims:
         """Whether as many as wanted were found surely."""
         return self.wanted is not None and sum(victim.sure for victim in self.places) >= self.wanted
 
+    def not_all(self, where: str, more: int, nothing: str) -> str:
+        """How a search ends without all that was searched for; `more` were heard."""
+        wanted, count = self.wanted, len(self.places)
+        some = f"{count} of {wanted} found {where}" if wanted else f"{count} found {where}, {more} more heard"
+        return some if count else nothing
+
     def knows(self, id_: int) -> bool:
         """Whether a transmitter is found."""
         return id_ in self._known

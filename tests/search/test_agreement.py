@@ -98,3 +98,28 @@ def test_readings_that_are_no_numbers_say_nothing() -> None:
     nowhere = [Observation(k, (math.nan, k, -1.0), np.eye(3), 500, 0, False) for k in range(9)]
     odd = [Observation(k, (k, 0.0, -1.0), np.full((3, 3), math.inf), 500, 0, False) for k in range(9)]
     assert not agrees(nowhere + odd, (0.0, 0.0))
+
+
+def test_readings_of_one_that_has_moved_contradict_the_place_judged_before() -> None:
+    """What is read at the end of the circle is told again, as if that were 4 m beside."""
+    transmitter, start = buried(0)
+    flight = fly(Estimate(1.0), transmitter, start=start, height_m=3.0)
+    assert flight.found is not None
+    evidence, newest = Evidence(), flight.heard[-5:]
+    for o in flight.heard:
+        evidence.add(o)
+    assert evidence.contradictions(newest) == []
+    evidence.judge(flight.found[:2])
+    assert evidence.contradictions(newest) == [False] * 5
+    beside = [o._replace(time_s=o.time_s + 9, position=(o.position[0] + 4, *o.position[1:])) for o in newest]
+    for o in beside:
+        evidence.pose(o)
+    assert evidence.contradictions(beside) == [True] * 5
+
+
+def test_the_attitude_of_a_reading_is_that_of_its_own_pose() -> None:
+    evidence, turned = Evidence(), np.diag([1.0, -1.0, -1.0])
+    for time_s, rotation in ((0.0, np.eye(3)), (1.0, turned)):
+        evidence.add(Observation(time_s, (time_s, 0.0, -3.0), rotation, 500, 0, False))
+    assert (evidence.at(0.0)[1] == np.eye(3)).all()
+    assert (evidence.at(0.9)[1] == turned).all()

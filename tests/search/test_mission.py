@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from arva_hil.events import Event
 from arva_hil.events.searches import (
+    PlaceDoubted,
     SearchPaused,
     SearchResumed,
     TooLow,
@@ -20,7 +21,8 @@ from arva_hil.events.searches import (
     TransmitterFaded,
     TransmitterHeard,
 )
-from arva_hil.search.choice import NO_ID
+from arva_hil.search.choice import NO_ID, HeardTransmitter
+from arva_hil.search.conclusion import conclusion
 from arva_hil.search.ground import Height
 from arva_hil.search.mission import FOUND, NOT_SURE, Mission
 from arva_hil.search.plan import SearchPlan
@@ -58,7 +60,7 @@ class Scripted:
 @pytest.fixture
 def believed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Any place agrees with the readings: of a few from one place none can be told."""
-    monkeypatch.setattr(Mission, "_judged", lambda self, heard, found: (found, True))
+    monkeypatch.setattr(HeardTransmitter, "judged", lambda self, found, height_m: (found, True))
 
 
 @pytest.fixture
@@ -126,6 +128,67 @@ def test_the_end_of_the_strips_is_the_end_and_says_so(strategy: type[Scripted]) 
     assert heard(m, at_s=now + 1, position=position) == STILL
 
 
+# -- the last look ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.usefixtures("believed")
+def test_a_place_that_the_newest_readings_contradict_is_looked_for_again_and_in_the_end_not_sure(
+    strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(HeardTransmitter, "contradictions", lambda self, time_s: [True] * 9)
+    m = mission(strategy)
+    for n in range(3):
+        assert not m.ended
+        strategy.finds = Found(2.0 * n, 4.0)
+        heard(m, beacon(5, 30 + n), at_s=101.0 + n, position=(2.0 * n, 4.0, -1.0))
+        assert len(strategy.made) == n + 1
+    assert (m.ended, m.sure, m.found) == (NOT_SURE, False, strategy.finds)
+    doubted = [event for event in m.news() if isinstance(event, PlaceDoubted)]
+    assert [(event.transmitter, event.north_m, event.east_m) for event in doubted] == [(5, 0.0, 4.0), (5, 2.0, 4.0)]
+
+
+@pytest.mark.usefixtures("believed")
+def test_a_place_that_is_found_again_is_believed_whatever_the_readings_there(
+    strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An antenna that is saturated there says nothing of it."""
+    monkeypatch.setattr(HeardTransmitter, "contradictions", lambda self, time_s: [True] * 9)
+    strategy.finds = Found(*AT[:2])
+    m = mission(strategy)
+    heard(m, beacon(5, 30), at_s=101.0)
+    assert not m.ended
+    heard(m, beacon(5, 30), at_s=102.0)
+    assert (m.ended, m.sure, len(strategy.made)) == (FOUND, True, 2)
+
+
+@pytest.mark.usefixtures("believed")
+def test_while_only_the_last_readings_contradict_a_place_it_listens(
+    strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = [[False] * 5 + [True], [False] * 4 + [True] * 2, [False] * 3 + [True] * 2 + [False]]
+    monkeypatch.setattr(HeardTransmitter, "contradictions", lambda self, time_s: said.pop(0))
+    strategy.finds = Found(*AT[:2])
+    m = mission(strategy)
+    assert heard(m, beacon(5, 30), at_s=101.0) == heard(m, beacon(5, 30), at_s=101.1) == STILL
+    assert not m.ended
+    heard(m, beacon(5, 30), at_s=101.2)
+    assert (m.ended, m.sure, len(strategy.made)) == (FOUND, True, 1)
+
+
+@pytest.mark.usefixtures("believed")
+def test_what_is_heard_near_the_ground_may_contradict_the_place_where_it_has_landed(
+    strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    strategy.finds = Found(*AT[:2])
+    m = mission(strategy)
+    heard(m, beacon(5, 30), at_s=101.0)
+    assert m.ended == FOUND
+    monkeypatch.setattr(HeardTransmitter, "contradictions", lambda self, time_s: [True] * 9)
+    m.confirm(120.0)
+    assert (m.ended, m.sure, m.found) == (NOT_SURE, False, strategy.finds)
+    assert conclusion(m)[0] == "not sure"
+
+
 # -- whom it goes for --------------------------------------------------------------------------------------
 
 
@@ -151,8 +214,12 @@ def test_it_goes_for_the_nearest_and_not_for_another_at_each_whim(strategy: type
     heard(m, beacon(1, 15), beacon(2, 20), at_s=102.0)
     assert m.target == 2
     heard(m, beacon(1, 13), beacon(2, 20), at_s=103.0)
+    heard(m, beacon(1, 13), beacon(2, 15), at_s=103.9)
+    heard(m, beacon(1, 13), beacon(2, 20), at_s=104.8)
+    assert m.target == 2  # it was farther only for a moment, as near a dead antenna
+    heard(m, beacon(1, 13), beacon(2, 20), at_s=105.8)
     assert m.target == 1
-    heard(m, beacon(1, 13), beacon(2, 10), at_s=104.0)
+    heard(m, beacon(1, 13), beacon(2, 10), at_s=106.0)
     assert m.target == 1
     assert len(strategy.made) == 2
     heard_2, heard_1, *chosen = m.news()
@@ -169,7 +236,7 @@ def test_a_new_strategy_is_told_all_that_was_heard_of_its_transmitter(strategy: 
     for n, d in enumerate([40, 30, 20, 10]):
         heard(m, beacon(1, 35), beacon(2, d), at_s=101.0 + n)
     first, second = strategy.made
-    assert [o.d_cm for o in first.heard] == [3500, 3500]
+    assert [o.d_cm for o in first.heard] == [3500, 3500, 3500]
     assert [o.d_cm for o in second.heard] == [4000, 3000, 2000, 1000]
 
 

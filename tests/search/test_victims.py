@@ -26,6 +26,7 @@ from arva_hil.events.searches import (
 )
 from arva_hil.field import dipole_field, rotation
 from arva_hil.receiver.paper import outputs
+from arva_hil.search.choice import HeardTransmitter
 from arva_hil.search.conclusion import conclusion
 from arva_hil.search.mission import FOUND, NOT_SURE, Mission
 from arva_hil.search.plan import SearchPlan
@@ -100,7 +101,7 @@ def marked(id_: int, d_m: float) -> Channel:
 @pytest.fixture(autouse=True)
 def agreeing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Places that are made up are believed: what is believed of places is promised elsewhere."""
-    monkeypatch.setattr(Mission, "_judged", lambda self, heard, found: (found, True))
+    monkeypatch.setattr(HeardTransmitter, "judged", lambda self, found, height_m: (found, True))
 
 
 # -- one after the other -----------------------------------------------------------------------------------
@@ -243,7 +244,7 @@ def test_two_who_were_heard_together_are_two_however_near() -> None:
 
 
 def test_a_place_that_is_doubted_is_looked_for_once_more_and_then_listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Mission, "_judged", lambda self, heard, found: (found, False))
+    monkeypatch.setattr(HeardTransmitter, "judged", lambda self, found, height_m: (found, False))
     rescue = Rescue(2)
     rescue.step(beacon(1, 9))
     rescue.find(beacon(1, 2))
@@ -253,7 +254,7 @@ def test_a_place_that_is_doubted_is_looked_for_once_more_and_then_listed(monkeyp
     assert [o.d_cm for o in rescue.strategy.made[-1].heard] == [900]  # nothing of before
     rescue.find(beacon(1, 2))
     assert [victim.sure for victim in rescue.mission.victims.places] == [False]
-    monkeypatch.setattr(Mission, "_judged", lambda self, heard, found: (found, True))
+    monkeypatch.setattr(HeardTransmitter, "judged", lambda self, found, height_m: (found, True))
     for id_ in (2, 3):
         rescue.step(beacon(id_, 9))
         rescue.find(beacon(id_, 2), place=(9.0 * id_, 5.0, -1.0))
