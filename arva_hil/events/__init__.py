@@ -222,6 +222,16 @@ class GroundFound(VehicleEvent):
     """The autopilot has told the height of the ground at every transmitter with a depth."""
 
 
+class MotorsSilent(VehicleEvent):
+    """The vehicle does not report the load of its motors, whose noise the receiver hears. It stays at `load`, 0…1."""
+
+    load: float
+
+
+class MotorsHeard(VehicleEvent):
+    """The vehicle reports the load of its motors again."""
+
+
 class HeartbeatMissing(VehicleEvent):
     """No autopilot was heard in time. `heard`: what was heard instead."""
 

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any, Final, Literal
 
+from arva_hil.events import MotorsHeard, MotorsSilent
 from arva_hil.mavlink.codec import dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_ESC_STATUS
 from arva_hil.vehicle.session import Session
@@ -18,6 +19,7 @@ _ESC_TELEMETRY: Final = dialect.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4
 _VFR_HUD: Final = dialect.MAVLINK_MSG_ID_VFR_HUD
 _ASKED_HZ: Final = 4.0
 _FRESH_S: Final = 3.0
+_SILENT_S: Final = 10.0
 _LOWEST_US, _HIGHEST_US = 1000, 2000
 _OF_MOTORS: Final = (
     dialect.MAV_BATTERY_FUNCTION_UNKNOWN,
@@ -35,12 +37,14 @@ class MotorLoad:
     With `full_current_a`, the current [A] of all motors at full throttle: BATTERY_STATUS, then ESC_TELEMETRY_1_TO_4 and
     the like (ArduPilot) or ESC_STATUS (PX4). Then the throttle in VFR_HUD, and the mean of the first four outputs in
     SERVO_OUTPUT_RAW. The battery comes before the controllers, because some of these report a constant current.
-    If none comes any more, the last load stays. It is 0 before the first one.
+    If none comes any more, the last load stays. It is 0 before the first one. After 10 s without any there is an event.
     """
 
     def __init__(self, session: Session, full_current_a: float | None = None) -> None:
         self.load = 0.0
         self._session = session
+        self._told_s = math.inf  # the time of the newest one, or from which they are missed
+        self._silent = False
         self._full_a: Final = {"battery": full_current_a, "controllers": full_current_a}
         self._told: dict[_Source, dict[int, tuple[float, float]]] = {}  # by number: time and value
         self._order: list[_Source] = ["throttle", "outputs"]
@@ -58,12 +62,23 @@ class MotorLoad:
                 news = True
                 self._told.setdefault(source, {})[part] = now, value
         if not news:
+            self._note_silence(now)
             return
+        if self._silent:
+            self._session.news.emit(MotorsHeard(now, self._session.news.name))
+        self._told_s, self._silent = now, False
         for source in self._order:
             fresh = [value for at, value in self._told.get(source, {}).values() if now - at <= _FRESH_S]
             if fresh:
                 self.load = max(0.0, min(sum(fresh) / (self._full_a.get(source) or 1.0), 1.0))
                 return
+
+    def _note_silence(self, now: float) -> None:
+        if self._session.vehicle is not None:
+            self._told_s = min(self._told_s, now)
+        if now - self._told_s >= _SILENT_S and not self._silent:
+            self._silent = True
+            self._session.news.emit(MotorsSilent(now, self._session.news.name, self.load))
 
 
 def _battery(m: Any) -> Iterator[_Part]:

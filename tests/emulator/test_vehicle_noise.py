@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from arva_hil.config import ReceiverOptions, Scenario, Transmitter, VehicleNoiseOptions, parse, to_dict
-from arva_hil.events import FrameMade
+from arva_hil.events import FrameMade, MotorsHeard, MotorsSilent
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.dialect import EscStatus
@@ -104,6 +104,20 @@ def test_what_has_fallen_silent_gives_way_to_what_is_still_told() -> None:
     assert heard(battery(30.0), hud(20), hud(20), hud(20), hud(20), full_a=60.0, apart_s=1.0) == 0.2
     assert heard(hud(30), *[outputs(1900, 1900, 1900, 1900)] * 4, apart_s=1.0) == 0.9
     assert heard(battery(30.0), b"", b"", b"", b"", b"", full_a=60.0, apart_s=1.0) == 0.5
+
+
+def test_a_vehicle_that_does_not_tell_its_load_is_said_once_and_so_is_that_it_tells_it() -> None:
+    session = Session()
+    load = MotorLoad(session)
+    told: list[tuple[type[object], float]] = []
+    chunks = {0: AUTOPILOT.pack(HEARTBEAT), 12: hud(40), 13: hud(60), 30: AUTOPILOT.pack(HEARTBEAT)}
+    for n in range(40):
+        session.feed(chunks.get(n, b""), float(n))
+        load.hear(float(n))
+        events = session.take_events()
+        told += [(type(one), one.time_s) for one in events if isinstance(one, MotorsSilent | MotorsHeard)]
+    assert told == [(MotorsSilent, 10.0), (MotorsHeard, 12.0), (MotorsSilent, 23.0)]
+    assert load.load == 0.6
 
 
 class Hovering(Vehicle):

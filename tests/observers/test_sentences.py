@@ -106,6 +106,17 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "datum: is it of this place?",
     ),
     (
+        events.MotorsSilent(*VEHICLE, 0.5),
+        "warning",
+        "the vehicle does not tell how hard its motors work (VFR_HUD, BATTERY_STATUS): their noise stays that of 50% "
+        "load",
+    ),
+    (
+        events.MotorsHeard(*VEHICLE),
+        "info",
+        "the vehicle tells how hard its motors work",
+    ),
+    (
         events.GroundFound(*VEHICLE),
         "info",
         "the autopilot has told where the ground is: no transmitter waits for it",

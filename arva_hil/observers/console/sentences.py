@@ -146,6 +146,9 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     events.DatumSet: "datum: {lat:.7f}, {lon:.7f}, {alt:.2f} m AMSL{reason: ({reason})|}",
     events.GroundMissing: lambda e: _NO_GROUND[e.terrain == "autopilot"],
     events.GroundFound: "the autopilot has told where the ground is: no transmitter waits for it",
+    events.MotorsSilent: "warning: the vehicle does not tell how hard its motors work (VFR_HUD, BATTERY_STATUS): their "
+    "noise stays that of {load:.0%} load",
+    events.MotorsHeard: "the vehicle tells how hard its motors work",
     events.HeartbeatMissing: "warning: {heard:no_vehicle}; still waiting",
     vehicles.VehicleFound: "vehicle {label}, MAVLink {version}{signed:, signed|}",
     vehicles.SignaturesUnchecked: "warning: its packets are signed. They are not checked, and it may refuse unsigned "
