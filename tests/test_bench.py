@@ -65,3 +65,13 @@ def test_the_kept_baseline_has_the_work_that_does_not_need_an_idle_machine() -> 
         "--help",
     ):
         assert work in works
+
+
+def test_a_flight_that_is_not_there_is_said_before_anything_is_measured(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["bench", "--flight", "none.tlog", "limits"])
+    with pytest.raises(SystemExit) as ended:
+        bench.main()
+    assert ended.value.code == 2
+    assert "--flight: none.tlog: no such file" in capsys.readouterr().err

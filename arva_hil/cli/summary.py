@@ -133,9 +133,11 @@ def _mishaps(source: FrameSource) -> list[str]:
             f"faults: {c.withheld} frames withheld, {c.damaged} damaged, {c.duplicated} sent again, "
             f"{c.waiting} not sent yet ({each})"
         )
-    if source.commands and (counts_ := source.commands.counters).commands:
+    if source.commands and ((counts_ := source.commands.counters).commands or counts_.bytes_dropped):
         said = ", ".join(f"{getattr(counts_, name)} {name}" for name in ("done", "refused", "unknown", "busy"))
         lines.append(f"commands: {counts_.commands} came: {said}, {counts_.unanswered} not answered")
+        if counts_.bytes_dropped:
+            lines[-1] += f"; {counts_.bytes_dropped} bytes in no command"
     if c.skipped:
         lines.append(f"{c.skipped} frames were skipped: the program was held up for more than a second")
     return lines

@@ -110,7 +110,9 @@ def test_a_run_obeys_it(arva: Arva, start: Start, autopilot: Any, tmp_path: Any)
     assert code == 0
     assert out.startswith("identify: done, paper ")
     assert out.endswith(" binary, 4\n")
+    port.write_bytes(b"hello")
     assert arva("command", port, "mark", 200, "--timeout", 20)[0] == 1
     program.says("command [0-9]+ answered: refused")
     program.stops()
-    assert "commands: 2 came: 1 done, 1 refused, 0 unknown, 0 busy, 0 not answered" in program.err
+    came = "commands: 2 came: 1 done, 1 refused, 0 unknown, 0 busy, 0 not answered; 5 bytes in no command"
+    assert came in program.err

@@ -88,6 +88,8 @@ def main() -> int:
         parser.error(f"{unknown[0]}: no such group; there are {', '.join(_GROUPS)}")
     if options.flight is None and any(name in _NEED_FLIGHT for name in groups):
         parser.error("--flight: which recorded flight?")
+    if options.flight is not None and not options.flight.is_file():
+        parser.error(f"--flight: {options.flight}: no such file")
     try:
         before = read(options.check) if options.check else {}
     except ValueError as error:
