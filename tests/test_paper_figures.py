@@ -14,11 +14,7 @@ from paper_receiver import Receiver
 from PIL import Image
 
 from arva_hil.receiver import Antennas, Zone
-
-TOOLS = Path(__file__).parent.parent / "tools"
-sys.path.append(str(TOOLS))
-
-import paper_figures as figures  # noqa: E402
+from tools import paper_figures as figures
 
 KAPPA, MID_M, BOUND = 1.542, 50.0, 1 / (2 * np.pi * 80**3)
 SILENT = Antennas(noise="off")
@@ -184,7 +180,7 @@ def test_a_figure_is_a_small_file(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", figures.FIGURES)
 def test_every_figure_is_kept_beside_the_tools(name: str) -> None:
-    path = TOOLS / "figures" / f"{name}.png"
+    path = Path(figures.__file__).parent / "figures" / f"{name}.png"
     assert path.stat().st_size < 80_000
     with Image.open(path) as image:
         assert image.width == figures.WIDTH_PX

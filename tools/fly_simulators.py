@@ -38,11 +38,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from sitl_judge import BEGINS, SILENCE, Buried, Flight, Program, judge
-from sitl_relay import Hands
-from sitl_simulator import HOME, Simulator, wait
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from arva_hil.mavlink.codec import command, dialect
+from tools.sitl.judge import BEGINS, SILENCE, Buried, Flight, Program, judge
+from tools.sitl.relay import Hands
+from tools.sitl.simulator import HOME, Simulator, wait
 
 WITHIN_M: Final = 30.0
 HEIGHT_M: Final = 3.0  # the default

@@ -32,7 +32,7 @@ from arva_hil.emulator.engine import Emulator
 from arva_hil.events import Event, FrameMade
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
-from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.mavlink.codec import Encoder, command, dialect
 from arva_hil.observers.audience import Audience
 from arva_hil.observers.record import Recorder
 from arva_hil.registry import FORMATS
@@ -126,9 +126,8 @@ class Pilot:
         )
         self._vehicle.feed(self._say.pack(move), now)
 
-    def _command(self, now: float, command: int, *params: float) -> None:
-        padded = [*params, *[0.0] * (7 - len(params))]
-        self._vehicle.feed(self._say.pack(dialect.MAVLink_command_long_message(1, 1, command, 0, *padded)), now)
+    def _command(self, now: float, number: int, *params: float) -> None:
+        self._vehicle.feed(self._say.pack(command(1, 1, number, *params)), now)
 
 
 class Consumer:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import io
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -320,11 +320,16 @@ def save(draw: Callable[[Figure], None], path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    draw_all(FIGURES, __doc__)
+
+
+def draw_all(figures: Mapping[str, Callable[[Figure], None]], said: str | None) -> None:
+    """The command that draws these figures; `said`: its help."""
+    parser = argparse.ArgumentParser(description=said, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "figures", help="default: tools/figures")
     folder: Path = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in FIGURES.items():
+    for name, draw in figures.items():
         path = folder / f"{name}.png"
         save(draw, path)
         print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")

@@ -16,27 +16,22 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from arva_hil.field import dipole_field
-from arva_hil.field.keying import KEYING_CLASSES, Keying, KeyingClass, draw_keying
+from arva_hil.field.keying import KEYING_CLASSES, Keying, KeyingClass
 from arva_hil.field.medium import Medium, skin_depth_m
 from arva_hil.field.vehicle_noise import VehicleNoise
 from arva_hil.receiver import Answer, Look, Pose
 from arva_hil.receiver.display import Display
-from arva_hil.receiver.listening import NoiseDraws
 from arva_hil.receiver.noise import draw_noise, noise_bound
 from arva_hil.receiver.paper import Antennas, PaperReceiver
-from arva_hil.receiver.pulsed_options import PulsedOptions
-from tools.hovering_receiver import PAPER, Hovering, transmitters
+from tools.receiver.hovering import PAPER, Hovering, transmitters
+from tools.receiver.one_set import AXIS, EQUATOR, KAPPA_EQ, field, highest, options, reach, shown_at
+from tools.receiver.several_sets import novice, overlap, sets
 
-Array = NDArray[np.float64]
-
-KAPPA_EQ: Final = 1.542
 NORM: Final = "EN 300 718-1 as quoted [S2][S3][S4]"
 EN_282: Final = "EN 282:1991 [S1]"
 OURS: Final = "ours: follows from a profile of this project, no source"
@@ -59,17 +54,6 @@ class Row(NamedTuple):
         return abs(self.computed - self.expected) <= self.tolerance + 1e-9
 
 
-def options(**more: object) -> PulsedOptions:
-    return PulsedOptions(**{"steps": "cm", "start_s": 0.0, **more})  # type: ignore[arg-type]
-
-
-def field(points: ArrayLike, strength: float = 1.0, medium: Medium | None = None) -> Array:
-    """The field (..., 3) at points (..., 3) of a dipole at the origin along x."""
-    points = np.asarray(points, float)
-    h: Array = dipole_field(points, [[0, 0, 0]], [np.eye(3)], [strength])
-    return (medium.applied(h, points[..., None, :]) if medium else h)[..., 0, :]
-
-
 # The field
 
 
@@ -87,18 +71,6 @@ def kappa() -> Iterator[Row]:
     yield Row("κeq: mean over a sphere", float(np.average(norm, weights=np.sin(angle))), 1.3802, 1e-4, PHYSICS)
 
 
-def highest(tilt_deg: float, antennas: int) -> float:
-    """How far beside a dipole one depth below, tilted from the horizontal, the signal is strongest, in depths."""
-    tilt = math.radians(tilt_deg)
-    axis = np.array([math.cos(tilt), 0.0, math.sin(tilt)])
-    x = np.linspace(-1, 1, 20_001)
-    r = np.stack([x, 0 * x, -np.ones_like(x)], -1)
-    distance = np.linalg.norm(r, axis=-1, keepdims=True)
-    n = r / distance
-    h = (3 * n * (n @ axis)[:, None] - axis) / distance**3
-    return abs(float(x[np.argmax(np.linalg.norm(h[:, :antennas], axis=-1))]))
-
-
 def spike() -> Iterator[Row]:
     expected = [0, 0.058, 0.116, 0.172, 0.230, 0.284, 0.338, 0.392, 0.446, 0.500]
     for tilt, share in zip(range(0, 91, 10), expected, strict=True):
@@ -114,24 +86,6 @@ def spike() -> Iterator[Row]:
 
 
 # Reach
-
-
-def reach(threshold_na_m: float, h10: float, way: ArrayLike) -> float:
-    """The farthest true distance [m] at which a display shows something."""
-    display = Display(options(threshold_na_m=threshold_na_m), KAPPA_EQ)
-    near, far = 1.0, 500.0
-    while far - near > 1e-3:
-        middle = (near + far) / 2
-        x, y, z = field(middle * np.asarray(way, float), h10).tolist()
-        if display.shown(0, (x, y, z)):
-            near = middle
-        else:
-            far = middle
-    return near
-
-
-AXIS: Final = (1.0, 0.0, 0.0)
-EQUATOR: Final = (0.0, 1.0, 0.0)
 
 
 def ranges() -> Iterator[Row]:
@@ -158,27 +112,6 @@ def noise() -> Iterator[Row]:
     yield Row("the same, as this receiver has it, nA/m", options().sigma_na_m(80.0), 0.651, 0.00651, "the same")
 
 
-class Spread(NamedTuple):
-    mean_m: float
-    sigma_m: float
-    blank: float
-    direction_deg: float
-
-
-def shown_at(signal: Sequence[float], sigma_na_m: float, threshold_na_m: float, pulses: int, seed: int = 1) -> Spread:
-    """What a display makes of pulses with noise. `signal`: at the antennas, in the reference transmitter's units."""
-    chosen = options(noise_na_m=sigma_na_m, threshold_na_m=threshold_na_m)
-    display, draws = Display(chosen, KAPPA_EQ), NoiseDraws(seed)
-    sigma = sigma_na_m / chosen.scale_na_m
-    every = []
-    for _ in range(pulses):
-        x, y, z = (value + noise for value, noise in zip(signal, draws.draw(sigma), strict=True))
-        every.append(display.shown(0, (x, y, z)))
-    d = np.array([one.d_cm / 100 for one in every if one])
-    directions = np.array([one.delta_deg for one in every if one], float)
-    return Spread(float(d.mean()), float(d.std()), 1 - len(d) / pulses, float(directions.std()))
-
-
 def bounce() -> Iterator[Row]:
     for name, way, expected, within, source in (
         ("beside", EQUATOR, (62.6, 3.5, 0.098, 12.0), (0.3, 0.2, 0.01, 1.0), f"{BOUNCE}: 64.6, 4.2, 2 of 9"),
@@ -200,53 +133,6 @@ def spread_law() -> Iterator[Row]:
 
 
 # Several transmitters
-
-
-def sets(kind: KeyingClass, n: int, trial: int) -> list[Keying]:
-    """`n` sets of a class, in any phase to each other."""
-    return [draw_keying(kind, trial, id_) for id_ in range(n)]
-
-
-class Overlap(NamedTuple):
-    """Of the first 2, 3, … of some sets. `share`: of a set's pulses that another's touches; `p60`: the probability that
-    some pair touches in every pulse for a minute."""
-
-    share: list[float]
-    p60: list[float]
-
-
-def overlap(kind: KeyingClass, most: int = 4, trials: int = 3000, window_s: float = 300.0) -> Overlap:
-    shares, long = np.zeros(most + 1), np.zeros(most + 1)
-    for trial in range(trials):
-        starts = [one.pulses(0.0, window_s).starts for one in sets(kind, most, trial)]
-        touched = [np.zeros(len(one), bool) for one in starts]
-        stays = False
-        for b in range(1, most):
-            for a in range(b):
-                for one, other in ((a, b), (b, a)):
-                    by_other = _touched(starts[one], starts[other], kind.pulse_s)
-                    touched[one] |= by_other
-                    stays = stays or _stays(starts[one], by_other)
-            shares[b + 1] += np.mean([one.mean() for one in touched[: b + 1]])
-            long[b + 1] += stays
-    return Overlap((shares / trials).tolist()[2:], (long / trials).tolist()[2:])
-
-
-def _touched(starts: Array, others: Array, pulse_s: float) -> NDArray[np.bool_]:
-    """Which pulses are touched by one of the others; all are equally long."""
-    at = np.searchsorted(others, starts)
-    before, behind = others[np.maximum(at - 1, 0)], others[np.minimum(at, len(others) - 1)]
-    touched: NDArray[np.bool_] = np.minimum(abs(starts - before), abs(starts - behind)) < pulse_s
-    return touched
-
-
-def _stays(starts: Array, touched: NDArray[np.bool_], seconds: float = 60.0) -> bool:
-    """Whether there is a run of touched pulses that lasts so long."""
-    period_s = (starts[-1] - starts[0]) / (len(starts) - 1)
-    if touched.sum() * period_s < seconds:
-        return False
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], touched, [False]]).astype(np.int8)))
-    return bool((edges[1::2] - edges[::2]).max() * period_s >= seconds)
 
 
 Table = Sequence[tuple[str, KeyingClass, Sequence[float | None], Sequence[float | None]]]
@@ -343,32 +229,6 @@ def presses(presses: int = 1000) -> Iterator[Row]:
             done += receiver.model.command(at, "mark", [1]) is Answer.DONE
     source = f"{OURS}; a band: 1 − 2w/T is 0.83, Pieps says 0.89 [S9]"
     yield Row("first press marks, 2 × modern", done / presses, 0.86, 0.03, source)
-
-
-def novice(seed: int) -> int:
-    """How many of four analogue sets in 40 × 40 m somebody misses who walks to the nearest that is not marked, 1 m/s,
-    marks it within 3 m, and gives up when nothing but marked ones was shown for a minute."""
-    random = np.random.default_rng(seed)
-    places = np.column_stack([random.uniform(-20, 20, (4, 2)), np.full(4, 1.0)])
-    receiver = Hovering(
-        transmitters(*places, keyings=sets(KEYING_CLASSES["analogue"], 4, seed)), seed=seed, noise="uniform"
-    )
-    receiver.position = np.array([-25.0, -25.0, -1.0])
-    marked, seen_s, now = set(), 0.0, 0.0
-    while now < 900.0 and now - seen_s < 60.0:
-        now += 1.0
-        shown = [c for c in receiver.read(now).channels if c.zone and not c.marked]
-        if not shown:
-            continue
-        seen_s = now
-        nearest = min(shown, key=lambda c: c.d_cm)
-        assert nearest.id is not None
-        if nearest.d_cm <= 300 and receiver.model.command(now, "mark", [nearest.id]) is Answer.DONE:
-            marked.add(nearest.id)
-        way = places[nearest.id - 1] - receiver.position
-        way[2] = 0.0
-        receiver.position = receiver.position + way * min(1.0, 1.0 / max(float(np.linalg.norm(way)), 1e-9))
-    return 4 - len(marked)
 
 
 def novices(searches: int = 200) -> str:

@@ -5,7 +5,6 @@ python tools/receiver_pictures.py [--out DIR]
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Final
@@ -19,8 +18,9 @@ if __name__ == "__main__":
 from arva_hil.field.keying import KEYING_CLASSES
 from arva_hil.receiver.display import Display
 from arva_hil.receiver.listening import NoiseDraws
-from tools.paper_figures import MUTED, save, title
-from tools.receiver_figures import AXIS, EQUATOR, KAPPA_EQ, field, options, sets
+from tools.paper_figures import MUTED, draw_all, title
+from tools.receiver.one_set import AXIS, EQUATOR, KAPPA_EQ, field, options
+from tools.receiver.several_sets import sets
 
 SIGMA_NA_M: Final = 0.65
 THRESHOLD_NA_M: Final = 2.25
@@ -65,15 +65,5 @@ def overlap(figure: Figure) -> None:
 PICTURES: Final = {"pulsed_distance": bounce, "pulsed_overlap": overlap}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "figures", help="default: tools/figures")
-    folder: Path = parser.parse_args().out
-    for name, draw in PICTURES.items():
-        path = folder / f"{name}.png"
-        save(draw, path)
-        print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
-
-
 if __name__ == "__main__":
-    main()
+    draw_all(PICTURES, __doc__)

@@ -207,7 +207,6 @@ def answers_to_its_options(words: list[str]) -> None:
     count = 2 if words[0] == "-m" else 1
     told = io.StringIO()
     with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(told):
-        patch.syspath_prepend(ROOT / "tools")
         patch.setattr(sys, "argv", [words[count - 1], "--help"])
         patch.delitem(sys.modules, f"{words[count - 1]}.__main__", raising=False)  # another test imported it
         start = runpy.run_module if count == 2 else runpy.run_path

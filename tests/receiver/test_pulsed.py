@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.field.keying import Keying
 from arva_hil.receiver import Answer, Antennas, Impairment, Look, PaperReceiver, Pose, Reading, Zone
-from tools.hovering_receiver import PAPER, Hovering, transmitters
+from tools.receiver.hovering import PAPER, Hovering, transmitters
 
 STEADY = Keying(1.0, 0.08, 0.25)
 OTHER = Keying(0.83, 0.08, 0.6, carrier_hz=40.0)

@@ -6,13 +6,14 @@ import random
 
 import pytest
 
-from tools.hostile import BURST, KEY, Bench, Enemy
+from tools.fuzz.enemy import Enemy
+from tools.hostile import BURST, KEY, Bench
 
 
 @pytest.mark.parametrize("key", [None, KEY])
 def test_nothing_hostile_is_believed(key: bytes | None) -> None:
     bench = Bench(random.Random(7), key)
-    enemy = Enemy(bench)
+    enemy = Enemy(bench.numbers, bench.past, signing=key is not None)
     for _ in range(10):
         bench.hear(b"".join(enemy(bench.boot) for _ in range(BURST)))
         bench.fly()
@@ -31,5 +32,5 @@ def test_nothing_hostile_is_believed(key: bytes | None) -> None:
 def test_a_lie_that_is_believed_is_noticed() -> None:
     """Without a key, who says just what the vehicle might say is believed."""
     bench = Bench(random.Random(7), None)
-    bench.hear(Enemy(bench).unsigned(bench.boot))
+    bench.hear(Enemy(bench.numbers, bench.past, signing=False).unsigned(bench.boot))
     assert bench.wrong["believed others"] == 1

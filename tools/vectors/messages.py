@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from tools.vectors.by_hand import Wire, number, seal, sentence
+from tools.vectors.stream import Stream
 
 ABOUT = [
     "messages: encode gives `hex`, and `line` where there is one; decoding gives the message back. `type`: command,",
@@ -112,16 +115,6 @@ for n in range(1, 17):
 BYTES = {name: masked(*body(m)) for name, m in MESSAGES.items()}
 
 
-def stream(name: str, why: str, *steps: tuple[float, bytes, str], bad_crc: int = 0, awaited: int = 0) -> Wire:
-    """Steps are time, bytes, and the names of what comes out, separated by spaces."""
-    inside = sum(len(BYTES[one]) for _, _, names in steps for one in names.split())
-    good = sum(len(names.split()) for _, _, names in steps)
-    dropped = sum(len(data) for _, data, _ in steps) - inside - awaited
-    said = [{"t": t, "hex": data.hex(), "messages": names.split()} for t, data, names in steps]
-    counters = {"good": good, "bad_crc": bad_crc, "dropped": dropped}
-    return {"name": name, "why": why, "steps": said, "counters": counters}
-
-
 def streams(frame: bytes) -> list[Wire]:
     """`frame`: a good frame of version 1."""
     mark, done, long = BYTES["do_mark_3"], BYTES["done"], BYTES["vector_16_channels"]
@@ -136,78 +129,59 @@ def streams(frame: bytes) -> list[Wire]:
         masked(2, bytes([1, 1, 2, 0, 0, 0, 0]) + bytes(6)),
     ]
     wrong_sizes = [masked(kind, bytes(size)) for kind in (1, 2, 16) for size in (0, 1, 3, 5, 8, 20, 23)]
+    other_kinds = [masked(kind, bytes([1, 2, 3, 4])) for kind in range(256) if kind not in (1, 2, 16, 17)]
     head = b"\xa4\x57\x02\xf9\x00\x01"  # of a message of 16 vectors
+    stream = partial(Stream, kind="messages", units=BYTES)
     return [
-        stream(
-            "messages_glued", "without a byte between", (0, mark + done + long, "do_mark_3 done vector_16_channels")
-        ),
-        stream(
-            "messages_between_frames",
-            "frames are bytes in no message",
-            (0, frame + done + frame + mark + frame, "done do_mark_3"),
-        ),
-        stream(
-            "half_a_command",
-            "it is dropped after 100 ms",
-            (0, mark[:8], ""),
-            (0.099, b"", ""),
-            (0.101, mark[8:], ""),
-            (1, mark, "do_mark_3"),
-        ),
-        stream(
-            "cut_in_time",
-            "99 ms for all of it is enough",
-            (0, mark[:3], ""),
-            (0.05, mark[3:9], ""),
-            (0.099, mark[9:], "do_mark_3"),
-        ),
-        stream(
-            "command_behind_half_a_command",
-            "the false one is refused when it has its size",
-            (0, mark[:9] + mark, "do_mark_3"),
-            bad_crc=1,
-        ),
-        stream(
-            "long_head",
-            "a false head of a long message hides what is behind it for 100 ms",
-            (0, head + done, ""),
-            (0.099, b"", ""),
-            (0.101, b"", "done"),
-        ),
-        stream(
-            "wrong_crc", "the last byte is another", (0, mark[:-1] + bytes([mark[-1] ^ 1]) + done, "done"), bad_crc=1
-        ),
-        stream("no_sense", "right CRCs, bodies that make no sense", (0, b"".join(makes_no_sense) + done, "done")),
-        stream("wrong_sizes", "sizes that their kind cannot have", (0, b"".join(wrong_sizes) + done, "done")),
-        stream(
-            "other_kinds",
-            "kinds that there are not",
-            (
-                0,
-                b"".join(masked(kind, bytes([1, 2, 3, 4])) for kind in range(256) if kind not in (1, 2, 16, 17)) + done,
-                "done",
-            ),
-        ),
-        stream(
-            "other_masks",
-            "a decoder takes every mask",
-            (0, b"".join(masked(16, bytes([7, 2, 3, 0, 0, 0]), mask) for mask in range(256)), "do_mark_3 " * 256),
-        ),
-        stream(
-            "other_versions",
-            "not messages",
-            (0, b"".join(b"\xa4\x57" + bytes([k]) + mark[3:] for k in range(256) if k != 2) + done, "done"),
-        ),
-        stream(
-            "syncs", "nothing but sync bytes", (0, b"\xa4" * 300 + b"\x57" * 300 + b"\xa4\x57" * 150 + done, "done")
-        ),
+        stream("messages_glued", "without a byte between")
+        .step(0, mark + done + long, "do_mark_3", "done", "vector_16_channels")
+        .end(),
+        stream("messages_between_frames", "frames are bytes in no message")
+        .step(0, frame + done + frame + mark + frame, "done", "do_mark_3")
+        .end(),
+        stream("half_a_command", "it is dropped after 100 ms")
+        .step(0, mark[:8])
+        .step(0.099)
+        .step(0.101, mark[8:])
+        .step(1, mark, "do_mark_3")
+        .end(),
+        stream("cut_in_time", "99 ms for all of it is enough")
+        .step(0, mark[:3])
+        .step(0.05, mark[3:9])
+        .step(0.099, mark[9:], "do_mark_3")
+        .end(),
+        stream("command_behind_half_a_command", "the false one is refused when it has its size")
+        .step(0, mark[:9] + mark, "do_mark_3")
+        .end(bad_crc=1),
+        stream("long_head", "a false head of a long message hides what is behind it for 100 ms")
+        .step(0, head + done)
+        .step(0.099)
+        .step(0.101, b"", "done")
+        .end(),
+        stream("wrong_crc", "the last byte is another")
+        .step(0, mark[:-1] + bytes([mark[-1] ^ 1]) + done, "done")
+        .end(bad_crc=1),
+        stream("no_sense", "right CRCs, bodies that make no sense")
+        .step(0, b"".join(makes_no_sense) + done, "done")
+        .end(),
+        stream("wrong_sizes", "sizes that their kind cannot have").step(0, b"".join(wrong_sizes) + done, "done").end(),
+        stream("other_kinds", "kinds that there are not").step(0, b"".join(other_kinds) + done, "done").end(),
+        stream("other_masks", "a decoder takes every mask")
+        .step(0, b"".join(masked(16, bytes([7, 2, 3, 0, 0, 0]), mask) for mask in range(256)), *["do_mark_3"] * 256)
+        .end(),
+        stream("other_versions", "not messages")
+        .step(0, b"".join(b"\xa4\x57" + bytes([k]) + mark[3:] for k in range(256) if k != 2) + done, "done")
+        .end(),
+        stream("syncs", "nothing but sync bytes")
+        .step(0, b"\xa4" * 300 + b"\x57" * 300 + b"\xa4\x57" * 150 + done, "done")
+        .end(),
         stream(
             "no_sync_behind_a_message",
             "a message whose first byte is another, right behind a good one in a false candidate",
-            (0, b"\xa4\x57\x02\x35\x00\x11" + mark + b"\xa0" + done[1:] + bytes(40), "do_mark_3"),
-            bad_crc=1,
-        ),
-        stream("not_whole", "the end is awaited", (0, done + mark[:5], "done"), awaited=5),
+        )
+        .step(0, b"\xa4\x57\x02\x35\x00\x11" + mark + b"\xa0" + done[1:] + bytes(40), "do_mark_3")
+        .end(bad_crc=1),
+        stream("not_whole", "the end is awaited").step(0, done + mark[:5], "done").end(awaited=5),
     ]
 
 

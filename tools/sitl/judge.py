@@ -17,12 +17,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
-from sitl_relay import tells_mode
-from sitl_simulator import HOME, Simulator, wait
-
 from arva_hil.field import LocalFrame
 from arva_hil.flight.authority import BOUND_MS
 from arva_hil.mavlink.codec import dialect
+from tools.sitl.relay import tells_mode
+from tools.sitl.simulator import HOME, Simulator, wait
 
 Buried = dict[int, list[float]]  # transmitters: NED from home, by id
 
@@ -47,7 +46,7 @@ class Program:
             stdout=self._out,
             stderr=subprocess.PIPE,
             text=True,
-            cwd=Path(__file__).parents[1],
+            cwd=Path(__file__).parents[2],
         )
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()

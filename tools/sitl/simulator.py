@@ -6,18 +6,14 @@ import math
 import os
 import random
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from sitl_relay import PER_DEGREE_M, SPACING_M, Relay, Slope, TcpRelay, UdpRelay
-
 from arva_hil.mavlink.codec import command, dialect
-
-sys.path.append(str(Path(__file__).parents[1] / "tests"))
-from sitl.truth import Place, Witness, ground_m
+from tests.sitl.truth import Place, Witness, ground_m
+from tools.sitl.relay import PER_DEGREE_M, SPACING_M, Relay, Slope, TcpRelay, UdpRelay
 
 HOME: Final = (47.397742, 8.545594, 488.0)
 COPTER: Final = 7  # the instance, away from that of tests/sitl

@@ -1,0 +1,87 @@
+"""Several transmitters: how their pulses overlap, and who is missed by one who follows the nearest."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.field.keying import KEYING_CLASSES, Keying, KeyingClass, draw_keying
+from arva_hil.receiver import Answer
+from tools.receiver.hovering import Hovering, transmitters
+
+Array = NDArray[np.float64]
+
+
+def sets(kind: KeyingClass, n: int, trial: int) -> list[Keying]:
+    """`n` sets of a class, in any phase to each other."""
+    return [draw_keying(kind, trial, id_) for id_ in range(n)]
+
+
+class Overlap(NamedTuple):
+    """Of the first 2, 3, … of some sets. `share`: of a set's pulses that another's touches; `p60`: the probability that
+    some pair touches in every pulse for a minute."""
+
+    share: list[float]
+    p60: list[float]
+
+
+def overlap(kind: KeyingClass, most: int = 4, trials: int = 3000, window_s: float = 300.0) -> Overlap:
+    shares, long = np.zeros(most + 1), np.zeros(most + 1)
+    for trial in range(trials):
+        starts = [one.pulses(0.0, window_s).starts for one in sets(kind, most, trial)]
+        touched = [np.zeros(len(one), bool) for one in starts]
+        stays = False
+        for b in range(1, most):
+            for a in range(b):
+                for one, other in ((a, b), (b, a)):
+                    by_other = _touched(starts[one], starts[other], kind.pulse_s)
+                    touched[one] |= by_other
+                    stays = stays or _stays(starts[one], by_other)
+            shares[b + 1] += np.mean([one.mean() for one in touched[: b + 1]])
+            long[b + 1] += stays
+    return Overlap((shares / trials).tolist()[2:], (long / trials).tolist()[2:])
+
+
+def _touched(starts: Array, others: Array, pulse_s: float) -> NDArray[np.bool_]:
+    """Which pulses are touched by one of the others; all are equally long."""
+    at = np.searchsorted(others, starts)
+    before, behind = others[np.maximum(at - 1, 0)], others[np.minimum(at, len(others) - 1)]
+    touched: NDArray[np.bool_] = np.minimum(abs(starts - before), abs(starts - behind)) < pulse_s
+    return touched
+
+
+def _stays(starts: Array, touched: NDArray[np.bool_], seconds: float = 60.0) -> bool:
+    """Whether there is a run of touched pulses that lasts so long."""
+    period_s = (starts[-1] - starts[0]) / (len(starts) - 1)
+    if touched.sum() * period_s < seconds:
+        return False
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], touched, [False]]).astype(np.int8)))
+    return bool((edges[1::2] - edges[::2]).max() * period_s >= seconds)
+
+
+def novice(seed: int) -> int:
+    """How many of four analogue sets in 40 × 40 m somebody misses who walks to the nearest that is not marked, 1 m/s,
+    marks it within 3 m, and gives up when nothing but marked ones was shown for a minute."""
+    random = np.random.default_rng(seed)
+    places = np.column_stack([random.uniform(-20, 20, (4, 2)), np.full(4, 1.0)])
+    receiver = Hovering(
+        transmitters(*places, keyings=sets(KEYING_CLASSES["analogue"], 4, seed)), seed=seed, noise="uniform"
+    )
+    receiver.position = np.array([-25.0, -25.0, -1.0])
+    marked, seen_s, now = set(), 0.0, 0.0
+    while now < 900.0 and now - seen_s < 60.0:
+        now += 1.0
+        shown = [c for c in receiver.read(now).channels if c.zone and not c.marked]
+        if not shown:
+            continue
+        seen_s = now
+        nearest = min(shown, key=lambda c: c.d_cm)
+        assert nearest.id is not None
+        if nearest.d_cm <= 300 and receiver.model.command(now, "mark", [nearest.id]) is Answer.DONE:
+            marked.add(nearest.id)
+        way = places[nearest.id - 1] - receiver.position
+        way[2] = 0.0
+        receiver.position = receiver.position + way * min(1.0, 1.0 / max(float(np.linalg.norm(way)), 1e-9))
+    return 4 - len(marked)
