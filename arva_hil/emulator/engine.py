@@ -38,7 +38,8 @@ class Emulator:
     `start`: the instant of the first frames. `spread`: those of the vehicles are spread over a period, 0.1 s at most.
     `timeout_s`: without a heartbeat, until there is an event. `max_age_s`: an older pose is not used. `look_ahead_s`:
     how long a frame waits for a pose after its instant, so that its pose can be interpolated; 0 for live: a frame is
-    made at its instant, with what is known then. `tell_packets`: make an event for every chunk, for a record.
+    made at its instant, with what is known then. `tell_packets`: make an event for every chunk, for a record;
+    `tell_status`: make a `StatusReport` four times a second.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class Emulator:
         look_ahead_s: float = 0.0,
         spread: bool = False,
         tell_packets: bool = False,
+        tell_status: bool = True,
     ) -> None:
         run = Run(start, max_age_s)
         self._outputs, self._events = run.outputs, run.events
@@ -75,6 +77,7 @@ class Emulator:
         self._timeout_s = timeout_s
         self._look_ahead_s = look_ahead_s
         self._tell_packets = tell_packets
+        self._tell_status = tell_status
         self._next_status = start
         self._lost: set[str] = set()
         self._told: PacketsReceived | None = None  # the newest
@@ -162,7 +165,8 @@ class Emulator:
         if now >= self._next_status:
             self._next_status = now + _STATUS_S
             self._events += [event for followed in self._followed.values() if (event := followed.look(now))]
-            self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
+            if self._tell_status:
+                self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
 
     def finish(self, now: float) -> None:
         """Nothing more will come: make the frames that waited for it, and send what faults have delayed."""

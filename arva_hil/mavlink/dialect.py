@@ -86,23 +86,31 @@ def length_v1(msgid: int) -> int:
 
 
 @functools.cache
-def message_maker(msgid: int) -> tuple[Callable[[Sequence[Any]], Any], Any] | None:
-    """A function that makes a message of pymavlink's class from the numbers of its payload, and the struct to unpack
-    them. None for a message with text.
-
-    The class's own constructor takes five times as long, because it makes a header and ten more values that are not
-    used. Here all messages of a class share them. The code is generated from pymavlink's table, like a namedtuple's.
+def _light_class(msgid: int) -> Any:
+    """A subclass of pymavlink's class. The header and ten more values that its constructor makes for each message, and
+    that are not used, are shared by all: this takes a fifth of the time.
     """
     kind = ardupilotmega.mavlink_map[msgid]
-    if "char" in kind.fieldtypes:
-        return None
     shared = {
         **vars(ardupilotmega.MAVLink_message(msgid, kind.msgname)),
         "_fieldnames": kind.fieldnames,
         "_instance_field": kind.instance_field,
         "_instance_offset": kind.instance_offset,
     }
-    names: dict[str, Any] = {"new": object.__new__, "kind": type(kind.__name__, (kind,), shared)}
+    return type(kind.__name__, (kind,), shared)
+
+
+@functools.cache
+def message_maker(msgid: int) -> tuple[Callable[[Sequence[Any]], Any], Any] | None:
+    """A function that makes a message of a light class from the numbers of its payload, and the struct to unpack them.
+    None for a message with text.
+
+    The code is generated from pymavlink's table, like a namedtuple's.
+    """
+    kind = ardupilotmega.mavlink_map[msgid]
+    if "char" in kind.fieldtypes:
+        return None
+    names: dict[str, Any] = {"new": object.__new__, "kind": _light_class(msgid)}
     spans = zip(itertools.accumulate(kind.lengths), kind.lengths, strict=True)
     parts = [f"list(v[{end - n}:{end}])" if n > 1 else f"v[{end - 1}]" for end, n in spans]
     fields = [f"m.{name}" for name in kind.ordered_fieldnames]
@@ -111,6 +119,21 @@ def message_maker(msgid: int) -> tuple[Callable[[Sequence[Any]], Any], Any] | No
         lines = [f" {', '.join(fields)}, = v"]  # all at once
     exec("\n".join(["def make(v):", " m = new(kind)", *lines, " return m"]), names)
     return names["make"], kind.unpacker
+
+
+@functools.cache
+def constructor(msgid: int) -> Callable[..., Any]:
+    """As the constructor of pymavlink's class, with the fields by place, but the message is of a light class. Not for
+    messages with text.
+    """
+    kind = ardupilotmega.mavlink_map[msgid]
+    names: dict[str, Any] = {"new": object.__new__, "kind": _light_class(msgid)}
+    fields = ", ".join(f"m.{name}" for name in kind.fieldnames)
+    values = ", ".join(kind.fieldnames)
+    exec(f"def make({values}):\n m = new(kind)\n {fields}, = {values},\n return m", names)
+    make = names["make"]
+    make.__defaults__ = kind.__init__.__defaults__
+    return cast(Callable[..., Any], make)
 
 
 @functools.cache

@@ -103,7 +103,8 @@ class ClosedFleet:
         setups = vehicle_setups(
             scenario, lambda v: v.name, lambda v: Session(target_system=v.system, rate_hz=stream_hz)
         )
-        self.emulator = Emulator(setups, start=start, timeout_s=10.0, tell_packets=tell_packets)
+        told = {"tell_packets": tell_packets, "tell_status": bool(observers)}
+        self.emulator = Emulator(setups, start=start, timeout_s=10.0, **told)
         self.live = Live(self.emulator, autopilots, ports, Audience(observers))
         self.tasks: list[Simulator | Live | SearchClient] = [
             *simulators,

@@ -66,7 +66,11 @@ class ClosedLoop:
         if gps_noise_m:  # otherwise the report is the truth, and needs less time
             scenario = replace(scenario, pose="truth", navigation_error=None)
         self.emulator = Emulator(
-            [one_vehicle(scenario, Session(rate_hz=stream_hz))], start=start, timeout_s=10.0, tell_packets=tell_packets
+            [one_vehicle(scenario, Session(rate_hz=stream_hz))],
+            start=start,
+            timeout_s=10.0,
+            tell_packets=tell_packets,
+            tell_status=bool(observers),
         )
         live = Live(self.emulator, {"autopilot": autopilot[0]}, {"port": port[1]}, audience)
         self.search = SearchClient(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from arva_hil.mavlink.codec import command, dialect
+from arva_hil.mavlink.dialect import constructor
 from arva_hil.vehicle.discovery import Vehicle
 
 _KINDS: Final = "QUADROTOR COAXIAL HELICOPTER HEXAROTOR OCTOROTOR TRICOPTER DODECAROTOR DECAROTOR"
@@ -62,7 +63,8 @@ class Modes:
         """A set-point: velocity [m/s, NED] and heading [rad]. It has an effect only in the mode `steer`."""
         still = (0.0, 0.0, 0.0)
         to = 0, vehicle.system, vehicle.component, dialect.MAV_FRAME_LOCAL_NED, _VELOCITY_AND_YAW
-        return dialect.MAVLink_set_position_target_local_ned_message(*to, *still, *velocity, *still, yaw, 0.0)
+        make = constructor(dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED)
+        return make(*to, *still, *velocity, *still, yaw, 0.0)
 
 
 _GUIDED: Final = dialect.COPTER_MODE_GUIDED

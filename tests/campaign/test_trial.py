@@ -9,8 +9,17 @@ import pytest
 from arva_hil.campaign.plan import trials
 from arva_hil.campaign.results import row
 from arva_hil.campaign.trial import fly
+from arva_hil.config import parse
 from arva_hil.config.campaign import parse_plan
+from arva_hil.events import StatusReport
+from arva_hil.links import memory
+from arva_hil.registry import STRATEGIES
+from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.loop import run
 from arva_hil.search.outcome import SearchStep
+from arva_hil.search.plan import SearchPlan
+from arva_hil.simulated.closed_loop import ClosedLoop
+from tests.one_receiver import Diary
 
 PLAN = "strategies: estimate\nscenarios: moving.yaml\nnoise: off\nlimit_s: 300\n"
 
@@ -50,3 +59,21 @@ def test_several_drones_find_one_transmitter_each_and_the_time_is_that_of_the_la
     assert (one.outcome, one.drones, one.hover_m) == ("found", 2, None)
     assert one.error_m == pytest.approx(0, abs=1.0)
     assert one.path_m > one.time_s  # of both
+
+
+def test_who_watches_a_flight_changes_nothing_of_it() -> None:
+    def flown(observers: list[Diary]) -> list[SearchStep]:
+        steps: list[SearchStep] = []
+        links = {name: memory.pair() for name in ("autopilot", "commands", "port")}
+        one = parse("transmitters: [{id: 1, ned: [12, 9, 0]}]\n", "one.yaml")
+        loop = ClosedLoop(
+            one, SearchPlan(STRATEGIES["flux"]), **links, start=0.0, observers=observers, log=steps.append
+        )
+        run(loop.tasks, StepClock(), until=15.0)
+        return steps
+
+    diary = Diary()
+    alone = flown([])
+    assert len(alone) > 10
+    assert alone == flown([diary])
+    assert any(isinstance(event, StatusReport) for event in diary.events)
