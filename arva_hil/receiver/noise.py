@@ -12,7 +12,7 @@ from arva_hil.field.arrays import Array
 
 NoiseKind = Literal["uniform", "gaussian", "off"]
 
-_AHEAD: Final = 64  # drawn at a time
+_AHEAD: Final = 256  # drawn at a time
 
 
 def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
@@ -69,5 +69,6 @@ class NoiseSource:
         """`draw` as plain numbers."""
         if m > len(self._ahead):
             self._ahead += draw_noise(self._rng, max(m, _AHEAD), self._kind, self._bound).tolist()
-        drawn, self._ahead = self._ahead[:m], self._ahead[m:]
+        drawn = self._ahead[:m]
+        del self._ahead[:m]
         return drawn

@@ -111,7 +111,7 @@ class PaperReceiver:
         bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
         self._limit = noise_bound(antennas.sensitivity, _FLOOR_RANGE_M)
         self._may_interfere = bound > self._limit
-        self._no_signal = no_signal
+        self._nothing = (None, Zone.OUTER, *no_signal)  # of an empty slot
         self._channels = channels
         self._noise = NoiseSource(antennas.noise, bound, seed)
         self._beside = np.random.Generator(np.random.PCG64([seed, 1]))  # for noise that is not the receiver's own
@@ -145,14 +145,13 @@ class PaperReceiver:
         if self._marked or self._selected is not None:
             heard = self._wanted(heard)
         shown = [
-            ChannelReading(id_, zone, d_cm, delta_deg, ranges.get(id_))
+            ChannelReading(id_, zone, d_cm, delta_deg, ranges.pop(id_, None))
             for d_cm, id_, delta_deg, zone in heard[: len(self._empty)]
         ]
-        if len(shown) < len(self._empty):
-            ids, free = {channel.id for channel in shown}, len(self._empty) - len(shown)
-            hidden: list[float | None] = [*sorted(metres for id_, metres in ranges.items() if id_ not in ids)]
-            hidden += [None] * free
-            shown += [ChannelReading(None, Zone.OUTER, *self._no_signal, metres) for metres in hidden[:free]]
+        if free := len(self._empty) - len(shown):
+            hidden = sorted(ranges.values())[:free]
+            shown += [ChannelReading(*self._nothing, metres) for metres in hidden]
+            shown += self._empty[len(shown) :]
         self._reading = Reading(tuple(shown), interference, len(heard) > len(shown))
 
     def show(self, time_s: float) -> Reading:
@@ -203,7 +202,7 @@ class PaperReceiver:
         self._reading = Reading(self._empty, False, False)
 
     def _empty_slots(self, count: int) -> tuple[ChannelReading, ...]:
-        return (ChannelReading(None, Zone.OUTER, *self._no_signal, None),) * count
+        return (ChannelReading(*self._nothing, None),) * count
 
     def _wanted(self, heard: list[_Heard]) -> list[_Heard]:
         """The transmitters to show: those that are not marked, or only the selected one."""
