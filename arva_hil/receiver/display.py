@@ -11,7 +11,7 @@ from arva_hil.receiver.reading import Zone
 from arva_hil.receiver.separation import Vector
 from arva_hil.receiver.track import Shown
 
-_LARGEST_CM: Final = 9900
+_LARGEST_CM: Final = {"digits": 9900, "cm": 32767}  # two digits; what frames can carry
 
 
 class Display:
@@ -56,8 +56,8 @@ class Display:
         options = self._options
         if options.steps == "digits":
             step = 10 if d_cm < 995 else 100
-            d_cm = min(_LARGEST_CM, step * ((2 * d_cm + step) // (2 * step)))
-        return max(d_cm, round(100 * options.lowest_m))
+            d_cm = step * ((2 * d_cm + step) // (2 * step))
+        return max(min(d_cm, _LARGEST_CM[options.steps]), round(100 * options.lowest_m))
 
     def _arrow(self, delta_deg: int) -> int:
         arrows = self._options.directions

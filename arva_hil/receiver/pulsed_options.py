@@ -37,8 +37,8 @@ class PulsedOptions:
     gains: Annotated[tuple[float, float, float], "of the antennas x, y and z; 0 is a dead one"] = (1.0, 1.0, 1.0)
     saturation_na_m: Annotated[float | None, Gt(0), "no antenna says more [nA/m]"] = None
     start_s: Annotated[float, Ge(0), "from switching on until it listens [s]"] = 3.0
-    steps: Annotated[Steps, "of d: digits is 0.1 m below 10 m, then 1 m, up to 99 m; or cm"] = "digits"
-    lowest_m: Annotated[float, Ge(0), "the lowest d [m]"] = 0.0
+    steps: Annotated[Steps, "of d: digits is 0.1 m below 10 m, then 1 m, up to 99 m; or cm, up to 327.67 m"] = "digits"
+    lowest_m: Annotated[float, Ge(0), Le(99), "the lowest d [m]"] = 0.0
     directions: Annotated[int, Ge(0), Le(180), "so many arrows from −90° to 90°; 0: whole degrees"] = 0
     near_direction: Annotated[NearDirection, "δ where the third antenna counts: 0, or the last one"] = "zero"
     frames: Annotated[Frames, "at rate_hz, or one a pulse that is heard and at least rate_hz"] = "rate"

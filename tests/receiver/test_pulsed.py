@@ -252,6 +252,12 @@ def test_distances_come_in_the_steps_of_two_digits() -> None:
     assert Hovering(transmitters([0.1, 0, 0], keyings=[STEADY]), lowest_m=0.3).read(6.0).channels[0].d_cm == 30
 
 
+def test_a_receiver_however_sensitive_says_no_distance_that_a_frame_cannot_carry() -> None:
+    for at, most, expected in [(300.0, "cm", 27509), (500.0, "cm", 32767), (500.0, "digits", 9900)]:
+        far = Hovering(transmitters([at, 0, 0], keyings=[STEADY]), threshold_na_m=1e-4, steps=most)
+        assert far.read(6.0).channels[0].d_cm == expected
+
+
 def test_arrows_are_as_many_as_the_display_has() -> None:
     seen = set()
     for heading in range(0, 360, 3):
