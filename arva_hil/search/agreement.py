@@ -35,6 +35,8 @@ _OUTLIERS: Final = 0.15  # of the readings, at most,
 _NEWEST: Final = 0.4  # and of the newest
 _NEWEST_S: Final = 10.0
 _KNOWN_M: Final = 0.1  # error of the receiver's place, at least, for the check
+_CAUTION: Final = 2.0  # times its sigma: readings are not as independent as the fit believes
+_SINCE: Final = 0.3  # of a drift: what it is more since then
 _CONTRADICTS: Final = 4.0  # variances: readings beyond contradict a place that was told before
 
 Array = NDArray[np.float64]
@@ -98,7 +100,7 @@ class Evidence(History):
             for told in one.told:
                 o.add((np.array(position) - drift).tolist(), rotation, *told, one.time_s, one.ground)
         sigma = float(np.linalg.eigvalsh(there.best.now_covariance)[2]) ** 0.5
-        error = math.hypot(max(_KNOWN_M, there.pose_error), sigma)
+        error = math.hypot(max(_KNOWN_M, there.pose_error), _CAUTION * sigma, _SINCE * there.cause.drift_m)
         beyond: list[bool] = _unexplained(there.best.x, o, error, _CONTRADICTS).tolist()
         return beyond
 

@@ -29,7 +29,7 @@ _CLOSER: Final = 0.8  # times as far as before; then it is put off until it is s
 _STEADY_S: Final = 5.0  # or as near as ever and in all frames for so long
 _MOST_HEARD: Final = 16  # transmitters
 _NEWEST_S: Final = 2.0  # of readings that show whether a transmitter is still there,
-_NEWEST: Final = 20  # how many at most,
+_LEAST, _NEWEST = 4, 20  # how many at least, be they older, and at most,
 _BESIDE_M: Final = 0.5  # and from how far: so near it is no dipole
 
 
@@ -61,8 +61,9 @@ class HeardTransmitter:
 
     def contradictions(self, time_s: float) -> list[bool]:
         """Which of the newest readings, in order of time, contradict the place judged last."""
-        newest = [o for o in self.past if time_s - o.time_s < _NEWEST_S and o.d_m > _BESIDE_M]
-        return self.evidence.contradictions(newest[-_NEWEST:])
+        newest = [o for o in self.past if o.d_m > _BESIDE_M]
+        count = sum(time_s - o.time_s < _NEWEST_S for o in newest)
+        return self.evidence.contradictions(newest[-min(max(count, _LEAST), _NEWEST) :] if count else [])
 
 
 def id_of(id_: int | None) -> int | None:
