@@ -15,13 +15,13 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "firmware_proto")]
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from firmware_proto import Answer, Command  # noqa: E402
-from firmware_proto.commands import encode_answer, encode_command  # noqa: E402
-from tools.codecs.c_messages import CMessageDecoder, CMessages, python_decoder  # noqa: E402
-from tools.codecs.random_streams import SECONDS, Call, compare, message_streams  # noqa: E402
+from firmware_proto import Answer, Command
+from firmware_proto.commands import encode_answer, encode_command
+from tools.codecs.c_messages import CMessageDecoder, CMessages, python_decoder
+from tools.codecs.random_streams import SECONDS, Call, compare, message_streams
 
 COUNTERS = ("good", "bad_crc", "dropped")
 
@@ -34,7 +34,7 @@ class Comparison:
         self._c = CMessages(folder)
         self._lua: Any = None
         if lua:
-            from lua_stubs import Autopilot, LuaMessageDecoder  # type: ignore[import-not-found]
+            from tests.firmware_proto.lua_stubs import Autopilot, LuaMessageDecoder
 
             self._autopilot = Autopilot()
             self._script = self._autopilot.require("arva_receiver")

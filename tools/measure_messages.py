@@ -15,7 +15,6 @@ import io
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -28,6 +27,7 @@ import numpy as np
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
+from arva_hil.links.udp import UdpInLink
 from arva_hil.messages.cdr import encode
 from arva_hil.messages.recorded import messages_of
 from arva_hil.recordings import Recording, load
@@ -63,9 +63,8 @@ def main() -> None:
 
 def measure_schedule(run: Path, seconds: float, stalled: int, reading: int, served: bool) -> tuple[float, float]:
     """Processor time of the emulator, and how long it took to end."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    with contextlib.closing(UdpInLink()) as free:
+        port = free.port
     vehicle = subprocess.Popen([*COMMAND, "vehicle", "--link", f"udpout:127.0.0.1:{port}"], stderr=subprocess.DEVNULL)
     words = ["run", "--autopilot", f"udpin:127.0.0.1:{port}", "--port", "pty", "--rate", str(RATE_HZ)]
     emulator = subprocess.Popen(

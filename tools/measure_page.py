@@ -17,17 +17,18 @@ import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
 
+from arva_hil.links.udp import UdpInLink
 from arva_hil.observers.web.server import pages
 
 COMMAND = [sys.executable, "-m", "arva_hil"]
@@ -61,7 +62,8 @@ class Run:
         self._record = record
         self._seconds = options.seconds + START_S
         self._stop = threading.Event()
-        port = free_port()
+        with closing(UdpInLink()) as free:
+            port = free.port
         vehicle = ["vehicle", "--link", f"udpout:127.0.0.1:{port}"]
         self._vehicle = subprocess.Popen([*COMMAND, *vehicle], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         arguments = ["run", "--autopilot", f"udpin:127.0.0.1:{port}", "--port", "pty", "--rate", str(RATE_HZ)]
@@ -139,12 +141,6 @@ def first_picture() -> None:
         program.stderr.read()
         program.wait()
     print(f"first picture: {paint:.0f} ms; the run is shown after {1e3 * shown_s:.0f} ms")
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 if __name__ == "__main__":

@@ -16,7 +16,6 @@ import json
 import os
 import random
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -83,9 +82,8 @@ def main() -> None:
 
 def server() -> Callable[[], TcpServerLink]:
     """Makes servers at one and the same free port, one after the other."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    with contextlib.closing(TcpServerLink()) as free:
+        port = free.port
     return lambda: TcpServerLink("127.0.0.1", port)
 
 

@@ -26,6 +26,8 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from arva_hil.links.tcp_server import TcpServerLink
+from arva_hil.links.udp import UdpInLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.runtime.clock import RealClock
 from arva_hil.simulated.vehicle import SimulatedVehicle
@@ -65,12 +67,6 @@ def main() -> None:
     sys.exit(wrong)
 
 
-def free_port(kind: int) -> int:
-    with socket.socket(socket.AF_INET, kind) as free:
-        free.bind(("127.0.0.1", 0))
-        return int(free.getsockname()[1])
-
-
 def heartbeat(system: int, kind: int, autopilot: int) -> bytes:
     return Encoder(system, 1).pack(dialect.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 3, 3))
 
@@ -87,8 +83,8 @@ class Bench:
         self._folder = folder
         self._numbers = numbers
         self._clock = RealClock()
-        self._udp = free_port(socket.SOCK_DGRAM)
-        self._tcp = free_port(socket.SOCK_STREAM)
+        with contextlib.closing(UdpInLink()) as udp, contextlib.closing(TcpServerLink()) as tcp:
+            self._udp, self._tcp = udp.port, tcp.port
         self._link = str(folder / "arva0")
         self._vehicle = SimulatedVehicle(HOME, boot_time=0.0)
         self._sock = self._socket()
@@ -284,9 +280,7 @@ class Bench:
         options = ["run", "--autopilot", f"udpin:127.0.0.1:{self._udp}", "--port", to, "--timeout", "60"]
         options += ["--rate", str(RATE_HZ), "--max-age", str(MAX_AGE_S), "--record", str(record)]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "arva_hil", *options],
-            stderr=self._errors,
-            stdin=subprocess.DEVNULL,
+            [sys.executable, "-m", "arva_hil", *options], stderr=self._errors, stdin=subprocess.DEVNULL
         )
 
     def _open(self, end: float) -> tuple[int, Callable[[], None]]:

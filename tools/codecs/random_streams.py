@@ -75,7 +75,7 @@ def message(random: Random) -> bytes:
     return seal(kind, bytes(body))
 
 
-def piece(random: Random, frames: list[bytes], heads: list[bytes] = HEADS) -> bytes:
+def piece(random: Random, frames: list[bytes], heads: list[bytes]) -> bytes:
     """A frame, a part of one, the head of a false one, or noise."""
     kind = random.random()
     if kind < 0.55:
@@ -114,23 +114,23 @@ def cut(random: Random, data: bytes) -> list[Call]:
 
 def streams(seed: int, count: int) -> Iterator[list[Call]]:
     """Calls of `feed`, one list a stream; the last two of each tell only the time, after which nothing is held."""
-    random = Random(seed)
-    frames: list[bytes] = []
-    for k in range(count):
-        if k % 50 == 0:
-            frames = [frame(random) for _ in range(20)]
-        data = bytearray(b"".join(piece(random, frames) for _ in range(random.randint(1, 6))))
-        damage(random, data)
-        yield cut(random, bytes(data))
+    return _streams(seed, count, HEADS, lambda random: [frame(random) for _ in range(20)])
 
 
 def message_streams(seed: int, count: int) -> Iterator[list[Call]]:
     """The same of messages of all kinds, with frames of version 1 among them."""
-    random = Random(seed)
-    some: list[bytes] = []
+    both = ((message, 30), (frame, 4))
+    return _streams(
+        seed, count, MESSAGE_HEADS, lambda random: [make(random) for make, many in both for _ in range(many)]
+    )
+
+
+def _streams(seed: int, count: int, heads: list[bytes], whole: Callable[[Random], list[bytes]]) -> Iterator[list[Call]]:
+    """`whole` draws frames or messages, of which fifty streams are made."""
+    random, some = Random(seed), list[bytes]()
     for k in range(count):
         if k % 50 == 0:
-            some = [message(random) for _ in range(30)] + [frame(random) for _ in range(4)]
-        data = bytearray(b"".join(piece(random, some, MESSAGE_HEADS) for _ in range(random.randint(1, 6))))
+            some = whole(random)
+        data = bytearray(b"".join(piece(random, some, heads) for _ in range(random.randint(1, 6))))
         damage(random, data)
         yield cut(random, bytes(data))

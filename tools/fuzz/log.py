@@ -72,7 +72,8 @@ def _written(data: bytes) -> bytes:
         if kind < 4:  # the vehicle goes on
             time_us += 20_000 * kind
             boot_ms[who] = (boot_ms[who] + 20 * kind) % 2**32
-            out += _record(layout, time_us, vehicles[who].pack(_message(value, boot_ms[who])))
+            out += struct.pack(layout, time_us) if layout else b""
+            out += vehicles[who].pack(_message(value, boot_ms[who]))
         elif kind == 4:  # the log's clock is set
             time_us = (time_us + _STEPS_US[value % len(_STEPS_US)]) % 2**63
         elif kind == 5:  # the vehicle reboots, or its clock leaps
@@ -82,10 +83,6 @@ def _written(data: bytes) -> bytes:
         else:  # cut
             del out[len(out) - value :]
     return bytes(out)
-
-
-def _record(layout: str, time_us: int, raw: bytes) -> bytes:
-    return (struct.pack(layout, time_us) if layout else b"") + raw
 
 
 def _message(value: int, boot_ms: int) -> Any:

@@ -23,24 +23,15 @@ import time
 import traceback
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
 
 from tools.fuzz.script import ROOT
 
-
-class Target(NamedTuple):
-    """How a module of this folder is fuzzed. `instrumented`: the packages whose coverage guides it."""
-
-    longest: int  # input, bytes
-    instrumented: list[str]
-
-
-TARGETS = {
-    "loader": Target(4096, ["arva_hil", "yaml"]),
-    "session": Target(1024, ["arva_hil"]),
-    "decoder": Target(2048, ["arva_hil", "firmware_proto"]),
-    "commands": Target(1024, ["firmware_proto"]),
-    "log": Target(4096, ["arva_hil.links"]),
+TARGETS = {  # modules of this folder: the longest input, in bytes, and the packages whose coverage guides it
+    "loader": (4096, ["arva_hil", "yaml"]),
+    "session": (1024, ["arva_hil"]),
+    "decoder": (2048, ["arva_hil", "firmware_proto"]),
+    "commands": (1024, ["firmware_proto"]),
+    "log": (4096, ["arva_hil.links"]),
 }
 SLOWEST_S = 20  # of one input
 LARGEST_MB = 2048
@@ -83,11 +74,11 @@ def reproduce(target: str, path: Path) -> int:
 
 def fuzz(options: argparse.Namespace) -> int:
     """The fuzzer in a process of its own, and its sum."""
-    target, longest = module(options.target), TARGETS[options.target].longest
+    longest, _ = TARGETS[options.target]
     with tempfile.TemporaryDirectory(prefix="arva-fuzz-") as name:
         seeds = Path(name, "seeds")
         seeds.mkdir()
-        for number, seed in enumerate(target.seeds()):
+        for number, seed in enumerate(module(options.target).seeds()):
             (seeds / f"{number:04}").write_bytes(seed)
         grown = options.corpus or Path(name, "corpus")
         grown.mkdir(parents=True, exist_ok=True)
@@ -125,7 +116,7 @@ def child(target: str, arguments: list[str]) -> int:
 
     import arva_hil.receiver  # noqa: F401 - before it could be instrumented: atheris keeps every array that is compared
 
-    with atheris.instrument_imports(include=TARGETS[target].instrumented):
+    with atheris.instrument_imports(include=TARGETS[target][1]):
         body = module(target).fuzz
     words = [word.encode() for word in dictionary()]
 

@@ -49,23 +49,10 @@ class Bench:
 
     def run(self) -> None:
         doings = (
-            self._raw,
-            self._advance,
-            self._poll,
-            self._interrupt,
-            self._resume,
-            self._any_message,
-            self._unknown,
-            self._heartbeat,
-            self._position,
-            self._attitude,
-            self._quaternion,
-            self._home,
-            self._ack,
-            self._hold,
-            self._ask,
-            self._damaged,
-        )
+            self._raw, self._advance, self._poll, self._interrupt, self._resume, self._any_message, self._unknown,
+            self._heartbeat, self._position, self._attitude, self._quaternion, self._home, self._ack, self._hold,
+            self._ask, self._damaged,
+        )  # fmt: skip
         for count in itertools.count():
             if not self._s:
                 break
