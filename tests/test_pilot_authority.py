@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
 
-sys.path.append(str(Path(__file__).parent.parent / "tools"))
-
-import pilot_authority as tool
+from tools import pilot_authority as tool
 
 
 @pytest.mark.parametrize(("kind", "seed"), [("pause", 22), ("pause", 26), ("end", 1), ("other", 1)])

@@ -12,7 +12,7 @@ import argparse
 import gc
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Final
@@ -50,8 +50,8 @@ def scenario(model: str, count: int, rate_hz: float) -> Scenario:
     )
 
 
-def of_model(chosen: Scenario, seconds: float) -> None:
-    """Looks and readings alone, hovering."""
+def frames(chosen: Scenario, seconds: float) -> Iterator[None]:
+    """One after the other, hovering: the model's reading and all looks before it."""
     model, there = receiver(chosen), transmitters(chosen, LocalFrame(*HOME))
     pose, frame_s, looked_s = Pose(np.zeros(3), np.eye(3)), 0.0, -1e-9
     while frame_s < seconds:
@@ -59,7 +59,13 @@ def of_model(chosen: Scenario, seconds: float) -> None:
             model.look(Look(t, pose, there))
             looked_s = t
         model.show(frame_s)
+        yield
         frame_s += 1 / chosen.receiver.rate_hz
+
+
+def of_model(chosen: Scenario, seconds: float) -> None:
+    for _ in frames(chosen, seconds):
+        pass
 
 
 def of_emulator(chosen: Scenario, seconds: float, clock: Clock | None = None) -> float:
@@ -90,19 +96,10 @@ def cpu(work: Callable[[], object]) -> float:
 
 def longest_steps(chosen: Scenario, seconds: float) -> tuple[float, float]:
     """The CPU time [ms] of making one frame, all looks before it included: 999 of 1000 take less, and the longest."""
-    model, there = receiver(chosen), transmitters(chosen, LocalFrame(*HOME))
-    pose, frame_s, looked_s, costs = Pose(np.zeros(3), np.eye(3)), 0.0, -1e-9, []
     gc.disable()
-    while frame_s < seconds:
-        start = time.thread_time()
-        while looked_s < frame_s and (t := model.next_look(looked_s, frame_s)) <= frame_s:
-            model.look(Look(t, pose, there))
-            looked_s = t
-        model.show(frame_s)
-        costs.append(time.thread_time() - start)
-        frame_s += 1 / chosen.receiver.rate_hz
+    times = [time.thread_time() for _ in frames(chosen, seconds)]
     gc.enable()
-    most, longest = np.percentile(costs[1:], [99.9, 100]).tolist()
+    most, longest = np.percentile(np.diff(times), [99.9, 100]).tolist()
     return 1e3 * most, 1e3 * longest
 
 

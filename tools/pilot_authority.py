@@ -29,6 +29,9 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+
 from arva_hil.flight.authority import BOUND_MS
 from arva_hil.links import Link
 from arva_hil.links.pty import PtyLink
@@ -40,9 +43,8 @@ from arva_hil.runtime.clock import RealClock
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Channel, Frame, encode
-
-sys.path.append(str(Path(__file__).parents[1] / "tests"))
-from simulated_px4 import HOLD, STREAMS, Px4
+from tests.simulated_px4 import HOLD, STREAMS, Px4
+from tools.sitl.relay import orders
 
 HOME = (46.0123, 7.7456, 1650.0)
 KINDS = ("pause", "end", "climb", "other")
@@ -55,12 +57,6 @@ MUCH = (
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
 )
-ORDERS = {
-    dialect.MAV_CMD_COMPONENT_ARM_DISARM,
-    dialect.MAV_CMD_DO_SET_MODE,
-    dialect.MAV_CMD_NAV_TAKEOFF,
-    dialect.MAV_CMD_NAV_LAND,
-}
 Vehicle = SimulatedVehicle | Px4
 
 
@@ -186,10 +182,7 @@ class Bench:
 
     def _note_order(self, message: Any) -> None:
         """It came since the link was last found empty: so late it was at least."""
-        ordered = getattr(message, "command", None) in ORDERS
-        if not ordered and type(message).id != dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
-            return
-        if self.word_s is not None:
+        if orders(message) and self.word_s is not None:
             self.last_s = self._empty_s
             self.late += self._empty_s > self.word_s + BOUND_MS / 1e3
 

@@ -15,12 +15,12 @@ from collections import Counter
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from arva_hil.field import LocalFrame
 from arva_hil.flight.authority import BOUND_MS
 from arva_hil.mavlink.codec import dialect
-from tools.sitl.relay import tells_mode
+from tools.sitl.relay import orders, tells_mode
 from tools.sitl.simulator import HOME, Simulator, wait
 
 Buried = dict[int, list[float]]  # transmitters: NED from home, by id
@@ -191,18 +191,6 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
         )
     else:
         flight.good = flight.code == 130 and flight.disarmed
-
-
-def orders(message: Any) -> bool:
-    """It moves the vehicle, or would."""
-    moving = {
-        dialect.MAV_CMD_DO_SET_MODE,
-        dialect.MAV_CMD_NAV_LAND,
-        dialect.MAV_CMD_NAV_TAKEOFF,
-        dialect.MAV_CMD_COMPONENT_ARM_DISARM,
-    }
-    target = type(message).id == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
-    return target or getattr(message, "command", None) in moving
 
 
 def off(lat: float, lon: float, buried: Buried) -> float:

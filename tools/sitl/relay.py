@@ -14,6 +14,12 @@ from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 
 SPACING_M: Final = 30  # TERRAIN_SPACING
 PER_DEGREE_M: Final = 111_318.8  # of latitude, ArduPilot's
+ORDERS: Final = (
+    dialect.MAV_CMD_COMPONENT_ARM_DISARM,
+    dialect.MAV_CMD_DO_SET_MODE,
+    dialect.MAV_CMD_NAV_TAKEOFF,
+    dialect.MAV_CMD_NAV_LAND,
+)
 
 
 class Note(NamedTuple):
@@ -202,3 +208,9 @@ class Hands:
 def tells_mode(message: Any) -> int | None:
     heartbeat = type(message).id == dialect.MAVLINK_MSG_ID_HEARTBEAT
     return message.custom_mode if heartbeat or type(message).id == MAVLINK_MSG_ID_CURRENT_MODE else None
+
+
+def orders(message: Any) -> bool:
+    """It moves the vehicle, or would."""
+    target = type(message).id == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+    return target or getattr(message, "command", None) in ORDERS
