@@ -51,8 +51,9 @@ class Listening:
         self.keyings: tuple[Keying, ...] = ()
         self.interference = False
         self._options = options
+        self._scale_na_m = options.scale_na_m
         self._sigma_na_m = 0.0 if off else options.sigma_na_m(settings.noise.floor_range_m)
-        self._limit_na_m = noise_bound((1.0,), _FLOOR_RANGE_M) * options.scale_na_m
+        self._limit_na_m = noise_bound((1.0,), _FLOOR_RANGE_M) * self._scale_na_m
         self._draws = NoiseDraws(seed)
         self._given: tuple[Keying, ...] | None = None
         self._timeline = PulseTimeline((), 0.0)
@@ -94,8 +95,8 @@ class Listening:
         look = self._look
         if look is None or look.pose is None:
             return None
-        own, gains = self._options.gains, (look.impairment or _SOUND).gains
-        a, b, c = (one * more for one, more in zip(own, gains, strict=True))
+        (a, b, c), (x, y, z) = self._options.gains, (look.impairment or _SOUND).gains
+        a, b, c = a * x, b * y, c * z
         there, position, rotation = look.transmitters, look.pose.position, look.pose.rotation
         if len(there.ids) <= FEW and there.medium is AIR:
             silence = [(0.0, 0.0, 0.0)] * len(there.ids)
@@ -108,12 +109,12 @@ class Listening:
         look = self._look
         assert look is not None
         sigma_na_m = math.hypot(self._sigma_na_m, (look.impairment or _SOUND).noise_na_m)
-        own = self._draws.draw(sigma_na_m / self._options.scale_na_m)
+        own = self._draws.draw(sigma_na_m / self._scale_na_m)
         if look.noise is None or look.pose is None:
             self.interference = 3 * sigma_na_m > self._limit_na_m * (1 + 1e-9)
             return own
         x, y, z = (look.noise[sender] @ look.pose.rotation).tolist()
-        self.interference = math.hypot(x, y, z) * self._options.scale_na_m > self._limit_na_m
+        self.interference = math.hypot(x, y, z) * self._scale_na_m > self._limit_na_m
         return x, y, z
 
     def limited(self, signal: Vector) -> Vector:
@@ -122,7 +123,7 @@ class Listening:
         limit_na_m = (self._look.impairment or _SOUND).saturation_na_m
         if self._options.saturation_na_m is not None:
             limit_na_m = min(limit_na_m, self._options.saturation_na_m)
-        limit = limit_na_m / self._options.scale_na_m
+        limit = limit_na_m / self._scale_na_m
         if max(map(abs, signal)) <= limit:
             return signal
         x, y, z = (max(-limit, min(limit, value)) for value in signal)

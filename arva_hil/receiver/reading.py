@@ -61,12 +61,11 @@ class Reading:
 
 def with_true_ranges(channels: Iterable[ChannelReading], ranges: Mapping[int, float]) -> tuple[ChannelReading, ...]:
     """The same slots with their true ranges. `ranges`: the distances of all transmitters [m], by id."""
-    every = tuple(channels)
-    shown = {c.id for c in every}
-    rest = iter(sorted(metres for id_, metres in ranges.items() if id_ not in shown))
-    return tuple(
-        c
-        if (metres := next(rest, None) if c.id is None else ranges.get(c.id)) == c.true_range_m
-        else ChannelReading(c.id, c.zone, c.d_cm, c.delta_deg, metres, c.marked, c.pulse)
-        for c in every
-    )
+    every, rest = list(channels), dict(ranges)
+    shown = {c.id: rest.pop(c.id, None) for c in every if c.id is not None}
+    hidden = sorted(rest.values(), reverse=True)
+    for n, c in enumerate(every):
+        metres = shown[c.id] if c.id is not None else hidden.pop() if hidden else None
+        if metres != c.true_range_m:
+            every[n] = ChannelReading(c.id, c.zone, c.d_cm, c.delta_deg, metres, c.marked, c.pulse)
+    return tuple(every)

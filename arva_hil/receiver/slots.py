@@ -22,6 +22,7 @@ class Slots:
         self._listening = listening
         self._channels = self._usual_channels = channels
         self._no_signal = no_signal
+        self._empty = ChannelReading(None, Zone.OUTER, *no_signal, None)
         self._mark_within_m = mark_within_m
         self._measures = measures
         self.restart()
@@ -69,9 +70,8 @@ class Slots:
         rows.sort(key=lambda row: row[:4])
         slots = [row[4] for row in rows]
         slots = [slot for slot in slots if slot.id == self._selected and slot.zone] or slots
-        empty = ChannelReading(None, Zone.OUTER, *self._no_signal, None)
-        more = len(slots) > self._channels
-        return [*slots, *[empty] * self._channels][: self._channels], more, until_s
+        free = self._channels - len(slots)
+        return slots[: self._channels] + [self._empty] * free, free < 0, until_s
 
     def mark(self, time_s: float, id_: int) -> bool:
         """Mark a transmitter as found. Returns False if it is too far away, not heard, or overlapped."""
