@@ -63,7 +63,7 @@ def separate(sent: SentPulse, signals: Sequence[Vector], keyings: Sequence[Keyin
     rivals += [
         _Part(pulse.start_s, keying.pulse_s, other.carrier_hz, _times(signals[index], other.leak))
         for index, other in enumerate(keyings)
-        if other.leak_db is not None and index != pulse.sender and index not in in_pulse
+        if other.leak_db is not None and index != pulse.sender and index not in in_pulse and pulse.end_s > other.from_s
     ]
     if not rivals:
         return Event(own.start_s, own.carrier_hz, own.signal, False)

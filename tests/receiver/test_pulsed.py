@@ -143,6 +143,9 @@ def test_a_carrier_in_the_pauses_hides_a_weaker_transmitter() -> None:
     assert ids(Hovering(transmitters(*places, keyings=[old, STEADY])).read(30.0)) == [1]
     clean = Keying(0.9, 0.2, 0.0, carrier_hz=-40.0)
     assert ids(Hovering(transmitters(*places, keyings=[clean, STEADY])).read(30.0)) == [1, 2]
+    switched_on = Keying(0.9, 0.2, 0.0, carrier_hz=-40.0, leak_db=-71.0, from_s=20.0)
+    later = Hovering(transmitters(*places, keyings=[switched_on, STEADY]))
+    assert [ids(later.read(t)) for t in (19.0, 40.0)] == [[2], [1]]  # before it is switched on nothing leaks
 
 
 def test_the_nearest_take_the_slots_and_marked_ones_come_behind() -> None:
