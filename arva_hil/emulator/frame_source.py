@@ -161,7 +161,7 @@ class FrameSource:
 
     def obey(self, now: float) -> None:
         """Execute the commands that came, after all that is due until `now`; answer if no frame is due soon."""
-        if self.commands:
+        if self.commands and self.commands.heard:
             self.events += self.commands.advance(now)
             next_frame = min(self.schedule.deadline, self.faults.outbox.next_due if self.faults else math.inf)
             for data, answer in self.commands.answers(now, next_frame):

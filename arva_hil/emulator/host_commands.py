@@ -85,7 +85,7 @@ class HostCommands:
         self.channels = self._usual_channels = scenario.receiver.channels
         words = (scenario.receiver.model, 12), (__version__, 8), (scenario.output_format, 10)
         self._identity = " ".join(re.sub(r"[^A-Za-z0-9.+_-]", "_", word)[:size] for word, size in words)
-        self._heard = False  # whether anything ever came; hosts that only listen are usual
+        self.heard = False  # whether anything ever came; hosts that only listen are usual
         self._commands: list[Command] = []
         self._answers: deque[tuple[bytes, CommandAnswered]] = deque()
         self._executed = RateLimit(_RATE_HZ, _BURST)
@@ -94,14 +94,12 @@ class HostCommands:
 
     def receive(self, data: bytes, now: float) -> None:
         """Use bytes of the host that arrived at `now`."""
-        self._heard = True
+        self.heard = True
         self._commands += self._decoder.feed(data[:_MOST_BYTES], now)
         self._flood += max(0, len(data) - _MOST_BYTES)
 
     def advance(self, now: float) -> list[Event]:
-        """Execute the commands. The receiver must have looked until `now`. Returns the events."""
-        if not self._heard:
-            return []
+        """Execute the commands that were heard. The receiver must have looked until `now`. Returns the events."""
         self._commands += self._decoder.feed(b"", now)
         self.counters.bytes_dropped = self._decoder.dropped + self._flood
         if not self._commands:

@@ -23,3 +23,8 @@ class Mount:
         """
         R_body = to_matrix(attitude)
         return position + R_body @ self._position, R_body @ self._rotation
+
+    def place(self, position: ArrayLike, attitude: ArrayLike) -> Array:
+        """`pose` without the rotation."""
+        place: Array = position + to_matrix(attitude) @ self._position
+        return place

@@ -189,7 +189,6 @@ class Commander(FlightState):
             return
         self.authority.hear(message.custom_mode, self._heard_since, now)
         armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-        mode = self._modes.name(message.custom_mode)
         if not self.phase.active:
             return
         # an order to arm may have been on its way
@@ -199,9 +198,10 @@ class Commander(FlightState):
         elif self.phase is Phase.DISARMING:
             self._watch_mode(now)
         elif self.phase is Phase.ARMING and armed and not self.authority.in_mode:
-            self._lose(f"somebody else has armed it, in {mode}", handed_over=True)
+            self._lose(f"somebody else has armed it, in {self._modes.name(message.custom_mode)}", handed_over=True)
         elif self.phase is not Phase.ARMING and not armed:
-            self._lose("; ".join(filter(None, [f"it was disarmed; the mode is {mode}", self._reasons()])))
+            disarmed_in = f"it was disarmed; the mode is {self._modes.name(message.custom_mode)}"
+            self._lose("; ".join(filter(None, [disarmed_in, self._reasons()])))
         else:
             self._watch_mode(now)
             if self.phase is Phase.ARMING:

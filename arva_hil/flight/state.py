@@ -199,11 +199,11 @@ class FlightState:
         PX4 arms in hold, and may be in it until it has risen. It does not return to hold by itself, because the height
         of its take-off is larger than the one at which it is ordered to follow set-points.
         """
-        name, in_mode = self._modes.name(self.authority.mode), self.authority.in_mode
+        in_mode = self.authority.in_mode
         risen = self.phase is Phase.CLIMBING and self.height > RISEN_M
         if self.authority.usurped or (risen and not in_mode):
             stalled = self._pace.stalled_s(now) if self._modes.px4 else 0.0
-            why = f"the mode is {name}: the pilot or a failsafe has taken over"
+            why = f"the mode is {self._modes.name(self.authority.mode)}: the pilot or a failsafe has taken over"
             self._lose(why + (_STALLED.format(stalled) if stalled else ""), handed_over=True)
         elif self.phase is Phase.YIELDING and in_mode:
-            self._lose(f"the pilot has it, in {name}", handed_over=True)
+            self._lose(f"the pilot has it, in {self._modes.name(self.authority.mode)}", handed_over=True)

@@ -182,20 +182,21 @@ class Parser:
 
     def decode(self, packet: Packet) -> Message | None:
         """The message in a packet; None if the dialect cannot decode it."""
-        if not packet.known:
+        raw, version, _, _, _, msgid, known = packet
+        if not known:
             return None
-        if packet.version == 1 and packet.raw[1] < length_v1(packet.msgid):
+        if version == 1 and raw[1] < length_v1(msgid):
             self.malformed += 1
             return None
-        if numbers := message_maker(packet.msgid):  # pymavlink would verify the checksum again
+        if numbers := message_maker(msgid):  # pymavlink would verify the checksum again
             make, packing = numbers
-            raw, header = packet.raw, 10 if packet.version == 2 else 6
+            header = 10 if version == 2 else 6
             if raw[1] >= packing.size:
                 return make(packing.unpack_from(raw, header))
             payload = raw[header : header + raw[1]]  # MAVLink 2 leaves out zeros at the end
             return make(packing.unpack(payload.ljust(packing.size, b"\0")))
         try:
-            return _CODEC.decode(bytearray(packet.raw))
+            return _CODEC.decode(bytearray(raw))
         except dialect.MAVError:
             return None
 
@@ -224,8 +225,8 @@ class Encoder:
         try:
             if write:  # MAVLink 2 leaves out zeros at the end, but keeps one byte
                 payload = write(message).rstrip(b"\0") or b"\0"
-                source = codec.seq, self.system, codec.srcComponent
-                covered = _COVERED_V2.pack(len(payload), 0, 0, *source, msgid & 0xFFFF, msgid >> 16) + payload
+                low, high, source = msgid & 0xFFFF, msgid >> 16, codec.srcComponent
+                covered = _COVERED_V2.pack(len(payload), 0, 0, codec.seq, self.system, source, low, high) + payload
                 raw = b"\xfd" + covered + _U16.pack(crc16.mcrf4xx(covered + _CRC_EXTRA[msgid]))
             else:
                 raw = self._packed(message, first=first)

@@ -26,6 +26,14 @@ class Waitable(Protocol):
     def ready(self) -> bool: ...
 
 
+def any_ready(links: Iterable[Waitable]) -> bool:
+    """Whether one of the links has something to read."""
+    for link in links:  # noqa: SIM110  # `any` takes longer, and this is asked before and after each wait
+        if link.ready():
+            return True
+    return False
+
+
 class Clock(Protocol):
     def now(self) -> float:
         """Seconds."""
@@ -98,7 +106,7 @@ class RealClock:
         fds = [fd for fd in (link.fileno() for link in links) if fd is not None]
         polled = [link for link in links if link.fileno() is None]
         while (left := (deadline - self.now()) / self._speed) > 0:
-            if any(link.ready() for link in polled):
+            if any_ready(polled):
                 return
             pause = min(left, _POLL_S) if polled else left
             if not fds:
@@ -128,5 +136,5 @@ class StepClock:
         return self._now
 
     def wait(self, deadline: float, links: Iterable[Waitable] = ()) -> None:
-        if not any(link.ready() for link in links):
-            self._now = max(self._now, deadline)
+        if deadline > self._now and not any_ready(links):
+            self._now = deadline

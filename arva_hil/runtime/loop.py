@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import chain
 from typing import Final, Protocol
 
-from arva_hil.runtime.clock import Clock, Waitable, punctual
+from arva_hil.runtime.clock import Clock, Waitable, any_ready, punctual
 
 _LONGEST_WAIT_S: Final = 0.1  # the longest time without a check for signals and without serving a task
 _AT_ONCE_S: Final = 1e-6  # deadlines closer than this are the same: they were calculated in different ways
@@ -37,7 +38,7 @@ def run(
             now = clock.now()
             nobody, every = True, alone or now >= until
             for number, task in enumerate(tasks):
-                if every or dues[number] <= now or any(link.ready() for link in task.links):
+                if every or dues[number] <= now or any_ready(task.links):
                     dues[number] = min(task.service(clock), now + _LONGEST_WAIT_S)
                     nobody = False
             if now >= until:
@@ -46,6 +47,6 @@ def run(
                 dues = [-math.inf] * len(tasks)
                 continue
             first = min(dues)
-            due = max(due for due in dues if due <= first + _AT_ONCE_S)
+            due = max([due for due in dues if due <= first + _AT_ONCE_S])
             due = max(due, round(due, 6))  # a rounding error must not put it before the instant at which a task is due
-            clock.wait(min(due, until), [link for task in tasks for link in task.links])
+            clock.wait(min(due, until), chain.from_iterable([task.links for task in tasks]))

@@ -117,7 +117,7 @@ class Flight:
                     host=self._host,
                 )
                 self._session.news.emit(SearchBegun(now, -position[2]))
-            receiver, _ = self._plan.mount.pose(state.position, state.attitude)
+            receiver = self._plan.mount.place(state.position, state.attitude)
             height = self._ground.height(now, state)
             velocity = self.mission.fly(now - self._skipped_s, position, receiver=as_position(receiver), height=height)
             if self._team and self.origin:

@@ -38,6 +38,7 @@ _YAW_RATE: Final = math.radians(90)
 _YAW_LAG: Final = 1 - math.exp(-_STEP / 0.2)
 _LEAN_LAG: Final = 1 - math.exp(-_STEP / 0.15)  # of each of two lags: how fast it can tilt after the take-off
 _LEGS: Final = 20.0  # 1/s: largest sink rate per metre of height, because of the landing gear
+_LEGS_STEP: Final = 1 + _LEGS * _HALF
 CONTACT_M: Final = 0.02  # below this it is on the ground
 _SETTLE: Final = 1.0  # m/s², down, at rest
 
@@ -67,10 +68,8 @@ class Multirotor:
         self.north = self.east = self.down = 0.0
         self.yaw = 0.0  # radians, never wrapped
         self.steps = 0
-        self._velocity = (0.0, 0.0, 0.0)
         self._wind = wind
-        self._lagged = (0.0, 0.0, 0.0)  # acceleration between the two lags
-        self._acceleration = (0.0, 0.0, 0.0)
+        self._moving = (0.0,) * 9  # velocity, acceleration between the two lags, acceleration
         self._yaw_rate = 0.0
         self._lean = self._lean_lagged = 0.0  # 0: upright on the ground … 1: flying
         self._nodes: deque[_Node] = deque([(0.0,) * 11], maxlen=_HISTORY + 1)
@@ -80,8 +79,7 @@ class Multirotor:
 
         This is called 100 times a second, so it uses comparisons instead of min, max and small functions.
         """
-        vn, ve, vd = self._velocity
-        wind_n, wind_e, wind_d = self._wind
+        vn, ve, vd, ln, le, ld, fn, fe, fd = self._moving
         down = self.down
         if powered:
             an, ae, cd = velocity
@@ -90,7 +88,8 @@ class Multirotor:
             an, ae = _GAIN * (an - vn), _GAIN * (ae - ve)
             if (length := hypot(an, ae)) > _ACCELERATION:
                 an, ae = an * (_ACCELERATION / length), ae * (_ACCELERATION / length)
-            most = _FLARE - down if _FLARE - down < _SINK else _SINK
+            most = _FLARE - down
+            most = most if most < _SINK else _SINK
             cd = most if cd > most else cd
             ad = _GAIN * ((cd if cd > -_CLIMB else -_CLIMB) - vd)
             ad = _LIFT if ad > _LIFT else -_LIFT if ad < -_LIFT else ad
@@ -98,26 +97,26 @@ class Multirotor:
         elif down > -CONTACT_M:
             an, ae, ad, yaw_rate = -_GAIN * vn, -_GAIN * ve, _SETTLE, 0.0
         else:
+            wind_n, wind_e, wind_d = self._wind
             an, ae, yaw_rate = _DRAG * (wind_n - vn), _DRAG * (wind_e - ve), 0.0
             ad = _GRAVITY + _DRAG * (wind_d - vd)
-        ln, le, ld = self._lagged
-        fn, fe, fd = self._acceleration
-        self._lagged = ln, le, ld = ln + (an - ln) * _LAG, le + (ae - le) * _LAG, ld + (ad - ld) * _LAG
-        self._acceleration = fn, fe, fd = fn + (ln - fn) * _LAG, fe + (le - fe) * _LAG, fd + (ld - fd) * _LAG
+        ln, le, ld = ln + (an - ln) * _LAG, le + (ae - le) * _LAG, ld + (ad - ld) * _LAG
+        fn, fe, fd = fn + (ln - fn) * _LAG, fe + (le - fe) * _LAG, fd + (ld - fd) * _LAG
 
         new_n, new_e, new_d = vn + fn * _STEP, ve + fe * _STEP, vd + fd * _STEP
         # On the ground sink rate ≤ _LEGS · height, at both ends of the trapezoid.
-        allowed = _LEGS * (-down - vd * _HALF) / (1 + _LEGS * _HALF)
+        allowed = _LEGS * (-down - vd * _HALF) / _LEGS_STEP
         if new_d > allowed:
             new_d = allowed
         self.north = north = self.north + (vn + new_n) * _HALF
         self.east = east = self.east + (ve + new_e) * _HALF
         down += (vd + new_d) * _HALF
         self.down = down = down if down < 0.0 else 0.0
-        self._velocity = new_n, new_e, new_d
+        self._moving = new_n, new_e, new_d, ln, le, ld, fn, fe, fd
 
-        self._yaw_rate += (yaw_rate - self._yaw_rate) * _YAW_LAG
-        self.yaw = yaw = self.yaw + self._yaw_rate * _STEP
+        turning = self._yaw_rate
+        self._yaw_rate = turning = turning + (yaw_rate - turning) * _YAW_LAG
+        self.yaw = yaw = self.yaw + turning * _STEP
 
         lagged, lean = self._lean_lagged, self._lean
         self._lean_lagged = lagged = lagged + ((powered and down <= -CONTACT_M) - lagged) * _LEAN_LAG

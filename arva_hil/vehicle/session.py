@@ -149,21 +149,21 @@ class Session(FollowedVehicle):
         self.believed = packets.believed
         own, wanted, decode, heard = self.own, self.navigation.handles, self.parser.decode, self.senders
         for packet in packets.believed:
-            vehicle, msgid = self.vehicle, packet.msgid
+            (_, _, _, system, component, msgid, _), vehicle = packet, self.vehicle
             if vehicle is None or msgid == _HEARTBEAT:
                 self._look_around(packet, now, sender)
-            elif packet.system != vehicle.system or packet.component != vehicle.component or sender != heard.vehicle:
+            elif system != vehicle.system or component != vehicle.component or sender != heard.vehicle:
                 self.ignored += 1
             else:
                 own.append(packet)
                 if (msgid in wanted or msgid == _ACK) and (message := decode(packet)) is not None:
                     self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)
-        if sender is not None and self.own:
+        if sender is not None and own:
             self.senders.hear(sender, now)
-        if self._extras and self._streams:
-            for packet in self.own:
-                if packet.msgid in self._streams.extra_ids:
-                    self._streams.note(packet.msgid, now)
+        if self._extras and (streams := self._streams):
+            for packet in own:
+                if packet.msgid in streams.extra_ids:
+                    streams.note(packet.msgid, now)
 
     def _look_around(self, packet: Packet, now: float, sender: Hashable) -> None:
         """Use a heartbeat, or any packet before the vehicle is known."""

@@ -58,12 +58,12 @@ class Stream:
 
     def rate(self, now: float, since: float) -> float:
         """The present rate [Hz] of the fastest of its message ids."""
-        span, oldest, most = max(min(_MEASURE_S, now - since), 0.1), now - _MEASURE_S, 0
+        oldest = now - _MEASURE_S
         for times in self.seen.values():
             while times and times[0] < oldest:
                 times.popleft()
-            most = max(most, len(times))
-        return most / span
+        span = _MEASURE_S if now - since > _MEASURE_S else max(now - since, 0.1)
+        return max(map(len, self.seen.values())) / span
 
 
 class Streams:
@@ -139,7 +139,7 @@ class Streams:
             else:
                 stream.tries, stream.next_ask = 0, now + _LOOK_S
         if not self._pending:
-            self._next_ask = min(stream.next_ask for stream in self._all if not stream.refused)
+            self._next_ask = min([stream.next_ask for stream in self._all if not stream.refused])
         return messages
 
     def acknowledged(self, command: int, result: int, now: float) -> None:
