@@ -155,12 +155,12 @@ class Sticks:
 
     def _hear_channels(self, message: Any) -> None:
         pulses = message.chan1_raw, message.chan2_raw, message.chan3_raw, message.chan4_raw
-        self._now = pulses if all(_PULSE_US[0] <= pulse <= _PULSE_US[1] for pulse in pulses) else ()
+        self._now = pulses if _PULSE_US[0] <= min(pulses) and max(pulses) <= _PULSE_US[1] else ()
         if not self._marked or not self.known:
             self._times = 0
             return
         self._rest = self._rest or self._now
-        by, channel = max((abs(a - b), n) for n, (a, b) in enumerate(zip(self._now, self._rest, strict=True), 1))
+        by, channel = max([(abs(a - b), n) for n, (a, b) in enumerate(zip(self._now, self._rest, strict=True), 1)])
         self._times = self._times + 1 if by > _MOVED_US else 0
         if self._times >= _TWICE:
             self.channel, self.by_us = channel, by

@@ -36,6 +36,7 @@ from firmware_proto import FrameDecoder, HostForm
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is computer 1, a listener computer 2
 
+_MARK: Final = dialect.MAVLINK_MSG_ID_ADSB_VEHICLE
 _STEP_S: Final = 0.2
 _STILL_ARMED: Final = (
     "the vehicle is still armed, and does not say that it has landed. If it stands, keep away from the propellers and "
@@ -142,7 +143,7 @@ class SearchClient:
         if not self.launched:
             self._preflight.watch_link(now)
         for packet in self._session.feed(chunk, now, sender):
-            mark = packet.msgid == dialect.MAVLINK_MSG_ID_ADSB_VEHICLE and packet.component == COMPONENT
+            mark = packet.msgid == _MARK and packet.component == COMPONENT
             if mark and self._session.vehicle and packet.system == self._session.vehicle.system:
                 self._session.news.emit(OwnMarkHeard(now))
         for packet in self._session.believed if self._tunnel else ():

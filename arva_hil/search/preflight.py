@@ -23,6 +23,8 @@ from arva_hil.search.receiver_link import ReceiverLink
 from arva_hil.vehicle.session import Session
 
 INTERRUPTED: Final = "interrupted"
+_HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_PARAMETER: Final = dialect.MAVLINK_MSG_ID_PARAM_VALUE
 
 _Lacking = Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
 
@@ -66,9 +68,9 @@ class Preflight:
     def hear(self, packets: Sequence[Packet]) -> None:
         """Use packets of the vehicle."""
         for packet in packets:
-            if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            if packet.msgid == _HEARTBEAT:
                 self._greeted = True
-            elif packet.msgid == dialect.MAVLINK_MSG_ID_PARAM_VALUE:
+            elif packet.msgid == _PARAMETER:
                 self.failsafes.hear(self._session.parser.decode(packet))
         for listener in (self._permission, self._hover):
             if listener:

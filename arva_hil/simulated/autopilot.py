@@ -111,9 +111,10 @@ class SimulatedAutopilot:
             motion.step(velocity, yaw_rate, True)
         else:
             motion.step(_STILL, 0.0, False)
-        if climbing or motion.down <= -CONTACT_M:
+        down = motion.down
+        if climbing or down <= -CONTACT_M:
             self._rested = 0
-            if motion.down < -0.1:
+            if down < -0.1:
                 self.landed = False
         else:
             self._rest()

@@ -160,7 +160,8 @@ class SimulatedVehicle:
             report = self._report(due)
             for msgid in self._rates.take_due():
                 self._send(BUILDERS[msgid](report))
-        self._fly(until)
+        if until > self._now:
+            self._fly(until)
 
     def _fly(self, until: int) -> None:
         pilot, motion, last = self._pilot, self._pilot.motion, until // STEP_US
