@@ -2,6 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+
+def nearest(text: str, names: Iterable[str]) -> str | None:
+    """The name most like a text, None when none is."""
+    from difflib import get_close_matches  # slow to import
+
+    return next(iter(get_close_matches(text, list(names), 1)), None)
+
 
 class ArvaError(Exception):
     """The base of all errors of this package. `str()` says what is wrong, where, and the cure.

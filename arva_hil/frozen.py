@@ -28,13 +28,23 @@ class _LazySignature:
         return Signature(sorted(parameters, key=lambda parameter: parameter.kind))
 
 
+class _LazyFields:
+    """Makes a class a dataclass when somebody asks for its fields: a run uses few of the classes of events."""
+
+    def __get__(self, made: object, cls: type[Frozen]) -> dict[str, Field[Any]]:
+        dataclass(init=False, repr=False, eq=False)(cls)  # which puts the fields in the place of this
+        every = cls.__dataclass_fields__
+        cls.__places__ = -1 if hasattr(cls, "__post_init__") or any(f.kw_only for f in every.values()) else len(every)
+        return every
+
+
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 class Frozen:
     """Makes each subclass a dataclass as `@dataclass(frozen=True)` does, with `fields`, `replace` and equality.
 
     `@dataclass` compiles six methods for each class, which takes 0.3 ms; with two hundred classes that is a fifth of
-    the start-up. Here the classes share these methods. Fields have no `default_factory`. Raises TypeError for missing
-    or unknown fields, FrozenInstanceError if a field is set later.
+    the start-up. Here the classes share these methods, and their fields are found at the first use. Fields have no
+    `default_factory`. Raises TypeError for missing or unknown fields, FrozenInstanceError if a field is set later.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
@@ -42,9 +52,8 @@ class Frozen:
     __signature__: ClassVar[Any] = _LazySignature()
 
     def __init_subclass__(cls) -> None:
-        dataclass(init=False, repr=False, eq=False)(cls)
-        every = cls.__dataclass_fields__
-        cls.__places__ = -1 if hasattr(cls, "__post_init__") or any(f.kw_only for f in every.values()) else len(every)
+        cls.__places__ = -1  # until the first use
+        cls.__dataclass_fields__ = _LazyFields()  # type: ignore[assignment]
 
     def __init__(self, *values: Any, **named: Any) -> None:
         if named or len(values) != self.__places__:

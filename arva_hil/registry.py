@@ -6,7 +6,6 @@ with entry points, which are looked up only for names that are not built in.
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import os
 import sys
@@ -15,7 +14,7 @@ from contextlib import contextmanager
 from importlib.machinery import PathFinder
 from typing import TYPE_CHECKING, Any, Final
 
-from arva_hil.errors import KindError, UnknownKindError
+from arva_hil.errors import KindError, UnknownKindError, nearest
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -119,8 +118,8 @@ class Registry:
             raise KindError(f"{self.what} {name!r} cannot be imported ({_said(error)})", "mend it") from error
         for part in attribute.split("."):
             if not hasattr(thing, part):
-                near = difflib.get_close_matches(part, dir(thing), 1)
-                raise KindError(f"{self.what} {name!r}: {module} has no {part}", "write MODULE:CLASS", *near)
+                near = nearest(part, dir(thing))
+                raise KindError(f"{self.what} {name!r}: {module} has no {part}", "write MODULE:CLASS", near)
             thing = getattr(thing, part)
         if why := self._unfit(thing):
             raise KindError(f"{self.what} {name!r} {why}", "mend it")
@@ -143,11 +142,10 @@ class Registry:
 
     def _unknown(self, name: str) -> UnknownKindError:
         names = self.names()
-        near = difflib.get_close_matches(name.lower(), names, 1)
         there = f"there {'are' if len(names) > 1 else 'is'} {', '.join(names) or 'none'}"
         if self.references:
             there += ", or MODULE:CLASS"
-        return UnknownKindError(f"no {self.what} {name!r}", there, *near)
+        return UnknownKindError(f"no {self.what} {name!r}", there, nearest(name.lower(), names))
 
     def _broken(self, name: str, package: str, why: str) -> KindError:
         cure = f"mend that package, or uninstall it: pip uninstall {package.partition(' ')[0]}"

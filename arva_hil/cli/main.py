@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import gc
 import importlib
 import inspect
@@ -19,7 +18,7 @@ from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import PREFIX, CommandParser, module_name
 from arva_hil.cli.outcome import Failure, UsageError
 from arva_hil.cli.terminal import StdoutError, StdoutReaderGone, abandon, flush, refuse_closed, reserve, show, tell
-from arva_hil.errors import ArvaError
+from arva_hil.errors import ArvaError, nearest
 
 OF_THE_TESTS: Final = ("ARVA_HIL_ARDUCOPTER", "ARVA_HIL_PX4")  # the simulators of tests/sitl
 
@@ -46,8 +45,8 @@ def _say(name: str, known: Iterable[str], typed: Iterable[str]) -> str:
     flag = "--" + name.removeprefix(PREFIX).lower().replace("_", "-")
     if flag in typed:
         return f"{name} is not read: type {flag} each time"
-    near = difflib.get_close_matches(name.removeprefix(PREFIX), [one.removeprefix(PREFIX) for one in known], 1)
-    return f"{name} is not an option of any command" + (f"; did you mean {PREFIX}{near[0]}?" if near else "")
+    near = nearest(name.removeprefix(PREFIX), [one.removeprefix(PREFIX) for one in known])
+    return f"{name} is not an option of any command" + (f"; did you mean {PREFIX}{near}?" if near else "")
 
 
 COMMANDS: Final = {
@@ -148,8 +147,8 @@ def _command(arguments: list[str]) -> int:
     if arguments and not arguments[0].startswith("-"):
         name = arguments.pop(0)
         if name not in COMMANDS:
-            near = difflib.get_close_matches(name, COMMANDS, 1)
-            hint = f"did you mean {near[0]}?" if near else f"the commands are {', '.join(COMMANDS)}"
+            near = nearest(name, COMMANDS)
+            hint = f"did you mean {near}?" if near else f"the commands are {', '.join(COMMANDS)}"
             if name.startswith(("\N{EN DASH}", "\N{EM DASH}", "\N{MINUS SIGN}")):
                 hint = f"did you mean --{name.lstrip(name[0])}, with two hyphens?"
             elif name.endswith(".tlog"):

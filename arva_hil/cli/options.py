@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import math
 import os
 import re
@@ -13,7 +12,7 @@ from typing import Any, Final, NoReturn
 
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import show
-from arva_hil.errors import ArvaError
+from arva_hil.errors import ArvaError, nearest
 from arva_hil.links import parse
 from arva_hil.registry import Registry
 
@@ -128,8 +127,8 @@ class CommandParser(argparse.ArgumentParser):
         hint = ""
         if unknown := re.match(r"unrecognized arguments: (\S+)", message):
             word = re.sub(r"^[-\N{EN DASH}\N{EM DASH}\N{MINUS SIGN}]+", "--", unknown[1]).lower()
-            near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, 1)
-            hint = f"; did you mean {near[0]}?" if near else ""
+            near = nearest(word.partition("=")[0], self._option_string_actions)
+            hint = f"; did you mean {near}?" if near else ""
         elif missing := re.match(r"argument (\S+): expected one argument", message):
             flags = missing[1].split("/")
             follows = next((after for flag, after in pairwise(self._given) if flag in flags), "")

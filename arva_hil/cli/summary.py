@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import platform
 import sys
 from collections.abc import Mapping
 from typing import Any, Final
@@ -32,6 +31,9 @@ def lost_links(live: Live) -> list[str]:
 
 def known_at_start(chosen: Scenario) -> dict[str, Any]:
     """The entries of run.json that are known at the start. Of the libraries, those that this run uses."""
+    import platform  # slow to import, and only records need it
+
+    machine = platform.uname()
     used = [sys.modules[name] for name in ("fastcrc", "numpy", "pymavlink", "serial", "yaml") if name in sys.modules]
     return {
         "started": utc(RealClock().epoch_us),
@@ -43,15 +45,10 @@ def known_at_start(chosen: Scenario) -> dict[str, Any]:
             "arva-hil": __version__,
             "python": platform.python_version(),
             **{library.__name__: library.__version__ for library in used},
-            "platform": _platform(),
+            # as `platform.platform()`, which runs another program for the kind of processor
+            "platform": f"{machine.system}-{machine.release}-{machine.machine}-with-{''.join(platform.libc_ver())}",
         },
     }
-
-
-def _platform() -> str:
-    """As `platform.platform()`, which runs another program, for the kind of processor, and does not tell that kind."""
-    machine = platform.uname()
-    return f"{machine.system}-{machine.release}-{machine.machine}-with-{''.join(platform.libc_ver())}"
 
 
 def is_one(emulator: Emulator) -> bool:

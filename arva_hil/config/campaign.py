@@ -10,12 +10,13 @@ from typing import Any, Final
 from arva_hil.config.common import NOISE_KINDS, SEED, NoiseKind
 from arva_hil.config.constraints import Constraint, ListOf, Named, Number, Text, Whole, Word
 from arva_hil.config.drawn import Area, AreaM, HowMany, Random
-from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, elsewhere, nearest, wrong
+from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, elsewhere, wrong
 from arva_hil.config.nodes import folder_of
 from arva_hil.config.profiles import located
 from arva_hil.config.reading import keys_in, read, read_text
 from arva_hil.config.scenario import Scenario, load
 from arva_hil.config.tables import Table, TableOf, fields_of, key, newer_keys, read_keys
+from arva_hil.errors import nearest
 from arva_hil.registry import FORMATS_WITH_IDS, MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1

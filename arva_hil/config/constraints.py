@@ -11,9 +11,9 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
-from arva_hil.config.errors import ConstraintError, Violation, any_of, nearest, wrong
+from arva_hil.config.errors import ConstraintError, Violation, any_of, wrong
 from arva_hil.config.nodes import Items, Scalar
-from arva_hil.errors import KindError, UnknownKindError
+from arva_hil.errors import KindError, UnknownKindError, nearest
 from arva_hil.frozen import Frozen
 from arva_hil.registry import Registry
 

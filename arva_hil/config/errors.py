@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import Any
@@ -89,11 +88,6 @@ def wrong(expected: str, found: str | None = None, nearest: str | None = None) -
 def any_of(names: Collection[str]) -> str:
     """What was expected, where one of some names is."""
     return next(iter(names)) if len(names) == 1 else f"one of {', '.join(names)}"
-
-
-def nearest(text: str, names: Collection[str]) -> str | None:
-    """The name most like a text, None when none is."""
-    return next(iter(difflib.get_close_matches(text, names, 1)), None)
 
 
 def short(text: str) -> str:

@@ -7,10 +7,11 @@ from typing import Any, Final
 
 from arva_hil.config import nodes
 from arva_hil.config.common import SPEC
-from arva_hil.config.errors import Problem, ScenarioError, Violation, any_of, nearest
+from arva_hil.config.errors import Problem, ScenarioError, Violation, any_of
 from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.tables import Given, Table, TableOf, key
 from arva_hil.config.transmitter import STRENGTH, KeyingOptions
+from arva_hil.errors import nearest
 
 PREFIX: Final = "builtin:"
 

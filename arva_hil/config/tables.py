@@ -13,8 +13,9 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple, dataclass_transform, get_args
 
 from arva_hil.config.constraints import Anything, Constraint
-from arva_hil.config.errors import ConstraintError, Violation, any_of, nearest, short
+from arva_hil.config.errors import ConstraintError, Violation, any_of, short
 from arva_hil.config.nodes import spec_of
+from arva_hil.errors import nearest
 from arva_hil.frozen import Frozen
 
 

@@ -26,7 +26,7 @@ from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.virtual_receiver import Run
 from arva_hil.events import Event, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet
-from arva_hil.mavlink.packet_reader import PacketReader, Packets
+from arva_hil.mavlink.packet_reader import PacketReader, unsigned
 from arva_hil.vehicle.session import Session
 
 _STATUS_S: Final = 0.25
@@ -125,7 +125,7 @@ class Emulator:
         every = session.reader.read_records([data for _, data in records])
         for (now, _), packets in zip(records, every, strict=True):
             if used := session.uses(packets):
-                session.hear(Packets(packets, packets), now)
+                session.hear(unsigned(packets), now)
             if self._tell_packets:
                 self._tell(link, packets, now)
             if used:

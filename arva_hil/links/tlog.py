@@ -77,6 +77,7 @@ class TlogReader(Iterable[Record]):
         buffer, at, ended = self._start, 0, False
         self._start = b""
         length = time_us = 0  # of the record at `at`; 0: not known yet, or no record starts there
+        unpack, back, ahead, most = layout.unpack, -DAY_US, DAY_US, _AHEAD  # the loop below is for every record
         in_step = True  # at the file's start or directly after a record
         while True:
             if len(buffer) - at < _AHEAD and not ended:
@@ -85,13 +86,14 @@ class TlogReader(Iterable[Record]):
                 continue
             size, last = len(buffer), self.last_us
             if length and last is not None and layout is not BARE and -DAY_US <= time_us - last <= DAY_US:
-                while size - at >= _AHEAD:  # the usual case, without the calls below
-                    next_us, magic, payload, flags = layout.unpack(buffer, end := at + length)
-                    if not -DAY_US <= next_us - time_us <= DAY_US or (magic != 0xFD and magic != 0xFE):
+                while size - at >= most:  # the usual case, without the calls below
+                    next_us, magic, payload, flags = unpack(buffer, end := at + length)
+                    if not back <= next_us - time_us <= ahead or (magic != 0xFD and magic != 0xFE):
                         break
-                    raw = buffer[at + before : end]
-                    self.last_us, self.records, self.consumed = time_us, self.records + 1, self.consumed + length
-                    yield _record((time_us, raw))
+                    self.last_us = time_us
+                    self.records += 1
+                    self.consumed += length
+                    yield _record((time_us, buffer[at + before : end]))
                     at, time_us = end, next_us
                     length = payload + (16 if magic == 0xFE else 33 if flags & 1 else 20)
                 if size - at < _AHEAD and not ended:

@@ -41,6 +41,11 @@ def _by_system(packets: Sequence[Packet], systems: Sequence[int | None]) -> list
 _packets: Final = partial(tuple.__new__, Packets)  # from the tuple of its fields, in a third of the time
 
 
+def unsigned(packets: Sequence[Packet]) -> Packets:
+    """The packets of one chunk of a link without signing: all are believed."""
+    return _packets((packets, packets, ()))
+
+
 class PacketReader:
     """Remembers the parser of one link and the number of bytes. `signing`: packets are checked with it."""
 
@@ -54,7 +59,7 @@ class PacketReader:
         self.bytes += len(chunk)
         packets = self.parser.feed(chunk, sender, whole=whole)
         if self.signing is None:
-            return _packets((packets, packets, ()))
+            return unsigned(packets)
         self.signing.advance(now)
         verdicts = [(packet, self.signing.judge(packet)) for packet in packets]
         believed = [packet for packet, why in verdicts if not why]
@@ -63,12 +68,12 @@ class PacketReader:
     def read_records(self, records: Sequence[bytes]) -> list[list[Packet]]:
         """The packets of each record of a log, none of which continues in the next one. Only without signing."""
         self.bytes += sum(map(len, records))
-        parser, every = self.parser, []
+        parser, every, usual = self.parser, list[list[Packet]](), 0
         for raw in records:
-            packet = usual_packet(raw, 0)
-            if packet is None or len(packet.raw) < len(raw):
-                every.append(parser.feed(raw, whole=True))
-            else:
-                parser.packets += 1
+            if (packet := usual_packet(raw, 0)) is not None and len(packet[0]) == len(raw):
+                usual += 1
                 every.append([packet])
+            else:
+                every.append(parser.feed(raw, whole=True))
+        parser.packets += usual
         return every

@@ -257,17 +257,18 @@ def replay(
         audience.tell(emulator.events())
         return emulator.next_deadline()
 
-    for record in records:
+    for time_us, raw in records:
         if start_us is None:
-            start_us = record.time_us
-        heard = max(heard, (record.time_us - start_us) / 1e6)
+            start_us = time_us
+        if (time_s := (time_us - start_us) / 1e6) > heard:
+            heard = time_s
         if due <= heard:
             receive()
             emulator.advance(heard)
             due = settle()
             if stopped():
                 return
-        batch.append((heard, record.raw))
+        batch.append((heard, raw))
         if heard >= tend_at:
             receive()
             emulator.advance(heard)

@@ -49,19 +49,21 @@ class Plausibility(Generic[T]):
         self.replaced: T | None = None  # the value before the last new start
         self._follows = follows
         self._best = best
-        self._believed: tuple[T, float] | None = None
+        self._believed: T | None = None
+        self._believed_at = -math.inf
         self._doubted: tuple[T, float] | None = None
 
     def judge(self, value: T, now: float) -> Judgement:
         """Whether to accept a value received at `now` [s]."""
-        believed, doubted = self._believed, self._doubted
-        if believed is None or self._follows(believed[0], value, now - believed[1]):
-            best = self._best
-            self._believed, self._doubted = (best(believed[0], value) if best and believed else value, now), None
+        believed, since_s, doubted = self._believed, now - self._believed_at, self._doubted
+        if believed is None or self._follows(believed, value, since_s):
+            if self._best and believed is not None:
+                value = self._best(believed, value)
+            self._believed, self._believed_at, self._doubted = value, now, None
             return "follows"
-        if doubted and now - believed[1] >= _SETTLE_S and self._follows(doubted[0], value, now - doubted[1]):
-            self.replaced = believed[0]
-            self._believed, self._doubted = (value, now), None
+        if doubted and since_s >= _SETTLE_S and self._follows(doubted[0], value, now - doubted[1]):
+            self.replaced = believed
+            self._believed, self._believed_at, self._doubted = value, now, None
             return "anew"
         self._doubted = value, now
         self.strays += 1
@@ -80,11 +82,14 @@ _FASTEST: Final = 20.0  # and a simulator's clock may be this much faster than o
 _JUMP_M: Final = 100.0  # an estimator may correct itself by this much
 _SPEED_MS: Final = 100.0
 _ALTITUDES_M: Final = (-1_000.0, 100_000.0)
-_LARGEST_ANGLES: Final = 8.0  # radians, the root of the sum of squares; yaw comes as 0…2π or as ±π
-_LARGEST_RATES: Final = 100.0  # rad/s, likewise
+_LARGEST_ANGLES: Final = 8.0**2  # radians², the sum of squares; yaw comes as 0…2π or as ±π
+_LARGEST_RATES: Final = 100.0**2  # rad²/s², likewise
 _M_PER_DEG: Final = 111_320.0
 _HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
 _POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+_ATTITUDE: Final = dialect.MAVLINK_MSG_ID_ATTITUDE
+_QUATERNION: Final = dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION
+HANDLED: Final = frozenset({_POSITION, _ATTITUDE, _QUATERNION, _HOME})  # by `Navigation.hear`
 
 
 # From the tuple of their fields, in a third of the time.
@@ -115,13 +120,12 @@ class Navigation:
         self._reorder_s = _REORDER_S
         self._stamped: dict[int, Callable[[Any, float, float], None]] = {
             _POSITION: self._on_position,
-            dialect.MAVLINK_MSG_ID_ATTITUDE: self._on_attitude,
-            dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._on_quaternion,
+            _ATTITUDE: self._on_attitude,
+            _QUATERNION: self._on_quaternion,
         }
-        self.handles = frozenset({*self._stamped, _HOME})
 
     def hear(self, message: Any, now: float) -> Judgement:
-        """Use a message that it `handles`. Returns "anew" if the vehicle has rebooted: its boot time has gone back."""
+        """Use a `HANDLED` message. Returns "anew" if the vehicle has rebooted: its boot time has gone back."""
         if message.id == _HOME:
             self._on_home(message)
             return "follows"
@@ -182,7 +186,7 @@ class Navigation:
 
     def _on_attitude(self, message: Any, boot: float, now: float) -> None:
         angles = message.roll, message.pitch, message.yaw
-        self._add_attitude(message, boot, angles, _square(*angles) < _LARGEST_ANGLES**2)
+        self._add_attitude(message, boot, angles, _square(*angles) < _LARGEST_ANGLES)
 
     def _on_quaternion(self, message: Any, boot: float, now: float) -> None:
         w, *xyz = quaternion = message.q1, message.q2, message.q3, message.q4
@@ -190,7 +194,7 @@ class Navigation:
 
     def _add_attitude(self, message: Any, boot: float, angles: tuple[float, ...], possible: bool) -> None:
         rates = message.rollspeed, message.pitchspeed, message.yawspeed
-        if possible and _square(*rates) < _LARGEST_RATES**2:
+        if possible and _square(*rates) < _LARGEST_RATES:
             self.track.add_attitude(_attitude((boot, angles, rates)))
         else:
             self.refused += 1

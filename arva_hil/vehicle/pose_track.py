@@ -44,16 +44,16 @@ class ClockMap:
 
     def add(self, host: float, boot: float) -> None:
         """Add a sample; both times in seconds."""
-        offset = host - boot
+        offset, silence = host - boot, host - self._newest
         samples = self._samples
-        if host == self._newest and samples and samples[-1] == (host, offset):
-            return  # another message of the same instant
-        if self._first is None:
-            self._first = host, boot
-        if _STALL_S < (silence := host - self._newest) <= _LONGEST_STALL_S:
-            samples = self._samples = deque((at + silence - _STALL_S, least) for at, least in samples)
-        if host > self._newest:
+        if silence > 0:
             self._newest = host
+            if self._first is None:
+                self._first = host, boot
+            if _STALL_S < silence <= _LONGEST_STALL_S:
+                samples = self._samples = deque((at + silence - _STALL_S, least) for at, least in samples)
+        elif silence == 0 and samples and samples[-1] == (host, offset):
+            return  # another message of the same instant
         while samples and samples[-1][1] >= offset:
             samples.pop()
         samples.append((host, offset))
@@ -218,12 +218,12 @@ class PoseTrack:
 
 def _append(samples: deque[S], sample: S) -> None:
     """Append a sample. One that comes late or twice is dropped."""
-    boot = sample.boot
-    if samples and boot <= samples[-1].boot:
+    boot = sample[0]
+    if samples and boot <= samples[-1][0]:
         return
     samples.append(sample)
     oldest = boot - _KEEP_S
-    while samples[0].boot < oldest:
+    while samples[0][0] < oldest:
         samples.popleft()
 
 

@@ -12,6 +12,7 @@ from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.mavlink.packet_reader import Packets
 from arva_hil.vehicle.discovery import Identity, Vehicle
 from arva_hil.vehicle.followed import FollowedVehicle
+from arva_hil.vehicle.navigation import HANDLED
 from arva_hil.vehicle.streams import Streams
 
 _HEARTBEAT_S: Final = 1.0
@@ -22,6 +23,8 @@ _POLL_S: Final = 0.1  # how often requests and time-outs are checked
 _ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
 _HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
+_DECODED: Final = HANDLED | {_ACK}
+_USED: Final = _DECODED | {_HEARTBEAT}
 
 
 def heartbeat() -> Any:
@@ -67,10 +70,8 @@ class Session(FollowedVehicle):
         """Whether packets must be heard: false for a single one of the vehicle whose kind only others could want."""
         if len(packets) != 1 or (vehicle := self.vehicle) is None:
             return True
-        packet = packets[0]
-        if packet.msgid in self.navigation.handles or packet.msgid in (_HEARTBEAT, _ACK):
-            return True
-        return bool(packet.system != vehicle.system or packet.component != vehicle.component)
+        _, _, _, system, component, msgid, _ = packets[0]
+        return msgid in _USED or system != vehicle.system or component != vehicle.component
 
     def want(self, streams: Mapping[int, float]) -> None:
         """Request these optional streams too: message id → Hz."""
@@ -147,7 +148,7 @@ class Session(FollowedVehicle):
                 self._disbelieved.add(why)
                 self.news.emit(vehicles.SignatureRefused(now, self.news.name, packet.system, packet.component, why))
         self.believed = packets.believed
-        own, wanted, decode, heard = self.own, self.navigation.handles, self.parser.decode, self.senders
+        own, decode, heard = self.own, self.parser.decode, self.senders
         for packet in packets.believed:
             (_, _, _, system, component, msgid, _), vehicle = packet, self.vehicle
             if vehicle is None or msgid == _HEARTBEAT:
@@ -156,7 +157,7 @@ class Session(FollowedVehicle):
                 self.ignored += 1
             else:
                 own.append(packet)
-                if (msgid in wanted or msgid == _ACK) and (message := decode(packet)) is not None:
+                if msgid in _DECODED and (message := decode(packet)) is not None:
                     self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)
         if sender is not None and own:
             self.senders.hear(sender, now)
