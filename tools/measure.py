@@ -206,12 +206,18 @@ def playing(motion: Motion, seconds: float) -> Iterator[tuple[str, float]]:
     player.join()
 
 
+def bare(hz: float, seconds: float) -> list[float]:
+    """How late a loop is that does nothing, ms."""
+    clock, late = RealClock(), []
+    for n in range(round(seconds * hz)):
+        clock.wait(n / hz)
+        late.append(1e3 * (clock.now() - n / hz))
+    return late
+
+
 def measure_machine(seconds: float) -> None:
     """How late this machine wakes a program that does nothing else: the floor under what follows."""
-    clock, late = RealClock(), []
-    for n in range(round(seconds * FRAMES_HZ)):
-        clock.wait(n / FRAMES_HZ)
-        late.append(1e3 * (clock.now() - n / FRAMES_HZ))
+    late = bare(FRAMES_HZ, seconds)
     print(
         f"this machine wakes a bare loop at {FRAMES_HZ:g} Hz: median {median(late):.2f} ms late, "
         f"p99 {np.percentile(late, 99):.2f} ms, worst {max(late):.2f} ms"

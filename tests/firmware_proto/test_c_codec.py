@@ -13,8 +13,9 @@ from wire_vectors import VECTORS, as_frame, by_name, follow
 
 from firmware_proto import Channel, Frame, encode
 from tests.every import every
-from tools.codecs.c_code import FOLDER, NEVER, SOURCE, compile_c, compiler
+from tools.codecs.c_code import FOLDER, MESSAGES, NEVER, SOURCE, compile_c, compiler
 from tools.codecs.c_frames import ON_FRAME, CDecoder, State
+from tools.codecs.c_messages import State as MessageState
 
 ONE = Frame(1, 1, (Channel(1, 2, 300, 12),))
 FALSE_LONG = bytes.fromhex("A4570163000010")
@@ -32,17 +33,22 @@ def test_no_compiler_is_said_so(monkeypatch):
 def test_it_compiles_without_a_warning(tmp_path, name, language):
     name = compiler() if name == "cc" else name
     for extra in ("-O0", "-O2", "-Os"):
-        compile_c(name, tmp_path / "out.o", extra, "-Wshadow", "-c", *language, SOURCE)
+        for source in (SOURCE, MESSAGES):
+            compile_c(name, tmp_path / "out.o", extra, "-Wshadow", "-c", *language, source)
 
 
-def test_it_leans_on_three_functions_of_the_library_and_on_no_float(tmp_path):
-    target = compile_c(compiler(), tmp_path / "out.o", "-std=c99", "-O2", "-fno-stack-protector", "-c", SOURCE)
+@pytest.mark.parametrize(
+    ("source", "crc", "includes", "state", "size"),  # the source refuses to compile with a larger state
+    [(SOURCE, set(), {"stdint.h", "stddef.h"}, State, 300), (MESSAGES, {"arva_crc"}, set(), MessageState, 560)],
+)
+def test_it_leans_on_three_functions_of_the_library_and_on_no_float(tmp_path, source, crc, includes, state, size):
+    target = compile_c(compiler(), tmp_path / "out.o", "-std=c99", "-O2", "-fno-stack-protector", "-c", source)
     undefined = subprocess.run(["nm", "-u", target], check=True, capture_output=True, text=True).stdout.split()
-    assert set(undefined) - {"U", "_GLOBAL_OFFSET_TABLE_"} <= {"memcpy", "memmove", "memset"}
-    code = re.sub(r"/\*.*?\*/", "", (FOLDER / "arva_frame.h").read_text() + SOURCE.read_text(), flags=re.DOTALL)
-    assert set(re.findall(r"#include <(.*?)>", code)) == {"stdint.h", "stddef.h", "string.h"}
+    assert set(undefined) - {"U", "_GLOBAL_OFFSET_TABLE_"} <= {"memcpy", "memmove", "memset"} | crc
+    code = re.sub(r"/\*.*?\*/", "", source.with_suffix(".h").read_text() + source.read_text(), flags=re.DOTALL)
+    assert set(re.findall(r"#include <(.*?)>", code)) == includes | {"string.h"}
     assert not re.findall(r"float|double|\d\.\d", code)
-    assert ctypes.sizeof(State) <= 300  # the source refuses to compile with more
+    assert ctypes.sizeof(state) <= size
 
 
 def test_crc(codec):

@@ -2,8 +2,6 @@
 
 import ctypes
 import re
-import shutil
-import subprocess
 
 import pytest
 from wire_vectors import MESSAGES, VECTORS, by_name, follow_messages
@@ -11,31 +9,11 @@ from wire_vectors import MESSAGES, VECTORS, by_name, follow_messages
 from firmware_proto import Answer, Channel, Command, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
 from tests.every import every
-from tools.codecs.c_code import FOLDER, compile_c, compiler
-from tools.codecs.c_code import MESSAGES as SOURCE
 from tools.codecs.c_frames import CDecoder
-from tools.codecs.c_messages import CMessageDecoder, Request, State, _Answer
+from tools.codecs.c_messages import CMessageDecoder, Request, _Answer
 
-COMPILERS = ["cc", *(c for c in ("gcc", "clang", "arm-none-eabi-gcc") if shutil.which(c))]  # those beyond cc: if there
 MARK = Command(7, "mark", (3,))
 DONE = Answer(7, "mark", "done")
-
-
-@pytest.mark.parametrize("language", [("-std=c99",), ("-x", "c++", "-std=c++11")], ids=["C99", "C++"])
-@pytest.mark.parametrize("name", COMPILERS)
-def test_it_compiles_without_a_warning(tmp_path, name, language):
-    name = compiler() if name == "cc" else name
-    for extra in ("-O0", "-Os"):
-        compile_c(name, tmp_path / "out.o", extra, "-Wshadow", "-c", *language, SOURCE)
-
-
-def test_it_leans_on_the_crc_and_three_functions_of_the_library_and_on_no_float(tmp_path):
-    target = compile_c(compiler(), tmp_path / "out.o", "-std=c99", "-O2", "-fno-stack-protector", "-c", SOURCE)
-    undefined = subprocess.run(["nm", "-u", target], check=True, capture_output=True, text=True).stdout.split()
-    assert set(undefined) - {"U", "_GLOBAL_OFFSET_TABLE_"} <= {"memcpy", "memmove", "memset", "arva_crc"}
-    text = (FOLDER / "arva_message.h").read_text() + SOURCE.read_text()
-    assert not re.findall(r"float|double|\d\.\d", re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL))
-    assert ctypes.sizeof(State) <= 560
 
 
 @every("value", by_name(VECTORS["messages"]))

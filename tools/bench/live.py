@@ -14,7 +14,6 @@ import numpy as np
 from arva_hil.config import parse
 from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
-from arva_hil.events import Event, FrameMade
 from arva_hil.links import open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.observers.audience import Audience
@@ -24,7 +23,7 @@ from arva_hil.runtime.loop import run
 from arva_hil.vehicle.session import Session
 from tools.bench.table import Row, ratio
 from tools.bench.timing import figure_of
-from tools.measure import Drained, Motion, playing
+from tools.measure import Drained, Motion, Samples, bare, playing
 
 _READ = """
 import sys, time
@@ -36,17 +35,6 @@ while time.monotonic() < until:
 print(time.process_time() - start)
 """
 _BUSY = [sys.executable, "-c", "while True: pass"]
-
-
-class _Late:
-    """Keeps how late each frame was, ms."""
-
-    def __init__(self) -> None:
-        self.ms: list[float] = []
-
-    def observe(self, event: Event) -> None:
-        if isinstance(event, FrameMade):
-            self.ms.append(1e3 * event.late_s)
 
 
 def rows(flight: Path, seconds: float) -> Iterator[Row]:
@@ -67,12 +55,12 @@ def _lateness(motion: Motion, hz: float, seconds: float, *, busy: bool) -> Row:
     try:
         with playing(motion, seconds + 5) as (device, _):
             _, late = _fly(device, hz, seconds)
-        bare = _bare(hz, seconds)
+        idle = bare(hz, seconds)
     finally:
         if other:
             other.kill()
             other.wait()
-    ours, peer = float(np.percentile(late, 99)), float(np.percentile(bare, 99))
+    ours, peer = float(np.percentile(late, 99)), float(np.percentile(idle, 99))
     work = f"p99 lateness at {hz:g} Hz, {'one core busy' if busy else 'idle'}"
     return Row(work, "a bare loop", ours, peer, "ms", ours - peer, 0.3)
 
@@ -80,18 +68,10 @@ def _lateness(motion: Motion, hz: float, seconds: float, *, busy: bool) -> Row:
 def _fly(device: str, hz: float, seconds: float) -> tuple[float, list[float]]:
     """The loop's CPU time, s, and how late each frame was, ms."""
     scenario = parse(f"transmitters: [{{id: 1, ned: [20, 5, 0]}}]\nreceiver: {{rate_hz: {hz}}}", "bench")
-    clock, late = RealClock(), _Late()
+    clock, samples = RealClock(), Samples()
     with closing(PtyLink()) as port, closing(open_link(device, clock=clock)) as link, closing(Drained(port)) as out:
         emulator = Emulator([one_vehicle(scenario, Session())], start=clock.now())
-        live = Live(emulator, {"autopilot": link}, {"port": out}, Audience([late]))
+        live = Live(emulator, {"autopilot": link}, {"port": out}, Audience([samples]))
         start = time.process_time()
         run([live], clock, until=clock.now() + seconds)
-        return time.process_time() - start, late.ms
-
-
-def _bare(hz: float, seconds: float) -> list[float]:
-    clock, late = RealClock(), []
-    for n in range(round(seconds * hz)):
-        clock.wait(n / hz)
-        late.append(1e3 * (clock.now() - n / hz))
-    return late
+        return time.process_time() - start, [1e3 * frame.late_s for frame in samples.frames]
