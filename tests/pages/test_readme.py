@@ -47,3 +47,8 @@ def test_the_citation_is_this_version_and_names_the_paper() -> None:
 
 def test_the_picture_of_the_demo_is_small() -> None:
     assert Path(ROOT / "docs/pictures/demo.png").stat().st_size < 100_000
+
+
+def test_the_list_of_tools_has_every_program() -> None:
+    named = re.findall(r"`(\w+\.py)`", (ROOT / "tools/README.md").read_text(encoding="utf-8"))
+    assert sorted(named) == sorted(path.name for path in (ROOT / "tools").glob("*.py"))
