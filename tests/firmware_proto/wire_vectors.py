@@ -36,19 +36,15 @@ def as_message(value):
 MESSAGES = {value["name"]: as_message(value) for value in VECTORS["messages"]}
 
 
-def follow_messages(feed, stream, one_byte_a_call):
-    """As `follow`, of message_streams."""
-    for step in stream["steps"]:
-        data = bytes.fromhex(step["hex"])
-        chunks = [data[k : k + 1] for k in range(len(data))] if one_byte_a_call and data else [data]
-        messages = [message for chunk in chunks for message in feed(chunk, step["t"])]
-        assert messages == [MESSAGES[name] for name in step["messages"]]
-
-
-def follow(feed, stream, one_byte_a_call):
+def follow(feed, stream, one_byte_a_call, kind="frames", known=FRAMES):
     """Feed a stream's steps, whole or byte by byte; each has to bring the frames that it says."""
     for step in stream["steps"]:
         data = bytes.fromhex(step["hex"])
         chunks = [data[k : k + 1] for k in range(len(data))] if one_byte_a_call and data else [data]
-        frames = [frame for chunk in chunks for frame in feed(chunk, step["t"])]
-        assert frames == [FRAMES[name] for name in step["frames"]]
+        came = [one for chunk in chunks for one in feed(chunk, step["t"])]
+        assert came == [known[name] for name in step[kind]]
+
+
+def follow_messages(feed, stream, one_byte_a_call):
+    """As `follow`, of message_streams."""
+    follow(feed, stream, one_byte_a_call, "messages", MESSAGES)

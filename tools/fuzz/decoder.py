@@ -148,9 +148,9 @@ def seeds() -> Iterator[bytes]:
         inside = b"\0" + struct.pack("<HBBB", TUNNEL_TYPE, 1, 1, len(raw)) + raw
         yield bytes([FORMATS.index("tunnel")]) + scripted([inside, inside])
     named = [(b"ARVA1_D", 1234), (b"ARVA1_DIR", 17), (b"ARVA1_ID", 1), (b"ARVA2_D", 99), (b"ARVA1_D", 1)]
-    parts = [b"\1" + struct.pack("<Ii10s", 1, value, name) for name, value in named]
-    yield bytes([FORMATS.index("named")]) + scripted(parts)
-    parts = [b"\3" + struct.pack("<If10s", 1, value, name) for name, value in named]
-    yield bytes([FORMATS.index("named_float")]) + scripted(parts)
-    parts = [b"\2" + struct.pack("<Qfff10s", 1234, 17.0, 99.0, 3.0, name) for name in (b"a", b"b", b"a", b"b")]
-    yield bytes([FORMATS.index("debug_vect")]) + scripted(parts)
+    for form, parts in (
+        ("named", [b"\1" + struct.pack("<Ii10s", 1, value, name) for name, value in named]),
+        ("named_float", [b"\3" + struct.pack("<If10s", 1, value, name) for name, value in named]),
+        ("debug_vect", [b"\2" + struct.pack("<Qfff10s", 1234, 17.0, 99.0, 3.0, name) for name in (b"a", b"b") * 2]),
+    ):
+        yield bytes([FORMATS.index(form)]) + scripted(parts)
