@@ -16,12 +16,13 @@ from arva_hil.receiver.noise import noise_bound
 from arva_hil.receiver.one_look import FEW, signals
 from arva_hil.receiver.pulsed_options import PulsedOptions
 from arva_hil.receiver.receiver_model import Impairment, Look, ReceiverSettings
-from arva_hil.receiver.separation import Vector
+from arva_hil.receiver.separation import Signals, Vector
 
 _IDLE_S: Final = 1.0  # the longest time between two looks
 _FLOOR_RANGE_M: Final = 80.0  # the specified noise is the reference transmitter's field at this distance
 _BATCH: Final = 256
 _SOUND: Final = Impairment()
+_SILENCE: Final = [(0.0, 0.0, 0.0)]  # no noise
 
 
 class NoiseDraws:
@@ -90,8 +91,8 @@ class Listening:
         assert self._look is not None
         return list(self._timeline.take(self._look.time_s))
 
-    def signals(self) -> list[Vector] | None:
-        """The signal of each transmitter's full pulse at the antennas; None without a pose."""
+    def signals(self) -> Signals | None:
+        """The signal of a transmitter's full pulse at the antennas, by its index; None without a pose."""
         look = self._look
         if look is None or look.pose is None:
             return None
@@ -99,10 +100,15 @@ class Listening:
         a, b, c = a * x, b * y, c * z
         there, position, rotation = look.transmitters, look.pose.position, look.pose.rotation
         if len(there.ids) <= FEW and there.medium is AIR:
-            silence = [(0.0, 0.0, 0.0)] * len(there.ids)
-            every = signals(position.tolist(), rotation.tolist(), (1.0, 1.0, 1.0), there.dipoles, silence)
-            return [(x * a, y * b, z * c) for _, (x, y, z) in every]
-        return [(x * a, y * b, z * c) for x, y, z in (there.field_at(position) @ rotation).tolist()]
+            point, turn = position.tolist(), rotation.tolist()
+
+            def signal(index: int) -> Vector:
+                ((_, (x, y, z)),) = signals(point, turn, (1.0, 1.0, 1.0), [there.dipoles[index]], _SILENCE)
+                return x * a, y * b, z * c
+
+            return signal
+        every = [(x * a, y * b, z * c) for x, y, z in (there.field_at(position) @ rotation).tolist()]
+        return every.__getitem__
 
     def noise(self, sender: int) -> Vector:
         """The noise of the next pulse: the receiver's own, or interference."""

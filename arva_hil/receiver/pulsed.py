@@ -15,7 +15,7 @@ from arva_hil.receiver.listening import ListeningReceiver
 from arva_hil.receiver.pulsed_options import Frames, PulsedOptions, Steps
 from arva_hil.receiver.reading import Reading, with_true_ranges
 from arva_hil.receiver.receiver_model import Answer, Commands, Look, ReceiverSettings, obey
-from arva_hil.receiver.separation import Vector, separate
+from arva_hil.receiver.separation import Signals, Vector, separate
 from arva_hil.receiver.slots import Slots
 
 _MOVED_M: Final = 1.0  # a smaller distance is no motion
@@ -87,7 +87,7 @@ class PulsedReceiver(ListeningReceiver):
         self._moved: tuple[float, Vector] | None = None  # time and place of its last motion
         self.searching = True
 
-    def _hear(self, sent: SentPulse, signals: list[Vector] | None) -> bool:
+    def _hear(self, sent: SentPulse, signals: Signals | None) -> bool:
         """Use one pulse. Returns whether a slot shows it."""
         index, end_s = sent.pulse.sender, sent.pulse.end_s
         listening = self._listening

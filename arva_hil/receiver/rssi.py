@@ -14,7 +14,7 @@ from arva_hil.receiver.listening import ListeningReceiver
 from arva_hil.receiver.pulsed_options import Frames, PulsedOptions, Steps
 from arva_hil.receiver.reading import ChannelReading, PulseReading, Reading, Zone, with_true_ranges
 from arva_hil.receiver.receiver_model import Answer, Look, ReceiverSettings, obey
-from arva_hil.receiver.separation import Vector
+from arva_hil.receiver.separation import Signals
 
 _HOLD_S: Final = 1.5
 
@@ -71,13 +71,13 @@ class RssiReceiver(ListeningReceiver):
     def _restart(self, time_s: float) -> None:
         self._listens_s, self._newest = time_s + self._options.start_s, None
 
-    def _hear(self, sent: SentPulse, signals: list[Vector] | None) -> bool:
+    def _hear(self, sent: SentPulse, signals: Signals | None) -> bool:
         """Use one pulse. Returns whether it is above the threshold."""
         listening = self._listening
         noise, _, _ = listening.noise(sent.pulse.sender)
         if signals is None:
             return False
-        together = [pulse.amplitude * signals[pulse.sender][0] for pulse in (sent.pulse, *sent.touching)]
+        together = [pulse.amplitude * signals(pulse.sender)[0] for pulse in (sent.pulse, *sent.touching)]
         x, _, _ = listening.limited((math.hypot(*together) + noise, 0.0, 0.0))
         shown = self._display.shown(0, (x, 0.0, 0.0))
         if shown is None:

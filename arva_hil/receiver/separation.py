@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from random import Random
 from typing import Final, NamedTuple
 
@@ -18,6 +18,9 @@ from arva_hil.field.pulse_timeline import SentPulse
 
 Vector = tuple[float, float, float]
 """A signal at the three antennas, signed."""
+
+Signals = Callable[[int], Vector]
+"""The signal of each transmitter's full pulse at the antennas, by its index."""
 
 _CAPTURE: Final = 0.5  # 6 dB: a weaker signal above this share of the strongest one is not suppressed
 
@@ -42,26 +45,26 @@ class _Part(NamedTuple):
         return math.hypot(*self.signal)
 
 
-def separate(sent: SentPulse, signals: Sequence[Vector], keyings: Sequence[Keying], random: Random) -> Event | None:
+def separate(sent: SentPulse, signals: Signals, keyings: Sequence[Keying], random: Random) -> Event | None:
     """The event of a pulse; None if it is lost.
 
-    `signals`: of the full pulse of each transmitter, at the antennas. `random`: for the phases between carriers.
+    `random`: for the phases between carriers.
     """
     pulse = sent.pulse
     keying = keyings[pulse.sender]
-    own = _Part(pulse.start_s, keying.pulse_s, keying.carrier_hz, _times(signals[pulse.sender], pulse.amplitude))
+    own = _Part(pulse.start_s, keying.pulse_s, keying.carrier_hz, _times(signals(pulse.sender), pulse.amplitude))
     rivals = [
         _Part(
             other.start_s,
             keyings[other.sender].pulse_s,
             keyings[other.sender].carrier_hz,
-            _times(signals[other.sender], other.amplitude),
+            _times(signals(other.sender), other.amplitude),
         )
         for other in sent.touching
     ]
     in_pulse = {other.sender for other in sent.touching}
     rivals += [
-        _Part(pulse.start_s, keying.pulse_s, other.carrier_hz, _times(signals[index], other.leak))
+        _Part(pulse.start_s, keying.pulse_s, other.carrier_hz, _times(signals(index), other.leak))
         for index, other in enumerate(keyings)
         if other.leak_db is not None and index != pulse.sender and index not in in_pulse and pulse.end_s > other.from_s
     ]
