@@ -17,7 +17,7 @@ from arva_hil.observers.console.reasons import no_pose
 from arva_hil.search.choice import NO_ID
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground
-from arva_hil.search.mission import Mission
+from arva_hil.search.mission import FOUND, Mission
 from arva_hil.search.outcome import SearchStep, lla
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.receiver_host import ReceiverHost
@@ -146,8 +146,11 @@ class Flight:
         if mission is None:
             self._team.tell(now, place, flying=flying, searching=self._searching)
             return
-        target, sure = mission.target, mission.found is not None and mission.sure
-        hunting = target if mission.hunting and not mission.ended and not sure else None
+        target = mission.target
+        hunting = target if mission.hunting and not mission.ended else None
+        found = {victim.id for victim in mission.victims.places if victim.sure} - {NO_ID}
+        if mission.ended == FOUND and mission.found and target is not None:  # not before the last look at it
+            found.add(target)
         for id_, heard in mission.heard.items():
             before = self._handed.get(id_)
             if id_ != NO_ID and (before is None or before.metres != heard.nearest_m):
@@ -159,7 +162,7 @@ class Flight:
             flying=flying,
             hunting=hunting,
             hunting_m=math.inf if hunting is None else mission.heard[hunting].nearest_m,
-            found=(target,) if sure and target is not None else (),
+            found=tuple(found),
             heard=list(self._handed.values()),
             searching=self._searching and not mission.ended,
         )

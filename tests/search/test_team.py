@@ -238,7 +238,8 @@ def test_who_waits_for_another_hovers_and_of_two_that_claim_one_part_the_lower_n
 class Field:
     """Three drones on one field, flown to the end. A task of the loop, too: it watches.
 
-    `gap_m`: the least distance of two that are in the air; `orders`: to each drone's autopilot, (when, message).
+    `gap_m`: the least distance of two that are in the air; `orders`: to each drone's autopilot, (when, message);
+    `early`: who told others of a transmitter found before the search for it had ended.
     """
 
     links = ()
@@ -247,7 +248,7 @@ class Field:
         self.clock = StepClock()
         plan = SearchPlan(STRATEGIES[strategy], area=(-15.0, -15.0, 15.0, 15.0))
         self.loop = ClosedFleet(several(parse(TWO, "field"), 3), plan, start=0.0, stream_hz=10.0)
-        self.gap_m = math.inf
+        self.gap_m, self.early = math.inf, set[str]()
         self.orders: dict[str, list[tuple[float, object]]] = {drone.name: [] for drone in self.loop.drones}
         self._pilot_of, self._pilot_s = pilot_of, pilot_s
         for drone in self.loop.drones:
@@ -259,6 +260,10 @@ class Field:
         flying = [drone.vehicle for drone in self.loop.drones if drone.vehicle.flying]
         places = [np.array(self.loop.frame.ned(*vehicle.truth(now).lla)) for vehicle in flying]
         self.gap_m = min([self.gap_m, *(float(np.linalg.norm(a - b)) for a, b in combinations(places, 2))])
+        for drone in self.loop.drones:
+            mission, mate = drone.search.mission, drone.search._team
+            if mission and not mission.ended and mate and mate._own:
+                self.early.add(drone.name)
         if self._pilot_of is not None and now >= self._pilot_s:
             drone = self.loop.drones[self._pilot_of]
             mode = command(drone.vehicle.system, 1, dialect.MAV_CMD_DO_SET_MODE, 1, Mode.LOITER)
@@ -286,6 +291,7 @@ def test_a_team_finds_every_transmitter_once_and_its_vehicles_keep_apart() -> No
     assert sorted(ids, key=str) == [1, 2]
     assert all(error is None or error < 1.5 for error in map(field.loop.error, field.loop.drones))
     assert field.gap_m > 2.5
+    assert not field.early
     for drone in field.loop.drones:  # nobody commands another's
         targets = {message.target_system for _, message in field.orders[drone.name]}  # type: ignore[attr-defined]
         assert targets == {drone.vehicle.system}
