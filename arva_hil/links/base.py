@@ -192,8 +192,9 @@ class StreamLink(Link):
 
     def read(self) -> bytes:
         self._check_open()
-        with contextlib.suppress(OSError):  # if the link is lost, `_receive` raises it after the last bytes
-            self._send_rest()
+        if self._rest:
+            with contextlib.suppress(OSError):  # if the link is lost, `_receive` raises it after the last bytes
+                self._send_rest()
         data = bytearray()
         try:
             while len(data) < AT_ONCE:

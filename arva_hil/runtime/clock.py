@@ -9,9 +9,10 @@ from __future__ import annotations
 import select
 import threading
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -62,11 +63,10 @@ def await_descriptors(read: Sequence[int] = (), write: Sequence[int] = (), *, ti
     return bool(poll.poll(0))
 
 
-def _running() -> float:
-    """Monotonic seconds, with the time in which the system was suspended if the system knows it."""
-    if hasattr(time, "CLOCK_BOOTTIME"):
-        return time.clock_gettime(time.CLOCK_BOOTTIME)
-    return time.monotonic()
+# Monotonic seconds, with the time in which the system was suspended if the system knows it.
+_running: Callable[[], float] = (
+    partial(time.clock_gettime, time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic
+)
 
 
 @contextmanager
@@ -102,9 +102,12 @@ class RealClock:
         return (_running() - self._start) * self._speed
 
     def wait(self, deadline: float, links: Iterable[Waitable] = ()) -> None:
-        links = list(links)
-        fds = [fd for fd in (link.fileno() for link in links) if fd is not None]
-        polled = [link for link in links if link.fileno() is None]
+        fds, polled = list[int](), list[Waitable]()
+        for link in links:
+            if (fd := link.fileno()) is None:
+                polled.append(link)
+            else:
+                fds.append(fd)
         while (left := (deadline - self.now()) / self._speed) > 0:
             if any_ready(polled):
                 return
