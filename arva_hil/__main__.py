@@ -1,5 +1,6 @@
 """`arva-hil`, which is `python -m arva_hil` too. Next to nothing is imported before Ctrl-C is answered."""
 
+import gc
 import os
 import sys
 
@@ -12,6 +13,7 @@ def main() -> int:
     While a command is imported, and when it is over, Ctrl-C ends the process at once. An exception would not do: in the
     middle of an import it may come out as another one.
     """
+    gc.disable()  # it would visit the new objects again and again; `cli.main` enables it before a command starts
     try:
         import signal  # takes a few milliseconds
 
