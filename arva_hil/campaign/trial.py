@@ -56,7 +56,7 @@ class Result:
     frames: int
 
 
-def fly(trial: Trial, log: Callable[[SearchStep], None] = lambda _: None) -> Result:
+def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result:
     """Fly one trial with a stepped clock: built-in vehicle, emulator, search. Raises nothing for a failed search.
 
     `log` gets every step of the flight of a single drone.

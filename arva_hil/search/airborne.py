@@ -35,7 +35,7 @@ STAY: Final = (0.0, 0.0, 0.0)
 class Flight:
     """One flight from its take-off point on. `mission` begins at the end of the take-off.
 
-    `log` gets a row for each step. `team`: the other searches. `host`: commands to the receiver.
+    `log` gets a row for each step; None: none is made. `team`: the other searches. `host`: commands to the receiver.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Flight:
         ground: Ground,
         *,
         start: float,
-        log: Callable[[SearchStep], None],
+        log: Callable[[SearchStep], None] | None,
         team: Teammate | None = None,
         host: ReceiverHost | None = None,
     ) -> None:
@@ -180,6 +180,8 @@ class Flight:
         return state if state is not None and state.age_s < OLD_S else None
 
     def _note(self, now: float, phase: Phase, state: VehicleState, velocity: Position) -> None:
+        if self._log is None:
+            return
         reading: tuple[int | None, ...] = (None, None, None, None)
         if self._new_frame is not None:
             reading = reading_of(self._new_frame, self.mission.target if self.mission else None)

@@ -67,7 +67,7 @@ class SearchClient:
         start: float,
         permission: Permission | None = None,
         emit: Callable[[Event], None] = lambda _: None,
-        log: Callable[[SearchStep], None] = lambda _: None,
+        log: Callable[[SearchStep], None] | None = None,
         team: Teammate | None = None,
         tunnel: TeamTunnel | None = None,
         host: HostForm | None = None,
@@ -84,7 +84,9 @@ class SearchClient:
         self._ground = Ground(session, trust_gps=plan.trust_gps)
         flown = plan, session, self._commander, self._ground
         self._flight = Flight(*flown, start=start, log=log, team=team, host=self._receiver.host)
-        self._dry_run = DryRun(plan, session, self._ground, start=start, log=log) if plan.dry_run else None
+        self._dry_run = (
+            DryRun(plan, session, self._ground, start=start, log=log or (lambda _: None)) if plan.dry_run else None
+        )
         self._emit = emit
         self._next_step = self._now_s = start
         self._begin = self._commander.take_over if plan.take_over else self._commander.launch

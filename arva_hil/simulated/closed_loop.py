@@ -10,6 +10,7 @@ from arva_hil.config import Scenario
 from arva_hil.emulator.build import moving_transmitters
 from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
+from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch
 from arva_hil.links import Link
 from arva_hil.observers.audience import Audience, Observer
@@ -55,7 +56,7 @@ class ClosedLoop:
         stream_hz: float = 50.0,
         observers: Sequence[Observer] = (),
         tell_packets: bool = False,
-        log: Callable[[SearchStep], None] = lambda _: None,
+        log: Callable[[SearchStep], None] | None = None,
     ) -> None:
         format = scenario.output_format
         self._scenario = scenario
@@ -72,6 +73,10 @@ class ClosedLoop:
             tell_packets=tell_packets,
             tell_status=bool(observers),
         )
+
+        def emit(event: Event) -> None:
+            audience.tell([FromSearch(event.time_s, event)])
+
         live = Live(self.emulator, {"autopilot": autopilot[0]}, {"port": port[1]}, audience)
         self.search = SearchClient(
             plan,
@@ -80,7 +85,7 @@ class ClosedLoop:
             port[0],
             FORMATS[format].decoder(),
             start=start,
-            emit=lambda event: audience.tell([FromSearch(event.time_s, event)]),
+            emit=emit if observers else lambda _: None,
             log=log,
             host=getattr(FORMATS[format], "host", None),
         )
