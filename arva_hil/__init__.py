@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         ReceiverSettings,
         Zone,
     )
+    from arva_hil.receiver.maps import Readings, readings
     from arva_hil.search.strategy import Found, Observation, Strategy
     from arva_hil.simulated.vehicle import SimulatedVehicle
     from arva_hil.vehicle.session import Session
@@ -54,6 +55,7 @@ _MODULES: Final = {
     "observers.audience": "Observer",
     "observers.record": "RecordError",
     "receiver": "Answer Antennas ChannelReading Look PaperReceiver Pose Reading ReceiverModel ReceiverSettings Zone",
+    "receiver.maps": "Readings readings",
     "search.strategy": "Found Observation Strategy",
     "simulated.vehicle": "SimulatedVehicle",
     "vehicle.session": "Session",
@@ -65,7 +67,7 @@ __all__ += ["ArvaError", "Event", "FrameMade", "KindError", "UnknownKindError"]
 __all__ += ["LocalFrame", "Transmitters", "dipole_field"]
 __all__ += ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "Observer", "Opening", "RecordError"]
 __all__ += ["Answer", "Antennas", "ChannelReading", "Look", "PaperReceiver", "Pose", "Reading", "Zone"]
-__all__ += ["ReceiverModel", "ReceiverSettings"]
+__all__ += ["Readings", "ReceiverModel", "ReceiverSettings", "readings"]
 __all__ += ["Found", "Observation", "Session", "SimulatedVehicle", "Strategy"]
 
 

@@ -10,17 +10,19 @@ INTERRUPTED = 130  # as in cli/outcome.py, which is not imported yet
 def main() -> int:
     """Run the command that the command line names; gives back the exit code.
 
-    While a command is imported, and when it is over, Ctrl-C ends the process at once. An exception would not do: in the
-    middle of an import it may come out as another one.
+    While a command is imported, and when it is over, a signal ends the process at once, as Ctrl-C does. An exception
+    would not do: in the middle of an import it may come out as another one.
     """
     gc.disable()  # it would visit the new objects again and again; `cli.main` enables it before a command starts
     try:
         import signal  # takes a few milliseconds
 
-        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, lambda *_: os._exit(INTERRUPTED))
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)  # Windows has no SIGHUP
+            if number and signal.getsignal(number) in (signal.default_int_handler, signal.SIG_DFL):
+                signal.signal(number, lambda *_: os._exit(INTERRUPTED))
     except KeyboardInterrupt:
-        return INTERRUPTED
+        os._exit(INTERRUPTED)
     from arva_hil.cli.main import main as run
 
     return run()

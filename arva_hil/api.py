@@ -80,6 +80,7 @@ def run_live(
         )
         live = drivers.Live(emulator, autopilots, ports, Audience([watcher]))
         run([live], clock, until=start + duration_s, stopped=lambda: watcher.over or stopped())
+        live.finish(clock)
     watcher.finish(", ".join(sides.autopilots.values()))
 
 
@@ -167,7 +168,7 @@ class _Watcher:
         if self._error is None:
             try:
                 self._on_event(event)
-            except Exception as error:
+            except BaseException as error:  # also SystemExit: `finish` raises it
                 self._error = error
 
     def finish(self, address: str = "") -> None:

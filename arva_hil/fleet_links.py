@@ -9,7 +9,7 @@ from arva_hil.config import Scenario
 from arva_hil.emulator.emulated_vehicle import VehicleSetup, one_vehicle
 from arva_hil.emulator.engine import check_systems, recorded_vehicles, sink_name, vehicle_setups
 from arva_hil.links import Address, AddressError, parse
-from arva_hil.links.url import place
+from arva_hil.links.url import excludes, place
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.vehicle.session import Session
 
@@ -101,6 +101,12 @@ def _check_ports(source: str, ports: dict[str, str], autopilots: dict[str, str],
         if where != Address("pty") and where in taken:
             raise ValueError(f"{source}: {name}: its port {address} is also {taken[where]}: each needs its own")
         taken[where] = f"the port of {name}"
+    for where in [where for where in taken if where.host in ("0.0.0.0", "::")]:
+        if other := next((other for other in taken if excludes(where, other)), None):
+            raise ValueError(
+                f"{source}: {where} is {taken[where]} and listens at all addresses, so {other}, {taken[other]}, cannot "
+                "listen there too: choose another port, or for two autopilots the same address"
+            )
 
 
 def _place(source: str, name: str, address: str) -> Address:

@@ -11,6 +11,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Final, TextIO
 
+_LONGEST: Final = 200  # characters of a repr
 _FORMULA: Final = ("=", "+", "-", "@")  # the first character of a formula in a spreadsheet
 
 
@@ -24,6 +25,15 @@ def one_line(value: object) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def shown(thing: object) -> str:
+    """The repr of what a plug-in has made, shortened; its class if its own `__repr__` raises."""
+    try:
+        text = repr(thing)
+    except Exception:
+        text = f"a {type(thing).__name__}"
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
 
 
 def cell(value: object) -> str:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import socket
+from typing import Final
+
+_MOST: Final = 4096  # bytes
 
 
 class Manager:
@@ -16,11 +19,13 @@ class Manager:
         self._socket.bind("\0" + name[1:] if name.startswith("@") else name)
 
     def heard(self) -> list[str]:
-        """What was said since the last call."""
+        """What was said since the last call; longer messages are ignored, as systemd does."""
         messages = []
         try:
             while True:
-                messages.append(self._socket.recv(4096).decode())
+                message = self._socket.recv(_MOST + 1)
+                if len(message) <= _MOST:
+                    messages.append(message.decode())
         except BlockingIOError:
             return messages
 

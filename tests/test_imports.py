@@ -94,7 +94,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.vehicle.reasons",
         "firmware_proto",
     },
-    "arva_hil/observers/audience.py": {"arva_hil.events"},
+    "arva_hil/observers/audience.py": {"arva_hil.events", "arva_hil.safe_text"},
     "arva_hil/messages": {
         "arva_hil.config",
         "arva_hil.emulator",
@@ -179,6 +179,7 @@ ROOMS = {  # a room → what of ours it may import
         "arva_hil.observers.console.reasons",  # the words of how it ended
         "arva_hil.runtime.clock",
         "arva_hil.runtime.link_monitor",
+        "arva_hil.safe_text",
         "arva_hil.search",
         "arva_hil.vehicle",
         "firmware_proto",

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
@@ -70,7 +73,7 @@ class WorkerPool:
         while not stopped() and not lost:
             try:
                 for some in islice(shards, self.width - len(waiting)):
-                    waiting[self.executor.submit(attempt, fly, [one.trial for one in some])] = some
+                    waiting[self.executor.submit(attempt, fly, packed([one.trial for one in some]))] = some
             except BrokenExecutor:
                 lost = WorkerPoolError(_DIED)
             if not waiting and not lost:
@@ -87,9 +90,14 @@ class WorkerPool:
             raise lost
 
 
-def attempt(fly: Fly, trials: Sequence[Trial]) -> list[Result]:
-    """The results of trials, also of those that raise an error. Runs in the worker."""
-    return [_attempt(fly, trial) for trial in trials]
+def packed(trials: Sequence[Trial]) -> bytes:
+    """Trials as a task takes them: small, for Dask's scheduler keeps its last 1000 messages to each worker."""
+    return zlib.compress(pickle.dumps(trials))
+
+
+def attempt(fly: Fly, shard: bytes) -> list[Result]:
+    """The results of the trials in a shard, also of those that raise an error. Runs in the worker."""
+    return [_attempt(fly, trial) for trial in pickle.loads(zlib.decompress(shard))]
 
 
 def _attempt(fly: Fly, trial: Trial) -> Result:
@@ -160,13 +168,17 @@ class _Processes(ProcessPoolExecutor):
 
 
 def _hold(lifeline: Connection) -> None:
-    """Runs in a new process: ends it when the other end of the lifeline is closed, also by a kill."""
+    """Runs in a new process: ends it when the other end of the lifeline is closed, also by a kill.
+
+    The garbage collector leaves what is imported alone, as in a command.
+    """
 
     def watch() -> None:
         lifeline.poll(None)
         os._exit(0)
 
     threading.Thread(target=watch, name="lifeline", daemon=True).start()
+    gc.freeze()
 
 
 def _results(future: Future[list[Result]], count: int) -> list[Result] | None:

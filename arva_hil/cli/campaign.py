@@ -17,7 +17,7 @@ from arva_hil.campaign.plan import Planned, size, trials
 from arva_hil.campaign.results import REPORT, TABLE, Results, ResultsError, flown, opened, row
 from arva_hil.campaign.results import replace as write
 from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPoolError, cluster, processes
-from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, SignalGuard, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, SignalGuard, UsageError, interrupting
 from arva_hil.cli.terminal import bar, show, show_json, tell, time_left
 from arva_hil.config.campaign import CampaignPlan, load_plan
 from arva_hil.runtime.clock import RealClock
@@ -76,10 +76,11 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
         if stopped:
             _say(f"interrupted: {_progress(kept, every)}; the same command continues it")
             return INTERRUPTED
-        kept.export(planned.key for planned in every)
-        rows = [kept.rows[planned.key] for planned in every]
-        table, page = kept.path.with_name(TABLE), kept.path.with_name(REPORT)
-        write(page, report.page(one_line(Path(options.plan).stem), rows, plan.success_m).encode())
+        with interrupting():  # again, after the guard of the flights: the same command continues it
+            kept.export(planned.key for planned in every)
+            rows = [kept.rows[planned.key] for planned in every]
+            table, page = kept.path.with_name(TABLE), kept.path.with_name(REPORT)
+            write(page, report.page(one_line(Path(options.plan).stem), rows, plan.success_m).encode())
     except ResultsError as error:
         raise Failure(FAILED, error) from None
     if not options.json:
@@ -129,7 +130,8 @@ def _fly(
         if connected and isinstance(error, Unreachable):
             _say(f"{error}; {_progress(kept, every)}; it is waited for, {_RETURN_S:g} s")
             left = [planned for planned in left if not kept.done(planned.key)]
-            return _fly(options, every, left, kept, within_s=_RETURN_S)
+            with interrupting():
+                return _fly(options, every, left, kept, within_s=_RETURN_S)
         code, when = (NO_LINK, " once there is a scheduler") if isinstance(error, Unreachable) else (FAILED, "")
         raise Failure(code, f"{error}; {_progress(kept, every)}; the same command continues it{when}") from None
     return guard.caught is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+from typing import Final
 
 from arva_hil.cli.outcome import OK, USAGE, UsageError
 from arva_hil.cli.terminal import show, tell
@@ -12,6 +13,8 @@ from arva_hil.config import Scenario, ScenarioError, newer_keys, parse
 from arva_hil.config.campaign import is_plan, parse_plan
 from arva_hil.config.profiles import located, parse_profile, profile_kind
 from arva_hil.config.reading import read_text
+
+_COMMAND_LINES: Final = "file:the link of the command line"  # like no other
 
 
 def main(options: argparse.Namespace) -> int:
@@ -32,11 +35,14 @@ def main(options: argparse.Namespace) -> int:
             for problem in error.problems:
                 tell(problem)
             code = USAGE
+        except UsageError as error:
+            tell(error)
+            code = USAGE
     return code
 
 
 def _check(name: str, text: str) -> None:
-    """Print a summary of a file. Raises ScenarioError."""
+    """Print a summary of a file. Raises ScenarioError, and UsageError for links that do not fit together."""
     if of := profile_kind(text):
         parse_profile(text, of, name)
         show(f"{name}: ok: the profile of a {of}")
@@ -53,8 +59,16 @@ def _check(name: str, text: str) -> None:
         show(f"{name}: ok: {size(plan)} trials of {', '.join(plan.strategies)}; {', '.join(plan.scenarios)}")
         return
     chosen = parse(text, name)
+    if chosen.vehicles:
+        from arva_hil.fleet_links import fleet_sides  # slow to import
+
+        try:
+            fleet_sides(chosen, _COMMAND_LINES)
+        except ValueError as error:
+            raise UsageError(error) from None
     ids = ", ".join(str(t.id) for t in chosen.transmitters)
-    show(f"{name}: ok: transmitters {ids}; {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}")
+    usual = f"{chosen.receiver.rate_hz:g} Hz, {chosen.output_format}"
+    show(f"{name}: ok: transmitters {ids}; {f'vehicles {len(chosen.vehicles)}' if chosen.vehicles else usual}")
     for vehicle in chosen.vehicles:
         for receiver in vehicle.receivers:
             where = receiver.port or "the autopilot's link"

@@ -10,6 +10,7 @@ import itertools
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 from arva_hil.cli import outcome
@@ -31,6 +32,7 @@ from arva_hil.observers.record import Recorder, RecordError, RecordLayout
 from arva_hil.registry import OBSERVERS
 from arva_hil.runtime.clock import Clock
 from arva_hil.runtime.loop import Task, run
+from arva_hil.safe_text import shown
 
 
 def scenario(options: argparse.Namespace, *, fleet: bool = False) -> Scenario:
@@ -75,7 +77,7 @@ def describe(chosen: Scenario) -> list[str]:
     """The scenario in a few lines, for a person."""
     lines = [f"scenario {chosen.source}: {chosen.receiver.rate_hz:g} Hz, {chosen.output_format}, seed {chosen.seed}"]
     if chosen.vehicles:
-        lines = [f"scenario {chosen.source}: {len(chosen.vehicles)} vehicles, {len(receivers_of(chosen))} receivers"]
+        lines = [f"scenario {chosen.source}: vehicles {len(chosen.vehicles)}, receivers {len(receivers_of(chosen))}"]
     for vehicle in chosen.vehicles:
         for r in vehicle.receivers:
             what = f"{r.receiver.rate_hz:g} Hz, {r.output_format}, seed {r.seed}"
@@ -127,7 +129,7 @@ def attend(
 class Run:
     """One run without its loop: signal handlers, printer, lines on stdout and recorder.
 
-    A context manager: signals go to the loop inside it, and the earlier handlers are restored after it.
+    A context manager: from when it is made signals go to the loop, so that `drive` can close what was begun.
     `patient`: a replay, which waits for a slow disk or terminal, and shows a progress bar instead of a status.
     `lines`: print a line for each frame on stdout, if there is no --json. `live`: show a live status on a terminal.
     `record_links`: the engine's names of the autopilots' links, if there are several. `kind`: of the run, for the page.
@@ -158,24 +160,32 @@ class Run:
         self._recorder: Recorder | None = None
         self._record_failed = False
         self._now = 0.0  # when the newest event was
-        if options.record:
-            self._recorder = Recorder(Path(options.record), epoch_us, self._known, patient=patient, layout=self._layout)
-        self._plug_ins += live_observers(options, chosen, epoch_us)
-        self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
         render = functools.partial(as_json, named=several) if options.json else plain if lines else None
-        self._lines = LinePrinter(open_stdout(), render, patient=patient) if render else None
-        self.page = page_of_run(kind, options, chosen, self.printer.say, named=several)
+        with ExitStack() as stack:
+            stack.enter_context(self._guard)
+            self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
+            stack.callback(lambda: close_all(self._plug_ins, self.printer.notice))
+            self._plug_ins += live_observers(options, chosen, epoch_us)
+            self._lines = LinePrinter(open_stdout(), render, patient=patient) if render else None
+            self.page = page_of_run(kind, options, chosen, self.printer.say, named=several)
+            if self.page:
+                stack.callback(self.page.close, self._how)
+            if options.record:  # at last: a run that cannot begin leaves no record
+                self._recorder = Recorder(
+                    Path(options.record), epoch_us, self._known, patient=patient, layout=self._layout
+                )
+            stack.pop_all()  # all is there: `drive` and `__exit__` close it
         every: tuple[Observer | None, ...] = (self.printer, self._lines, self._recorder, self.page)
         self.observers: list[Observer] = [self, *filter(None, every), *self._plug_ins]
         self._missing: dict[str, str] = {}  # vehicles without a heartbeat in time, and what was heard instead
         for line in describe(chosen):
             self.printer.say(line)
-        for patient_one in (self._recorder, self._lines):
-            if patient and patient_one:
-                patient_one.give_up = self._is_broken_off
+        if self._recorder:
+            self._recorder.broken_off = self._is_broken_off
+        if patient and self._lines:
+            self._lines.give_up = self._is_broken_off
 
     def __enter__(self) -> Run:
-        self._guard.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -232,7 +242,7 @@ class Run:
             failure = Failure(outcome.NO_READER if isinstance(error, ReaderGone) else outcome.FAILED, error)
         except KeyboardInterrupt:  # a loop that was stuck
             pass
-        except Exception as error:
+        except BaseException as error:  # also SystemExit, of a plug-in
             failure = Failure(outcome.FAILED, outcome.unexpected_error(error))
             if self._traceback:
                 for line in outcome.traceback_lines(error):
@@ -272,6 +282,6 @@ def _observer(name: str) -> Observer:
         observer: Observer = OBSERVERS[name]()
     except KindError:
         raise
-    except Exception as error:
-        raise UsageError(f"observer {name!r} cannot be created ({type(error).__name__}: {error})") from error
+    except (Exception, SystemExit) as error:
+        raise UsageError(f"observer {name!r} cannot be created ({shown(error)})") from error
     return observer

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common, search_report
-from arva_hil.cli.outcome import FAILED, NO_LINK, Failure, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
+from arva_hil.cli.pace import Pace
 from arva_hil.cli.search_plan import plan_of
 from arva_hil.cli.search_report import PICTURE
 from arva_hil.cli.terminal import tell
@@ -102,6 +103,7 @@ def main(options: argparse.Namespace) -> int:
     refuse_search(Path(options.record))  # before the emulator begins its record in this folder
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
+    pace = Pace()
     with ExitStack() as stack:
         autopilot, port = (memory.pair(), memory.pair()) if fast else _ptys(stack, clock)
         surroundings = stack.enter_context(
@@ -125,7 +127,7 @@ def main(options: argparse.Namespace) -> int:
         code = surroundings.drive(
             loop.emulator,
             lambda: run(
-                loop.tasks,
+                loop.tasks if fast else [*loop.tasks, pace],
                 clock,
                 until=options.limit + _AROUND_S,
                 stopped=lambda: loop.search.outcome is not None or surroundings.stopped(),
@@ -133,10 +135,12 @@ def main(options: argparse.Namespace) -> int:
         )
     outcome = loop.search.outcome
     if outcome is None:
-        outcome = Outcome("failed", "interrupted")
+        outcome = Outcome("failed", "interrupted" if code == INTERRUPTED else "it did not end")
     elif outcome.kind != "found":
         code = code or FAILED
     lines = search_report.result(outcome) + _errors(loop, clock.now())
+    if code not in (OK, INTERRUPTED) and (complaint := pace.complaint(options.speed)):
+        lines.append(complaint)
     if surroundings.page:
         lines.append(f"to see it again: arva-hil view {options.record}")
     truth = loop.truth() if loop.search.origin else {}

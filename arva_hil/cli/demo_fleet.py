@@ -8,7 +8,8 @@ from contextlib import ExitStack
 from typing import Final
 
 from arva_hil.cli import common, search_report
-from arva_hil.cli.outcome import FAILED, OK, UsageError
+from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, UsageError
+from arva_hil.cli.pace import Pace
 from arva_hil.cli.search_plan import check_receivers, check_width, plan_of
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario
@@ -32,6 +33,7 @@ def fly(options: argparse.Namespace, base: Scenario) -> int:
     check_width(options, len(chosen.vehicles))
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
+    pace = Pace()
     with ExitStack() as stack:
         surroundings = stack.enter_context(common.Run(options, chosen, clock.epoch_us, live=not options.headless))
 
@@ -52,20 +54,22 @@ def fly(options: argparse.Namespace, base: Scenario) -> int:
         code = surroundings.drive(
             loop.emulator,
             lambda: run(
-                loop.tasks,
+                loop.tasks if fast else [*loop.tasks, pace],
                 clock,
                 until=options.limit + _AROUND_S,
                 stopped=lambda: loop.over or surroundings.stopped(),
             ),
         )
     for drone in loop.drones:
-        outcome = drone.search.outcome or Outcome("failed", "interrupted")
+        outcome = drone.search.outcome or Outcome("failed", "interrupted" if code == INTERRUPTED else "it did not end")
         first, *_ = search_report.result(outcome)
         error = loop.error(drone)
         tell(f"{drone.name}: {first}" + ("" if error is None else f"; the transmitter is {error:.2f} m from there"))
     lacking = {transmitter.id for transmitter in chosen.transmitters} - loop.found
     if lacking:
         tell(f"not found: {', '.join(f'transmitter {id_}' for id_ in sorted(lacking))}")
+        if code != INTERRUPTED and (complaint := pace.complaint(options.speed)):
+            tell(complaint)
     return code or (FAILED if lacking else OK)
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import gc
 import importlib
 import inspect
 import io
 import os
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import Final
 
@@ -108,8 +109,9 @@ def _guarded(arguments: list[str]) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # do not fail on a terminal that cannot show °
     try:
+        run = _command(arguments)  # a signal ends the process at once, see __main__.py
         with outcome.interrupting():
-            code = _command(arguments)
+            code = run() if run else outcome.OK
             flush()
         return code
     except KeyboardInterrupt:
@@ -132,17 +134,18 @@ def _guarded(arguments: list[str]) -> int:
         return outcome.FAILED
 
 
-def _command(arguments: list[str]) -> int:
+def _command(arguments: list[str]) -> Callable[[], int] | None:
+    """What the arguments want: a command, imported, with its options. None if it was the help, which is printed."""
     arguments = ["--help" if argument in ("-help", "-?", "/?") else argument for argument in arguments]
     if arguments[:1] in (["-h"], ["--help"], ["help"]):
         for line in HELP.format(
             commands="\n".join(f"  {name:<10} {what}" for name, what in COMMANDS.items())
         ).splitlines():
             show(line)
-        return outcome.OK
+        return None
     if arguments[:1] == ["--version"]:
         show(f"arva-hil {__version__}")
-        return outcome.OK
+        return None
     name = "run"
     if arguments and not arguments[0].startswith("-"):
         name = arguments.pop(0)
@@ -162,11 +165,11 @@ def _command(arguments: list[str]) -> int:
     try:
         options = parser.parse(arguments)
     except SystemExit:  # argparse has printed the help
-        return outcome.OK
+        return None
     for line in unknown_variables(os.environ, parser, COMMANDS):
         tell(f"warning: {line}")
     refuse_closed(options)
-    return int(_imported(f"arva_hil.cli.{module_name(name)}").main(options))
+    return functools.partial(_imported(f"arva_hil.cli.{module_name(name)}").main, options)
 
 
 def _imported(name: str) -> ModuleType:

@@ -7,6 +7,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from itertools import pairwise
 from typing import Any, Final, NoReturn
 
@@ -18,6 +19,8 @@ from arva_hil.registry import Registry
 
 DEFAULT_AUTOPILOT: Final = "udpin:127.0.0.1:14550"
 PREFIX: Final = "ARVA_HIL_"
+# argparse makes one for each option, to check it; without a width it would ask for the terminal's, with slow imports.
+_formatter: Final = partial(argparse.RawDescriptionHelpFormatter, width=80)
 _NUMBER: Final = r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?|inf"
 
 
@@ -25,7 +28,7 @@ class CommandParser(argparse.ArgumentParser):
     """An argument parser that reads the environment too: `--rate` is also ARVA_HIL_RATE, weaker than the option."""
 
     def __init__(self, **kwargs: Any) -> None:
-        super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **kwargs)
+        super().__init__(formatter_class=_formatter, allow_abbrev=False, **kwargs)
         self._environment: dict[str, argparse.Action] = {}
         self.typed_only: list[str] = []  # flags without an environment variable
         self._given: Sequence[str] = ()
@@ -117,6 +120,10 @@ class CommandParser(argparse.ArgumentParser):
             return action.type(text) if callable(action.type) else text
         except (ValueError, ArvaError) as error:
             raise argparse.ArgumentError(action, str(error)) from None
+
+    def format_help(self) -> str:
+        self.formatter_class = argparse.RawDescriptionHelpFormatter  # as wide as the terminal
+        return super().format_help()
 
     def _print_message(self, message: str, file: object = None) -> None:
         """Print the help on stdout. argparse itself hides an error of stdout."""

@@ -40,50 +40,85 @@ class UsageError(Failure):
 
 
 _SIGNALS: Final = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-_STUCK_S: Final = 1.0  # a loop that goes on for longer after a signal is stuck
+_STUCK_S: Final = 1.0  # what goes on for longer after a signal is stuck
 _PACKAGE: Final = Path(__file__).parent.parent
 
 
 @contextlib.contextmanager
 def interrupting() -> Iterator[None]:
-    """Every signal raises KeyboardInterrupt, as Ctrl-C does. For use outside the loop, where no data can be lost."""
-    before = _set(signal.default_int_handler)
+    """The first signal raises KeyboardInterrupt, as Ctrl-C does. For use outside the loop, where no data can be lost.
+
+    A further signal is ignored, so that what was begun is put away, unless that is stuck.
+    """
+    before = _set(_Interrupting().note)
     try:
         yield
     finally:
         _restore(before)
 
 
-class SignalGuard:
-    """Remembers the first signal in `caught` and the first error of a thread in `error`. The loop must check both.
-
-    A further signal is ignored. If the loop is stuck, it raises KeyboardInterrupt there, unless `ending` is set.
-    """
+class _FirstSignal:
+    """Remembers the first signal, in `caught`. `note` is the handler."""
 
     def __init__(self) -> None:
         self.caught: signal.Signals | None = None
-        self.error: BaseException | None = None
-        self.ending = False
         self._clock = RealClock()
         self._caught_at = 0.0
+
+    def note(self, number: int, frame: FrameType | None) -> None:
+        if self.caught is None:
+            self._caught_at = self._clock.now()
+            self.caught = signal.Signals(number)
+            self._first()
+        elif self._clock.now() - self._caught_at > _STUCK_S:
+            self._stuck()
+
+    def _first(self) -> None:
+        """What the first signal does."""
+
+    def _stuck(self) -> None:
+        """What a signal does a while after the first one."""
+        raise KeyboardInterrupt
+
+
+class _Interrupting(_FirstSignal):
+    def _first(self) -> None:
+        raise KeyboardInterrupt
+
+
+class SignalGuard(_FirstSignal):
+    """Remembers the first signal in `caught` and the first error of a thread in `error`. The loop must check both.
+
+    A further signal is ignored. If the loop is stuck, it raises KeyboardInterrupt there, unless `ending` is set.
+    What follows a guard inside `interrupting` puts things away, and signals do not raise KeyboardInterrupt there
+    either, unless it is stuck. A guard around this one is told the signals too.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.error: BaseException | None = None
+        self.ending = False
         self._before: dict[int, Any] = {}
         self._hook = threading.excepthook
 
     def __enter__(self) -> SignalGuard:
-        self._before = _set(self._note)
+        self._before = _set(self.note)
         threading.excepthook = self._fail
         return self
 
     def __exit__(self, *_: object) -> None:
         threading.excepthook = self._hook
-        _restore(self._before)
+        self.ending = False
+        _restore({n: before for n, before in self._before.items() if not isinstance(_owner(before), _Interrupting)})
 
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        if self.caught is None:
-            self.caught = signal.Signals(number)
-            self._caught_at = self._clock.now()
-        elif not self.ending and self._clock.now() - self._caught_at > _STUCK_S:
-            raise KeyboardInterrupt
+    def _first(self) -> None:
+        around = _owner(self._before.get(signal.SIGINT))
+        if self.caught and isinstance(around, SignalGuard):
+            around.note(self.caught, None)
+
+    def _stuck(self) -> None:
+        if not self.ending:
+            super()._stuck()
 
     def _fail(self, args: threading.ExceptHookArgs) -> None:
         if self.error is None:
@@ -94,7 +129,11 @@ def unexpected_error(error: BaseException) -> str:
     """An unexpected error in one line: what it is, and where in this program."""
     ours = [f for f in traceback.extract_tb(error.__traceback__) if _PACKAGE in Path(f.filename).parents]
     where = f" ({Path(ours[-1].filename).relative_to(_PACKAGE)}:{ours[-1].lineno})" if ours else ""
-    return f"unexpected {type(error).__name__}: {error}{where}"
+    try:
+        text = str(error)
+    except Exception:  # that of a plug-in
+        text = "its own text cannot be had"
+    return f"unexpected {type(error).__name__}: {text}{where}"
 
 
 def traceback_lines(error: BaseException) -> list[str]:
@@ -111,6 +150,11 @@ def _set(handler: Any) -> dict[int, Any]:
         return {}
     ours = [n for n in _SIGNALS if n == signal.SIGINT or signal.getsignal(n) is not signal.SIG_IGN]
     return {n: signal.signal(n, handler) for n in ours}
+
+
+def _owner(handler: Any) -> object:
+    """The object whose method a handler is."""
+    return getattr(handler, "__self__", None)
 
 
 def _restore(handlers: dict[int, Any]) -> None:

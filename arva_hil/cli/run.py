@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 
 from arva_hil.cli import common
 from arva_hil.cli.run_links import chosen_sides, signing
@@ -19,12 +19,13 @@ from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.observers.systemd import Watchdog
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.drivers import Live
-from arva_hil.runtime.loop import run
+from arva_hil.runtime.loop import Task, run
 
 
 def main(options: argparse.Namespace) -> int:
     chosen = common.scenario(options, fleet=True)
     sides = chosen_sides(options, chosen)
+    _allow_files()
     clock = RealClock()
     with ExitStack() as stack:
 
@@ -73,6 +74,17 @@ def main(options: argparse.Namespace) -> int:
 
         def loop() -> None:
             with closing(watchdog):
-                run([live, watchdog], clock, until=until, stopped=surroundings.stopped)
+                tasks: list[Task] = [live, watchdog] if watchdog.is_wanted else [live]
+                run(tasks, clock, until=until, stopped=surroundings.stopped)
+                live.finish(clock)
 
         return surroundings.drive(emulator, loop, live.counts, lambda: lost_links(live))
+
+
+def _allow_files() -> None:
+    """Let this process open as many files as the system allows: a fleet with a record has more than the usual 1024."""
+    with suppress(ImportError, OSError, ValueError):
+        import resource  # Windows has none, and no such limit
+
+        most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

@@ -17,7 +17,7 @@ from arva_hil.config import Scenario
 from arva_hil.fleet_links import FleetSides, fleet_sides, ports_of
 from arva_hil.links import Address, parse
 from arva_hil.links.serial_ports import find_autopilot, list_ports
-from arva_hil.links.url import place
+from arva_hil.links.url import excludes, place
 from arva_hil.mavlink.signing import Signing, key_of
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime.signing_state import PersistentSigning, state_file
@@ -49,7 +49,12 @@ def check_sides(autopilot: str | None, port: str | None, form: str) -> None:
         )
     if parse(port).kind == "tlog":
         raise UsageError(f"--port {port}: this is a log: frames cannot be sent there; --record writes files")
-    if autopilot and parse(port) != Address("pty") and place(autopilot) == place(port):
+    if not autopilot:
+        return
+    listeners = place(autopilot), place(port)
+    if excludes(*listeners) or excludes(*reversed(listeners)):
+        raise UsageError(f"--autopilot {autopilot} and --port {port} cannot both listen there: choose another port")
+    if parse(port) != Address("pty") and listeners[0] == listeners[1]:
         raise UsageError(
             f"the autopilot and --port are both {port}: each side needs its own, or send the frames inside MAVLink "
             "with --format tunnel"

@@ -31,7 +31,6 @@ from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.outcome import SearchStep
-from arva_hil.search.team import layered
 from firmware_proto import INNER
 
 if TYPE_CHECKING:
@@ -54,7 +53,7 @@ def main(options: argparse.Namespace) -> int:
             raise UsageError(f"--{name} is missing, e.g. {example}")
     if options.gcs:
         check_ground_station(options.gcs, options.autopilot, options.receiver)
-    plan = layered(plan_of(options), team.member.number) if team else plan_of(options)
+    plan = team.mate.layered(plan_of(options)) if team else plan_of(options)
     way = f"a part of the area of {team.size}" if team else describe(plan)
     clock, guard = RealClock(), SignalGuard()
     start = clock.now()
@@ -66,7 +65,6 @@ def main(options: argparse.Namespace) -> int:
             stack.enter_context(closing(common.open_or_fail(url, clock, opener, patient=True)))
             for url, opener in ((options.autopilot, on_the_ground), (options.receiver, open_reconnecting))
         )
-        log = SearchLog(Path(options.record), start_s=start) if options.record else None
         printer = Printer(sys.stderr)
         printer.say(f"autopilot: {autopilot.name}, receiver: {receiver.name}")
         printer.say(f"strategy {options.strategy}; {way}")
@@ -81,6 +79,8 @@ def main(options: argparse.Namespace) -> int:
             link = common.open_or_fail(options.gcs, clock, open_reconnecting, patient=True)
             live.append(GroundStation(link, lambda: session.vehicle.system if session.vehicle else None, COMPONENT))
             printer.say(f"ground station: {link.name}")
+        stack.enter_context(guard)  # what is begun from here on is closed below
+        log = SearchLog(Path(options.record), start_s=start) if options.record else None
         audience = Audience([printer, *live, *(one for one in (page, log) if one)])
 
         def emit(event: Event) -> None:
@@ -108,8 +108,7 @@ def main(options: argparse.Namespace) -> int:
                 client.stop()
             return client.outcome is not None
 
-        with guard:
-            run([client], clock, stopped=over)
+        run([client], clock, stopped=over)
     assert client.outcome is not None
     code = INTERRUPTED if guard.caught else EXIT[client.outcome.kind]
     first, *lines = result(client.outcome)

@@ -23,7 +23,8 @@ from arva_hil.search.outcome import SearchStep
 from arva_hil.search.permission import Permission, Question
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.strips import Strips
-from arva_hil.search.team import Teammate, divide
+from arva_hil.search.team import Teammate
+from arva_hil.search.team_field import divide
 from arva_hil.search.team_tunnel import TeamTunnel
 from arva_hil.vehicle.session import Session
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -24,7 +25,7 @@ from arva_hil.links import Link, parse
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.shared import SharedLink
 from arva_hil.links.url import show
-from arva_hil.observers.audience import Observer
+from arva_hil.observers.audience import Audience, Observer
 from arva_hil.observers.console import Printer
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import Notice
@@ -34,7 +35,8 @@ from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.outcome import Outcome
-from arva_hil.search.team import Bus, TeamField, Teammate, layered
+from arva_hil.search.team import Bus, Teammate
+from arva_hil.search.team_field import TeamField
 from arva_hil.search.team_tunnel import MOST_MEMBERS, TeamTunnel
 from arva_hil.vehicle.session import Session
 
@@ -107,8 +109,10 @@ def main(options: argparse.Namespace) -> int:
 
         users = {url: [m for m in members if m.autopilot == url] for url in dict.fromkeys(m.autopilot for m in members)}
         shared = {url: SharedLink(opened(url, of)) for url, of in users.items()}
-        for member in members:
-            autopilot, receiver = shared[member.autopilot].user(), opened(member.receiver, [])
+        receivers = [opened(member.receiver, []) for member in members]
+        stack.enter_context(guard)  # what is begun from here on is closed below
+        for member, receiver in zip(members, receivers, strict=True):
+            autopilot = shared[member.autopilot].user()
             printer.say(
                 f"{member.name}: system {member.system}, autopilot: {autopilot.name}, receiver: {receiver.name}"
             )
@@ -117,16 +121,17 @@ def main(options: argparse.Namespace) -> int:
                 logs[member.name] = log
             session = Session(target_system=member.system, rate_hz=options.stream_rate, component=COMPONENT)
             session.news.name = member.name
+            mate = bus.join()
             clients[member.name] = client_of(
                 options,
-                layered(plan, member.number),
+                mate.layered(plan),
                 (session, autopilot, receiver),
                 member.format,
                 start=start,
                 question=None,
-                emit=partial(_tell, printer, member.name, [one for one in (log, page) if one], planned[member.name]),
+                emit=_emit(_News(printer, page, member.name, planned[member.name]), log),
                 log=log.row if log else lambda _: None,
-                team=bus.join(),
+                team=mate,
             )
 
         def over() -> bool:
@@ -134,8 +139,7 @@ def main(options: argparse.Namespace) -> int:
                 client.stop()
             return all(client.outcome for client in clients.values())
 
-        with guard:
-            run(list(clients.values()), clock, stopped=over)
+        run(list(clients.values()), clock, stopped=over)
     outcomes = {name: client.outcome or Outcome("failed", "interrupted") for name, client in clients.items()}
     code = INTERRUPTED if guard.caught else exit_code(list(outcomes.values()))
     for name, outcome in outcomes.items():
@@ -161,13 +165,28 @@ def exit_code(outcomes: list[Outcome]) -> int:
     return OK
 
 
-def _tell(printer: Printer, name: str, observers: Sequence[Observer], planned: list[Event], event: Event) -> None:
-    for observer in observers:
-        observer.observe(event if isinstance(observer, SearchLog) else FromSearch(event.time_s, event, name))
-    if isinstance(event, WouldOrder | SetPointPlanned):
-        planned.append(event)
-    if said := sentence(event):
-        printer.notice(Notice(said.level, f"{name}: {said.text}"))
+@dataclass
+class _News:
+    """Tells the page and a person what comes from the search of a vehicle. Remembers what it has `planned`."""
+
+    printer: Printer
+    page: Observer | None
+    name: str
+    planned: list[Event]
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, WouldOrder | SetPointPlanned):
+            self.planned.append(event)
+        if self.page:
+            self.page.observe(FromSearch(event.time_s, event, self.name))
+        if said := sentence(event):
+            self.printer.notice(Notice(said.level, f"{self.name}: {said.text}"))
+
+
+def _emit(*observers: Observer | None) -> Callable[[Event], None]:
+    """Tells observers an event. One that raises stops no search."""
+    audience = Audience([one for one in observers if one])
+    return lambda event: audience.tell([event])
 
 
 def _team(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -12,6 +13,7 @@ from arva_hil.config import Scenario, to_dict
 from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.frame_source import FrameSource
+from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.observers.record.layout import RecordLayout
 from arva_hil.runtime.clock import RealClock, utc
 from arva_hil.runtime.drivers import Live
@@ -100,6 +102,7 @@ def counters(emulator: Emulator) -> dict[str, Any]:
 def summary_lines(emulator: Emulator) -> list[str]:
     """The summary for a person."""
     one, lines = is_one(emulator), list[str]()
+    users = Counter(vehicle.link for vehicle in emulator.vehicles)
     for vehicle in emulator.vehicles:
         for source in vehicle.sources:
             of = "" if one else f"{vehicle.name}/{source.name}: "
@@ -107,16 +110,29 @@ def summary_lines(emulator: Emulator) -> list[str]:
             taken = f"{c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose"
             lines.append(f"{of}{c.frames} frames: {taken}; worst lateness {c.latest_s * 1e3:.1f} ms")
             lines += [of + line for line in _mishaps(source)]
-        lines += [line if one else f"{vehicle.name}: {line}" for line in _heard(vehicle.session)]
+        heard = _heard(vehicle.session, alone=users[vehicle.link] == 1)
+        lines += [line if one else f"{vehicle.name}: {line}" for line in heard]
+    for link, number in users.items():
+        if number > 1:
+            reader = next(vehicle.session.reader for vehicle in emulator.vehicles if vehicle.link == link)
+            lines.append(f"{link} ({number} vehicles): {_came(reader)}")
     return lines
 
 
-def _heard(session: Session) -> list[str]:
-    parser = session.parser
-    lines = [
-        f"autopilot: {session.reader.bytes} bytes, {parser.packets} packets, {parser.bad_crc} bad checksums, "
-        f"{parser.skipped} bytes skipped, {session.ignored} packets of others ignored"
-    ]
+def _came(reader: PacketReader) -> str:
+    parser = reader.parser
+    return (
+        f"{reader.bytes} bytes, {parser.packets} packets, {parser.bad_crc} bad checksums, "
+        f"{parser.skipped} bytes skipped"
+    )
+
+
+def _heard(session: Session, *, alone: bool) -> list[str]:
+    """`alone`: on its link; others have what came there said once."""
+    whose = "autopilot" if session.vehicle else "no vehicle was found; its link"
+    lines = [f"{whose}: {_came(session.reader)}, {session.ignored} packets of others ignored"] if alone else []
+    if not alone and not session.vehicle:
+        lines.append("no vehicle was found")
     if doubts := [f"{n} {name.replace('_', ' ')}" for name, n in session.disbelieved().items() if n]:
         lines.append(f"not used: {', '.join(doubts)}")
     return lines

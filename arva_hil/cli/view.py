@@ -13,7 +13,7 @@ from pathlib import Path
 from arva_hil.cli import replay
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import CommandParser
-from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError
+from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError, interrupting
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.watchers import said_of_page
 from arva_hil.observers.web.address import HostPort
@@ -25,8 +25,10 @@ from arva_hil.viewer import RecordedState
 
 def main(options: argparse.Namespace) -> int:
     guard, clock = SignalGuard(), RealClock()
-    with ExitStack() as stack:
+    with guard, ExitStack() as stack:
         recording = _recording(options, stack)
+        if recording is None:
+            return INTERRUPTED
         for note in recording.notes:
             tell(f"warning: {note}")
         server = _serve(options.web, RecordedState(recording))
@@ -35,14 +37,13 @@ def main(options: argparse.Namespace) -> int:
             tell(line)
         first, last = recording.span_s
         tell(f"{recording.title}: {last - first:.0f} s; Ctrl-C ends")
-        with guard:
-            while not (guard.caught or guard.error) and clock.now() < options.duration:
-                clock.wait(min(clock.now() + 0.1, options.duration))
+        while not (guard.caught or guard.error) and clock.now() < options.duration:
+            clock.wait(min(clock.now() + 0.1, options.duration))
     return INTERRUPTED if guard.caught else OK
 
 
-def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording:
-    """The record in a folder, or of a log that is replayed first."""
+def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording | None:
+    """The record in a folder, or of a log that is replayed first; None after a signal."""
     folder = Path(options.record_or_log)
     if folder.is_file():
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="arva-view-"))) / folder.name
@@ -50,11 +51,14 @@ def _recording(options: argparse.Namespace, stack: ExitStack) -> Recording:
         arguments_of("replay")(parser)
         chosen = ["--scenario", options.scenario] if options.scenario else []
         code = replay.main(parser.parse([options.record_or_log, "--record", str(folder), *chosen], {}))
+        if code == INTERRUPTED:
+            return None
         if code != OK:
             raise UsageError(f"{options.record_or_log}: cannot be replayed")
     elif options.scenario:
         raise UsageError("--scenario: a record has its own: it is for a log, LOG.tlog")
-    return load(folder)
+    with interrupting():  # it may be long
+        return load(folder)
 
 
 def _serve(address: HostPort, state: RecordedState) -> Server:

@@ -13,6 +13,7 @@ from arva_hil.config import Scenario
 from arva_hil.observers.audience import Observer
 from arva_hil.observers.console.text import Notice
 from arva_hil.observers.web.address import DEFAULT_HOST, HostPort
+from arva_hil.safe_text import shown
 
 if TYPE_CHECKING:  # what a page needs takes 15 ms to import: only when one is wanted
     from arva_hil.observers.web.page import WebPage
@@ -110,5 +111,7 @@ def close_all(observers: Sequence[Observer], notice: Callable[[Notice], None]) -
     for observer in observers:
         try:
             getattr(observer, "close", lambda: None)()
-        except Exception as error:
-            notice(Notice("error", f"observer {type(observer).__name__}: close() failed: {error!r}"))
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # as in `Audience`
+            notice(Notice("error", f"observer {type(observer).__name__}: close() failed: {shown(error)}"))

@@ -98,6 +98,10 @@ class Scenario(Table):
         transmitters = [(("transmitters", at), one) for at, one in items_of(of, "transmitters")]
         yield from duplicates(transmitters, "id", "id")
         yield from vehicle_conflicts(of)
+        systems = [vehicle.system for _, vehicle in items_of(of, "vehicles")]
+        for path, one in transmitters:
+            if one.follows and systems.count(one.follows.system) > 1:
+                yield Violation("a system that one vehicle has", path=(*path, "follows", "system"))
         yield from ground_conflicts(of)
         if of.pose == "truth" and of.navigation_error is not None:
             expected = "none with `pose: truth`, which has no error"

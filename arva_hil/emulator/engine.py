@@ -26,10 +26,11 @@ from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.virtual_receiver import Run
 from arva_hil.events import Event, HeartbeatMissing, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet
-from arva_hil.mavlink.packet_reader import PacketReader, unsigned
+from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.vehicle.session import Session
 
 _STATUS_S: Final = 0.25
+_SLACK_S: Final = 0.1  # a status waits so long for something else that is due
 
 
 class Emulator:
@@ -79,6 +80,7 @@ class Emulator:
         self._tell_packets = tell_packets
         self._tell_status = tell_status
         self._next_status = start
+        self._status_at: float | None = None  # one is to be made, after the outputs are written
         self._lost: set[str] = set()
         self._told: PacketsReceived | None = None  # the newest
         self._later: list[tuple[float, Sequence[Packet]]] = []  # chunks behind the newest that was told
@@ -124,8 +126,7 @@ class Emulator:
             return
         every = session.reader.read_records([data for _, data in records])
         for (now, _), packets in zip(records, every, strict=True):
-            if used := session.uses(packets):
-                session.hear(unsigned(packets), now)
+            used = session.hear_record(packets, now)
             if self._tell_packets:
                 self._tell(link, packets, now)
             if used:
@@ -163,10 +164,8 @@ class Emulator:
             self._answer(vehicle, now)
             self._agenda.served(vehicle)
         if now >= self._next_status:
-            self._next_status = now + _STATUS_S
-            self._events += [event for followed in self._followed.values() if (event := followed.look(now))]
-            if self._tell_status:
-                self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
+            self._next_status = max(self._next_status + _STATUS_S, now)
+            self._status_at = now
 
     def finish(self, now: float) -> None:
         """Nothing more will come: make the frames that waited for it, and send what faults have delayed."""
@@ -177,7 +176,7 @@ class Emulator:
 
     def next_deadline(self) -> float:
         """The latest time for the next call of `advance`."""
-        return min(self._next_status, self._agenda.first())
+        return min(self._next_status + _SLACK_S, self._agenda.first())
 
     def output(self) -> list[Output]:
         """The outputs to write, in this order. Call `written` for each of them."""
@@ -199,6 +198,11 @@ class Emulator:
 
     def events(self) -> list[Event]:
         """The events since the last call, in their order."""
+        if (now := self._status_at) is not None:
+            self._status_at = None
+            self._events += [event for followed in self._followed.values() if (event := followed.look(now))]
+            if self._tell_status:
+                self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
         if events := self._events[:]:
             self._events.clear()
         return events
@@ -206,13 +210,11 @@ class Emulator:
     def _make_frames(self, vehicle: EmulatedVehicle, now: float, *, last: bool = False) -> None:
         for source in vehicle.sources:
             if source.next_due <= now:
-                ready = self._ready(vehicle, math.inf if last else now)  # the last frames do not wait
-                source.advance(now, vehicle, live=not self._look_ahead_s, ready=ready)
+                ready = self._ready(vehicle, math.inf if last else now) if self._look_ahead_s else None
+                source.advance(now, vehicle, ready)  # the last frames do not wait
             source.obey(now)
 
     def _ready(self, vehicle: EmulatedVehicle, now: float) -> Callable[[float], bool]:
-        if not self._look_ahead_s:
-            return lambda t: True
         known = [vehicle.true_state.known_at, *(followed.known_at for followed in self._followed.values())]
         return lambda t: now - t >= self._look_ahead_s or all(known_at(t) for known_at in known)
 

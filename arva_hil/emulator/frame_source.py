@@ -14,13 +14,14 @@ from arva_hil.emulator.build import receiver
 from arva_hil.emulator.formats import encoder, frame_of, host_form
 from arva_hil.emulator.host_commands import HostCommands
 from arva_hil.emulator.virtual_receiver import Run, VirtualReceiver
-from arva_hil.faults.plan import Faults
-from arva_hil.faults.sending import QueuedFrame
 from arva_hil.frozen import Frozen
 from arva_hil.vehicle.session import Session
 
 if TYPE_CHECKING:
     from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
+    from arva_hil.faults.plan import Faults
+    from arva_hil.faults.sending import QueuedFrame
+    from arva_hil.receiver import ReceiverModel
 
 _SPREAD_S: Final = 0.1  # the first frames of several vehicles wait no longer than this
 _LATE_S: Final = 0.05  # a frame that is made later than this is late
@@ -115,7 +116,7 @@ class FrameSource:
         self.events = run.events
         self.outputs = run.outputs
         model = receiver(scenario)
-        self.faults = Faults(scenario, model) if scenario.faults else None
+        self.faults = _faults(scenario, model) if scenario.faults else None
         heard_by = self.faults.receiver if self.faults else model
         self.receiver = VirtualReceiver(vehicle, name, scenario, heard_by, run)
         self.receiver.plan(self.schedule.deadline)
@@ -138,13 +139,13 @@ class FrameSource:
         due = min(self.schedule.deadline, self.receiver.next_due)
         return min(due, self.faults.outbox.next_due) if self.faults else due
 
-    def advance(self, now: float, vehicle: EmulatedVehicle, *, live: bool, ready: Callable[[float], bool]) -> None:
+    def advance(self, now: float, vehicle: EmulatedVehicle, ready: Callable[[float], bool] | None = None) -> None:
         """Look and make frames at the instants until `now` that are `ready`, and send what faults have delayed.
 
-        `live`: a frame made after its instant is late, and skipped if it is too late.
+        Without `ready` the run is live: a frame made after its instant is late, and skipped if it is too late.
         """
-        schedule, receiver = self.schedule, self.receiver
-        while (t := min(receiver.next_due, schedule.deadline)) <= now and ready(t):
+        schedule, receiver, live = self.schedule, self.receiver, ready is None
+        while (t := min(receiver.next_due, schedule.deadline)) <= now and (ready is None or ready(t)):
             at = now if live else t
             if receiver.next_due <= t and receiver.look(at, vehicle):
                 schedule.bring_forward(t)
@@ -214,20 +215,24 @@ class FrameSource:
         counters.latest_s = max(counters.latest_s, now - t)
         self._note_late(now, now - t)
         self._release(t)
-        before = len(self.outputs)
+        data, before = b"", len(self.outputs)
+        met: tuple[str, ...] = ()
         if self.faults:
             frame, copies = self.faults.send(frame, t, boot_ms, self._encode)
             counters.withheld += not copies
             counters.duplicated += max(0, copies - 1)
             counters.waiting = len(self.faults.outbox)
             self._release(t)
+            sent, met = copies > 0, self.faults.met
         else:
-            copies = self._put(QueuedFrame(frame, boot_ms), t)
-        met = self.faults.met if self.faults else ()
+            data = self._encode(frame, boot_ms)
+            sent = len(data) > 0
+            counters.dropped += not sent
         about = now, self._vehicle, self.name
-        sent = copies > 0
         made = told.FrameMade(*about, number, instant_s, boot, pose, age, reading, frame, sent, now - t, met, reported)
-        if len(self.outputs) > before:
+        if data:
+            self.outputs.append(Output(self.sink, data, t, self, True, made))
+        elif len(self.outputs) > before:
             self.outputs[-1] = self.outputs[-1]._replace(made=made)
         else:
             self._tell(made)
@@ -254,11 +259,16 @@ class FrameSource:
                 self.counters.waiting = len(outbox)
                 self._put(queued, due)
 
-    def _put(self, queued: QueuedFrame, due: float) -> int:
-        """Make an output if it can be sent to somebody. Returns how many were made."""
+    def _put(self, queued: QueuedFrame, due: float) -> None:
+        """Make an output if it can be sent to somebody."""
         data = self._encode(queued.frame, queued.boot_ms) if queued.data is None else queued.data
-        if not data:
+        if data:
+            self.outputs.append(Output(self.sink, data, due, self, queued.whole))
+        else:
             self.counters.dropped += 1
-            return 0
-        self.outputs.append(Output(self.sink, data, due, self, queued.whole))
-        return 1
+
+
+def _faults(scenario: Scenario, model: ReceiverModel) -> Faults:
+    from arva_hil.faults.plan import Faults  # most runs have none
+
+    return Faults(scenario, model)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 from arva_hil.config import NavigationError, Scenario
 from arva_hil.field import LocalFrame, quaternion
 from arva_hil.field.arrays import Array
+from arva_hil.field.quaternion import Quaternion
 from arva_hil.mavlink.codec import dialect
 from arva_hil.vehicle.navigation import is_place
 from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSample, VehicleState
@@ -50,15 +50,15 @@ class PoseError:
         self._seed = seed
         self._begin()
 
-    def true_pose(self, time_s: float, position: Array, attitude: Array) -> tuple[Array, Array]:
-        """True position (3,) NED [m] and attitude quaternion (4,), body → NED, from the reported ones.
+    def true_pose(self, time_s: float, position: Array, attitude: Quaternion) -> tuple[Array, Quaternion]:
+        """True position (3,) NED [m] and attitude, body → NED, from the reported ones.
 
         `time_s`: from the start of the run; before the start the error is that of the start.
         """
         there = position + self._bias
         if self._sigma:
             there += self._walked(max(0.0, time_s / _STEP_S))
-        return there, np.array(quaternion.multiply(self._turn, quaternion.unit(*attitude.tolist())))
+        return there, quaternion.multiply(self._turn, quaternion.unit(*attitude))
 
     def _begin(self) -> None:
         self._random = np.random.Generator(np.random.PCG64([self._seed, 0x57A4]))
@@ -115,7 +115,7 @@ class _WithError(TrueState):
         if later is None or reported is None:
             return None
         position, attitude = self._error.true_pose(t - self._start, later.position, later.attitude)
-        return replace(reported, position=position, velocity=later.velocity, attitude=attitude)
+        return reported._replace(position=position, velocity=later.velocity, attitude=attitude)
 
     def known_at(self, t: float) -> bool:
         return super().known_at(t + self._latency_s)

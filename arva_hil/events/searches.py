@@ -194,6 +194,10 @@ class TransmitterFaded(TransmitterEvent):
     hardly: bool = False
 
 
+class TransmitterLeft(TransmitterEvent):
+    """The search flies to the transmitter no more: another one has found it, or has it. It looks for others."""
+
+
 class BeliefChanged(TransmitterEvent):
     """What the strategy believes now, at most twice a second. Only strategies that tell it have one. `hypotheses`:
     places (north_m, east_m) and their shares, which add up to 1. `covariance`: of the place that they give on average,

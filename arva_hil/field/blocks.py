@@ -6,7 +6,6 @@ block. `dipole.field_of` is faster for few points; receivers use it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -29,7 +28,7 @@ def fill_field(out: Array, points: Array, positions: Array, axes: Array, strengt
         x, y, z = np.ascontiguousarray(points[block].T)
         for m, (position, axis, strength) in enumerate(zip(positions, axes, strengths, strict=True)):
             h = x - position[0], y - position[1], z - position[2]
-            bad = replace_by_field(h, axis, strength)
+            bad = _replace_by_field(h, axis, strength)
             out[block, m, 0], out[block, m, 1], out[block, m, 2] = h
             if len(bad):
                 odd.append([bad + start, np.full(len(bad), m)])
@@ -37,11 +36,10 @@ def fill_field(out: Array, points: Array, positions: Array, axes: Array, strengt
 
 
 @np.errstate(over="ignore", under="ignore")
-def replace_by_field(r: Array | Sequence[Array], axis: Array, strength: Array) -> Array:
-    """Replace places `r`, seen from a dipole, by its field there: north, east and down, each (N,).
+def _replace_by_field(r: tuple[Array, Array, Array], axis: Array, strength: float) -> Array:
+    """Replace places `r`, seen from a dipole along `axis` (3,), by its field there: north, east and down, each (N,).
 
-    `axis` and `strength` of the dipole: numbers, or one for each place (N,). Returns the indices of the places for
-    which the field is wrong: they are too near or too far.
+    Returns the indices of the places for which the field is wrong: they are too near or too far.
     """
     x, y, z = r
     squared = x * x

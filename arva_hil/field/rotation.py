@@ -41,6 +41,8 @@ def to_euler(rotation: ArrayLike) -> Array:
 
 def to_matrix(q: ArrayLike) -> Array:
     """Rotation matrix (..., 3, 3), body → world, of a quaternion (..., 4)."""
+    if isinstance(q, tuple) and len(q) == 4 and isinstance(q[0], float):  # a single one, as it is nearly always
+        return np.array(matrix(*q))
     q = np.asarray(q, float)
     if q.shape == (4,):
         return np.array(matrix(*q.tolist()))

@@ -243,9 +243,9 @@ class Commander(FlightState):
 
     def _watch_pilot(self, now: float) -> None:
         """After a stick was moved, or with a low battery, give the vehicle to the pilot. PX4 does so by itself."""
-        flown, steered = self.phase in (Phase.CLIMBING, Phase.FLYING), self.sticks.moved and self._steered
         if not (why := self.sticks.moved or self.battery.why(now)):
             return
+        flown, steered = self.phase in (Phase.CLIMBING, Phase.FLYING), self.sticks.moved and self._steered
         if self._leave_alone(why):
             return
         if self.phase is Phase.ARMING or (self._modes.px4 and flown and not self.sticks.moved):

@@ -190,7 +190,7 @@ class FlightState:
         """Keep the present heading. Returns False if it is not known."""
         state = self._session.state_at(now, place.frame)
         if state is not None:
-            self._yaw = heading(state.attitude.tolist())
+            self._yaw = heading(state.attitude)
         return state is not None
 
     def _watch_mode(self, now: float) -> None:

@@ -195,13 +195,13 @@ class StreamLink(Link):
         if self._rest:
             with contextlib.suppress(OSError):  # if the link is lost, `_receive` raises it after the last bytes
                 self._send_rest()
-        data = bytearray()
+        data = b""
         try:
             while len(data) < AT_ONCE:
                 chunk = self._receive()
                 if not chunk:
                     raise EndOfStream("closed by the far end")
-                data += chunk
+                data = data + chunk if data else chunk
                 if len(chunk) < self.drained_below:
                     break
         except BlockingIOError:
@@ -209,7 +209,7 @@ class StreamLink(Link):
         except OSError as error:
             if not data:
                 raise self._lost(error) from error
-        return bytes(data)
+        return data
 
     def write(self, data: bytes) -> bool:
         self._check_open()

@@ -108,13 +108,11 @@ class PtyLink(FdLink):
         try:
             if symlink:
                 self._inode = make_symlink(symlink, self.path, self._slave)
-                self.symlink = symlink
                 # once: at the close, or when a signal came before anybody had this link
                 self._unlink = weakref.finalize(self, _remove, symlink, self.path, self._inode)
-        except BaseException:  # also a signal, right behind making it
-            if target(symlink) == self.path:
-                with contextlib.suppress(OSError):
-                    os.unlink(symlink)
+                self.symlink = symlink
+        except BaseException:  # also a signal, at any line above
+            _remove(symlink, self.path)
             self.close()
             raise
 
@@ -180,10 +178,10 @@ class PtyLink(FdLink):
         os.close(self._slave)
 
 
-def _remove(link: str, path: str, inode: int) -> None:
-    """Remove the symlink `link` if it is still the one with this inode, to `path`."""
+def _remove(link: str, path: str, inode: int | None = None) -> None:
+    """Remove the symlink `link` if it leads to `path`, and still is the one with this inode."""
     with contextlib.suppress(OSError):
-        if target(link) == path and os.lstat(link).st_ino == inode:
+        if target(link) == path and inode in (None, os.lstat(link).st_ino):
             os.unlink(link)
 
 
@@ -202,8 +200,13 @@ def make_symlink(link: str, path: str, slave: int) -> int:
                 if who := far_program(link):
                     held = f"is a symlink to {target(link)}, which is in use: held by {who}"
                 raise LinkError(name, held, "take another name")
-            os.symlink(path, new := f"{link}.{os.getpid()}")
-            os.replace(new, link)
+            new = f"{link}.{os.getpid()}"
+            try:
+                os.symlink(path, new)
+                os.replace(new, link)
+            except BaseException:  # also a signal
+                _remove(new, path)
+                raise
         inode = os.lstat(link).st_ino
     except FileExistsError:
         raise LinkError(name, "exists and is not a symlink", "take another name") from None

@@ -45,8 +45,6 @@ class TcpLink(SocketLink):
     (5 s if `answered`), e.g. because its cable is out or it does not read any more.
     """
 
-    hint = "is the autopilot running?"
-
     reopened = True
 
     @classmethod
@@ -55,6 +53,7 @@ class TcpLink(SocketLink):
 
     def __init__(self, host: str, port: int, timeout: float = CONNECT_S, *, answered: bool = False) -> None:
         name = f"tcp:{show(host, port)}"
+        self.hint = f"is {'the autopilot' if answered else 'the program that listens there'} running?"
         try:
             sock = socket.create_connection((host, port), timeout)
             if sock.getsockname() == sock.getpeername():  # nobody listens there, and it is connected to itself

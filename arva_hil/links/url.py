@@ -153,7 +153,17 @@ def _serial(text: str, rest: str, *, colon: bool) -> Address:
 def place(url: str) -> Address:
     """An address that is equal for all spellings of the same link. Raises AddressError."""
     where = parse(url)
-    return where._replace(path=os.path.realpath(where.path) if where.path else "", baud=None)
+    host = _LOOPBACK if where.host.lower() == "localhost" else where.host
+    return where._replace(host=host, path=os.path.realpath(where.path) if where.path else "", baud=None)
+
+
+def excludes(one: Address, other: Address) -> bool:
+    """Whether `one` listens at all addresses of the machine, so that `other` cannot listen at its own."""
+    if one.kind != other.kind or one.kind not in ("udpin", "tcpin") or one.port != other.port or one.host == other.host:
+        return False
+    if one.host == "::":  # also for IPv4 over UDP
+        return one.kind == "udpin" or ":" in other.host
+    return one.host == "0.0.0.0" and ":" not in other.host
 
 
 def _target(rest: str) -> str:

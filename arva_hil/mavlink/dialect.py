@@ -6,7 +6,6 @@ https://mavlink.io/en/messages/common.html
 from __future__ import annotations
 
 import functools
-import itertools
 import struct
 from collections.abc import Callable, Sequence
 from typing import Any, Final, cast
@@ -68,6 +67,12 @@ EscStatus: Final = _lacking(
 )
 
 
+def command(system: int, component: int, number: int, *params: float) -> Any:
+    """The COMMAND_LONG `number` for a component. Missing parameters are 0."""
+    message = ardupilotmega.MAVLink_command_long_message
+    return message(system, component, number, 0, *params, *[0.0] * (7 - len(params)))
+
+
 @functools.cache
 def length_v1(msgid: int) -> int:
     """Bytes of a message's payload without extension fields, which are not part of its CRC_EXTRA.
@@ -111,13 +116,12 @@ def message_maker(msgid: int) -> tuple[Callable[[Sequence[Any]], Any], Any] | No
     if "char" in kind.fieldtypes:
         return None
     names: dict[str, Any] = {"new": object.__new__, "kind": _light_class(msgid)}
-    spans = zip(itertools.accumulate(kind.lengths), kind.lengths, strict=True)
-    parts = [f"list(v[{end - n}:{end}])" if n > 1 else f"v[{end - 1}]" for end, n in spans]
-    fields = [f"m.{name}" for name in kind.ordered_fieldnames]
-    lines = [f" {field} = {part}" for field, part in zip(fields, parts, strict=True)]
-    if max(kind.lengths) == 1:
-        lines = [f" {', '.join(fields)}, = v"]  # all at once
-    exec("\n".join(["def make(v):", " m = new(kind)", *lines, " return m"]), names)
+    numbers, lists = list[str](), list[str]()
+    for name, n in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
+        places = [f"m.{name}"] if n == 1 else [f"{name}_{i}" for i in range(n)]
+        numbers += places
+        lists += [] if n == 1 else [f" m.{name} = [{', '.join(places)}]"]
+    exec("\n".join(["def make(v):", " m = new(kind)", f" {', '.join(numbers)}, = v", *lists, " return m"]), names)
     return names["make"], kind.unpacker
 
 

@@ -6,7 +6,7 @@ from collections.abc import Hashable, Sequence
 from functools import partial
 from typing import Final, NamedTuple
 
-from arva_hil.mavlink.codec import Packet, Parser, usual_packet
+from arva_hil.mavlink.codec import Packet, Parser, usual_record
 from arva_hil.mavlink.signing import Signing, Verdict
 
 
@@ -68,12 +68,9 @@ class PacketReader:
     def read_records(self, records: Sequence[bytes]) -> list[list[Packet]]:
         """The packets of each record of a log, none of which continues in the next one. Only without signing."""
         self.bytes += sum(map(len, records))
-        parser, every, usual = self.parser, list[list[Packet]](), 0
-        for raw in records:
-            if (packet := usual_packet(raw, 0)) is not None and len(packet[0]) == len(raw):
-                usual += 1
-                every.append([packet])
-            else:
-                every.append(parser.feed(raw, whole=True))
-        parser.packets += usual
+        parser, before = self.parser, self.parser.packets
+        every = [
+            [packet] if (packet := usual_record(raw)) is not None else parser.feed(raw, whole=True) for raw in records
+        ]
+        parser.packets = before + sum(map(len, every))
         return every

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from arva_hil.events import Event, ObserverFailed
+from arva_hil.safe_text import shown
 
 
 class Observer(Protocol):
@@ -28,7 +29,14 @@ class Audience:
             for observer in self._observers:
                 try:
                     observer.observe(event)
-                except Exception as error:
-                    self.failed += 1
-                    self._observers = [one for one in self._observers if one is not observer]
-                    self.tell([ObserverFailed(event.time_s, type(observer).__name__, repr(error))])
+                except KeyboardInterrupt:
+                    raise
+                except BaseException as error:  # also SystemExit, and whatever else another package raises
+                    self._switch_off(observer, event, error)
+
+    def _switch_off(self, observer: Observer, event: Event, error: BaseException) -> None:
+        left = [one for one in self._observers if one is not observer]
+        if len(left) < len(self._observers):  # not yet, while another one was told of
+            self.failed += 1
+            self._observers = left
+            self.tell([ObserverFailed(event.time_s, type(observer).__name__, shown(error))])

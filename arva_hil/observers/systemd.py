@@ -14,6 +14,7 @@ from arva_hil.runtime.clock import Clock, Waitable
 
 _RETRY_S: Final = 0.5  # after a datagram that nobody took
 _STATUS_S: Final = 5.0
+_MOST: Final = 4096  # bytes; systemd ignores longer messages
 
 
 class Watchdog:
@@ -34,6 +35,11 @@ class Watchdog:
         self._next = -math.inf if self._socket else math.inf
         self._next_status = 0.0
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether there is a service manager to tell."""
+        return self._socket is not None
+
     def service(self, clock: Clock) -> float:
         now = clock.now()
         if now >= self._next:
@@ -45,7 +51,7 @@ class Watchdog:
     def observe(self, event: Event) -> None:
         if self._socket and isinstance(event, StatusReport) and event.time_s >= self._next_status:
             self._next_status = event.time_s + _STATUS_S
-            self._send(f"STATUS={status_line(event, named=len(event.vehicles) > 1)}")
+            self._send(_cut(f"STATUS={status_line(event, named=len(event.vehicles) > 1)}"))
 
     def close(self) -> None:
         if self._socket:
@@ -61,6 +67,12 @@ class Watchdog:
         except OSError:  # nobody there, or behind with reading
             return False
         return True
+
+
+def _cut(message: str) -> str:
+    """A message that is read, however many vehicles there are."""
+    data, more = message.encode(), "…"
+    return message if len(data) <= _MOST else data[: _MOST - len(more.encode())].decode(errors="ignore") + more
 
 
 def _address(name: str) -> str:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Protocol
 
 _POLL_S = 0.001  # between checks of a link without a descriptor
+_EARLY_S = 0.0005  # a processor that wakes up is slow for so long
 _SELECT_MAX = 1024  # select accepts only descriptors below this
 
 
@@ -36,6 +37,8 @@ def any_ready(links: Iterable[Waitable]) -> bool:
 
 
 class Clock(Protocol):
+    early_s: float  # how long before an instant a task that has slept longer should be called
+
     def now(self) -> float:
         """Seconds."""
 
@@ -50,7 +53,8 @@ def await_descriptors(read: Sequence[int] = (), write: Sequence[int] = (), *, ti
     """
     highest = max((*read, *write), default=-1)
     if highest < _SELECT_MAX or not hasattr(select, "poll"):  # select has microseconds, poll only
-        return any(select.select(read, write, [], timeout_s)[:2])  # milliseconds
+        readable, writable, _ = select.select(read, write, [], timeout_s)  # milliseconds
+        return bool(readable or writable)
     poll = select.poll()
     for fd in {*read, *write}:
         poll.register(fd, (select.POLLIN if fd in read else 0) | (select.POLLOUT if fd in write else 0))
@@ -95,6 +99,7 @@ class RealClock:
 
     def __init__(self, speed: float = 1.0) -> None:
         self._speed = speed
+        self.early_s = _EARLY_S * speed
         self._start = _running()
         self.epoch_us = time.time_ns() // 1000  # microseconds since 1970 at the time 0 of this clock
 
@@ -109,7 +114,7 @@ class RealClock:
             else:
                 fds.append(fd)
         while (left := (deadline - self.now()) / self._speed) > 0:
-            if any_ready(polled):
+            if polled and any_ready(polled):
                 return
             pause = min(left, _POLL_S) if polled else left
             if not fds:
@@ -130,6 +135,8 @@ def from_utc(text: str) -> int:
 
 class StepClock:
     """A clock that jumps to the end of each wait: waiting takes no time."""
+
+    early_s = 0.0
 
     def __init__(self, start: float = 0.0, epoch_us: int = 0) -> None:
         self._now = start

@@ -6,9 +6,7 @@
 from __future__ import annotations
 
 import math
-import select
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from typing import Final
 
@@ -16,89 +14,21 @@ from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.frame_source import Output
 from arva_hil.events import LinkLost
 from arva_hil.links import Link, LinkError
+from arva_hil.links.base import Sender
 from arva_hil.links.tlog_timeline import Record
 from arva_hil.observers.audience import Audience
-from arva_hil.runtime.clock import Clock, Waitable, await_descriptors
+from arva_hil.runtime.clock import Clock, Waitable
 from arva_hil.runtime.link_monitor import LinkMonitor
-
-
-class ReadyLinks:
-    """Remembers which descriptors of several links the system watches. To wait for all of them, wait for `waitables`.
-
-    A link that is away or has no descriptor counts as ready, because it must be polled. Without epoll, and for a single
-    link, every link counts as ready.
-    """
-
-    def __init__(self, links: Mapping[str, Link]) -> None:
-        self._links = links
-        self._epoll = select.epoll() if len(links) > 1 and hasattr(select, "epoll") else None
-        self._names: dict[int, str] = {}  # by descriptor
-        self._polled = list(links)  # those that are read every time
-        self.waitables: Sequence[Waitable] = list(links.values())
-        self.renew()
-
-    def names(self) -> list[str]:
-        """The links to read now, in their order."""
-        if self._epoll is None:
-            return list(self._links)
-        ready = {self._names[fd] for fd, _ in self._epoll.poll(0) if fd in self._names}
-        if not ready:
-            return self._polled
-        return [name for name in self._links if name in ready or name in self._polled]
-
-    def renew(self) -> None:
-        """Watch the present descriptors of the links: a link that comes back has a new one."""
-        if self._epoll is None:
-            return
-        names, polled = dict[int, str](), []
-        for name, link in self._links.items():
-            fd = link.fileno()
-            if link.away or fd is None or not self._watch(fd):
-                polled.append(name)
-            else:
-                names[fd] = name
-        for fd in self._names.keys() - names.keys():
-            with suppress(OSError, ValueError):  # it is already closed
-                self._epoll.unregister(fd)
-        self._names, self._polled = names, polled
-        self.waitables = [self, *(self._links[name] for name in polled)]
-
-    def forget(self, name: str) -> None:
-        """A link is lost and will not come back."""
-        self._links = {other: link for other, link in self._links.items() if other != name}
-        self.renew()
-        if self._epoll is None:
-            self.waitables = list(self._links.values())
-
-    def fileno(self) -> int | None:
-        """A descriptor that is readable while one of the watched links is."""
-        return self._epoll.fileno() if self._epoll else None
-
-    def ready(self) -> bool:
-        """Whether one of the watched links can be read."""
-        fd = self.fileno()
-        return fd is not None and await_descriptors([fd])
-
-    def _watch(self, fd: int) -> bool:
-        """Whether the system watches a descriptor. It forgets closed ones, but their numbers may be used again."""
-        assert self._epoll is not None
-        try:
-            self._epoll.modify(fd, select.EPOLLIN)
-        except FileNotFoundError:
-            try:
-                self._epoll.register(fd, select.EPOLLIN)
-            except OSError:  # of a file
-                return False
-        except OSError:
-            return False
-        return True
-
+from arva_hil.runtime.ready_links import ReadyLinks
 
 _LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within this time
 _LOOK_S: Final = 0.05  # the shortest time between two checks of the links; these are no deadlines
 _STALL_S: Final = 0.05  # a frame that is later than this waits until everything that arrived is read
 _CATCH_UP_S: Final = 0.25  # at most: where more arrives than can be read, frames are late, but they are sent
 _PIECE: Final = 4096  # bytes that are used at a time
+_MOST_BYTES: Final = 1 << 16  # that wait to be used
+_PAUSE_S: Final = 0.11  # what comes so long after the last use is used at once,
+_SHORTLY_S: Final = 0.005  # and so shortly before something is due; the rest waits for one of these
 _HELD_UP_S: Final = 0.001  # after this time of reading, frames that are due are sent first
 _MOST_RECORDS: Final = 256
 LOOK_AHEAD_S: Final = 1.0  # how far a log is read after the instant of a frame, to interpolate
@@ -124,9 +54,13 @@ class Live:
         self._audience = audience
         self._ready = ReadyLinks(autopilots)
         self._next_look = -math.inf
+        self._arrived: list[tuple[str, bytes, float, Sender]] = []  # and not used yet
+        self._waiting = 0  # bytes of it
+        self._use_at = -math.inf
         self._deadline = emulator.next_deadline()
         self._gone: set[str] = set()
         for name, link in autopilots.items():
+            link.follow(*emulator.addressees(name))  # a client that says nothing gets nothing
             if link.away:  # it is not there yet
                 emulator.link_lost(name, link.why, -math.inf)
 
@@ -137,20 +71,34 @@ class Live:
     def service(self, clock: Clock) -> float:
         """Read the links, and do what is due. Returns the next time to call.
 
-        The time is read after the bytes: a late time stamp makes a pose older, an early one newer than it is.
+        The time is read after the bytes: a late time stamp makes a pose older, an early one newer than it is. Bytes of
+        a busy stream are used together, shortly before something is due: that costs less than one packet at a time.
+        The clock says how early it should be called after a longer sleep, because a processor that wakes up is slow.
         """
-        begun = clock.now()
-        stalled = begun - self._deadline > _STALL_S
-        patience = begun + (_CATCH_UP_S if stalled else _HELD_UP_S)
-        for name in self._ready.names():
-            while self._read(name, self._autopilots[name], clock, patience) and stalled and clock.now() <= patience:
-                pass
         now = clock.now()
-        if now >= self._next_look:
+        stalled = now - self._deadline > _STALL_S
+        patience = now + (_CATCH_UP_S if stalled else _HELD_UP_S)
+        for name in self._ready.names():
+            while (came := self._read(name, self._autopilots[name], clock, patience)) is not None:
+                now = came
+                if not stalled or now > patience:
+                    break
+        if now >= self._use_at or now >= self._deadline - _SHORTLY_S or self._waiting > _MOST_BYTES:
+            self._use_arrived(clock, patience)
+            now = clock.now()
+        if due := now >= self._deadline:
+            self._do_due(now)
+        if now >= self._next_look and (due or now >= self._next_look + _LOOK_S):  # rather behind a frame than before it
             self._next_look = now + _LOOK_S
             self._look_at_links(now)
-        self._do_due(now)
-        return self._deadline
+            if now >= self._deadline:
+                self._do_due(now)
+        return self._deadline - clock.early_s if now < self._deadline - _SHORTLY_S else self._deadline
+
+    def finish(self, clock: Clock) -> None:
+        """At the end of a run: use what came, and tell what has happened."""
+        self._use_arrived(clock, math.inf)
+        self._do_due(clock.now())
 
     def counts(self) -> dict[str, int]:
         """For each link: how often it was lost and came back, and the number of reads from strangers."""
@@ -160,22 +108,40 @@ class Live:
             for what in ("losses", "returns", "strangers")
         }
 
-    def _read(self, name: str, link: Link, clock: Clock, patience: float) -> bool:
-        """Read a link once; frames that are due go first after the time `patience`. Returns whether anything came."""
+    def _read(self, name: str, link: Link, clock: Clock, patience: float) -> float | None:
+        """Read a link once. Returns when the bytes came; None if there were none."""
         try:
             came = link.receive()
         except LinkError as error:
-            if self._is_last(name, error, clock.now()):
+            self._use_arrived(clock, patience)
+            self._do_due(now := clock.now())
+            if self._is_last(name, error, now):
                 raise
-            return False
+            return None
+        if not came:  # the link may be lost
+            self._use_arrived(clock, patience)
+            return None
+        now = clock.now()
         for sender, data in came:
+            self._waiting += len(data)
+            self._arrived.append((name, data, now, sender))
+        return now
+
+    def _use_arrived(self, clock: Clock, patience: float) -> None:
+        """Give the engine what came. Frames that are due go first after the time `patience`."""
+        if not (arrived := self._arrived):
+            return
+        self._arrived, self._waiting = [], 0
+        for name, data, came, sender in arrived:
             for at in range(0, len(data), _PIECE):
                 now = clock.now()
                 if now > patience and now >= self._deadline:
                     self._do_due(now)
-                self.emulator.receive(name, data[at : at + _PIECE], now, sender)
-        link.follow(*self.emulator.addressees(name))
-        return bool(came)
+                self.emulator.receive(name, data[at : at + _PIECE], came, sender)
+        for name in {name for name, *_ in arrived}:
+            self._autopilots[name].follow(*self.emulator.addressees(name))
+        self._use_at = clock.now() + _PAUSE_S
+        self._deadline = self.emulator.next_deadline()
 
     def _do_due(self, now: float) -> None:
         """Do everything that is due. Raises the LinkError of the last link of its kind."""
@@ -211,19 +177,22 @@ class Live:
         return False
 
     def _look_at_links(self, now: float) -> None:
+        called = False  # by a receiver's host
         for name, port in self._ports.items():
             if name not in self._gone:
                 try:
-                    data = port.read()
+                    data = port.read() if port.away or port.ready() else b""
                 except LinkError as error:
                     if self._is_last(name, error, now):
                         raise
                     continue
                 if data:
                     self.emulator.receive(name, data, now)
+                    called = True
         self._ready.renew()
         for monitor in self._monitors:
             self._audience.tell(monitor.look(now))
+        self._deadline = now if called else self.emulator.next_deadline()
 
 
 def replay(

@@ -11,7 +11,7 @@ from arva_hil.links import Link
 
 _WORTH_SAYING_S: Final = 0.05  # a shorter absence is not reported
 
-_STATE: Final = operator.attrgetter("losses", "renewals", "returns", "strangers", "away", "why")
+_STATE: Final = operator.attrgetter("losses", "renewals", "returns", "strangers", "why")
 
 
 class LinkMonitor:
@@ -32,15 +32,16 @@ class LinkMonitor:
         self._lost = lost
         self._renewed = renewed
         self._lost_at = 0.0
-        self._state = _STATE(link)
+        self._state, self._away = _STATE(link), link.away
 
     def look(self, now: float) -> list[Event]:
         """The events since the last call."""
-        before, self._state, events = self._state, _STATE(self._link), list[Event]()
-        if self._state == before:
-            return events
-        lost, renewed, returned, strange = map(operator.gt, self._state[:4], before[:4])
-        (was_away, why_before), (away, why), about = before[4:], self._state[4:], (now, self._name, self._link.name)
+        if (state := _STATE(self._link)) == self._state:  # then it is away as it was
+            return []
+        before, self._state, was_away, away = self._state, state, self._away, self._link.away
+        self._away, events, about = away, list[Event](), (now, self._name, self._link.name)
+        lost, renewed, returned, strange = map(operator.gt, state[:4], before[:4])
+        why, why_before = state[4], before[4]
         if lost:
             self._lost_at = now
             self._lost(why, now)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from itertools import chain
 from typing import Final, Protocol
 
 from arva_hil.runtime.clock import Clock, Waitable, any_ready, punctual
@@ -46,7 +45,10 @@ def run(
             if nobody:  # a link woke the clock, but cannot be read: its task must find out why
                 dues = [-math.inf] * len(tasks)
                 continue
-            first = min(dues)
-            due = max([due for due in dues if due <= first + _AT_ONCE_S])
+            due, links = dues[0], tasks[0].links
+            if not alone:
+                first = min(dues)
+                due = max([due for due in dues if due <= first + _AT_ONCE_S])
+                links = [link for task in tasks for link in task.links]
             due = max(due, round(due, 6))  # a rounding error must not put it before the instant at which a task is due
-            clock.wait(min(due, until), chain.from_iterable([task.links for task in tasks]))
+            clock.wait(min(due, until), links)

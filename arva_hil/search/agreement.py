@@ -1,8 +1,8 @@
 """Checks that the readings agree with the place found: the last check of a search with any strategy.
 
 Dipoles are fitted to the readings, anywhere, under each cause that may be wrong with them: late readings, places that
-drift, an antenna that is dead. The place is a transmitter's if one near it explains them far better than any elsewhere,
-under whatever cause, and explains nearly all of them.
+drift, an antenna that is dead, loud electronics. The place is a transmitter's if one near it explains them far better
+than any elsewhere, under whatever cause, and explains nearly all of them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.search import dipole
-from arva_hil.search.history import Explanation, History
+from arva_hil.search.history import OUTLIERS, ROUGH_M, ROUGHLY, Explanation, History
 from arva_hil.search.strategy import Observation
 
 _STEP_M: Final = 0.4  # flown between two readings that are kept,
@@ -30,9 +30,8 @@ _DEEPEST_M: Final = 8.0  # under the ground
 _STRONGEST: Final = 4.0  # times the reference transmitter's moment, or that part of it
 _BETTER: Final = 6.0  # there than elsewhere: more likely by e^6
 _SIGMA_M: Final = 1.2  # of the place, at most
-_ROUGH_M, _FINE_M = 0.5, 0.2  # errors of the receiver's place that are no surprise
-_OUTLIERS: Final = 0.15  # of the readings, at most,
-_NEWEST: Final = 0.4  # and of the newest
+_FINE_M: Final = 0.2  # an error of the receiver's place that is no surprise
+_NEWEST: Final = 0.4  # of the newest readings, at most, may be outliers
 _NEWEST_S: Final = 10.0
 _KNOWN_M: Final = 0.1  # error of the receiver's place, at least, for the check
 _CAUTION: Final = 2.0  # times its sigma: readings are not as independent as the fit believes
@@ -60,7 +59,7 @@ class Judgement(NamedTuple):
         """It can be true; the receiver was flown at that height."""
         depth_m = self.below_m - height_m if self.depth_m is None else self.depth_m
         buried = depth_m < _DEEPEST_M and 1 / _STRONGEST < self.strength < _STRONGEST
-        fits = self.unexplained_m < _UNEXPLAINED_M and self.outliers < _OUTLIERS and self.newest < _NEWEST
+        fits = self.unexplained_m < _UNEXPLAINED_M and self.outliers < OUTLIERS and self.newest < _NEWEST
         return buried and fits and self.better > _BETTER and self.sigma_m < _SIGMA_M
 
 
@@ -75,7 +74,7 @@ class Evidence(History):
 
     def add(self, o: Observation) -> None:
         """Add a reading, unless it is from the same place as the last one."""
-        if not (np.isfinite(o.position).all() and np.isfinite(o.rotation).all()):
+        if not o.finite:
             return
         self.pose(o)
         same = math.dist(self._at, o.position[:2]) < _STEP_M and 0 <= o.time_s - self._time_s < _STEP_S
@@ -94,14 +93,14 @@ class Evidence(History):
         there = self._there
         if there is None or not newest:
             return []
-        o, drift = dipole.Readings(there.cause.gains), there.best.now - there.best.x[:3]
+        o, drift = dipole.Readings(there.cause.gains, there.cause.deaf_m), there.best.now - there.best.x[:3]
         for one in newest:
             position, rotation = self.at(one.time_s - one.age_s - there.cause.lag_s)
             for told in one.told:
                 o.add((np.array(position) - drift).tolist(), rotation, *told, one.time_s, one.ground)
         sigma = float(np.linalg.eigvalsh(there.best.now_covariance)[2]) ** 0.5
         error = math.hypot(max(_KNOWN_M, there.pose_error), _CAUTION * sigma, _SINCE * there.cause.drift_m)
-        beyond: list[bool] = _unexplained(there.best.x, o, error, _CONTRADICTS).tolist()
+        beyond: list[bool] = dipole.unexplained(there.best.x, o, error, _CONTRADICTS).tolist()
         return beyond
 
 
@@ -140,17 +139,11 @@ def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> J
     sigma = math.sqrt(spread / sum(share for share, _ in likely))
     down = float(there.best.now[2])
     below, depth = down - float(o.at[2, 1:].max()), down - float(o.level(there.x)[0]) if o.sloping else None
-    everything = float(_unexplained(x, placed, max(_ROUGH_M, there.pose_error), 9.0).mean())
-    newest = _unexplained(x, placed, max(_FINE_M, there.pose_error), 4.0)[o.time_s[1:] > o.time_s[1:].max() - _NEWEST_S]
+    rough = dipole.unexplained(x, placed, max(ROUGH_M, there.pose_error), ROUGHLY)
+    everything = float(rough[o.time_s[1:] >= min(there.cause.since_s, o.time_s[1:].max())].mean())
+    fine = dipole.unexplained(x, placed, max(_FINE_M, there.pose_error), 4.0)
+    newest = fine[o.time_s[1:] > o.time_s[1:].max() - _NEWEST_S]
     off = x[:2] - place
     (nn, ne), (_, ee) = (there.best.covariance[:2, :2] + np.outer(off, off)).tolist()
     better, share = elsewhere - here, float(newest.mean())
     return Judgement(there.pose_error, below, depth, strength, better, sigma, everything, share, (nn, ne, ee), there)
-
-
-def _unexplained(x: Array, o: dipole.Readings, error_m: float, variances: float) -> NDArray[np.bool_]:
-    """Which readings (N − 1,) are farther off than that from the dipole (6,), by that error of the receiver's place."""
-    fit = dipole.evaluate(x[None], o, error_m)
-    out = fit.error[0] ** 2 > variances * (error_m**2 * fit.slope[0] + fit.variance[0])
-    parts: NDArray[np.bool_] = (out & o.told).reshape(-1, 2)[1:]
-    return parts[:, 0] | parts[:, 1]

@@ -14,16 +14,15 @@ from arva_hil.field.quaternion import heading
 from arva_hil.flight.commander import Commander
 from arva_hil.flight.state import Phase
 from arva_hil.observers.console.reasons import no_pose
-from arva_hil.search.choice import NO_ID
 from arva_hil.search.frames_told import FramesTold, as_position, take_off_point
 from arva_hil.search.ground import Ground
-from arva_hil.search.mission import FOUND, Mission
+from arva_hil.search.mission import Mission
 from arva_hil.search.outcome import SearchStep, lla
 from arva_hil.search.plan import SearchPlan
 from arva_hil.search.receiver_host import ReceiverHost
 from arva_hil.search.strategy import Position
 from arva_hil.search.team import Teammate
-from arva_hil.search.team_news import HeardAt
+from arva_hil.search.team_report import TeamReport
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
 from firmware_proto import Frame
@@ -59,8 +58,7 @@ class Flight:
         self._start = start
         self._log = log
         self._team = team
-        self._searching = True
-        self._handed: dict[int, HeardAt] = {}  # to the team
+        self._report = TeamReport(team, session) if team else None
         self._host = host
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
@@ -80,15 +78,18 @@ class Flight:
         if self.mission is not None:
             self.mission.took(seconds, now - self._skipped_s)
 
-    def skip(self, seconds: float) -> None:
-        """There was a gap, in which the mission's clock did not run."""
+    def skip(self, now: float, seconds: float) -> None:
+        """There was a gap until now, in which the mission's clock did not run."""
         self._skipped_s += seconds
         self._last_pose_s += seconds
         self._commander.steer(STAY)
+        if self._team:
+            self._team.skip(now)
 
     def wait(self, now: float) -> None:
         """The vehicle is still on the ground."""
         self._last_pose_s = now
+        self.look_on(now, searching=True)
 
     def fly(self, now: float) -> None:
         """One step in the air."""
@@ -103,7 +104,8 @@ class Flight:
             return
         self._last_pose_s = now
         position = as_position(state.position)
-        self._tell_team(now, position)
+        if self._report is not None and self.origin is not None:
+            self._report.flown(now, lla(self.origin, *position), self.origin, self.mission)
         if phase is Phase.FLYING:
             if self.mission is None:
                 plan = self._team.plan(self._plan, self.origin) if self._team and self.origin else self._plan
@@ -120,8 +122,8 @@ class Flight:
             receiver = self._plan.mount.place(state.position, state.attitude)
             height = self._ground.height(now, state)
             velocity = self.mission.fly(now - self._skipped_s, position, receiver=as_position(receiver), height=height)
-            if self._team and self.origin:
-                velocity = self._team.apart(self.origin, position, velocity)
+            if self._team:
+                velocity = self._team.apart(position, velocity, self._plan.speed)
             self._commander.steer(velocity)
             if self.mission.over:
                 self._session.news.emit(SearchEnded(now, self.mission.ended, self._plan.land))
@@ -133,39 +135,10 @@ class Flight:
         if self.mission is not None:
             self.mission.confirm(now - self._skipped_s)
 
-    def leave(self, now: float, *, flying: bool) -> None:
-        """The search is over: tell the others where the vehicle is left, and whether it is still in the air."""
-        self._searching = False
-        if self.mission is not None:
-            self._tell_team(now, self.mission.position, flying=flying)
-
-    def _tell_team(self, now: float, position: Position, *, flying: bool = True) -> None:
-        if self._team is None or self.origin is None:
-            return
-        mission, place = self.mission, lla(self.origin, *position)
-        if mission is None:
-            self._team.tell(now, place, flying=flying, searching=self._searching)
-            return
-        target = mission.target
-        hunting = target if mission.hunting and not mission.ended else None
-        found = {victim.id for victim in mission.victims.places if victim.sure} - {NO_ID}
-        if mission.ended == FOUND and mission.found and target is not None:  # not before the last look at it
-            found.add(target)
-        for id_, heard in mission.heard.items():
-            before = self._handed.get(id_)
-            if id_ != NO_ID and (before is None or before.metres != heard.nearest_m):
-                at = lla(self.origin, *heard.nearest_at, 0.0)
-                self._handed[id_] = HeardAt(id_, heard.nearest_m, *at[:2])
-        self._team.tell(
-            now,
-            place,
-            flying=flying,
-            hunting=hunting,
-            hunting_m=math.inf if hunting is None else mission.heard[hunting].nearest_m,
-            found=tuple(found),
-            heard=list(self._handed.values()),
-            searching=self._searching and not mission.ended,
-        )
+    def look_on(self, now: float, *, searching: bool) -> None:
+        """The vehicle is not flown by this search, yet or any more: tell the others where it is."""
+        if self._report is not None:
+            self._report.left(now, self.origin, self.mission, searching=searching)
 
     def _fly_blind(self, now: float) -> None:
         """Without a new pose the vehicle hovers, then lands."""
@@ -186,7 +159,7 @@ class Flight:
         if self._new_frame is not None:
             reading = reading_of(self._new_frame, self.mission.target if self.mission else None)
             self._new_frame = None
-        north_deg = math.degrees(heading(state.attitude.tolist()))
+        north_deg = math.degrees(heading(state.attitude))
         place = as_position(state.position)
         self._log(SearchStep(now - self._start, phase.name.lower(), *place, north_deg, *velocity, *reading))
 

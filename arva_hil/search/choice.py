@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil.events import Event
-from arva_hil.events.searches import TransmitterChosen, TransmitterFaded, TransmitterHeard
+from arva_hil.events.searches import TransmitterChosen, TransmitterFaded, TransmitterHeard, TransmitterLeft
 from arva_hil.search.agreement import Evidence
 from arva_hil.search.strategy import Found, Observation, Position, Strategy
 from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Frame
@@ -97,22 +97,29 @@ class Choice:
 
     `target`: its id or NO_ID, None before the first signal; `strategy`: None while strips are flown; `since_s`: when it
     was chosen. `begin` makes a strategy. `passes`: whether a transmitter is passed by; its second argument says whether
-    it is flown to now.
+    it is flown to now. `most_s`: after that it flies to another one, and comes back to this one as to one that is
+    hardly heard.
     """
 
     def __init__(
-        self, begin: Callable[[], Strategy], passes: Callable[[int, bool], bool], emit: Callable[[Event], None]
+        self,
+        begin: Callable[[], Strategy],
+        passes: Callable[[int, bool], bool],
+        emit: Callable[[Event], None],
+        most_s: float = math.inf,
     ) -> None:
         self.heard: dict[int, HeardTransmitter] = {}
         self.target: int | None = None
         self.strategy: Strategy | None = None
         self.since_s = 0.0
+        self._from_m = math.inf  # how near it had been when it was chosen
         self._nearer_s = math.inf  # since when another one is nearer
         self._put_off: dict[int, tuple[float, float]] = {}  # how near they were, m; since when they are steady
         self._block = (0.0, 0, 0, 0.0)  # since when, frames, those with the transmitter, how near it was before
         self._begin = begin
         self._passes = passes
         self._emit = emit
+        self._most_s = most_s
 
     def note(self, id_: int, observation: Observation) -> None:
         """A reading of a transmitter."""
@@ -128,14 +135,20 @@ class Choice:
 
         `ids`: of a frame; `masked`: it may lack the one that is flown to because of others.
         """
+        if self.target is not None and self.strategy is not None and time_s - self.since_s > self._most_s:
+            self._put_off[self.target] = self.heard[self.target].nearest_m, time_s
+            self._emit(TransmitterLeft(time_s, id_of(self.target)))
+            self.leave()
         if self.target is not None and self.strategy is not None and self._passes(self.target, True):
+            self._emit(TransmitterLeft(time_s, id_of(self.target)))
             self.leave()
         current = self.heard.get(self.target) if self.target is not None else None
         if self.target is not None and current is not None and self.strategy is not None:
             hardly = not masked and self._hardly_heard(current, self.target in ids, time_s)
-            if hardly:
+            deaf = time_s - current.last_s > _DEAF_S
+            if hardly or (deaf and current.nearest_m > _CLOSER * self._from_m):
                 self._put_off[self.target] = current.nearest_m, time_s
-            if hardly or time_s - current.last_s > _DEAF_S:
+            if hardly or deaf:
                 self.strategy = None
                 self._emit(TransmitterFaded(time_s, id_of(self.target), hardly))
         heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard and not self._passes(id_, self._is(id_))}
@@ -153,7 +166,7 @@ class Choice:
             if closest != self.target:
                 self._emit(TransmitterChosen(time_s, id_of(closest), heard[closest].last_m))
             if closest != self.target or self.strategy is None:
-                self.target, self.since_s = closest, time_s
+                self.target, self.since_s, self._from_m = closest, time_s, heard[closest].nearest_m
                 self._block = time_s, 0, 0, heard[closest].nearest_m
                 self.strategy = self._begin()
                 for observation in list(heard[closest].past)[:-1]:

@@ -15,7 +15,7 @@ from arva_hil.field.geodesy import LocalFrame
 from arva_hil.flight.commander import Commander
 from arva_hil.flight.state import Phase
 from arva_hil.links import Link, LinkError, Sender
-from arva_hil.mavlink.codec import dialect
+from arva_hil.mavlink.codec import Packet, dialect
 from arva_hil.observers.console.reasons import left_alone
 from arva_hil.runtime.clock import Clock
 from arva_hil.search.airborne import Flight
@@ -145,24 +145,28 @@ class SearchClient:
         if not self.launched:
             self._preflight.watch_link(now)
         for packet in self._session.feed(chunk, now, sender):
-            mark = packet.msgid == _MARK and packet.component == COMPONENT
-            if mark and self._session.vehicle and packet.system == self._session.vehicle.system:
+            if packet.msgid == _MARK and packet.component == COMPONENT and self._is_vehicle(packet):
                 self._session.news.emit(OwnMarkHeard(now))
-        for packet in self._session.believed if self._tunnel else ():
-            if self._tunnel and self._team and (news := self._tunnel.hear(packet, now)):
-                self._team.hear(news)
+        if self._tunnel and self._team:
+            for packet in self._session.believed:
+                if news := self._tunnel.hear(packet, now):
+                    self._team.hear(news)
         self._preflight.hear(self._session.own)
         self._commander.hear(now, since)
         self._ground.hear(now)
         senders = self._session.senders
         self._line.link.follow(senders.vehicle, senders.candidates)
 
+    def _is_vehicle(self, packet: Packet) -> bool:
+        vehicle = self._session.vehicle
+        return vehicle is not None and packet.system == vehicle.system
+
     def _begin_anew(self, now: float, gap_s: float) -> None:
         """After a gap without reading, all that is known is old."""
         self._session.skip(now)
         self._commander.authority.doubt(now)
         self._preflight.restart()
-        self._flight.skip(gap_s)
+        self._flight.skip(now, gap_s)
         self._receiver.skip(now)
         if self.launched:
             self._session.news.emit(SearchHeldUp(now, gap_s))
@@ -179,6 +183,7 @@ class SearchClient:
     def _step(self, now: float) -> None:
         phase = self._commander.phase
         if self.outcome is not None:
+            self._flight.look_on(now, searching=False)
             return
         if phase is Phase.IDLE:
             self._wait(now)
@@ -201,6 +206,8 @@ class SearchClient:
             self._flight.fly(now)
 
     def _wait(self, now: float) -> None:
+        if self._dry_run is None:
+            self._flight.look_on(now, searching=True)
         if self._stopping:
             self._finish("failed", INTERRUPTED)
             return
@@ -262,5 +269,5 @@ class SearchClient:
         self._commander.let_go()
         if self.outcome is not None:
             return
-        self._flight.leave(self._now_s, flying=bool(self._session.vehicle and self._session.vehicle.armed))
+        self._flight.look_on(self._now_s, searching=False)
         self.outcome = outcome_of(mission, self.origin, kind, how) if mission else Outcome(kind, how)

@@ -129,7 +129,7 @@ class DryRun:
         velocity = STAY
         if not mission.ended:
             velocity = mission.fly(now, self._lifted(position), receiver=as_position(receiver), height=height)
-        heading_deg = math.degrees(heading(state.attitude.tolist()))
+        heading_deg = math.degrees(heading(state.attitude))
         frame, self._last = self._last, None
         reading = reading_of(frame, mission.target) if frame else (None, None, None, None)
         self._log(SearchStep(now - self._start, _PHASE, *position, heading_deg, *velocity, *reading))

@@ -2,8 +2,8 @@
 
 Several hypotheses are kept, with weights from the likelihood of all readings; unlikely ones are dropped. The vehicle
 flies to their average, which separates them. Before it stops, it looks for other hypotheses again, and flies a circle
-about the place. Readings that are late, places that drift as those of a GPS, and dead antennas are noticed and taken
-into account.
+about the place. Readings that are late, places that drift as those of a GPS, dead antennas, and electronics that drown
+what is far off are noticed and taken into account.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Estimate:
 
     def hear(self, observation: Observation) -> None:
         o = observation
-        if self._found or not (np.isfinite(o.position).all() and np.isfinite(o.rotation).all()):
+        if self._found or not o.finite:
             return
         self._evidence.add(o)
         step_s = _DRIFTING_S if self._drifts else max(_STEP_S, _STEP_M / self._speed)
@@ -188,15 +188,15 @@ class Estimate:
 
         `drift`: the same for a drift where there was none, which takes long to average out.
         """
-        self._unexplained, before = 0, self._cause
+        self._unexplained, before, present = 0, self._cause, every[0]
         new = 0.0 if before.drift_m else min(drift, _LIKELIER)
         best = min(every, key=lambda one: one.cost + (new if one.cause.drift_m else 0.0))
         lower = 0 < best.cause.drift_m < before.drift_m
         if lower or best.cause.drift_m > before.drift_m:
             evident = _EVIDENT if lower else drift
-        if best.cause == before and self._drifts and best.best.cost < self._drifts[0].cost:
-            self._x, self._drifts = np.concatenate([best.x[:1], self._x]), [best.best, *self._drifts]
-        if best.cause == before or every[0].cost - best.cost < evident:
+        if self._drifts and present.best.cost < self._drifts[0].cost:
+            self._x, self._drifts = np.concatenate([present.x[:1], self._x]), [present.best, *self._drifts]
+        if best.cause == before or present.cost - best.cost < evident:
             return False
         if best.cause.lag_s > before.lag_s + _LATE_S:
             self._circle = None  # its readings were not of it

@@ -16,7 +16,7 @@ from statistics import median
 from typing import Any, Final, Literal, NamedTuple
 
 from arva_hil.events.searches import HeightSource
-from arva_hil.field.quaternion import matrix
+from arva_hil.field.quaternion import upright
 from arva_hil.mavlink.codec import dialect
 from arva_hil.vehicle.pose_track import VehicleState
 from arva_hil.vehicle.session import Session
@@ -114,7 +114,7 @@ class Ground:
     def height(self, now: float, state: VehicleState) -> Height:
         """The height for the flight. `state`: NED from the take-off point."""
         above, sinks = -float(state.position[2]), float(state.velocity[2])
-        level = matrix(*state.attitude.tolist())[2][2]
+        level = upright(*state.attitude)
         dt, self._time_s = max(0.0, min(now - self._time_s, _FRESH_S)), now
         measured = self._measured(now, level, sinks * dt)
         if measured is not None:

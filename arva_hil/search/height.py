@@ -22,6 +22,7 @@ _RISE_M: Final = 1.0  # of it,
 _LONGEST_S: Final = 60.0  # but no longer in all
 
 _LAND_M: Final = (0.5, 1.5)  # the height at which the autopilot lands, with and without a rangefinder
+_APPROACH_M_S: Final = 1.0  # the highest horizontal speed in the descent
 _ABOVE_M: Final = 0.4  # from the place: nearer is above it; farther away it does not descend
 _SETTLED_M: Final = 0.15
 _LAST_SPEED: Final = 0.3  # m/s, down, for the last metres
@@ -42,7 +43,7 @@ class HeightKeeper:
         self.too_low = False
         self.failed = False
         self.pace = 1.0
-        self.wanted = self._asked = wanted
+        self.wanted = self.asked = wanted
         self.ground: float | None = None
         self._reached = False  # whether the height was reached once, after the climb from the take-off
         self._late_s = self._last_s = math.inf  # when it has failed without a rise, and in any case
@@ -51,7 +52,7 @@ class HeightKeeper:
 
     def velocity(self, time_s: float, height: Height) -> float:
         """The vertical velocity [m/s], down. It climbs if the height is not a number."""
-        metres, self.wanted = height.metres, self._asked + height.margin
+        metres, self.wanted = height.metres, self.asked + height.margin
         self.ground = None if height.ground is None else -height.ground
         from_m, to_m = _SLOWER_M
         above = (metres - self.wanted - from_m) / (to_m - from_m) if height.measured else 0.0
@@ -74,21 +75,21 @@ class HeightKeeper:
 
 
 class Descent:
-    """The descent onto a place (north, east). `done`: low enough to leave the landing to the autopilot.
+    """The descent onto `place` (north, east). `done`: low enough to leave the landing to the autopilot.
 
-    It descends only above the place; elsewhere it first flies there. `speed`: the highest horizontal speed [m/s].
+    It descends only above the place; elsewhere it first flies there. `speed`: the highest of the search [m/s].
     """
 
     def __init__(self, place: tuple[float, float], speed: float, start_s: float, height: float) -> None:
         self.done = False
-        self._place = place
-        self._speed = speed
+        self.place = place
+        self._speed = min(speed, _APPROACH_M_S)
         self._late_s = start_s + _LIMIT_S + 5 * max(height, 0.0)
         self._low_s = math.inf
 
     def velocity(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
         """NED, m/s."""
-        off = math.dist(position[:2], self._place)
+        off = math.dist(position[:2], self.place)
         floor = _LAND_M[not height.measured] + height.margin
         if height.metres <= floor + 0.1:
             self._low_s = min(self._low_s, time_s)
@@ -98,4 +99,4 @@ class Descent:
             return *STILL, 0.0
         fastest = _SINK if height.metres > _LAST_M else _LAST_SPEED
         sink = max(0.0, min(_GAIN * (height.metres - floor), fastest)) if off < _ABOVE_M else 0.0
-        return *towards(position, self._place, self._speed), sink
+        return *towards(position, self.place, self._speed), sink

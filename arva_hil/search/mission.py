@@ -7,8 +7,7 @@ than one is searched for, each place is noted and marked, and the search goes on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping
 from typing import Final
 
 import numpy as np
@@ -28,6 +27,7 @@ from arva_hil.search.strategy import STILL, Found, Observation, Position, Veloci
 from arva_hil.search.strategy_checks import OFTEN, SLOW_S, checked_found, checked_velocity, failed, too_slow
 from arva_hil.search.strips import Strips
 from arva_hil.search.team import Teammate
+from arva_hil.search.team_descent import descent_of
 from arva_hil.search.team_strips import strips_of
 from arva_hil.search.victims import Victim, Victims
 from firmware_proto import Frame
@@ -36,7 +36,7 @@ FOUND: Final = "found"  # the outcome of a successful search
 NOT_SURE: Final = "not sure: the readings do not agree with the place reported"
 
 _THERE_M: Final = 0.5  # from the place found
-_APPROACH_M_S: Final = 1.0  # the highest speed in the descent
+_LONG_S: Final = 240.0  # on the way to one transmitter: then another one of a team may have more luck
 
 
 class Mission:
@@ -66,15 +66,13 @@ class Mission:
         self.found: Found | None = None  # it flies above this place, to end there or to note it
         self.sure = True
         self.position = position  # the last one used
-        self.searched_s = 0.0
-        self.path_m = 0.0
+        self.searched_s = self.path_m = 0.0
         self.frames = 0
         self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
-        self._slow = 0  # how often the strategy took too long,
-        self.slow_s = 0.0  # and how long the last time
+        self._slow, self.slow_s = 0, 0.0  # how often the strategy took too long, and how long the last time
         self._pauses = Pauses(start_s, plan.patience_s, emit)
         self.victims = Victims(plan.victims, host, emit)
-        self._choice = Choice(lambda: plan.strategy(plan.speed), self._passes, emit)
+        self._choice = Choice(lambda: plan.strategy(plan.speed), self._passes, emit, _LONG_S if team else math.inf)
         self._last_look = LastLook(self._choice, emit)
         self._keeper = HeightKeeper(plan.height, emit)
         self._descent: Descent | None = None
@@ -97,12 +95,14 @@ class Mission:
         if self.victims.several:
             self.victims.hear(frame, time_s)
         if not self.ended and self.found is None:
-            with self._failing():
+            try:
                 masked = self._shares and hidden(frame, self.target)
                 self._choice.choose(heard, time_s, masked=masked)
                 nothing = Observation(time_s, position, rotation, -1, -1, False)
                 self._observe(heard, nothing, masked=masked)
                 self._beliefs.look(time_s, id_of(self.target), self._choice.strategy)
+            except (Exception, SystemExit) as error:  # a strategy fails: the vehicle lands
+                self._end(failed(error), broken=True)
 
     def fly(
         self, time_s: float, position: Position, *, receiver: Position | None = None, height: Height | None = None
@@ -119,8 +119,10 @@ class Mission:
         if self.victims.several:
             self.victims.serve(time_s)
         height = height or Height(-position[2], False)
-        if self.ended and self.found is not None and self._land:
-            return self._come_down(self.found, time_s, position, height)
+        if self.ended and self._lands:
+            return self._come_down(time_s, position, height)
+        if self._team:
+            self._keeper.asked = self._team.height(self.plan.height, height.metres - height.margin, position)
         down = self._keeper.velocity(time_s, height)
         if self._keeper.failed and not self.ended:
             self._end(f"it does not get higher than {height.metres:.1f} m", broken=True)
@@ -146,8 +148,12 @@ class Mission:
     @property
     def over(self) -> bool:
         """Whether the search has ended, and the descent too."""
-        down = self._descent is not None and self._descent.done
-        return bool(self.ended) and (self.found is None or not self._land or down)
+        return bool(self.ended) and (not self._lands or (self._descent is not None and self._descent.done))
+
+    @property
+    def _lands(self) -> bool:
+        # by set-points: onto a place found, and in a team anywhere, for others may be below
+        return self._land and (self.found is not None or self._team is not None)
 
     @property
     def hunting(self) -> bool:
@@ -171,12 +177,12 @@ class Mission:
             return {id_: heard for id_, heard in self.heard.items() if not self.victims.knows(id_)}
         return {id_: heard for id_, heard in self.heard.items() if self.found is None or id_ != self.target}
 
-    def _come_down(self, found: Found, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
+    def _come_down(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
         if self._descent is None:
-            speed = min(self.plan.speed, _APPROACH_M_S)
-            place = self._team.beside(found.goal) if self._team else found.goal
-            self._descent = Descent(place, speed, time_s, height.metres)
-            self._emit(DescentBegun(time_s))
+            place = self.found.goal if self.found else position[:2]
+            self._descent = descent_of(self._team, place, self.plan.speed, time_s, height.metres)
+            if self.found:
+                self._emit(DescentBegun(time_s))
         velocity = self._descent.velocity(time_s, position, height)
         if self._descent.done:
             self.confirm(time_s)
@@ -201,9 +207,10 @@ class Mission:
         if (strategy := self._choice.strategy) is not None:
             if self.victims.several and self.victims.put_aside(self._choice, self.others, time_s):
                 return self._go_on(position)
-            with self._failing():
+            try:
                 return checked_velocity(strategy.velocity(time_s, receiver))
-            return STILL
+            except (Exception, SystemExit) as error:
+                return self._end(failed(error), broken=True)
         if self.victims.several and (place := self.victims.heard_at(self.others, receiver)):
             return towards(receiver, place, self.plan.speed)
         velocity = self._strips.velocity(time_s, receiver)
@@ -218,14 +225,13 @@ class Mission:
 
     def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
         place, late = found.goal, self.searched_s > self.plan.limit_s
-        if not late and math.dist(position[:2], place) >= _THERE_M:
+        barred = self._team is not None and self._team.bars(place, position)
+        if not (late or barred) and math.dist(position[:2], place) >= _THERE_M:
             return towards(position, place, self.plan.speed)
         if self.sure and not self.victims.noting:
             verdict = self._last_look.look(found, time_s, last=late)
-            if verdict == LOOK_AGAIN:
-                return self._go_on(position)
-            if verdict == LISTEN:
-                return STILL
+            if verdict in (LOOK_AGAIN, LISTEN):
+                return self._go_on(position) if verdict == LOOK_AGAIN else STILL
             self.sure = verdict == AGREES
         if not self.victims.several:
             return self._end(FOUND if self.sure else NOT_SURE)
@@ -286,14 +292,6 @@ class Mission:
         self._choice.forget(target)
         self._go_on(nothing.position)
         return True
-
-    @contextmanager
-    def _failing(self) -> Iterator[None]:
-        """End the search if a strategy fails, so that the vehicle lands."""
-        try:
-            yield
-        except (Exception, SystemExit) as error:
-            self._end(failed(error), broken=True)
 
     def _end(self, how: str, *, broken: bool = False) -> Velocity:
         self.ended, self.broken = how, broken

@@ -46,10 +46,11 @@ class ReceiverLink:
 
     def read(self, now: float) -> list[Frame]:
         """The new frames until `now` [s]. A repeated frame is not new."""
-        chunk = self._read(now) if self.links else b""
-        self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
-        frames = [frame for frame in self._decoder.feed(chunk, now) if self._fresh.new(frame)]
-        if frames:
+        if chunk := self._read(now) if self.links else b"":
+            self._first_bytes += chunk[: _SHOWN - len(self._first_bytes)]
+        if not (every := self._decoder.feed(chunk, now)):
+            return every
+        if frames := [frame for frame in every if self._fresh.new(frame)]:
             self.last, self._last_s = frames[-1], now
         return frames
 

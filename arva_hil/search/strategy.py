@@ -42,6 +42,11 @@ class Observation(NamedTuple):
         return self.d_cm > 0
 
     @property
+    def finite(self) -> bool:
+        """Whether the pose is made of numbers."""
+        return all(map(math.isfinite, self.position)) and all(map(math.isfinite, self.rotation.flat))
+
+    @property
     def d_m(self) -> float:
         """d in metres; 0 or less without a signal."""
         return self.d_cm / 100

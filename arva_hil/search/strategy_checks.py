@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from arva_hil.errors import ArvaError
+from arva_hil.safe_text import shown
 from arva_hil.search.strategy import Found, Velocity
 
 SLOW_S: Final = 1.0  # for one answer: no set-point is sent meanwhile, and PX4 waits no longer (COM_OF_LOSS_T)
@@ -16,7 +17,6 @@ OFTEN: Final = 2  # times as slow: then it is the strategy, not a pause of the c
 
 _CURE: Final = "mend it, and fly it in arva-hil demo first"
 _CALLERS: Final = [Path(__file__).with_name(name) for name in ("mission.py", "choice.py")]
-_MOST: Final = 200  # characters of the strategy's error
 
 
 class StrategyError(ArvaError):
@@ -77,11 +77,7 @@ def _shown(thing: Any) -> str:
     if inspect.iscoroutine(thing):
         thing.close()  # otherwise Python warns later that it was never awaited
         return "a coroutine (write def, not async def)"
-    try:
-        text = repr(thing)
-    except Exception:  # its own __repr__ raises
-        text = f"a {type(thing).__name__}"
-    return text if len(text) <= _MOST else f"{text[:_MOST]}…"
+    return shown(thing)
 
 
 def _where(error: BaseException) -> str:

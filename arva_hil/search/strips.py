@@ -46,12 +46,15 @@ class Strips:
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
         """The velocity to the next end of a lane; STILL after the last one."""
-        if self._back and math.dist(position[:2], self._back) >= _REACHED_M:
+        if self._back and not self._reaches(position, self._back):
             return towards(position, self._back, self._speed)
         self._back = None
-        while not self.flown and math.dist(position[:2], self.lanes[self._next]) < _REACHED_M:
+        while not self.flown and self._reaches(position, self.lanes[self._next]):
             self._next += 1
         return STILL if self.flown else towards(position, self.lanes[self._next], self._speed)
+
+    def _reaches(self, position: Position, place: tuple[float, float]) -> bool:
+        return math.dist(position[:2], place) < _REACHED_M
 
     def resume(self, position: Position) -> None:
         """Go on from `position`: the lane that was left is joined again at its point nearest to there."""

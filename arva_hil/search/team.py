@@ -8,55 +8,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.search.plan import SearchPlan
+from arva_hil.search.spacing import Near, apart_m, clear_of, goes_first, kept_apart, neighbours
 from arva_hil.search.strategy import Position
 from arva_hil.search.strips import Area
+from arva_hil.search.team_field import TeamField, layer_m
 from arva_hil.search.team_news import MOST_HEARD, HeardAt, News
 
-LAYER_M: Final = 3.0  # between the heights of neighbours
-_LAYERS: Final = 2
 _EVERY_S: Final = 0.2  # how often it tells
 _OLD_S: Final = 5.0  # without news of it, another one's transmitter and part of the area are free again
 _ABSENT_S: Final = 60.0  # from its own first news: then the parts of those that were never heard are free
-_NEAR_M: Final = 6.0  # horizontally, and
-_LEVEL_M: Final = 2.5  # vertically: nearer to another one it does not fly
-_BELOW_M: Final = 8.0  # it does not descend onto one that is less below
 _MUCH_NEARER: Final = 0.5  # times as far: it has the transmitter then, whoever flies there
 _THERE_M: Final = 2.0  # from where a transmitter was heard
-
-
-def divide(area: Area, count: int) -> list[Area]:
-    """`count` parts of an area side by side, from west to east. Raises ValueError for fewer than one."""
-    if count < 1:
-        raise ValueError(f"count: {count}, expected 1 or more")
-    south, west, north, east = area
-    width = (east - west) / count
-    return [(south, west + n * width, north, west + (n + 1) * width) for n in range(count)]
-
-
-@dataclass(frozen=True)
-class TeamField:
-    """What a team searches: `area` [m] of `frame`, which all of them have in common, in `count` parts."""
-
-    area: Area
-    frame: LocalFrame
-    count: int
-
-    def seen_from(self, origin: LocalFrame, part: int | None = None) -> Area:
-        """The area, or one of its parts, from another origin."""
-        north, east, _ = (float(value) for value in self.frame.ned(*origin.lla([0.0, 0.0, 0.0])))
-        south_m, west_m, north_m, east_m = self.area if part is None else divide(self.area, self.count)[part]
-        return south_m - north, west_m - east, north_m - north, east_m - east
-
-
-def layered(plan: SearchPlan, number: int) -> SearchPlan:
-    """The plan at the height of the vehicle of this number: neighbours differ."""
-    higher = LAYER_M * (number % _LAYERS)
-    return replace(plan, height=plan.height + higher, take_off=plan.take_off + higher)
 
 
 class Teammate:
@@ -71,6 +38,7 @@ class Teammate:
         self._field = field
         self._origin: LocalFrame | None = None
         self._alt = 0.0  # of its take-off point
+        self._raised_m = 0.0  # above the lowest layer
         self._part: int | None = number  # that it searches
         self._flown: set[int] = set()
         self._own: set[int] = set()  # transmitters that it has found
@@ -79,12 +47,18 @@ class Teammate:
         self._others: dict[int, News] = {}
         self._told: News | None = None
         self._now = -math.inf
+        self._deaf_until_s = -math.inf  # it could not hear anybody
+        self._speed = 1.0
 
     def hear(self, news: News) -> None:
         """Another one has told this."""
         if news.number != self.number:
             self._others[news.number] = news
             self._flown.update(news.flown)
+
+    def skip(self, now: float) -> None:
+        """It was held up until now: silence until then does not count."""
+        self._deaf_until_s = now
 
     def tell(
         self,
@@ -97,6 +71,7 @@ class Teammate:
         found: tuple[int, ...] = (),
         heard: Sequence[HeardAt] = (),
         searching: bool = True,
+        lost: bool = False,
     ) -> None:
         """Where its own vehicle is and what it does. It is passed on five times a second, and when that changes."""
         self._now = now
@@ -106,7 +81,7 @@ class Teammate:
         free = searching and self._part is None and hunting is None
         ever, flown = tuple(sorted(self._own)), tuple(sorted(self._flown))
         left = sorted((one for one in heard if not self._is_found(one.id)), key=lambda one: one.metres)[:MOST_HEARD]
-        news = News(self.number, now, lla, flying, hunting, ever, part, flown, hunting_m, free, tuple(left))
+        news = News(self.number, now, lla, flying, hunting, ever, part, flown, hunting_m, free, tuple(left), lost)
         told = self._told
         if told is None or replace(told, time_s=now, lla=lla) != news or now - told.time_s >= _EVERY_S:
             self._told = news
@@ -121,9 +96,14 @@ class Teammate:
         hunted = any(self._hunts(other, id_, own=own, metres=metres) for other in self._others.values())
         return hunted or any(id_ in other.found for other in self._others.values())
 
+    def layered(self, plan: SearchPlan) -> SearchPlan:
+        """The plan at the height of its own layer."""
+        self._raised_m = layer_m(self.number)
+        return replace(plan, height=plan.height + self._raised_m, take_off=plan.take_off + self._raised_m)
+
     def plan(self, plan: SearchPlan, origin: LocalFrame) -> SearchPlan:
         """The plan with the team's area as it is seen from the take-off point."""
-        self._origin, self._alt = origin, float(origin.lla([0.0, 0.0, 0.0])[2])
+        self._speed, self._origin, self._alt = plan.speed, origin, float(origin.lla([0.0, 0.0, 0.0])[2])
         return plan if self._field is None else replace(plan, area=self._field.seen_from(origin))
 
     def area(self) -> Area | None:
@@ -172,7 +152,11 @@ class Teammate:
         places = {one.id: self._seen(one.lat, one.lon) for one in every if not self._is_someones(one.id)}
         free = {other.number: self._seen(*other.lla[:2]) for other in self._alive() if other.free}
         free[self.number] = position[:2]
-        self._visited |= {id_ for id_, place in places.items() if math.dist(place, position[:2]) < _THERE_M}
+        self._visited |= {
+            id_
+            for id_, place in places.items()
+            if math.dist(place, position[:2]) < _THERE_M or self.bars(place, position)
+        }
         pairs = sorted((math.dist(at, places[id_]), number, id_) for number, at in free.items() for id_ in places)
         pairs = [pair for pair in pairs if pair[1] != self.number or pair[2] not in self._visited]
         while pairs:
@@ -187,32 +171,74 @@ class Teammate:
         self._visited.clear()
 
     def beside(self, place: tuple[float, float]) -> tuple[float, float]:
-        """Where to land, north and east of its take-off point: at a place, but not near another that has landed."""
-        for other in self._others.values():
-            there = self._seen(*other.lla[:2])
-            if not other.flying and (off := math.dist(place, there)) < _NEAR_M:
-                north, east = ((place[n] - there[n]) / off if off else 1.0 - n for n in range(2))
-                place = there[0] + (_NEAR_M + 1) * north, there[1] + (_NEAR_M + 1) * east
-        return place
+        """Where to land, north and east of its take-off point: at a place, or beside those near it that make no room:
+        they have landed, are not heard any more, or come down themselves and have precedence.
+        """
+        every = self._others.values()
+        taken = [other for other in every if not other.flying or self._is_old(other) or self._ends_before(other)]
+        return clear_of(place, [(self._seen(*other.lla[:2]), self._apart_m(other)) for other in taken])
 
-    def apart(self, frame: LocalFrame, position: Position, velocity: Position) -> Position:
-        """The velocity without what would lead to another vehicle. Position NED [m] in `frame`; velocity NED [m/s]."""
-        north, east, down = velocity
-        for other in self._others.values():
-            n, e, d = (float(value) for value in frame.ned(*other.lla))
-            to_n, to_e, below = n - position[0], e - position[1], d - position[2]
-            distance = math.hypot(to_n, to_e)
-            if distance >= _NEAR_M:
-                continue
-            if down > 0 and 0 < below < (_BELOW_M if other.flying else math.inf):
-                down = 0.0
-            if other.flying and abs(below) < _LEVEL_M and distance > 0:
-                towards = max(0.0, (north * to_n + east * to_e) / distance)
-                north, east = north - towards * to_n / distance, east - towards * to_e / distance
-        return north, east, down
+    @property
+    def lost(self) -> dict[int, tuple[float, float, float]]:
+        """Those in the air that are not heard any more: north and east of its take-off point, and how far it keeps
+        off them [m], by their numbers.
+        """
+        if self._origin is None:
+            return {}
+        gone = [other for other in self._others.values() if other.flying and self._is_old(other)]
+        return {other.number: (*self._seen(*other.lla[:2]), self._apart_m(other)) for other in gone}
+
+    def bars(self, place: tuple[float, float], position: Position) -> bool:
+        """Whether it gets no nearer to a place (north, east), because one that is lost may be there."""
+        return any(
+            math.dist(place, (north, east)) < metres > math.dist(position[:2], (north, east)) - 1.0
+            for north, east, metres in self.lost.values()
+        )
+
+    def height(self, wanted_m: float, height_m: float, position: Position) -> float:
+        """The height to fly at: `wanted_m`, that of its layer, or lower once all of the layer below have ended and are
+        on the ground. It does not come down above another one; it is `height_m` high now.
+        """
+        below = [other for other in self._others.values() if layer_m(other.number) < self._raised_m]
+        if not below or any(other.flying or not other.ended for other in below):
+            return wanted_m
+        low_m = wanted_m - self._raised_m
+        return min(max(height_m, low_m), wanted_m) if self.above_another(position) else low_m
+
+    def above_another(self, position: Position) -> bool:
+        """Whether another one is below its position, NED [m] from its take-off point: it must not land there."""
+        return any(near.in_the_way_down for near in self._neighbours(position))
+
+    def apart(self, position: Position, velocity: Position, speed: float) -> Position:
+        """The velocity without what would lead to another vehicle, at most `speed` [m/s] horizontally. It makes room
+        for one at its height that has precedence, and for one that comes down. Both NED from its take-off point.
+        """
+        near = self._neighbours(position)
+        room_for = [one for one in near if self._makes_room(one)]
+        return kept_apart(near, room_for, velocity, speed)
+
+    def _neighbours(self, position: Position) -> list[Near]:
+        others = [(other, self._age_s(other)) for other in self._others.values()]
+        return neighbours(others, self._origin, position, self._speed) if self._origin else []
+
+    def _makes_room(self, one: Near) -> bool:
+        first = self._told is not None and goes_first(one.other, self._told)
+        return (one.level and (first or one.overdue)) or (one.coming_down and first)
+
+    def _ends_before(self, other: News) -> bool:
+        return other.ended and self._told is not None and goes_first(other, self._told)
+
+    def _age_s(self, other: News) -> float:
+        return math.inf if other.lost else self._now - max(other.time_s, self._deaf_until_s)
+
+    def _apart_m(self, other: News) -> float:
+        return apart_m(other, self._age_s(other), self._speed)
+
+    def _is_old(self, other: News) -> bool:
+        return self._age_s(other) > _OLD_S
 
     def _alive(self) -> list[News]:
-        return [other for other in self._others.values() if self._now - other.time_s <= _OLD_S]
+        return [other for other in self._others.values() if not self._is_old(other)]
 
     def _held(self) -> set[int]:
         """The parts that others search. One that was never heard may still come."""
@@ -228,7 +254,7 @@ class Teammate:
         return set(range(self._field.count)) - self._flown - self._held()
 
     def _hunts(self, other: News, id_: int, *, own: bool, metres: float) -> bool:
-        if other.hunting != id_ or self._now - other.time_s > _OLD_S or metres < _MUCH_NEARER * other.hunting_m:
+        if other.hunting != id_ or self._is_old(other) or metres < _MUCH_NEARER * other.hunting_m:
             return False
         return not own or other.number < self.number or other.hunting_m < _MUCH_NEARER * metres
 

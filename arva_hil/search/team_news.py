@@ -26,7 +26,8 @@ class News:
     transmitter it flies to, or None; `hunting_m`: how near it has heard that one; `found`: the ids of those that it has
     found surely. `part`: of the area, which it searches, None if it does not search strips any more; `flown`: the parts
     of which all strips are flown, as far as it knows. `free`: its strips are flown, and it flies to none. `heard`: the
-    transmitters that it has heard and knows nobody to have found, at most 7.
+    transmitters that it has heard and knows nobody to have found, at most 7. `lost`: it does not know any more where
+    its vehicle is; it was at `lla`.
     """
 
     number: int
@@ -40,3 +41,9 @@ class News:
     hunting_m: float = math.inf
     free: bool = False
     heard: tuple[HeardAt, ...] = ()
+    lost: bool = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether it searches no more: its vehicle lands, has landed, or is somebody else's."""
+        return self.part is None and self.hunting is None and not self.free

@@ -45,6 +45,9 @@ class TeamStrips(Strips):
         Strips.__init__(self, area, self._plan.speed, position, width=self._plan.strip_width)
         return super().velocity(time_s, position)
 
+    def _reaches(self, position: Position, place: tuple[float, float]) -> bool:
+        return super()._reaches(position, place) or self._team.bars(place, position)
+
     def again(self) -> Velocity:
         self._team.forgive()
         return STILL

@@ -1,9 +1,9 @@
 """The news of searches in several programs: MAVLink TUNNEL messages that the autopilots pass on.
 
 A payload has the version, the number of the search, its time in ms, latitude and longitude [1e-7 deg], altitude
-[mm AMSL], flags (1: flying, 2: free), the transmitter that it flies to (255: none) and how near it has heard that one
-[cm], the part that it searches (255: none), the parts flown as bits, the ids found, at most 16, and those heard, at
-most 7, each with how near [cm] and where [1e-7 deg]. All numbers are little-endian.
+[mm AMSL], flags (1: flying, 2: free, 4: lost), the transmitter that it flies to (255: none) and how near it has heard
+that one [cm], the part that it searches (255: none), the parts flown as bits, the ids found, at most 16, and those
+heard, at most 7, each with how near [cm] and where [1e-7 deg]. All numbers are little-endian.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ _NONE: Final = 255
 _FARTHEST: Final = 0xFFFF  # cm, or farther, or not known
 _FLYING: Final = 1
 _FREE: Final = 2
+_LOST: Final = 4
 _MOST_IDS: Final = 16
 _STALE_S: Final = 2.0  # longer on the way than the quickest one: dropped
 _RESTARTED_S: Final = 5.0  # silent for so long, a search may have begun anew
@@ -40,7 +41,7 @@ def encode(news: News) -> bytes:
     place = _degrees(lat), _degrees(lon), round(alt * 1e3)
     time_ms = round(news.time_s * 1e3) & 0xFFFFFFFF
     bits = sum(1 << part for part in news.flown)
-    flies = _FLYING * news.flying | _FREE * news.free, hunting, _cm(news.hunting_m)
+    flies = _FLYING * news.flying | _FREE * news.free | _LOST * news.lost, hunting, _cm(news.hunting_m)
     head = _HEAD.pack(VERSION, news.number, time_ms, *place, *flies, part, bits, len(ids), len(heard))
     rows = [_HEARD.pack(one.id, _cm(one.metres), _degrees(one.lat), _degrees(one.lon)) for one in heard]
     return head + ids + b"".join(rows)
@@ -51,7 +52,7 @@ def decode(payload: bytes, members: int) -> News | None:
     if len(payload) < _HEAD.size or payload[0] != VERSION:
         return None
     _, number, time_ms, lat, lon, alt, flags, hunting, cm, part, bits, found, heard = _HEAD.unpack_from(payload)
-    known = number < members and (part == _NONE or part < members) and not bits >> members and flags < 2 * _FREE
+    known = number < members and (part == _NONE or part < members) and not bits >> members and flags < 2 * _LOST
     if not known or found > _MOST_IDS or heard > MOST_HEARD:
         return None
     ids, rows = payload[_HEAD.size :][:found], payload[_HEAD.size + found :]
@@ -74,6 +75,7 @@ def decode(payload: bytes, members: int) -> News | None:
         _metres(cm),
         bool(flags & _FREE),
         tuple(every),
+        bool(flags & _LOST),
     )
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from enum import IntEnum
+from math import remainder, tau
 from typing import Final, NamedTuple
 
 from arva_hil.simulated.multirotor import CONTACT_M, STEP_US, Multirotor, Vector
@@ -104,18 +105,14 @@ class SimulatedAutopilot:
     def step(self) -> None:
         """10 ms of flight."""
         motion = self.motion
-        climbing = False
-        if self.armed and (self.taking_off or not self.landed):
-            velocity, yaw_rate = self._wanted(motion)
-            climbing = velocity[2] < 0
-            motion.step(velocity, yaw_rate, True)
-        else:
-            motion.step(_STILL, 0.0, False)
+        flies = self.armed and (self.taking_off or not self.landed)
+        velocity, yaw_rate = self._wanted(motion) if flies else (_STILL, 0.0)
+        motion.step(velocity, yaw_rate, flies)
         down = motion.down
-        if climbing or down <= -CONTACT_M:
+        if down < -0.1:
+            self._rested, self.landed = 0, False
+        elif down <= -CONTACT_M or (flies and velocity[2] < 0):
             self._rested = 0
-            if down < -0.1:
-                self.landed = False
         else:
             self._rest()
         if self.taking_off and self._set_point.position and self._believed[2] < self._set_point.position[2] + 0.1:
@@ -139,7 +136,7 @@ class SimulatedAutopilot:
             if position is not None:
                 velocity = self._towards(position, velocity)
             if yaw is not None:
-                yaw_rate = 2.0 * math.remainder(yaw - motion.yaw, math.tau)
+                yaw_rate = 2.0 * remainder(yaw - motion.yaw, tau)
             return velocity, yaw_rate
         if mode is Mode.LAND:
             return self._sink(), 0.0

@@ -18,7 +18,8 @@ from arva_hil.registry import FORMATS
 from arva_hil.runtime.drivers import Live
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.plan import SearchPlan
-from arva_hil.search.team import Bus, TeamField, layered
+from arva_hil.search.team import Bus
+from arva_hil.search.team_field import TeamField
 from arva_hil.simulated.closed_loop import HOME
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
@@ -89,15 +90,16 @@ class ClosedFleet:
             (receiver,) = config.receivers
             autopilots[config.name], ports[sink_name(config, receiver)] = near, given
             simulators.append(Simulator([vehicle], [far, vehicle_end]))
+            mate = bus.join()
             search = SearchClient(
-                layered(plan, n),
+                mate.layered(plan),
                 Session(target_system=system, rate_hz=stream_hz, component=COMPONENT),
                 search_end,
                 taken,
                 FORMATS[receiver.output_format].decoder(),
                 start=start,
                 emit=lambda event, name=config.name: emit(name, event),  # type: ignore[misc]
-                team=bus.join(),
+                team=mate,
             )
             self.drones.append(Drone(config.name, vehicle, search, vehicle_end))
         setups = vehicle_setups(

@@ -69,9 +69,8 @@ class Multirotor:
         self.yaw = 0.0  # radians, never wrapped
         self.steps = 0
         self._wind = wind
-        self._moving = (0.0,) * 9  # velocity, acceleration between the two lags, acceleration
-        self._yaw_rate = 0.0
-        self._lean = self._lean_lagged = 0.0  # 0: upright on the ground … 1: flying
+        # velocity, acceleration between the two lags, acceleration, yaw rate; tilt between its two lags, tilt
+        self._moving = (0.0,) * 12
         self._nodes: deque[_Node] = deque([(0.0,) * 11], maxlen=_HISTORY + 1)
 
     def step(self, velocity: Vector, yaw_rate: float, powered: bool) -> None:
@@ -79,7 +78,7 @@ class Multirotor:
 
         This is called 100 times a second, so it uses comparisons instead of min, max and small functions.
         """
-        vn, ve, vd, ln, le, ld, fn, fe, fd = self._moving
+        vn, ve, vd, ln, le, ld, fn, fe, fd, turning, lagged, lean = self._moving
         down = self.down
         if powered:
             an, ae, cd = velocity
@@ -112,15 +111,12 @@ class Multirotor:
         self.east = east = self.east + (ve + new_e) * _HALF
         down += (vd + new_d) * _HALF
         self.down = down = down if down < 0.0 else 0.0
-        self._moving = new_n, new_e, new_d, ln, le, ld, fn, fe, fd
 
-        turning = self._yaw_rate
-        self._yaw_rate = turning = turning + (yaw_rate - turning) * _YAW_LAG
+        turning = turning + (yaw_rate - turning) * _YAW_LAG
         self.yaw = yaw = self.yaw + turning * _STEP
-
-        lagged, lean = self._lean_lagged, self._lean
-        self._lean_lagged = lagged = lagged + ((powered and down <= -CONTACT_M) - lagged) * _LEAN_LAG
-        self._lean = lean = lean + (lagged - lean) * _LEAN_LAG
+        lagged = lagged + ((powered and down <= -CONTACT_M) - lagged) * _LEAN_LAG
+        lean = lean + (lagged - lean) * _LEAN_LAG
+        self._moving = new_n, new_e, new_d, ln, le, ld, fn, fe, fd, turning, lagged, lean
         self._nodes.append((north, east, down, new_n, new_e, new_d, fn, fe, fd, lean, yaw))
         self.steps += 1
 

@@ -91,7 +91,7 @@ class FollowedVehicle:
 
     def state_at(self, now: float, frame: LocalFrame) -> VehicleState | None:
         """The vehicle's pose at host time `now` in the NED frame `frame`, None if it is unknown."""
-        return self.track.at(self.clock.boot(now), frame)
+        return self.navigation.track.at(self.navigation.clock.boot(now), frame)
 
     def messages(self, wanted: Container[int]) -> Iterator[tuple[int, Any]]:
         """The vehicle's messages of these kinds in the last chunk: message id and message."""

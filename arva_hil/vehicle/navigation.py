@@ -81,7 +81,8 @@ _AHEAD_S: Final = 10.0  # boot time may be this far ahead of the expected one,
 _FASTEST: Final = 20.0  # and a simulator's clock may be this much faster than ours
 _JUMP_M: Final = 100.0  # an estimator may correct itself by this much
 _SPEED_MS: Final = 100.0
-_ALTITUDES_M: Final = (-1_000.0, 100_000.0)
+_LOWEST_M: Final = -1_000.0
+_HIGHEST_M: Final = 100_000.0
 _LARGEST_ANGLES: Final = 8.0**2  # radians², the sum of squares; yaw comes as 0…2π or as ±π
 _LARGEST_RATES: Final = 100.0**2  # rad²/s², likewise
 _M_PER_DEG: Final = 111_320.0
@@ -185,16 +186,16 @@ class Navigation:
         self.track.add_position(_position((boot, *place, velocity)))
 
     def _on_attitude(self, message: Any, boot: float, now: float) -> None:
-        angles = message.roll, message.pitch, message.yaw
-        self._add_attitude(message, boot, angles, _square(*angles) < _LARGEST_ANGLES)
+        roll, pitch, yaw = angles = message.roll, message.pitch, message.yaw
+        self._add_attitude(message, boot, angles, _square(roll, pitch, yaw) < _LARGEST_ANGLES)
 
     def _on_quaternion(self, message: Any, boot: float, now: float) -> None:
-        w, *xyz = quaternion = message.q1, message.q2, message.q3, message.q4
-        self._add_attitude(message, boot, quaternion, 0.9 < w * w + _square(*xyz) < 1.1)
+        w, x, y, z = quaternion = message.q1, message.q2, message.q3, message.q4
+        self._add_attitude(message, boot, quaternion, 0.9 < w * w + _square(x, y, z) < 1.1)
 
     def _add_attitude(self, message: Any, boot: float, angles: tuple[float, ...], possible: bool) -> None:
-        rates = message.rollspeed, message.pitchspeed, message.yawspeed
-        if possible and _square(*rates) < _LARGEST_RATES:
+        p, q, r = rates = message.rollspeed, message.pitchspeed, message.yawspeed
+        if possible and _square(p, q, r) < _LARGEST_RATES:
             self.track.add_attitude(_attitude((boot, angles, rates)))
         else:
             self.refused += 1
@@ -226,7 +227,7 @@ def is_zero(message: Any) -> bool:
 def is_place(place: Place) -> bool:
     """Whether the values are possible. Comparisons with NaN are false."""
     lat, lon, alt = place
-    return abs(lat) <= 90 and abs(lon) <= 180 and _ALTITUDES_M[0] <= alt <= _ALTITUDES_M[1]
+    return -90 <= lat <= 90 and -180 <= lon <= 180 and _LOWEST_M <= alt <= _HIGHEST_M
 
 
 def _place_follows(old: Place, new: Place, gap_s: float) -> bool:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
@@ -136,8 +135,7 @@ class AttitudeSample(NamedTuple):
         return quaternion.from_euler(*self.angles) if len(self.angles) == 3 else quaternion.unit(*self.angles)
 
 
-@dataclass(frozen=True, slots=True)
-class VehicleState:
+class VehicleState(NamedTuple):
     """The vehicle at one instant of the autopilot's clock.
 
     `boot_s` [s]; `position` NED [m] from the datum; `velocity` NED [m/s]; `attitude` quaternion (w, x, y, z) body
@@ -147,7 +145,7 @@ class VehicleState:
     boot_s: float
     position: Vector
     velocity: Vector
-    attitude: Vector
+    attitude: Quaternion
     age_s: float
 
 
@@ -213,7 +211,7 @@ class PoseTrack:
             there = quaternion.slerp(a.quaternion, b.quaternion, (boot - a.boot) / (b.boot - a.boot))
         else:
             there = attitude_ahead(a, boot - a.boot)
-        return VehicleState(boot, where, velocity, np.array(there), age)
+        return VehicleState(boot, where, velocity, there, age)
 
 
 def _append(samples: deque[S], sample: S) -> None:
@@ -241,8 +239,8 @@ def _around(samples: deque[S], boot: float) -> tuple[S, S | None] | None:
 def _position_at(boot: float, a: PositionSample, b: PositionSample | None, frame: LocalFrame) -> tuple[Vector, Vector]:
     there = frame.ned_of(a.lat, a.lon, a.alt)
     if b is None:
-        later = boot - a.boot
-        return np.array([p + v * later for p, v in zip(there, a.velocity, strict=True)]), np.array(a.velocity)
+        later, (north, east, down), (vn, ve, vd) = boot - a.boot, there, a.velocity
+        return np.array((north + vn * later, east + ve * later, down + vd * later)), np.array(a.velocity)
     span = b.boot - a.boot
     u = (boot - a.boot) / span
     places, velocities = [], []

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from arva_hil.events import Event, vehicles
 from arva_hil.mavlink.codec import Packet, dialect
-from arva_hil.mavlink.packet_reader import Packets
+from arva_hil.mavlink.packet_reader import Packets, unsigned
 from arva_hil.vehicle.discovery import Identity, Vehicle
 from arva_hil.vehicle.followed import FollowedVehicle
 from arva_hil.vehicle.navigation import HANDLED
@@ -24,7 +24,7 @@ _ACK: Final = dialect.MAVLINK_MSG_ID_COMMAND_ACK
 _HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
 _HOME: Final = dialect.MAVLINK_MSG_ID_HOME_POSITION
 _DECODED: Final = HANDLED | {_ACK}
-_USED: Final = _DECODED | {_HEARTBEAT}
+_ANSWERED: Final = {_ACK, _HEARTBEAT}
 
 
 def heartbeat() -> Any:
@@ -66,12 +66,23 @@ class Session(FollowedVehicle):
         self._take_all(packets, now, sender)
         return self.vehicle is None or bool(sender == self.senders.vehicle)
 
-    def uses(self, packets: Sequence[Packet]) -> bool:
-        """Whether packets must be heard: false for a single one of the vehicle whose kind only others could want."""
-        if len(packets) != 1 or (vehicle := self.vehicle) is None:
-            return True
-        _, _, _, system, component, msgid, _ = packets[0]
-        return msgid in _USED or system != vehicle.system or component != vehicle.component
+    def hear_record(self, packets: Sequence[Packet], now: float) -> bool:
+        """As `hear`, for a record of a log without signing. Returns whether it was of use.
+
+        A single packet of the vehicle whose kind only others could want is not, and changes nothing.
+        """
+        if len(packets) == 1 and (vehicle := self.vehicle) is not None and not self._extras:
+            (packet,) = packets
+            _, _, _, system, component, msgid, _ = packet
+            if system == vehicle.system and component == vehicle.component and msgid not in _ANSWERED:
+                if msgid not in HANDLED:
+                    return False
+                self.own, self.believed = [packet], packets
+                if (message := self.parser.decode(packet)) is not None:
+                    self._navigate(message, now)
+                return True
+        self.hear(unsigned(packets), now)
+        return True
 
     def want(self, streams: Mapping[int, float]) -> None:
         """Request these optional streams too: message id → Hz."""
@@ -90,7 +101,7 @@ class Session(FollowedVehicle):
 
     def poll(self, now: float) -> bytes:
         """The bytes to send now: our heartbeat and requests for streams. Sets `next_due`."""
-        if self.vehicle and not self.lost and not self._interrupted and now - self._last_heartbeat > _LOST_S:
+        if now - self._last_heartbeat > _LOST_S and self.vehicle and not self.lost and not self._interrupted:
             self.lost = True
             self.news.emit(vehicles.VehicleLost(now, self.news.name, str(self.vehicle), _LOST_S))
         self.senders.look(now)
@@ -122,7 +133,7 @@ class Session(FollowedVehicle):
         If the vehicle's boot time continues, so does its pose track. If it has gone back, the vehicle has rebooted.
         """
         self._interrupted = ""
-        self._next_heartbeat = now
+        self.next_due = self._next_heartbeat = now
         self._last_heartbeat = now
         self.lost = False
         self.senders.resume(now)
@@ -215,7 +226,7 @@ class Session(FollowedVehicle):
         self.encoder.system = vehicle.system
         self.encoder.version = vehicle.version
         self._streams = Streams(self.rate_hz, now, self._extras, self.news)
-        self._last_heartbeat = now
+        self.next_due = self._last_heartbeat = now
         self.news.emit(vehicles.VehicleFound(now, self.news.name, str(vehicle), vehicle.version, signed))
         if signed and not self._signing and not self._passive:
             self.news.emit(vehicles.SignaturesUnchecked(now, self.news.name))
@@ -247,3 +258,4 @@ class Session(FollowedVehicle):
     def _on_ack(self, message: Any, now: float) -> None:
         if self._streams and self.answers_us(message):
             self._streams.acknowledged(message.command, message.result, now)
+            self.next_due = now

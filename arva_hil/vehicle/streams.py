@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from arva_hil.vehicle.navigation import EventQueue
 _MEASURE_S: Final = 2.0  # the window of a rate
 _JUDGE_S: Final = 1.0  # a rate is judged after this time,
 _SILENT_S: Final = 0.3  # or after this time if nothing came
-_LOOK_S: Final = 0.2  # after it was fast enough
+_LOOK_S: Final = 0.2  # after it was fast enough, at least
 _MOST_SEEN: Final = 1024
 _ENOUGH: Final = 0.7  # of the rate requested; a slower stream is requested again
 _ACK_S: Final = 1.0
@@ -64,6 +65,12 @@ class Stream:
                 times.popleft()
         span = _MEASURE_S if now - since > _MEASURE_S else max(now - since, 0.1)
         return max(map(len, self.seen.values())) / span
+
+    def fast_until(self, now: float, since: float) -> float:
+        """Until when [s] a stream that is fast enough `now` stays so, even if nothing more comes."""
+        newest = max(self.seen.values(), key=len)
+        enough = math.ceil(_ENOUGH * self.want_hz * _MEASURE_S)
+        return newest[-enough] + _MEASURE_S if now - since > _MEASURE_S and enough <= len(newest) else now
 
 
 class Streams:
@@ -137,7 +144,7 @@ class Streams:
             if stream.anew or self._too_slow(stream, now):
                 messages.append(self._ask(stream, now, system, component))
             else:
-                stream.tries, stream.next_ask = 0, now + _LOOK_S
+                stream.tries, stream.next_ask = 0, max(stream.fast_until(now, self._since), now + _LOOK_S)
         if not self._pending:
             self._next_ask = min([stream.next_ask for stream in self._all if not stream.refused])
         return messages

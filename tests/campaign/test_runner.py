@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import os
+import pickle
 import socket
 import sys
 from collections.abc import Iterator
@@ -21,7 +23,7 @@ from . import fakes
 from .fakes import FREE, fake, planned
 
 if TYPE_CHECKING:
-    from distributed import LocalCluster
+    from distributed import LocalCluster, Scheduler
 
 EVERY = planned()
 EXPECTED = {one.key: fake(one.trial) for one in EVERY}
@@ -34,10 +36,15 @@ def flown(crew: WorkerPool, fly: Fly = fake, every: list[Planned] = EVERY) -> di
     return results
 
 
+def frozen(_: object) -> Result:
+    return Result(str(gc.get_freeze_count() > 1000), None, None, 0.0, 0.0, 0)
+
+
 def test_processes_fly_every_trial_once() -> None:
     with processes(2) as crew:
         assert crew.name == "processes: 2"
         assert flown(crew) == EXPECTED
+        assert [result.outcome for result in flown(crew, frozen, EVERY[:1]).values()] == ["True"]  # what is imported
 
 
 def test_a_trial_that_raises_has_that_for_an_outcome_and_the_others_go_on() -> None:
@@ -115,6 +122,25 @@ def test_a_large_plan_goes_to_a_cluster_in_shards(scheduler: str, monkeypatch: p
     kept = {one.key: result for some in shards for one, result in some if not result.outcome.startswith("failed")}
     assert kept == {key: EXPECTED[key] for key in kept}
     assert len(kept) == len(EVERY) // 2
+
+
+def test_of_what_was_flown_the_scheduler_keeps_little(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It logs its last 1000 messages to each worker with all that is in them."""
+    from distributed import Client
+
+    every = planned(fakes.PLAN.replace("seeds: 6", "seeds: 100"))
+    monkeypatch.setattr(runner, "_AHEAD", 2)
+    with Client(scheduler, set_as_default=False) as client:
+        before = client.run_on_scheduler(kept)
+        with cluster(scheduler, len(every)) as crew:
+            assert crew.shard == 50
+            assert len(flown(crew, every=every)) == 400
+        assert client.run_on_scheduler(kept) - before < 8 * 5000  # 12 kB a shard as they are
+
+
+def kept(dask_scheduler: Scheduler) -> int:
+    """Bytes of the messages in the scheduler's logs of its workers."""
+    return sum(len(pickle.dumps(list(comm.recent_message_log))) for comm in dask_scheduler.stream_comms.values())
 
 
 def test_a_trial_that_raises_on_a_cluster_has_that_for_an_outcome(scheduler: str) -> None:

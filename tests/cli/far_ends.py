@@ -97,6 +97,9 @@ class Program:
         self.process.terminate()
         assert self.ends() == 130
 
+    def __repr__(self) -> str:
+        return f"<a program that said {self.err!r}>"
+
     def send(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 

@@ -1,7 +1,8 @@
 """The program as a process that is forked from one which has imported everything: what it does is the same, 0.4 s of
 processor time sooner. That it starts as `python -m arva_hil` is for the tests of its start.
 
-As a program it is the server, which forks; `Forked` is what a test sees of a process, as it does of a `Popen`.
+As a program it is the server, which forks, one for all workers of a run; `Forked` is what a test sees of a process, as
+it does of a `Popen`.
 """
 
 from __future__ import annotations
@@ -18,9 +19,11 @@ import select
 import selectors
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Mapping, Sequence
 from typing import IO, Any, Final, NoReturn
 
@@ -125,21 +128,28 @@ def _reader(pipe: tuple[int, int] | None) -> IO[bytes] | None:
     return open(pipe[0], "rb") if pipe else None
 
 
+_started: Final[list[subprocess.Popen[bytes]]] = []  # nobody waits for it: it outlives this worker
+
+
 @functools.cache
 def _server() -> socket.socket:
-    """Started when it is wanted first; it ends with this process."""
-    here, there = socket.socketpair()
-    with there:
+    """Started by the first worker that wants it; it ends with the last one."""
+    run = os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid()))
+    address = f"\0arva-hil-{run}"  # of no file
+    here = socket.socket(socket.AF_UNIX)
+    with socket.socket(socket.AF_UNIX) as there:
+        try:
+            there.bind(address)
+        except OSError:  # another worker was first
+            while here.connect_ex(address):
+                time.sleep(0.01)
+            return here
+        there.listen(64)
+        here.connect(address)
         os.set_inheritable(there.fileno(), True)
         environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
         command = [sys.executable, "-P", __file__, str(there.fileno())]
-        server = subprocess.Popen(command, pass_fds=[there.fileno()], env=environment, stdin=_DEVNULL)
-
-    def end() -> None:
-        here.close()
-        server.wait(10)
-
-    atexit.register(end)
+        _started.append(subprocess.Popen(command, pass_fds=[there.fileno()], env=environment, stdin=_DEVNULL))
     return here
 
 
@@ -147,6 +157,7 @@ def _server() -> socket.socket:
 
 
 def _import_everything() -> None:
+
     import arva_hil
 
     for module in pkgutil.walk_packages(arva_hil.__path__, "arva_hil."):
@@ -154,23 +165,39 @@ def _import_everything() -> None:
             importlib.import_module(module.name)
 
 
-def _serve(requests: socket.socket) -> list[str]:
-    """Fork a process for each request. Comes back in the new process, with its arguments; ends with its client."""
+def _serve(listening: socket.socket) -> list[str]:
+    """Fork a process for each request. Comes back in the new process, with its arguments; ends with the last client."""
     waiting = selectors.DefaultSelector()
-    waiting.register(requests, selectors.EVENT_READ)
+    waiting.register(listening, selectors.EVENT_READ)
+    clients: set[socket.socket] = set()
     while True:
         for key, _ in waiting.select():
-            if key.data:
+            requests = key.fileobj
+            if isinstance(requests, int):
                 pid, status = key.data
                 code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-                waiting.unregister(key.fd)
-                os.close(key.fd)
+                waiting.unregister(requests)
+                os.close(requests)
                 os.write(status, str(code).encode())
                 os.close(status)
                 continue
-            size, fds, _, _ = socket.recv_fds(requests, 4, 4)
+            assert isinstance(requests, socket.socket)
+            if requests is listening:
+                client = listening.accept()[0]
+                if _is_ours(client):
+                    clients.add(client)
+                    waiting.register(client, selectors.EVENT_READ)
+                continue
+            size, fds = b"", []
+            with contextlib.suppress(ConnectionError):
+                size, fds, _, _ = socket.recv_fds(requests, 4, 4)
             if not size:
-                os._exit(0)
+                waiting.unregister(requests)
+                requests.close()
+                clients.remove(requests)
+                if not clients:
+                    os._exit(0)
+                continue
             request = json.loads(_exactly(requests, int.from_bytes(size, "big")))
             pid = os.fork()
             if not pid:
@@ -178,7 +205,8 @@ def _serve(requests: socket.socket) -> list[str]:
                     os.close(key.fd)
                     if key.data:
                         os.close(key.data[1])
-                requests.detach()
+                for other in (listening, *clients):
+                    other.detach()
                 waiting.close()
                 _become(request["env"], request["cwd"], fds, request["closed"])
                 return list(request["arguments"])
@@ -188,6 +216,12 @@ def _serve(requests: socket.socket) -> list[str]:
             pidfd = os.pidfd_open(pid)
             waiting.register(pidfd, selectors.EVENT_READ, (pid, status))
             socket.send_fds(requests, [pid.to_bytes(4, "big")], [pidfd])
+
+
+def _is_ours(client: socket.socket) -> bool:
+    """Whether it is a process of this user: an address that is no file is everybody's."""
+    _, user, _ = struct.unpack("3i", client.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+    return bool(user == os.geteuid())
 
 
 def _exactly(source: socket.socket, size: int) -> bytes:
@@ -227,11 +261,11 @@ def _end(code: int) -> NoReturn:
 
 
 def _main() -> NoReturn:
-    requests = socket.socket(fileno=int(sys.argv[1]))
+    listening = socket.socket(fileno=int(sys.argv[1]))
     _import_everything()
     gc.freeze()
     try:
-        arguments = _serve(requests)
+        arguments = _serve(listening)
     except KeyboardInterrupt:  # typed at the terminal of the tests
         os._exit(130)
     from arva_hil.__main__ import main

@@ -9,6 +9,9 @@ from typing import Any
 
 import pytest
 
+from arva_hil.cli.pace import Pace
+from arva_hil.runtime.clock import StepClock
+
 MAX = ("demo", "--speed", "max", "--headless")
 FIELD = "spec: 2\ntransmitters: [{id: 1, ned: [14, -10, 0.5]}, {id: 2, ned: [-12, 12, 1]}]\n"
 
@@ -38,6 +41,30 @@ def test_what_was_not_found_is_named(arva: Arva, field: Path) -> None:
     ended = arva(*MAX, "--scenario", field, "--count", 2, "--area=0,-12,16,0")
     assert ended.code == 1
     assert "not found: transmitter 2" in ended.err
+
+
+def test_a_computer_that_is_too_slow_for_the_speed_is_named_as_the_cause(arva: Arva, field: Path) -> None:
+    ended = arva("demo", "--speed", 1000, "--headless", "--scenario", field, "--count", 2, "--limit", 30)
+    assert ended.code in (1, 3)  # by what came too late first
+    *_, lacking, last = ended.err.splitlines()
+    assert lacking.startswith("not found: transmitter 1")
+    assert last.startswith("this computer was too slow for --speed 1000: up to ")
+    assert last.endswith("choose a lower --speed, or --speed max, which waits for nothing")
+
+
+def test_who_keeps_pace_is_not_told_that_it_did_not() -> None:
+    clock, pace = StepClock(), Pace()
+    clock.wait(pace.service(clock))
+    assert pace.service(clock) == pytest.approx(0.2)
+    clock.wait(0.4)
+    pace.service(clock)
+    assert pace.complaint(20.0) == ""
+    clock.wait(2.5)
+    pace.service(clock)
+    assert pace.complaint(1.0) == (
+        "this computer was too slow for real time: up to 2.0 s of the flight behind, which may be why the search "
+        "failed: choose --speed max"
+    )
 
 
 @pytest.mark.parametrize(

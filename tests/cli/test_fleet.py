@@ -6,6 +6,7 @@ import contextlib
 import fcntl
 import json
 import os
+import resource
 import socket
 import sys
 import termios
@@ -159,6 +160,7 @@ def test_two_vehicles_behind_one_udp_port_are_told_apart_by_system_id(start: Sta
     assert [run["vehicles"][name]["vehicle"]["system"] for name in ("alpha", "bravo")] == [1, 2]
     assert run["vehicles"]["alpha"]["tlog"] == run["vehicles"]["bravo"]["tlog"] == "autopilot.tlog"
     assert "is ignored" not in program.err
+    assert program.err.count(" bytes skipped") == program.err.count(f"{address} (2 vehicles): ") == 1
 
 
 def test_a_vehicle_that_never_appears_is_said_once_while_the_other_flies(
@@ -173,6 +175,7 @@ def test_a_vehicle_that_never_appears_is_said_once_while_the_other_flies(
     frames = consumer.read(0) + consumer.read(20)
     program.stops()
     assert program.err.count("bravo: nothing was heard at all") == 1
+    assert "bravo: no vehicle was found; its link: 0 bytes" in program.err
     assert hears(frames_in(lines[0].read())[-1])
     assert not any(frame.channels[0].valid for frame in frames)
 
@@ -216,6 +219,21 @@ def test_an_unread_port_a_broken_link_and_a_flood_hold_up_no_other(
     assert {(b.sequence - a.sequence) % 256 for a, b in pairwise(frames)} == {1}
     assert program.err.count("alpha/deaf: nobody takes the frames") == 1
     assert "alpha/heard: nobody" not in program.err
+
+
+def test_a_fleet_may_have_more_files_than_a_program_usually_opens(arva: Arva, tmp_path: Path) -> None:
+    """Six a receiver that is recorded. The usual limit is 1024, and lower here."""
+    usual = resource.getrlimit(resource.RLIMIT_NOFILE)
+    used = len(os.listdir("/proc/self/fd"))
+    address = f"udpin:127.0.0.1:{free_port(socket.SOCK_DGRAM)}"
+    path = fleet_file(tmp_path, "".join(vehicle(f"v{n}", n, address, "{name: r, port: pty}") for n in range(1, 11)))
+    resource.setrlimit(resource.RLIMIT_NOFILE, (used + 30, usual[1]))
+    try:
+        ended = arva("run", "--scenario", path, "--record", tmp_path / "record", "--timeout", "0.1")
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, usual)
+    assert ended.code == 3
+    assert "Too many open files" not in ended.err
 
 
 def test_json_frames_name_vehicle_and_receiver(start: Start, keep: Keep, autopilot: Autopilot, tmp_path: Path) -> None:
@@ -268,8 +286,25 @@ TWO = "- {{name: a, {a} receivers: [{{name: r, port: {p}}}]}}\n- {{name: b, {b} 
         ),
         ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "pty", "pty", ["--rate", "5"], "--rate: "),
         ("autopilot: 'udpin:h:1',", "autopilot: 'udpin://h:1',", "pty", "pty", [], "give each its own `system`"),
+        ("autopilot: 'udpin:localhost:1',", "autopilot: 'udpin:1',", "pty", "pty", [], "give each its own `system`"),
         ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "/dev/x", "'serial:///dev/x'", [], "each needs its own"),
         ("autopilot: '/dev/x',", "autopilot: 'udpin:h:2',", "/dev/x", "pty", [], "each needs its own"),
+        (
+            "autopilot: 'udpin:0.0.0.0:1',",
+            "autopilot: 'udpin:1',",
+            "pty",
+            "pty",
+            [],
+            "udpin:127.0.0.1:1, the autopilot of",
+        ),
+        (
+            "autopilot: 'tcpin:[::1]:1',",
+            "autopilot: 'udpin:1',",
+            "pty",
+            "'tcpin:[::]:1'",
+            [],
+            "the autopilot of a, cannot",
+        ),
         ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "log.tlog", "pty", [], "is a log"),
         ("autopilot: 'udpin:h:1',", "autopilot: 'udpin:h:2',", "'-'", "pty", ["--json"], "both want stdout"),
         ("autopilot: '-',", "autopilot: 'udpin:h:2',", "pty", "pty", [], "cannot be read"),
@@ -284,6 +319,15 @@ def test_what_does_not_fit_together_is_refused_before_anything_is_opened(
     assert ended.code == 2
     assert what in ended.err
     assert "Traceback" not in ended.err
+    if not options:  # it is wrong whatever the command line says
+        assert arva("check", path) == (2, "", ended.err.removeprefix("arva-hil: "))
+
+
+def test_where_a_vehicle_is_may_be_left_to_the_command_line(arva: Arva, tmp_path: Path) -> None:
+    path = fleet_file(tmp_path, TWO.format(a="autopilot: 'udpin:127.0.0.1:14550',", b="", p="pty", q="pty"))
+    ended = arva("check", path)
+    assert ended.code == 0
+    assert ended.out.splitlines()[0] == f"{path}: ok: transmitters 1; vehicles 2"  # each has its own rate and format
 
 
 def test_a_record_is_not_written_through_a_folder_that_was_there(

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import arva_hil
-from arva_hil.links.tlog import tlog_record
+from arva_hil.links.tlog import TlogReader, tlog_record
 from arva_hil.mavlink.codec import Parser, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
 
@@ -53,6 +53,8 @@ def test_each_vehicle_of_a_log_has_a_record_as_in_the_run(arva: Arva, log: Path,
     ended = arva("replay", log, "--scenario", fleet, "--record", tmp_path / "record")
     assert ended.code == 0
     assert "all vehicles of" in ended.err
+    assert ended.err.count(f"{log.stat().st_size - 8 * len(list(TlogReader(log)))} bytes, ") == 1
+    assert "\nautopilot (2 vehicles): " in ended.err
     frames = frames_in((tmp_path / "record/alpha/front/frames.bin").read_bytes())
     assert frames[-1].channels[0].valid
     assert (tmp_path / "record/bravo/only/frames.bin").read_bytes().count(b"$") > 50

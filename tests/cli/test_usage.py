@@ -44,6 +44,7 @@ Arva = Callable[..., Any]
         ("--port pty --format morse", "--format: no format 'morse'", "binary"),
         ("--port pty --format tunnel", "--format tunnel goes over the autopilot's own link", "leave out --port"),
         ("--port /dev/ttyS9 --autopilot /dev/ttyS9,57600", "are both /dev/ttyS9", "each side needs its own"),
+        ("--port udpin:127.0.0.1:5 --autopilot udpin:0.0.0.0:5", "cannot both listen there", "choose another port"),
         ("--port udpout:1.2.3.4:5 --autopilot udpout:1.2.3.4:5", "are both udpout:1.2.3.4:5", "--format tunnel"),
         (
             f"--autopilot {LOG} --format tunnel",

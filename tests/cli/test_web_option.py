@@ -63,6 +63,16 @@ def test_a_wrong_address_is_an_error_with_the_cure(arva: Arva, address: str, wha
     assert "Traceback" not in err
 
 
+@pytest.mark.parametrize("command", ["run", "search"])
+def test_a_command_whose_page_cannot_be_served_leaves_no_record(arva: Arva, tmp_path: Path, command: str) -> None:
+    """So that the same one with another address is not told that there is a record already."""
+    where = {"run": "--port", "search": "--receiver"}[command]
+    links = ("--autopilot", f"pty:{tmp_path / 'fc'}", where, "pty")
+    code, _, err = arva(command, *links, "--record", tmp_path / "record", "--web", "192.0.2.1:80")
+    assert (code, "the page cannot be served" in err) == (2, True)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_demo_has_it_by_itself_and_says_how_to_see_it_again(arva: Arva, tmp_path: Path) -> None:
     fly = ("demo", "--speed", "max", "--limit", 1, "--record")  # it does not find anything in a second
     err = arva(*fly, tmp_path / "a").err

@@ -239,7 +239,7 @@ def test_an_answer_that_nobody_takes_is_counted_and_no_frame() -> None:
     bench.run(1.0)
     dropped = bench.live.counters.dropped
     bench.host.write(bench.form.command(Command(1, "identify")))
-    bench.run(0.05)
+    bench.run(0.1)
     assert bench.counts.answers_dropped == 1
     (event,) = (event for event in bench.diary.events if isinstance(event, CommandAnswered))
     assert not event.sent

@@ -124,7 +124,7 @@ class Hovering(Vehicle):
     """20 m from the transmitter."""
 
     def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
-        state = VehicleState(t - START, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), 0.01)
+        state = VehicleState(t - START, np.zeros(3), np.zeros(3), (1.0, 0.0, 0.0, 0.0), 0.01)
         return state, state
 
 
@@ -133,7 +133,7 @@ def spread(pole_m: float, load: float) -> float:
     keys = "model: pulsed, steps: cm, rate_hz: 1, start_s: 0, threshold_na_m: 0.5, noise: {kind: 'off'}"
     noise = f"mount: {{position: [0, 0, {pole_m}]}}, vehicle_noise: {{motors: [[0, 0, 0]], motor_na_m: 8}}"
     of = source(parse(f"spec: 2\ntransmitters: [{{id: 1, ned: [0, 20, 0]}}]\nreceiver: {{{keys}, {noise}}}", "test"))
-    of.advance(START + 1000.0, Hovering(motors=load), live=False, ready=lambda t: True)
+    of.advance(START + 1000.0, Hovering(motors=load), ready=lambda t: True)
     for output in of.outputs:
         of.written(output, True, START + 1000.0, lost=False)
     frames = [event for event in of.events if isinstance(event, FrameMade)]
@@ -175,7 +175,7 @@ class Accelerating(Vehicle):
     def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
         s = t - START
         speed, way = (s, s * s / 2) if s < 2 else (2.0, 2 * s - 2)
-        velocity, level = np.array([speed, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])
+        velocity, level = np.array([speed, 0.0, 0.0]), (1.0, 0.0, 0.0, 0.0)
         state = VehicleState(s, np.array([way, 0.0, -10.0]), velocity, level, 0.01)
         return state, state
 
@@ -187,7 +187,7 @@ def test_a_receiver_on_a_rope_lags_behind_swings_and_hangs_lower_than_its_vehicl
     )
     assert parse(str(to_dict(rope)).replace("'", '"'), "test") == rope
     of = source(rope)
-    of.advance(START + 10.0, Accelerating(), live=False, ready=lambda t: True)
+    of.advance(START + 10.0, Accelerating(), ready=lambda t: True)
     for output in of.outputs:
         of.written(output, True, START + 10.0, lost=False)
     made = [event for event in of.events if isinstance(event, FrameMade)]
@@ -205,7 +205,7 @@ def test_a_rope_takes_the_receiver_out_of_the_noise(monkeypatch: pytest.MonkeyPa
     looks: list[Look] = []
     monkeypatch.setattr(Listening, "look", lambda self, look: looks.append(look) or original(self, look))
     of = source(parse(text, "test"))
-    of.advance(START + 3.0, Hovering(motors=1.0), live=False, ready=lambda t: True)
+    of.advance(START + 3.0, Hovering(motors=1.0), ready=lambda t: True)
     assert len(looks) > 2
     assert {look.impairment.noise_na_m for look in looks if look.impairment} == {
         1.0

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from arva_hil.field import quaternion
+from arva_hil.field.mount import Mount
 from arva_hil.field.rotation import from_euler, to_euler, to_matrix
 
 N = 10_000
@@ -28,6 +29,21 @@ def scipy_of(q: np.ndarray) -> Rotation:
 def test_matrices_agree_with_scipy() -> None:
     q = quaternions(1)
     np.testing.assert_allclose(to_matrix(q), scipy_of(q).as_matrix(), rtol=0, atol=1e-14)
+
+
+def test_the_tilt_alone_is_the_one_of_the_matrix() -> None:
+    for q in quaternions(2, 50).tolist():
+        assert quaternion.upright(*q) == quaternion.matrix(*q)[2][2]
+    with pytest.raises(ValueError, match="no rotation"):
+        quaternion.upright(0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("aside", [(0.0, 0.0, 0.0), (0.1, -0.2, 0.3)])
+def test_the_place_of_a_mount_is_the_one_of_its_pose(aside: tuple[float, float, float]) -> None:
+    mount = Mount(aside, (0.0, 1.0, 0.0, 0.0))
+    for q in quaternions(3, 5):
+        at = np.array([5.0, -6.0, 7.0])
+        assert (mount.place(at, q) == mount.pose(at, q)[0]).all()
 
 
 def test_the_order_is_w_first_and_the_matrix_takes_body_to_world() -> None:
@@ -100,6 +116,7 @@ def test_slerp_across_half_a_turn_is_a_quarter_turn_from_both() -> None:
 
 def test_leading_shapes() -> None:
     q = quaternions(9, 6).reshape(2, 3, 4)
+    assert (to_matrix(tuple(map(tuple, quaternions(9, 4).tolist()))) == to_matrix(quaternions(9, 4))).all()
     assert to_matrix(q).shape == (2, 3, 3, 3)
     assert to_euler(q).shape == (2, 3, 3)
     assert from_euler(0.0, np.zeros((2, 1)), np.zeros(3)).shape == (2, 3, 4)
@@ -115,6 +132,7 @@ def test_a_single_rotation_in_plain_floats_is_as_in_arrays() -> None:
     many = np.random.default_rng(5).normal(size=(200, 4))
     for one, matrix, angles in zip(many, to_matrix(many), to_euler(many), strict=True):
         assert (to_matrix(one) == matrix).all()
+        assert (to_matrix(tuple(one.tolist())) == matrix).all()
         assert quaternion.heading(one.tolist()) == pytest.approx(angles[2], abs=1e-12)
 
 

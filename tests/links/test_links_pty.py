@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import gc
 import os
@@ -11,12 +12,14 @@ import sys
 import termios
 import time
 import tty
+import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from links_waiting import DEADLINE_S, receive, until
+from signal_at import signalled
 
 from arva_hil.links import Link, LinkError, pty
 from arva_hil.links.base import Absent
@@ -298,15 +301,31 @@ def test_what_is_no_symlink_is_not_stale(tmp_path: Path, line: PtyLink) -> None:
         assert not pty.stale(str(path))
 
 
-def test_a_signal_right_behind_making_the_symlink_leaves_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(pty, "mark_in_use", interrupted)
+@pytest.mark.parametrize("killed_before", [False, True])
+def test_a_signal_at_any_moment_of_the_opening_is_passed_on_and_leaves_no_symlink(
+    tmp_path: Path, killed_before: bool
+) -> None:
+    """`killed_before`: a killed program has left its symlink there."""
     link = tmp_path / "arva0"
-    with pytest.raises(KeyboardInterrupt):
-        PtyLink(str(link))
-    assert not link.is_symlink()
+    opened: list[PtyLink] = []
+    line = 0
+    while not opened:
+        line += 1
+        if killed_before and not link.is_symlink():
+            link.symlink_to("/dev/pts/none")
+        with contextlib.suppress(KeyboardInterrupt):
+            signalled(
+                line,
+                [pty, weakref],
+                lambda: opened.append(PtyLink(str(link))),
+                signal.SIGINT,
+                since=pty.make_symlink,
+            )
+        gc.collect()
+        left = {str(path.readlink()) for path in tmp_path.iterdir()} - {"/dev/pts/none"}
+        assert left == {one.path for one in opened}, f"after a signal at line {line}"
+    assert line > 15
+    opened.pop().close()
 
 
 def test_a_link_that_nobody_has_leaves_no_symlink(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.links import Address, AddressError, parse
+from arva_hil.links.url import excludes, place
 from tests.every import every
 
 SPELLINGS = {
@@ -164,3 +165,20 @@ def test_nothing_else_than_an_address_error(text: str) -> None:
     except AddressError:
         return
     assert parse(str(address)) == address
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "does"),
+    [
+        ("udpin:0.0.0.0:5", "udpin:127.0.0.1:5", True),
+        ("udpin:[::]:5", "udpin:0.0.0.0:5", True),
+        ("tcpin:[::]:5", "tcpin:[::1]:5", True),
+        ("tcpin:[::]:5", "tcpin:0.0.0.0:5", False),  # a server of IPv6 only
+        ("udpin:0.0.0.0:5", "udpin:[::1]:5", False),
+        ("udpin:0.0.0.0:5", "udpin:127.0.0.1:6", False),
+        ("udpin:0.0.0.0:5", "tcpin:127.0.0.1:5", False),
+        ("udpin:127.0.0.1:5", "udpin:127.0.0.2:5", False),
+    ],
+)
+def test_who_listens_at_all_addresses_excludes_others_as_the_system_does(one: str, other: str, does: bool) -> None:
+    assert excludes(place(one), place(other)) is does

@@ -16,7 +16,7 @@ from arva_hil.emulator.formats import frame_of
 from arva_hil.events import FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
-from arva_hil.observers.record import Recorder, RecordError
+from arva_hil.observers.record import Recorder, RecordError, RecordLayout
 from arva_hil.observers.record import growing_files as module
 from arva_hil.receiver import ChannelReading, Reading, Zone
 from arva_hil.runtime import worker_thread
@@ -93,18 +93,41 @@ def test_a_disk_that_hangs_holds_a_patient_record_only_until_it_is_broken_off_an
     closing = functools.partial(recorder._background.close, timeout_s=0.01)
     monkeypatch.setattr(recorder._background, "close", closing)
     signal = iter([False, False, True])
-    recorder.give_up = lambda: next(signal, True)
+    recorder.broken_off = lambda: next(signal, True)
     monkeypatch.setattr(module, "_FLUSH_S", 0.0)
     for n in range(5):
         recorder.observe(made(n))
     assert jobs > 2
     assert next(signal, None) is None  # it has waited
-    recorder.give_up = lambda: False
+    recorder.broken_off = lambda: False
     recorder.observe(PacketsReceived(1.0, "autopilot", packets(1)))
     with pytest.raises(RecordError, match="the disk is too slow, the record has"):
         recorder.close({"ended": "finished"})
     assert json.loads((tmp_path / "run.json").read_bytes())["ended"] == "finished"
     gate.set()
+
+
+def test_what_was_made_until_a_replay_is_broken_off_is_recorded_by_a_disk_that_still_has_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_FLUSH_S", 0.0)
+    monkeypatch.setattr(worker_thread, "_ASK_S", 0.001)
+    recorder, gate = Recorder(tmp_path, 0, patient=True), threading.Event()
+    monkeypatch.setattr(recorder, "_background", WorkerThread("busy", most_jobs=1))
+    recorder._background.put(lambda: gate.wait(60))
+
+    def broken_off() -> bool:
+        """A signal has come. The disk goes on once it was waited for."""
+        gate.set()
+        return True
+
+    recorder.broken_off = broken_off
+    for n in range(5):
+        recorder.observe(made(n))
+    recorder.close({"ended": "SIGTERM"})
+    assert gate.is_set()  # there was no room
+    assert recorder.error == ""
+    assert (tmp_path / "readings.csv").read_bytes().count(b"\n") == 6
 
 
 def test_frames_are_written_a_few_times_a_second_and_not_one_by_one(tmp_path: Path) -> None:
@@ -199,3 +222,11 @@ def test_the_folder_itself_may_be_a_symlink(tmp_path: Path) -> None:
     (tmp_path / "record").symlink_to(tmp_path / "disk")
     Recorder(tmp_path / "record", 0).close({})
     assert sorted(os.listdir(tmp_path / "disk")) == NAMES
+
+
+@pytest.mark.parametrize("name", ["run.json", "Run.JSON", "events.jsonl", "autopilot-2.tlog", "frames.bin"])
+def test_a_vehicle_that_is_named_as_a_file_of_the_record_is_refused_by_name(tmp_path: Path, name: str) -> None:
+    layout = RecordLayout((("alpha", "r"), (name, "r")), ("one", "two"))
+    with pytest.raises(RecordError, match=f"a vehicle is named {name}, as a file of the record: give it another name"):
+        Recorder(tmp_path / "record", 0, layout=layout)
+    assert not list(tmp_path.iterdir())

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from arva_hil import events
-from arva_hil.events import Event, searches, vehicles
+from arva_hil.events import Event, searches, teams, vehicles
 from arva_hil.observers.console.event_json import NOT_NEWS, event_json, event_name
 from arva_hil.observers.console.reasons import no_pose, no_vehicle
 from arva_hil.observers.console.sentences import sentence
@@ -296,6 +296,18 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "going for transmitter without a number, 9.0 m away",
     ),
     (
+        searches.TransmitterLeft(1.0, 4),
+        "info",
+        "transmitter 4 is left to another search",
+    ),
+    (
+        teams.TeammateLost(1.0, 3, 4.0, -2.5, 9.0),
+        "warning",
+        "the search of vehicle 3 is not heard any more: 9 m are kept from where it was, 4.0 m north, -2.5 m east of "
+        "the take-off point",
+    ),
+    (teams.TeammateBack(1.0, 3), "info", "it is known again where vehicle 3 is"),
+    (
         searches.TransmitterFaded(1.0, 1),
         "warning",
         "transmitter 1 is not heard any more: back to the search strips",
@@ -362,7 +374,7 @@ def kinds() -> set[type[Event]]:
     """The kinds of events that happen: those without kinds of their own."""
     found = {
         kind
-        for room in (events, vehicles, searches)
+        for room in (events, vehicles, searches, teams)
         for kind in vars(room).values()
         if isinstance(kind, type) and issubclass(kind, Event)
     }
@@ -486,6 +498,10 @@ def test_why_there_is_no_pose_in_words(why: NoPose, text: str) -> None:
         (
             NoVehicle("no heartbeat", "", 99, 4, (), (HeardSource("heartbeats of gcs", 255, 190, 4),)),
             "4 packets were heard, but no autopilot's heartbeat: heartbeats of gcs from 255/190 ×4",
+        ),
+        (
+            NoVehicle("no heartbeat", "", 99, 4),
+            "4 packets were heard, all of other vehicles: is this one powered, and its system id right?",
         ),
     ],
 )

@@ -172,3 +172,13 @@ def test_the_status_is_one_line_now_and_then(manager: Manager) -> None:
             watchdog.observe(status(n / 4, "px4 1/1"))
     lines = manager.heard()[:-1]
     assert lines == ["STATUS=no frame yet | 5 sent, 2 dropped | att 50 Hz | px4 1/1"] * 3  # 0, 5 and 10 s
+
+
+def test_the_status_of_many_vehicles_is_cut_to_what_is_read(manager: Manager) -> None:
+    of_one = status(0.0, "größer").vehicles[0]
+    watchdog = Watchdog({"NOTIFY_SOCKET": manager.name})
+    with closing(watchdog):
+        watchdog.observe(StatusReport(0.0, [of_one] * 250))
+    line = manager.heard()[0]
+    assert line.startswith("STATUS=vehicle/receiver: no frame yet | 5 sent")
+    assert line.endswith("…")

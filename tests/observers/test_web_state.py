@@ -18,6 +18,7 @@ from arva_hil.events.searches import (
     PlaceFound,
     TakeOffPoint,
     TransmitterChosen,
+    TransmitterLeft,
     VictimNoted,
     WaitingFor,
 )
@@ -229,6 +230,14 @@ def test_a_search_alone_shows_the_frames_that_it_hears() -> None:
     assert receiver["points"][0][:3] == [1.0, None, None]
     slots = [[None, 0, 100, 5, None], [None, 0, -1, -1, None]]
     assert receiver["points"][1] == [2.0, 1.0, 2.0, -3.0, 90.0, None, None, slots, 10]
+
+
+def test_a_transmitter_that_is_left_to_another_search_is_no_target_any_more() -> None:
+    state = State("search", "estimate, 2 vehicles", known=False)
+    state.update([FromSearch(2.0, TransmitterChosen(2.0, 7, 10.0), "a")])
+    state.update([FromSearch(3.0, TransmitterLeft(3.0, 7), "a")])
+    (one,) = shown(state)["team"]
+    assert (one["phase"], one["target"]) == ("searching", None)
 
 
 def test_each_search_of_a_team_has_its_state_its_place_and_what_it_found() -> None:

@@ -25,9 +25,10 @@ def transmitters(m: int) -> Transmitters:
 
 
 def poses(n: int, there: Transmitters) -> tuple[np.ndarray, np.ndarray]:
-    """Anywhere, near some transmitter, and right at it."""
+    """Anywhere, near some transmitter, right at it, and some in turn where none is heard."""
     rng = np.random.default_rng(7)
     places = rng.uniform((-60, -60, -5), (60, 60, 0), (n, 3))
+    places[n // 2 : n * 3 // 4, 0] += 1000
     places[:100] = there.positions[0] + rng.normal(0, 2, (100, 3))
     places[100] = there.positions[0]
     places[101] = there.positions[0] + 1e-150
@@ -60,6 +61,24 @@ def test_the_integers_are_those_of_one_look_after_another(
     assert (every.d_cm[silent] == -1).all()
     assert (every.delta_deg[silent] == -1).all()
     assert not every.delta_deg[every.zone == Zone.INNER].any()
+
+
+def test_what_only_the_third_antenna_hears_is_in_the_inner_zone() -> None:
+    north = Transmitters((1,), [[0, 0, 0]], [np.eye(3)], [1.0])
+    upright = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]  # its z looks north, along the dipole
+    every = readings([[2, 0, 0], [10, 0, 0]], [upright] * 2, north, Antennas(noise="off"))
+    assert every.zone.tolist() == [[Zone.INNER], [Zone.OUTER]]
+
+
+def test_where_noise_may_hide_everything_the_integers_are_those_of_one_look_too() -> None:
+    there, antennas = transmitters(2), Antennas(floor_range_m=2)
+    places, turns = poses(200, there)
+    one = PaperReceiver(antennas, channels=2, seed=3)
+    every = readings(places, turns, there, antennas, seed=3)
+    for i in range(200):
+        one.look(Look(float(i), Pose(places[i], turns[i]), there))
+        shown = {c.id: (c.d_cm, c.delta_deg, c.zone) for c in one.show(i).channels}
+        assert [shown[id_] for id_ in there.ids] == [tuple(column[i, k] for column in every) for k in range(2)]
 
 
 def test_several_threads_give_the_same_readings() -> None:

@@ -76,7 +76,7 @@ class Vehicle:
 
     def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
         at = np.array([2.0 * (t - START), 0.0, 0.0])
-        state = VehicleState(t - START, at, np.array([2.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]), 0.01)
+        state = VehicleState(t - START, at, np.array([2.0, 0.0, 0.0]), (1.0, 0.0, 0.0, 0.0), 0.01)
         return state, state
 
     def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
@@ -95,7 +95,7 @@ def source(scenario: Scenario, *, start: float = START) -> FrameSource:
 
 def frames(of: FrameSource, until: float, *, live: bool = False) -> list[FrameMade]:
     """Those made until an instant; each is taken."""
-    of.advance(until, Vehicle(), live=live, ready=lambda t: True)
+    of.advance(until, Vehicle(), None if live else lambda t: True)
     for output in of.outputs:
         of.written(output, True, until, lost=False)
     made = [event for event in of.events if isinstance(event, FrameMade)]

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from arva_hil.field import Transmitters
 from arva_hil.receiver import Antennas, Zone
-from arva_hil.search.dipole import Readings, evaluate, likely_pose_error, refine, seeds
+from arva_hil.search.dipole import MOST, Reading, Readings, evaluate, likely_pose_error, refine, seeds
 
 KAPPA_EQ = 1.542
 
@@ -198,3 +198,24 @@ def test_whatever_it_hears_it_stays_finite(said: list[tuple[float, float, float,
     fit, damping = refine(seeds(said[0][:3], 0.3, 20.0), np.full(24, 1e-2), o, 0.1, 3)
     for part in (*fit, damping):
         assert np.isfinite(part).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 63, 100])
+@pytest.mark.parametrize("gains", [(1.0, 1.0), (0.5, 1.0)])
+def test_readings_added_together_are_those_added_one_by_one(count: int, gains: tuple[float, float]) -> None:
+    """With more than there is room for, the weakest are left out; some are silent, or above unknown ground."""
+    rng = np.random.default_rng(5)
+    turns, every = Rotation.random(100, rng).as_matrix(), list[Reading]()
+    for k in range(count):
+        d, ground = (-1.0 if k % 7 == 3 else rng.uniform(1, 60)), (None if k % 3 else rng.uniform(-2, 2))
+        every.append((rng.uniform(-20, 20, 3).tolist(), turns[k], d, rng.uniform(-1, 1), k % 5 == 0, 0.5 * k, ground))
+    one_by_one, together = Readings(gains), Readings(gains)
+    for reading in every:
+        one_by_one.add(*reading)
+    together.add_all(every)
+    x = hypotheses(rng, 3)
+    assert len(together.said) == min(count + 1, MOST)
+    assert (together.time_s == one_by_one.time_s).all()
+    assert (together.level(x) == one_by_one.level(x)).all()
+    for a, b in zip(evaluate(x, together, 0.1), evaluate(x, one_by_one, 0.1), strict=True):
+        assert (a == b).all()

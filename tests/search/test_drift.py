@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from arva_hil.search import dipole
-from arva_hil.search.drift import DriftFit, fitted_again
+from arva_hil.search.drift import DriftFit, fitted, fitted_again
 
 PLACE, MOMENT = np.array([0.0, 0.0, 1.0]), dipole.MOMENT * np.array([0.6, 0.8, 0.0])
 EVERY_S, SMOOTH_S = 2.0, 5.0
@@ -48,3 +48,18 @@ def test_a_large_drift_is_followed_from_reading_to_reading(seed: int) -> None:
             x = np.array([fit.x for fit in fits])
             off.append(math.dist(fits[0].now[:2], (PLACE + error)[:2]))
     assert max(off) < 1.5
+
+
+def test_hypotheses_fitted_together_are_those_fitted_alone() -> None:
+    readings, drift = dipole.Readings(), walk(3, 0.5, 20)
+    for k, error in enumerate(drift):
+        at = np.array([4 * math.cos(0.5 * k), 4 * math.sin(0.5 * k), -3.0])
+        readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)
+    x = np.array([[*(PLACE + off), *MOMENT] for off in ((0.1, 0.0, 0.0), (1.0, 2.0, 0.5), (-3.0, 1.0, 0.0))])
+    together = fitted(x, readings, 0.1, 1.0, 6)
+    for begin, one in zip(x, together, strict=True):
+        (alone,) = fitted(begin[None], readings, 0.1, 1.0, 6)
+        assert all(np.array_equal(a, b) for a, b in zip(one, alone, strict=True))
+    nearer = fitted(x, readings, 0.1, 1.0, 3, together[:2])
+    (alone,) = fitted(x[1:2], readings, 0.1, 1.0, 3, together[1:2])
+    assert all(np.array_equal(a, b) for a, b in zip(nearer[1], alone, strict=True))

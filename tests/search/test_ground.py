@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from arva_hil.events.searches import HeightSource
-from arva_hil.field.rotation import from_euler
+from arva_hil.field.quaternion import from_euler
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.search.ground import Ground, Height
 from arva_hil.search.height import HeightKeeper

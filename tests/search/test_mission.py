@@ -299,6 +299,21 @@ def test_a_transmitter_that_is_hardly_heard_is_put_off_until_it_is_nearer(strate
     assert m.hunting
 
 
+def test_a_transmitter_lost_before_it_came_nearer_is_put_off_too(strategy: type[Scripted]) -> None:
+    """From the same place it would only be lost again."""
+    m = mission(strategy, limit_s=1e9)
+    heard(m, beacon(1, 60), at_s=101.0)
+    for now in range(102, 163):
+        heard(m, at_s=float(now))
+    assert not m.hunting
+    assert heard(m, beacon(1, 60), at_s=163.0) != NORTH
+    assert heard(m, beacon(1, 47), at_s=164.0) == NORTH
+    for now in range(165, 227):  # nearer than when it was chosen before, not put off
+        heard(m, *([beacon(1, 30)] if now == 165 else []), at_s=float(now))
+    assert not m.hunting
+    assert heard(m, beacon(1, 45), at_s=227.0) == NORTH
+
+
 @pytest.mark.usefixtures("believed")
 def test_the_other_victim_is_reported_with_its_nearest_place(strategy: type[Scripted]) -> None:
     m = mission(strategy)

@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
 from arva_hil.config import parse
+from arva_hil.events import Event
+from arva_hil.events.searches import TransmitterLeft
 from arva_hil.field import LocalFrame
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import Clock, StepClock
 from arva_hil.runtime.loop import run
+from arva_hil.search.choice import Choice
+from arva_hil.search.ground import Height
+from arva_hil.search.height import Descent
+from arva_hil.search.mission import Mission
 from arva_hil.search.plan import SearchPlan
-from arva_hil.search.team import Bus, TeamField, Teammate, divide
+from arva_hil.search.strategy import Observation, towards
+from arva_hil.search.team import Bus, Teammate
+from arva_hil.search.team_descent import descent_of
+from arva_hil.search.team_field import TeamField, divide
 from arva_hil.search.team_news import HeardAt, News
 from arva_hil.search.team_strips import strips_of
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
+from firmware_proto import Channel, Frame
 
 HOME = (46.0, 7.0, 1000.0)
 FRAME = LocalFrame(*HOME)
@@ -147,7 +158,8 @@ def test_news_go_to_all_others_five_times_a_second_and_at_once_when_something_ch
         ((7, 0, 3), True, (1, 0, 0), (1, 0, 0)),  # far enough
         ((2, 0, 0), True, (0, 0, 0.5), (0, 0, 0)),  # not down onto it
         ((2, 0, 0), False, (0, 0, 0.5), (0, 0, 0)),  # nor where it has landed
-        ((2, 0, 0), False, (1, 0, 0), (1, 0, 0)),  # but over it
+        ((2, 0, 0), False, (1, 0, 0), (1, 0, 0)),  # but over it,
+        ((2, 0, -2), False, (0, 0, 0.5), (0, 0, 0.5)),  # and down to 4 m above it
         ((2, 0, 3), True, (0, 0, -0.5), (0, 0, -0.5)),  # up is always free
     ],
 )
@@ -158,8 +170,150 @@ def test_no_velocity_leads_to_another_vehicle(
     allowed: tuple[float, float, float],
 ) -> None:
     mate = alone(1)
-    mate.hear(News(2, 0.0, at(*other), flying))
-    assert mate.apart(FRAME, (0.0, 0.0, -3.0), wanted) == pytest.approx(allowed, abs=1e-3)
+    mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
+    mate.hear(News(2, 0.0, at(*other), flying, part=2))
+    assert mate.apart((0.0, 0.0, -3.0), wanted, 1.2) == pytest.approx(allowed, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("other", "pushed"),
+    [
+        (News(0, 0.0, at(5, 0, 3), True, hunting=7, hunting_m=20.0), True),  # the lower number
+        (News(2, 0.0, at(5, 0, 3), True, hunting=7, hunting_m=20.0), False),
+        (News(2, 0.0, at(5, 0, 3), True, hunting=7, hunting_m=19.0), True),  # nearer to its transmitter
+        (News(0, 0.0, at(5, 0, 3), True, hunting=7, hunting_m=21.0), False),
+        (News(0, 0.0, at(5, 0, 3), True, free=True), False),  # it only waits
+        (News(2, 0.0, at(5, 0, 3), True), True),  # its search has ended,
+        (News(2, 0.0, at(5, 0, 9), True), True),  # so it may come down from above
+        (News(2, 0.0, at(5, 0, 0), False), False),  # it has landed
+        (News(2, -9.0, at(5, 0, 3), True), True),  # nobody knows where it is now,
+        (News(2, -9.0, at(5, 0, 30), True), True),  # nor how high
+        (News(2, 0.0, at(5, 0, 30), True, lost=True), True),
+        (News(2, -9.0, at(5, 0, 0), False), False),  # it sits there
+        (News(0, 0.0, at(5, 0, 6), True, hunting=7, hunting_m=9.0), False),  # at another height
+    ],
+)
+def test_it_makes_room_for_one_that_has_precedence(other: News, pushed: bool) -> None:
+    mate = alone(1)
+    mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
+    mate.tell(0.0, HOME, flying=True, hunting=8, hunting_m=20.0)
+    mate.hear(other)
+    north, _, _ = mate.apart((0.0, 0.0, -3.0), (0.0, 0.0, 0.0), 1.2)
+    assert north == pytest.approx(-1.2 if pushed else 0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("others", "height", "wanted"),
+    [
+        ([], 6.0, 6.0),  # nobody is known
+        ([News(0, 0.0, at(9, 0, 3), True, part=0)], 6.0, 6.0),
+        ([News(0, 0.0, at(9, 0, 0), False, part=0)], 6.0, 6.0),  # it has not taken off yet
+        ([News(0, 0.0, at(9, 0, 3), True)], 6.0, 6.0),  # it hovers, or comes down
+        ([News(0, -99.0, at(9, 0, 3), True, part=0)], 6.0, 6.0),  # nobody knows where it is now
+        ([News(0, 0.0, at(9, 0, 0), False)], 6.0, 3.0),  # it has landed
+        ([News(0, 0.0, at(9, 0, 0), False), News(3, 0.0, at(9, 9, 6), True, part=3)], 6.0, 3.0),  # one of its own
+        ([News(0, 0.0, at(9, 0, 0), False), News(3, 0.0, at(2, 0, 3), True, part=3)], 5.2, 5.2),  # not onto that one
+        ([News(0, 0.0, at(2, 0, 0), False)], 6.0, 3.0),  # over one that has landed
+        ([News(0, 0.0, at(2, 0, 0), False)], 3.9, 3.9),  # not as low as elsewhere
+    ],
+)
+def test_the_upper_ones_search_lower_once_all_below_have_landed(
+    others: list[News], height: float, wanted: float
+) -> None:
+    mate = alone(1)
+    plan = mate.plan(mate.layered(SearchPlan(STRATEGIES["flux"])), FRAME)
+    assert plan.height == 6.0
+    for other in others:
+        mate.hear(other)
+    assert mate.height(plan.height, height, (0.0, 0.0, -height)) == pytest.approx(wanted)
+    unlayered = alone(1)
+    unlayered.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
+    unlayered.hear(News(0, 0.0, at(9, 0, 0), False))
+    assert unlayered.height(3.0, 3.0, (0.0, 0.0, -3.0)) == 3.0
+
+
+class Hunter:
+    """A vehicle without a body that flies to a transmitter at its height, circles there for 10 s, then comes down."""
+
+    def __init__(self, bus: Bus, place: tuple[float, float], start: tuple[float, float]) -> None:
+        self.mate = bus.join()
+        self.mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
+        self.at = (*start, -3.0)
+        self._place = place
+        self._there_s = 0.0
+        self._descent: Descent | None = None
+
+    @property
+    def landed(self) -> bool:
+        return self._descent is not None and self._descent.done
+
+    def step(self, now: float) -> None:
+        north, east, _ = self.at
+        circle = self._place[0] + 1.5 * math.cos(now), self._place[1] + 1.5 * math.sin(now)
+        self._there_s += 0.5 * (math.dist((north, east), self._place) < 2.0)
+        over = self._there_s > 10.0
+        hunting = None if over else self.mate.number
+        self.mate.tell(now, at(north, east, -self.at[2]), flying=not self.landed, hunting=hunting, searching=not over)
+        wanted = (*towards(self.at, circle, 1.0), 0.0)
+        if over:
+            self._descent = self._descent or descent_of(self.mate, self._place, 1.0, now, -self.at[2])
+            wanted = self._descent.velocity(now, self.at, Height(-self.at[2], True))
+        if not self.landed:
+            velocity = self.mate.apart(self.at, wanted, 1.0)
+            self.at = tuple(place + 0.5 * v for place, v in zip(self.at, velocity, strict=True))  # type: ignore[assignment]
+
+
+@pytest.mark.parametrize("apart_m", [0.5, 4.0])
+def test_places_close_together_are_all_reached_and_nobody_lands_near_another(apart_m: float) -> None:
+    bus = Bus()
+    team = [Hunter(bus, (n * apart_m, 0.0), (n * 9.0 - 9.0, -20.0)) for n in range(3)]
+    nearest = math.inf
+    for tick in range(600):
+        if all(one.landed for one in team):
+            break
+        for one in team:
+            one.step(tick * 0.5)
+        nearest = min(nearest, *(math.dist(a.at, b.at) for a, b in combinations(team, 2)))
+    assert all(one.landed for one in team)
+    assert nearest > 2.2  # above one that has landed
+    assert all(math.dist(a.at, b.at) > 5.5 for a, b in combinations(team, 2))
+
+
+def test_it_says_when_it_leaves_its_transmitter_to_another_search() -> None:
+    mate, said = alone(1), list[Event]()
+    mission = Mission(SearchPlan(STRATEGIES["flux"]), 0.0, (0.0, 0.0, -3.0), team=mate, emit=said.append)
+    heard = Frame(1, 1, (Channel(7, 1, 2000, 0),))
+    mission.hear(heard, 1.0, (0.0, 0.0, -3.0), np.eye(3))
+    assert mission.target == 7
+    mate.hear(told(0, found=(7,)))
+    mission.hear(Frame(2, 1, heard.channels), 2.0, (1.0, 0.0, -3.0), np.eye(3))
+    assert mission.target is None
+    assert [event.transmitter for event in said if isinstance(event, TransmitterLeft)] == [7]
+
+
+def test_one_that_flies_to_a_transmitter_for_long_goes_to_another_one_and_leaves_it_to_others() -> None:
+    said = list[Event]()
+    choice = Choice(lambda: STRATEGIES["flux"](1.0), lambda id_, own: False, said.append, 240.0)
+    for now in range(243):
+        for id_, metres in ((7, 20.0), (8, 40.0)):
+            choice.note(id_, Observation(float(now), (0.1 * now, 0.0, -3.0), np.eye(3), round(metres * 100), 0, False))
+        choice.choose((7, 8), float(now))
+        assert choice.target == (7 if now <= 240 else 8)
+    assert [event.transmitter for event in said if isinstance(event, TransmitterLeft)] == [7]
+
+
+def test_a_search_that_finds_nothing_does_not_land_on_another_vehicle() -> None:
+    mate = alone(1)
+    plan = mate.plan(SearchPlan(STRATEGIES["flux"], limit_s=1.0), FRAME)
+    mission = Mission(plan, 0.0, (0.0, 0.0, -6.0), land=True, team=mate)
+    place, now = (0.0, 0.0, -6.0), 0.0
+    mate.hear(News(2, 0.0, at(1, 0, 0), False))
+    while not mission.over:
+        velocity = mate.apart(place, mission.fly(now, place), 1.0)
+        place = tuple(a + 0.2 * v for a, v in zip(place, velocity, strict=True))  # type: ignore[assignment]
+        now += 0.2
+    assert now < 60.0
+    assert math.dist(place[:2], (1.0, 0.0)) > 5.5
 
 
 class Flyer:
@@ -169,7 +323,8 @@ class Flyer:
         self.mate = bus.join()
         self._origin = LocalFrame(*at(0, east, 0))
         self._east = east
-        self._plan = self.mate.plan(SearchPlan(STRATEGIES["flux"], speed=10.0, strip_width=30.0), self._origin)
+        plan = self.mate.plan(SearchPlan(STRATEGIES["flux"], strip_width=30.0), self._origin)
+        self._plan = replace(plan, speed=10.0)
         self.place = (0.0, 0.0, -3.0)
         self.strips = strips_of(self.mate, self._plan, self.place)
         self.track: list[tuple[float, float]] = []  # in the team's frame

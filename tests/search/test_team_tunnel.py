@@ -17,7 +17,8 @@ from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.clock import StepClock
 from arva_hil.search.client import COMPONENT, SearchClient
 from arva_hil.search.plan import SearchPlan
-from arva_hil.search.team import TeamField, Teammate
+from arva_hil.search.team import Teammate
+from arva_hil.search.team_field import TeamField
 from arva_hil.search.team_news import HeardAt, News
 from arva_hil.search.team_tunnel import TEAM_TYPE, TeamTunnel, decode, encode
 from arva_hil.vehicle.session import Session
@@ -26,7 +27,7 @@ from firmware_proto import Decoder
 HOME = (46.0123, 7.7456, 1650.0)
 SYSTEMS = (11, 12, 13)
 HEARD = (HeardAt(3, 12.34, 46.0124, 7.7455), HeardAt(0, 64.0, 46.0121, 7.7459))
-NEWS = News(1, 5.0, (46.0123, 7.7456, 1650.25), True, 7, (0, 9, 254), 2, (0, 1), 21.5, False, HEARD)
+NEWS = News(1, 5.0, (46.0123, 7.7456, 1650.25), True, 7, (0, 9, 254), 2, (0, 1), 21.5, False, HEARD, True)
 
 
 def packet(message: Any, system: int = 12, component: int = COMPONENT) -> Packet:

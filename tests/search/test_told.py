@@ -105,7 +105,7 @@ def test_frames_are_told_ten_times_a_second_with_the_place_of_the_receiver() -> 
     told: list[Event] = []
     frames = FramesTold(Mount((1.0, 0.0, 0.0)), told.append)
     half = math.sqrt(0.5)
-    east = VehicleState(0.0, np.array([3.0, 2.0, -1.0]), np.zeros(3), np.array([half, 0.0, 0.0, half]), 0.0)
+    east = VehicleState(0.0, np.array([3.0, 2.0, -1.0]), np.zeros(3), (half, 0.0, 0.0, half), 0.0)
     for step in range(5):
         frames.tell(FRAME, step / 20, east if step else None)
     assert told[0] == FrameHeard(0.0, FRAME, None, None)

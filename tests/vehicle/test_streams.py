@@ -18,7 +18,9 @@ from arva_hil.events.vehicles import (
 )
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from arva_hil.vehicle.navigation import EventQueue
 from arva_hil.vehicle.session import Session
+from arva_hil.vehicle.streams import Streams
 
 HOME = (46.5, 11.35, 1800.0)
 SET_INTERVAL, REQUEST, GET_HOME = 511, 512, 410
@@ -291,3 +293,21 @@ def test_the_vehicles_answer_is_kept_for_a_person() -> None:
     bench = Bench(Fake(always(REJECTED))).run(1)
     streams = bench.session.why_no_pose().streams
     assert ("GLOBAL_POSITION_INT", "MAV_RESULT_TEMPORARILY_REJECTED") in [(s.name, s.result) for s in streams]
+
+
+@pytest.mark.parametrize(("sent_hz", "until"), [(10.0, 7.3), (8.0, 7.3), (50.0, 12.0)])
+def test_a_stream_that_stops_is_asked_for_as_soon_as_its_rate_is_too_low(sent_hz: float, until: float) -> None:
+    """7 of 10 Hz are enough: 14 messages in two seconds. Nothing is asked for before, and no look comes too late."""
+    streams, came, asked = Streams(10.0, 0.0, {}, EventQueue()), list[float](), list[float]()
+    streams.home_wanted = False
+    for step in range(1, 2000):
+        now = step / 100
+        if now <= until and int(now * sent_hz) > int((now - 0.01) * sent_hz):
+            streams.note(POSITION, now)
+            streams.note(ATTITUDE, now)
+            came.append(now)
+        if streams.poll(now, 1, 1) and now > 1:
+            asked.append(now)
+            break
+    (first,) = asked
+    assert 2.0 < first - came[-14] < 2.21

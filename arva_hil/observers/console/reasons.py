@@ -30,6 +30,8 @@ def no_vehicle(why: NoVehicle) -> str:
     if why.reason == "no signature":
         counts = ", ".join(f"{count} {verdict}" for verdict, count in why.refused)
         return f"{why.packets} packets were heard, but no autopilot's with the key: {counts}"
+    if not why.sources:
+        return f"{why.packets} packets were heard, all of other vehicles: is this one powered, and its system id right?"
     who = ", ".join(f"{s.what} from {s.system}/{s.component} ×{s.times}" for s in why.sources)
     return f"{why.packets} packets were heard, but no autopilot's heartbeat: {who}"
 

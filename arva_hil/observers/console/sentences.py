@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from arva_hil import events
-from arva_hil.events import Event, searches, vehicles
+from arva_hil.events import Event, searches, teams, vehicles
 from arva_hil.observers.console.reasons import failsafes, no_pose, no_vehicle, request
 from arva_hil.observers.console.text import Level, Notice
 
@@ -197,6 +197,10 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.TransmitterChosen: "going for transmitter {transmitter:number}, {distance_m:.1f} m away",
     searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly heard|not heard any more}: "
     "back to the search strips",
+    searches.TransmitterLeft: "transmitter {transmitter:number} is left to another search",
+    teams.TeammateLost: "warning: the search of vehicle {number} is not heard any more: {apart_m:g} m are kept from "
+    "where it was, {north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
+    teams.TeammateBack: "it is known again where vehicle {number} is",
     searches.VictimNoted: lambda e: _NOTED + ("" if e.left is None else _LEFT),
     searches.VictimAgain: "warning: led back to victim {number}, as transmitter {transmitter:number}: {apart_m:.1f} m "
     "from the place noted",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -32,9 +33,9 @@ class GrowingFiles:
     then. `last`: a file of JSON that `close` replaces.
 
     `what`: the word for all of them, e.g. "a record". `first`: what is in `last` until then, None for no such file.
-    `folders`: to make, outer ones first. `patient`: whether the loop may wait for a slow disk, as a replay may, as long
-    as `give_up()` is false. `clock`: real time, whatever the loop's clock is. Raises RecordError if the folder cannot
-    be written or one of the files is there; symlinks are not followed.
+    `folders`: to make, outer ones first. `patient`: whether the loop may wait for a slow disk, as a replay may, until
+    5 s after `broken_off()` is first true. `clock`: real time, whatever the loop's clock is. Raises RecordError if the
+    folder cannot be written or one of the files is there; symlinks are not followed.
     """
 
     def __init__(
@@ -50,11 +51,12 @@ class GrowingFiles:
         clock: Clock | None = None,
     ) -> None:
         self.folder = folder
-        self.give_up: Callable[[], bool] = lambda: not patient
+        self.broken_off: Callable[[], bool] = lambda: False
         self._last = last
         self._patient = patient
         self._clock = clock or RealClock()
         self._next_flush = self._next_sync = self._clock.now()
+        self._wait_until = math.inf
         self._files: dict[str, FileIO] = {}
         self._pending: dict[str, bytearray] = {name: bytearray() for name in names}
         made: list[Path] = []
@@ -90,8 +92,7 @@ class GrowingFiles:
 
     def close(self, last: Mapping[str, Any]) -> None:
         """Close all files and write the last one, also after errors. Raises RecordError if there was one."""
-        give_up, until = self.give_up, self._clock.now() + _LAST_S
-        self.give_up = lambda: give_up() or self._clock.now() >= until
+        self.broken_off = lambda: True
         self._flush()
         finished = self._background.close(*(partial(_close, file) for file in self._files.values()))
         ending = WorkerThread("end of record")  # the other one may hang
@@ -122,7 +123,13 @@ class GrowingFiles:
         for name, pending in self._pending.items():
             if pending:
                 self._pending[name] = bytearray()
-                self._background.put(partial(_write, self._files[name], pending), self.give_up)
+                self._background.put(partial(_write, self._files[name], pending), self._give_up)
+
+    def _give_up(self) -> bool:
+        """Whether the disk is not waited for any more."""
+        if self._wait_until == math.inf and self.broken_off():
+            self._wait_until = self._clock.now() + _LAST_S
+        return not self._patient or self._clock.now() >= self._wait_until
 
 
 def refuse_old(folder: Path, names: Sequence[str], what: str) -> None:

@@ -54,6 +54,12 @@ class RecordLayout(Frozen):
         return [*vehicles, *(f"{vehicle}/{receiver}" for vehicle, receiver in self.receivers)]
 
     @property
+    def taken_name(self) -> str:
+        """The name of a vehicle whose folder would be one of the record's files, in capitals or not; "" for none."""
+        own = {name.casefold() for name in (*FILES, *self.files)}
+        return next((folder for folder in self.folders if folder.casefold() in own), "")
+
+    @property
     def files(self) -> list[str]:
         """All files except run.json."""
         logs = [self.tlog(link) for link in self.links] or [TLOG]

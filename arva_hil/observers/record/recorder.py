@@ -10,7 +10,7 @@ from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, Status
 from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import dialect
 from arva_hil.observers.record import layout as names
-from arva_hil.observers.record.growing_files import GrowingFiles, refuse_old
+from arva_hil.observers.record.growing_files import GrowingFiles, RecordError, refuse_old
 from arva_hil.observers.record.layout import EventLines, RecordLayout
 from arva_hil.runtime.clock import Clock
 
@@ -38,6 +38,8 @@ class Recorder(GrowingFiles):
         layout: RecordLayout | None = None,
     ) -> None:
         self._layout = layout = layout or RecordLayout()
+        if taken := layout.taken_name:
+            raise RecordError(f"{folder}: a vehicle is named {taken}, as a file of the record: give it another name")
         self._epoch_us = epoch_us
         self._begun: dict[str, int] = {}  # the slots of those frames.csv that have their header, as of the first frame
         self._events = EventLines(epoch_us)

@@ -17,6 +17,7 @@ _PHASES: Final[dict[type[Event], str]] = {
     searches.SearchBegun: "searching",
     searches.TransmitterChosen: "homing in",
     searches.TransmitterFaded: "searching",
+    searches.TransmitterLeft: "searching",
     searches.SearchPaused: "hovering",
     searches.SearchResumed: "searching",
     searches.PlaceFound: "place found",
@@ -58,6 +59,8 @@ class SearchView:
             self._noted = [*self._noted, event][-_MOST_HEARD:]
         elif isinstance(event, searches.TransmitterFaded):
             self._belief = None
+        elif isinstance(event, searches.TransmitterLeft):
+            self._belief = self._target = None
         elif isinstance(event, searches.BeliefChanged):
             self._belief = event
         elif isinstance(event, searches.PlaceFound):

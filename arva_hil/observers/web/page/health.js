@@ -81,7 +81,7 @@ export function showSearch(search, truth, transmitters) {
   if (!search) return;
   const from = (p) => [p[0] - search.take_off[0], p[1] - search.take_off[1]];
   $("phase").textContent = search.phase;
-  const rows = [["target", search.target === null ? (search.heard.length ? "without a number" : "none yet") : `transmitter ${search.target}`]];
+  const rows = [["target", search.target === null ? (search.heard.length && search.phase !== "searching" ? "without a number" : "none yet") : `transmitter ${search.target}`]];
   if (search.found) {
     rows.push(["place found", place(from(search.found.place))]);
     rows.push(["sure", search.found.sure ? "yes" : "no: readings do not agree"]);

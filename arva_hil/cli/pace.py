@@ -1,0 +1,39 @@
+"""Whether a program keeps pace with its clock: one that is to run faster than real time may be too slow for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from arva_hil.runtime.clock import Clock, Waitable
+
+_EVERY_S: Final = 0.1
+_BEHIND_S: Final = 0.5  # less changes nothing in a flight
+
+
+class Pace:
+    """A task of the loop that remembers how far behind its clock the loop was at worst. `worst_s`: seconds of it."""
+
+    links: Sequence[Waitable] = ()
+
+    def __init__(self) -> None:
+        self.worst_s = 0.0
+        self._due = math.inf
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        self.worst_s = max(self.worst_s, now - self._due)
+        self._due = now + _EVERY_S
+        return self._due
+
+    def complaint(self, speed: float) -> str:
+        """What it means for a flight at `speed` times real time, "" if nothing."""
+        if self.worst_s < _BEHIND_S:
+            return ""
+        what = "real time" if speed == 1 else f"--speed {speed:g}"
+        cure = "a lower --speed, or --speed max, which waits for nothing" if speed > 1 else "--speed max"
+        return (
+            f"this computer was too slow for {what}: up to {self.worst_s:.1f} s of the flight behind, which may be why "
+            f"the search failed: choose {cure}"
+        )

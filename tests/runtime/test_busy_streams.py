@@ -1,0 +1,132 @@
+"""Packets of a busy stream are used together: frames and records are the same as if each were used when it came."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Sequence
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from one_receiver import Diary, OneReceiver
+
+from arva_hil.config import parse
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
+from arva_hil.links.memory import MemoryLink, pair
+from arva_hil.mavlink.codec import Encoder, Packet, dialect
+from arva_hil.runtime.clock import Clock, StepClock
+from arva_hil.runtime.loop import run
+from arva_hil.vehicle.session import Session
+
+SECONDS = 3.0
+SCENARIO = "receiver: {rate_hz: %g}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]"
+
+
+def packets(seconds: float) -> bytes:
+    """What a vehicle says that flies north-east and turns."""
+    ms, encoder = round(seconds * 1e3), Encoder(1, 1)
+    position = 465000000 + round(400 * seconds), 113500000 + round(300 * seconds), 588_000, 0, 400, 250, 0, 0
+    beat = dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3)
+    attitude = dialect.MAVLink_attitude_message(ms, 0, 0, math.sin(seconds), 0, 0, math.cos(seconds))
+    said = [beat, dialect.MAVLink_global_position_int_message(ms, *position), attitude]
+    return b"".join(encoder.pack(one) for one in said)
+
+
+class Autopilot:
+    """A task that writes its packets to a link at these times."""
+
+    links = ()
+
+    def __init__(self, link: MemoryLink, times: list[float]) -> None:
+        self._link = link
+        self._times = times[::-1]
+
+    def service(self, clock: Clock) -> float:
+        while self._times and self._times[-1] <= clock.now():
+            self._link.write(packets(self._times.pop()))
+        return self._times[-1] if self._times else math.inf
+
+
+def flown(rate_hz: float, times: list[float]) -> Diary:
+    diary, (near, far), (port, _) = Diary(), pair(), pair()
+    scenario = parse(SCENARIO % rate_hz, "test")
+    live = OneReceiver(scenario, Session(passive=True), near, port, start=0.0, observers=[diary])
+    clock = StepClock()
+    run([Autopilot(far, times), live], clock, until=SECONDS)
+    live.finish(clock)
+    return diary
+
+
+def used_one_by_one(rate_hz: float, times: list[float]) -> Diary:
+    diary, said = Diary(), times[::-1]
+    vehicle = one_vehicle(parse(SCENARIO % rate_hz, "test"), Session(passive=True))
+    engine = Emulator([vehicle], start=0.0, tell_packets=True)
+    while (now := min(engine.next_deadline(), said[-1] if said else math.inf)) <= SECONDS:
+        if said and said[-1] <= now:
+            engine.receive("autopilot", packets(said.pop()), now)
+        engine.advance(now)
+        for output in engine.output():
+            engine.written(output, True, now)
+        for event in engine.events():
+            diary.observe(event)
+    return diary
+
+
+def received(diary: Diary) -> list[tuple[float, bytes]]:
+    """Each chunk of packets with its time."""
+    told = [chunk for event in diary.packets for chunk in ((event.time_s, event.packets), *event.later)]
+    return [(at, b"".join(packet.raw for packet in chunk)) for at, chunk in told]
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    rate_hz=st.sampled_from([1.0, 7.0, 10.0, 50.0]),
+    milliseconds=st.lists(st.integers(1, 2999), min_size=1, max_size=150, unique=True),
+)
+def test_frames_and_records_are_the_same_as_if_each_packet_were_used_when_it_came(
+    rate_hz: float, milliseconds: list[int]
+) -> None:
+    times = [round(ms / 1e3 + 1e-4, 6) for ms in sorted(milliseconds)]  # not at the instant of a frame
+    together, alone = flown(rate_hz, times), used_one_by_one(rate_hz, times)
+    assert together.bytes == alone.bytes
+    assert [frame.pose for frame in together.frames] == [frame.pose for frame in alone.frames]
+    assert received(together) == received(alone)
+
+
+class EarlyClock(StepClock):
+    early_s = 0.0005
+
+
+def when_used(clock: StepClock, phase_s: float, frames: Diary) -> list[float]:
+    """When the packets of a stream of 50 Hz are used, 10 frames a second; without the first two frames' time."""
+    used, (near, far), (port, _) = list[float](), pair(), pair()
+
+    class Noting(Session):
+        def feed(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> Sequence[Packet]:
+            used.append(clock.now())
+            return super().feed(chunk, now, sender, whole=whole)
+
+    live = OneReceiver(parse(SCENARIO % 10, "test"), Noting(passive=True), near, port, start=0.0, observers=[frames])
+    run([Autopilot(far, [n / 50 + phase_s for n in range(150)]), live], clock, until=SECONDS)
+    return [at for at in used if at > 0.2]
+
+
+@pytest.mark.parametrize("phase_s", [0.001, 0.01, 0.017])
+def test_packets_of_a_busy_stream_are_used_together_shortly_before_each_frame(phase_s: float) -> None:
+    busy = when_used(StepClock(), phase_s, Diary())
+    assert len(busy) > 130
+    assert len(set(busy)) <= 2.9 * 10 + 1
+    assert all(0.1 - at % 0.1 < 0.0051 or at % 0.1 < 1e-6 for at in busy)
+
+
+@pytest.mark.parametrize("phase_s", [0.001, 0.01, 0.017])
+def test_on_a_clock_that_wakes_early_packets_are_used_before_the_frame_and_the_frame_is_on_time(phase_s: float) -> None:
+    on_time, frames = Diary(), Diary()
+    when_used(StepClock(), phase_s, on_time)
+    busy = when_used(EarlyClock(), phase_s, frames)
+    assert len(busy) > 130
+    assert len(set(busy)) <= 2.9 * 10 + 1
+    assert all(0.00049 < 0.1 - at % 0.1 < 0.0051 for at in busy)
+    assert frames.bytes == on_time.bytes
+    assert [frame.time_s for frame in frames.frames] == [frame.time_s for frame in on_time.frames]
