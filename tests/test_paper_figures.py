@@ -15,6 +15,7 @@ from PIL import Image
 
 from arva_hil.receiver import Antennas, Zone
 from tools import paper_figures as figures
+from tools.paper import data
 
 KAPPA, MID_M, BOUND = 1.542, 50.0, 1 / (2 * np.pi * 80**3)
 SILENT = Antennas(noise="off")
@@ -37,13 +38,13 @@ def test_the_bounds_are_those_of_the_model_s_description() -> None:
 
 def test_the_field_is_that_of_a_dipole_that_points_east() -> None:
     places = np.random.default_rng(1).uniform(-60, 60, (500, 2))
-    np.testing.assert_allclose(figures.field(places), analytic(places), rtol=1e-9, atol=1e-18)
+    np.testing.assert_allclose(data.field(places), analytic(places), rtol=1e-9, atol=1e-18)
 
 
 @given(st.lists(st.floats(1, 1000), min_size=1, max_size=5))
 @settings(max_examples=6)
 def test_a_flux_line_keeps_its_apex(apexes: list[float]) -> None:
-    lines = figures.flux_lines(apexes)
+    lines = data.flux_lines(apexes)
     assert lines.shape[0] == len(apexes)
     for apex, line in zip(apexes, lines, strict=True):
         r, sine = np.hypot(*line.T), line[:, 1] / np.hypot(*line.T)
@@ -58,11 +59,11 @@ def test_a_flux_line_keeps_its_apex(apexes: list[float]) -> None:
 @given(st.floats(3.5, 49.9))
 @settings(max_examples=25)
 def test_an_iso_power_line_is_of_one_power_and_bears_what_is_shown_there(d: float) -> None:
-    line = figures.iso_power_line(d)
+    line = data.iso_power_line(d)
     np.testing.assert_allclose(np.linalg.norm(analytic(line), axis=1), KAPPA / (4 * np.pi * d**3), rtol=1e-9)
     np.testing.assert_allclose(line[0], line[-1], atol=1e-9)
     assert line[:, 0].max() == pytest.approx(d / (KAPPA / ON_AXIS) ** (1 / 3), rel=1e-3)
-    shown = figures.directions(line, antennas=SILENT)
+    shown = data.directions(line, antennas=SILENT)
     assert (shown.zones == Zone.MID).all()
     np.testing.assert_allclose(shown.d, d, atol=0.00501)
 
@@ -70,12 +71,12 @@ def test_an_iso_power_line_is_of_one_power_and_bears_what_is_shown_there(d: floa
 def test_level_poses_are_level_in_the_plane_and_the_others_turned_in_every_way() -> None:
     rng = np.random.default_rng(2)
     quarters = [0.25, 0.5, 0.75]
-    places, R = figures.poses(20_000, rng, level=True)
+    places, R = data.poses(20_000, rng, level=True)
     assert (places[:, 2] == 0).all()
     np.testing.assert_allclose(R[:, 2], np.broadcast_to([0, 0, 1], (20_000, 3)), atol=1e-12)
     for x, y in (places.T[:2], R[:, :2, 0].T):
         np.testing.assert_allclose(np.quantile(np.arctan2(y, x) / np.pi, quarters), [-0.5, 0, 0.5], atol=0.03)
-    free, free_R = figures.poses(20_000, rng, level=False)
+    free, free_R = data.poses(20_000, rng, level=False)
     for p in (places, free):
         np.testing.assert_allclose(np.quantile(np.linalg.norm(p, axis=1), quarters), [22.5, 45, 67.5], atol=1.5)
     ways = free / np.linalg.norm(free, axis=1, keepdims=True)
@@ -87,16 +88,16 @@ def test_level_poses_are_level_in_the_plane_and_the_others_turned_in_every_way()
 @pytest.mark.parametrize("kind", ["uniform", "gaussian", "off"])
 def test_readings_are_what_a_receiver_says(level: bool, kind: str) -> None:
     antennas = Antennas(noise=kind)  # type: ignore[arg-type]
-    places, R = figures.poses(300, np.random.default_rng(3), level, farthest=60.0)
-    receiver = Receiver(figures.TRANSMITTER, antennas, channels=1, seed=9)
+    places, R = data.poses(300, np.random.default_rng(3), level, farthest=60.0)
+    receiver = Receiver(data.TRANSMITTER, antennas, channels=1, seed=9)
     said = [receiver.read(p, r).channels[0] for p, r in zip(places, R, strict=True)]
-    d_cm, delta, zone = figures.readings(places, R, 9, antennas)
+    d_cm, delta, zone = data.readings(places, R, 9, antennas)
     assert [(c.d_cm, c.delta_deg, c.zone) for c in said] == list(zip(d_cm, delta, zone, strict=True))
     assert {Zone.INNER, Zone.MID, Zone.OUTER} == set(zone.tolist())
 
 
 def test_level_receivers_all_hear_near_and_none_hears_far() -> None:
-    distance, d = figures.distances(60_000, level=True)
+    distance, d = data.distances(60_000, level=True)
     heard = d != -1
     assert heard[distance < SURE_M].all()
     assert not heard[distance < SURE_M + 3].all()
@@ -110,35 +111,35 @@ def test_level_receivers_all_hear_near_and_none_hears_far() -> None:
 
 
 def test_a_turned_receiver_can_be_deaf_anywhere_but_in_the_inner_zone_and_hears_no_farther() -> None:
-    distance, d = figures.distances(60_000, level=False)
+    distance, d = data.distances(60_000, level=False)
     heard = d != -1
     assert heard[distance < 2.5].all()
     assert not heard[distance < 20].all()
     assert not heard[distance > LAST_M].any()
-    level_distance, level_d = figures.distances(60_000, level=True)
+    level_distance, level_d = data.distances(60_000, level=True)
     edges = np.arange(0, 91, 5.0)
-    turned, level = figures.share_heard(distance, d, edges), figures.share_heard(level_distance, level_d, edges)
+    turned, level = data.share_heard(distance, d, edges), data.share_heard(level_distance, level_d, edges)
     assert (turned <= level).all()
     assert (level[:7] == 1).all()
     assert (turned[4:7] < 1).all()
 
 
 def test_share_heard() -> None:
-    share = figures.share_heard(
+    share = data.share_heard(
         np.array([1.0, 2.0, 3.0, 11.0, 31.0]), np.array([1.0, -1, 3.0, -1, 0.0]), np.arange(0, 41, 10.0)
     )
     np.testing.assert_array_equal(share, [2 / 3, 0, np.nan, 1])
 
 
 def test_a_grid_reaches_both_sides_and_has_the_transmitter() -> None:
-    places = figures.grid(11, 5, 5)
+    places = data.grid(11, 5, 5)
     assert sorted(map(tuple, places.tolist())) == [(x, y) for x in (-10, -5, 0, 5, 10) for y in (-5, 0, 5)]
 
 
 @pytest.mark.parametrize("antennas", [Antennas(), SILENT], ids=["noise", "silent"])
 def test_directions_are_the_field_s_as_far_as_noise_and_whole_degrees_allow(antennas: Antennas) -> None:
-    places = figures.grid(65, 45, 1.3)
-    shown = figures.directions(places, antennas=antennas)
+    places = data.grid(65, 45, 1.3)
+    shown = data.directions(places, antennas=antennas)
     mid = shown.zones == Zone.MID
     field, ways = analytic(places[mid]), shown.ways[mid]
     strength = np.linalg.norm(field, axis=1)
@@ -156,10 +157,10 @@ def test_directions_are_the_field_s_as_far_as_noise_and_whole_degrees_allow(ante
 
 
 def test_the_same_seed_gives_the_same_data_and_another_gives_others() -> None:
-    places = figures.grid(60, 40, 5)
+    places = data.grid(60, 40, 5)
     for draw in (
-        lambda *seed: figures.distances(500, True, *seed)[1],
-        lambda *seed: figures.directions(places, *seed).ways,
+        lambda *seed: data.distances(500, True, *seed)[1],
+        lambda *seed: data.directions(places, *seed).ways,
     ):
         np.testing.assert_array_equal(draw(), draw())
         assert not np.array_equal(draw(), draw(1))

@@ -10,43 +10,36 @@ from __future__ import annotations
 
 import argparse
 import gc
-import multiprocessing
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation
 
 from arva_hil.config import parse
 from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
-from arva_hil.events import Event, FrameMade
-from arva_hil.field import LocalFrame
+from arva_hil.events import FrameMade
 from arva_hil.links import Link, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
-from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.observers.audience import Audience
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.vehicle.session import Session
 from firmware_proto import Decoder
+from tools.bench.alone import Samples
+from tools.bench.flight import POSES_HZ, Motion, bare, origin, playing
+from tools.bench.timing import COMMAND, wall_of_command
 
-COMMAND = [sys.executable, "-m", "arva_hil"]
-AUTOPILOT = Encoder(1, 1)
-ATTITUDE = dialect.MAVLINK_MSG_ID_ATTITUDE
-GLOBAL_POSITION_INT = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-STREAM_HZ = 50.0
 FRAMES_HZ = 50.0
 
 
@@ -55,7 +48,8 @@ def main() -> None:
     parser.add_argument("flights", nargs="+", type=Path, metavar="FLIGHT.tlog")
     parser.add_argument("--seconds", type=float, default=60.0, help="of live flight each; default 60")
     options = parser.parse_args()
-    print(f"arva-hil --help: {1e3 * median(wall([*COMMAND, '--help']) for _ in range(9)):.0f} ms (median of 9)")
+    help_s = median(wall_of_command([*COMMAND, "--help"]) for _ in range(9))
+    print(f"arva-hil --help: {1e3 * help_s:.0f} ms (median of 9)")
     for flight in options.flights:
         measure_replay(flight)
     measure_machine(min(options.seconds, 20))
@@ -63,12 +57,6 @@ def main() -> None:
         motion = Motion(flight)
         measure_first_frame(motion)
         measure_live(motion, min(options.seconds, motion.seconds - 10))
-
-
-def wall(command: list[str]) -> float:
-    start = time.perf_counter()
-    subprocess.run(command, check=True, capture_output=True)
-    return time.perf_counter() - start
 
 
 def measure_replay(flight: Path) -> None:
@@ -80,7 +68,7 @@ def measure_replay(flight: Path) -> None:
         assert log.last_us is not None
         seconds = (log.last_us - log.first_us) / 1e6
         os.sched_setaffinity(0, {0})
-        runs = [wall([*COMMAND, "replay", str(flight), "--record", f"{folder}/{n}"]) for n in range(5)]
+        runs = [wall_of_command([*COMMAND, "replay", str(flight), "--record", f"{folder}/{n}"]) for n in range(5)]
         os.sched_setaffinity(0, range(os.cpu_count() or 1))
         long = Path(folder, "long.tlog")
         lengthen(flight, long, 4)
@@ -115,106 +103,6 @@ def peak_memory(command: list[str]) -> float:
     return int(done.stdout) / 1024
 
 
-class Motion:
-    """The motion of a recorded flight, smooth between its samples: the truth that a live run is held against.
-
-    Position: cubic Hermite through GLOBAL_POSITION_INT; attitude: a spline through ATTITUDE. By scipy.
-    """
-
-    def __init__(self, flight: Path) -> None:
-        self.name = flight.name
-        positions, attitudes = {}, {}
-        parser = Parser()
-        with closing(TlogReader(flight)) as log:
-            for record in log:
-                for packet in parser.feed(record.raw):
-                    if packet.component == 1 and packet.msgid == GLOBAL_POSITION_INT:
-                        m = parser.decode(packet)
-                        here = (m.lat / 1e7, m.lon / 1e7, m.alt / 1e3, m.vx / 100, m.vy / 100, m.vz / 100)
-                        positions[m.time_boot_ms / 1e3] = here
-                    elif packet.component == 1 and packet.msgid == ATTITUDE:
-                        m = parser.decode(packet)
-                        attitudes[m.time_boot_ms / 1e3] = (m.yaw, m.pitch, m.roll)
-        where = np.array(list(positions.values()))
-        self.home = tuple(where[0, :3])
-        ned = np.array([LocalFrame(*self.home).ned(*row[:3]) for row in where])
-        start = max(min(positions), min(attitudes))
-        self.seconds = min(max(positions), max(attitudes)) - start
-        self._position = CubicHermiteSpline(np.array(list(positions)) - start, ned, where[:, 3:])
-        self._attitude = RotationSpline(
-            np.array(list(attitudes)) - start, Rotation.from_euler("ZYX", list(attitudes.values()))
-        )
-        self._frame = LocalFrame(*self.home)
-
-    def at(self, t: float) -> tuple[Any, Rotation]:
-        """NED position [m] from home, and the attitude, `t` seconds into the flight."""
-        return self._position(t), self._attitude(t)
-
-    def packets(self, t: float) -> bytes:
-        """Position and attitude as an autopilot would send them; `t` in whole milliseconds."""
-        ned, velocity = self._position(t), self._position(t, 1)
-        lat, lon, alt = self._frame.lla(ned)
-        yaw, pitch, roll = self._attitude(t).as_euler("ZYX")
-        rates = self._attitude(t, 1)
-        ms = round(t * 1e3)
-        position = dialect.MAVLink_global_position_int_message(
-            ms, round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), 0, *(round(v * 100) for v in velocity), 0
-        )
-        attitude = dialect.MAVLink_attitude_message(ms, roll, pitch, yaw, *rates)
-        return AUTOPILOT.pack(position) + AUTOPILOT.pack(attitude)
-
-    def beat(self) -> bytes:
-        """Heartbeat and home."""
-        lat, lon, alt = self.home
-        heartbeat = dialect.MAVLink_heartbeat_message(2, 3, 0x81, 4, 4, 3)
-        home = dialect.MAVLink_home_position_message(
-            round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), 0, 0, 0, [1, 0, 0, 0], 0, 0, 0
-        )
-        return AUTOPILOT.pack(heartbeat) + AUTOPILOT.pack(home)
-
-
-def play(motion: Motion, seconds: float, started: Any) -> None:
-    """The far end, in its own process: the motion on a new pty, in real time. Tells the path, and when it began."""
-    times = np.arange(0, seconds, 1 / STREAM_HZ).round(3)
-    packets = [(motion.beat() if n % STREAM_HZ == 0 else b"") + motion.packets(t) for n, t in enumerate(times)]
-    clock = RealClock()
-    with closing(PtyLink()) as link:
-        start = clock.now()
-        started.put((link.path, start + origin(clock)))
-        for t, data in zip(times, packets, strict=True):
-            clock.wait(start + t)
-            link.read()
-            link.write(data)
-
-
-def origin(clock: RealClock) -> float:
-    """The monotonic time at which a clock read 0; looked at again until nothing came between the two looks."""
-    while True:
-        before, there, after = clock.now(), time.monotonic(), clock.now()
-        if after - before < 1e-4:
-            return there - before
-
-
-@contextmanager
-def playing(motion: Motion, seconds: float) -> Iterator[tuple[str, float]]:
-    """The pty that the motion is played on, and the monotonic time at which it began."""
-    started: Any = multiprocessing.Queue()
-    player = multiprocessing.Process(target=play, args=(motion, seconds, started), daemon=True)
-    player.start()
-    yield started.get(timeout=60)
-    player.terminate()
-    player.join()
-
-
-def bare(hz: float, seconds: float) -> list[float]:
-    """How late a loop is that does nothing, ms."""
-    clock, late = RealClock(), []
-    for n in range(round(seconds * hz)):
-        clock.wait(n / hz)
-        late.append(1e3 * (clock.now() - n / hz))
-    return late
-
-
 def measure_machine(seconds: float) -> None:
     """How late this machine wakes a program that does nothing else: the floor under what follows."""
     late = bare(FRAMES_HZ, seconds)
@@ -222,17 +110,6 @@ def measure_machine(seconds: float) -> None:
         f"this machine wakes a bare loop at {FRAMES_HZ:g} Hz: median {median(late):.2f} ms late, "
         f"p99 {np.percentile(late, 99):.2f} ms, worst {max(late):.2f} ms"
     )
-
-
-class Samples:
-    """Keeps every frame."""
-
-    def __init__(self) -> None:
-        self.frames: list[FrameMade] = []
-
-    def observe(self, event: Event) -> None:
-        if isinstance(event, FrameMade):
-            self.frames.append(event)
 
 
 def measure_live(motion: Motion, seconds: float) -> None:
@@ -254,7 +131,7 @@ def measure_live(motion: Motion, seconds: float) -> None:
     early = max((s.boot_s or 0.0) - (s.instant_s + start - began) for s in posed)
     age = 1e3 * np.array([s.age_s for s in posed])
     print(
-        f"{motion.name} live, {seconds:.0f} s, poses {STREAM_HZ:g} Hz, frames {FRAMES_HZ:g} Hz over ptys: "
+        f"{motion.name} live, {seconds:.0f} s, poses {POSES_HZ:g} Hz, frames {FRAMES_HZ:g} Hz over ptys: "
         f"{len(late)} frames\n"
         f"  lateness of the schedule: median {median(late):.2f} ms, p99 {np.percentile(late, 99):.2f} ms, "
         f"worst {late.max():.2f} ms\n"

@@ -75,7 +75,8 @@ def told(sample: AttitudeSample, ahead: float) -> Any:
     track.add_attitude(sample)
     state = track.at(sample.boot + ahead, FRAME)
     assert state is not None
-    return state.attitude[[1, 2, 3, 0]]
+    w, x, y, z = state.attitude
+    return x, y, z, w
 
 
 def spread(degrees: Any) -> str:

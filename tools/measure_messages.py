@@ -36,6 +36,7 @@ from arva_hil.registry import EXPORTS
 COMMAND = [sys.executable, "-m", "arva_hil"]
 SPOKEN = Subprotocol("foxglove.sdk.v1")
 RATE_HZ = 50
+LEAST = 100  # frames: of fewer, p99 is the worst one
 
 
 def main() -> None:
@@ -54,6 +55,8 @@ def main() -> None:
             run = folder / what.replace(" ", "-")
             cpu_s, ending_s = measure_schedule(run, options.seconds, stalled, reading, served)
             late_ms = load(run).receivers[0].late_ms[RATE_HZ:]
+            if len(late_ms) < LEAST:
+                sys.exit(f"{what}: {len(late_ms)} frames after the first second, {LEAST} are needed: more --seconds")
             p50, p99 = np.nanpercentile(late_ms, [50, 99])
             share = 100 * cpu_s / options.seconds
             print(f"{what}: lateness median {p50:.2f} ms, p99 {p99:.2f} ms; {share:.1f} % of a core; ", end="")

@@ -1,10 +1,10 @@
 """A campaign of 100,000 trials on a Dask cluster of this machine whose workers and scheduler are killed: what the
 scheduler's memory does, what a trial costs beside its flight, and whether every result is there once.
 
-    python tools/measure_shards.py [TRIALS] [--keep-alive] [--log-length 100]
+    python tools/measure_shards.py [TRIALS] [--keep-alive]
 
 The flights are fakes that take no time: all that is measured is what is around them. `--keep-alive` kills nothing:
-then the scheduler's memory is that of one process. `--log-length`: of the scheduler's logs for Dask's developers.
+then the scheduler's memory is that of one process.
 """
 
 from __future__ import annotations
@@ -23,18 +23,24 @@ ROOT = Path(__file__).resolve().parent.parent
 TESTS = ROOT / "tests"
 ADDRESS = "tcp://127.0.0.1:18786"
 ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (TESTS, ROOT)))}
+CAMPAIGN = """
+import sys
+from arva_hil.campaign import trial
+from arva_hil.cli.main import main
+from campaign import fakes
+trial.fly = fakes.fake
+sys.exit(main(sys.argv[1:]))
+"""
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
-def start(*arguments: str, **environment: str) -> subprocess.Popen[bytes]:
-    return subprocess.Popen([sys.executable, *arguments], env=ENVIRONMENT | environment, stderr=subprocess.DEVNULL)
+def start(*arguments: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, *arguments], env=ENVIRONMENT, stderr=subprocess.DEVNULL)
 
 
-def scheduler(log_length: int) -> subprocess.Popen[bytes]:
-    port, length = ADDRESS.rpartition(":")[2], {"DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": str(log_length)}
-    return start(
-        "-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--host", "127.0.0.1", "--port", port, **length
-    )
+def scheduler() -> subprocess.Popen[bytes]:
+    port = ADDRESS.rpartition(":")[2]
+    return start("-m", "distributed.cli.dask_scheduler", "--no-dashboard", "--host", "127.0.0.1", "--port", port)
 
 
 def worker() -> subprocess.Popen[bytes]:
@@ -63,7 +69,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("trials", type=int, nargs="?", default=100_000)
     parser.add_argument("--keep-alive", action="store_true", help="kill nothing")
-    parser.add_argument("--log-length", type=int, default=100, help="Dask's own default: 1000")
     options = parser.parse_args()
     trials = options.trials
     with TemporaryDirectory() as name:
@@ -72,9 +77,8 @@ def main() -> None:
         plan.write_text(
             f"strategies: [flux, estimate]\nscenarios: {{random: {{within_m: 50}}}}\nseeds: {trials // 2}\n"
         )
-        running, workers = scheduler(options.log_length), [worker(), worker()]
-        program = start(str(TESTS / "campaign/driver.py"), "fake", "campaign", str(plan), "--out", str(folder / "r"),
-                        "--scheduler", ADDRESS)  # fmt: skip
+        running, workers = scheduler(), [worker(), worker()]
+        program = start("-c", CAMPAIGN, "campaign", str(plan), "--out", str(folder / "r"), "--scheduler", ADDRESS)
         kills = {} if options.keep_alive else {0.3: "a worker", 0.6: "the scheduler and its workers"}
         spent, peak, next_print, began = 0.0, 0.0, 0.0, time.monotonic()
         campaign_s = 0.0
@@ -94,7 +98,7 @@ def main() -> None:
                     running.kill()
                     running.wait()
                     workers.pop().kill()
-                    running = scheduler(options.log_length)
+                    running = scheduler()
                     workers.append(worker())
                 workers.append(worker())
             time.sleep(0.2)

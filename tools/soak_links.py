@@ -42,6 +42,7 @@ RECOVERY_S = 2.0  # allowed
 GIVE_UP_S = 30.0
 HELD_UP_S = 0.5  # this program itself, by a busy machine
 REBOOT_EVERY = 4  # so many returns of an autopilot, it has rebooted meanwhile
+LEAST = 8  # cycles: two of each end of each program
 WARM_UP = 50  # cycles before memory is looked at
 GROWTH_KB = 1024
 
@@ -51,6 +52,8 @@ def main() -> None:
     parser.add_argument("--cycles", type=int, default=1000, metavar="N", help="unplugged and plugged; default 1000")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
+    if options.cycles < LEAST:
+        parser.error(f"--cycles {options.cycles}: {LEAST} at least, two of each end of each program")
     clock, numbers = RealClock(), random.Random(options.seed)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)

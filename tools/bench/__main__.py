@@ -3,8 +3,9 @@
     python -m tools.bench --flight px4.tlog [--json FILE] [--check BASELINE]
                           [model streams live loops starts limits fleet]
 
-`--check` names what got slower than in a file that `--json` wrote before, and then the exit code is 1. Each cost is
-the least of several, of processor time where nothing else is said, and ours is measured beside its peer's.
+`--check` names what got slower than in a file that `--json` wrote before, and then the exit code is 1, as when no row
+could be compared. It says what else differs: the machine, Python, the commit. Each cost is the least of several, of
+processor time where nothing else is said, and ours is measured beside its peer's.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from tools.bench.table import Row, read, show, slower, write
+from tools.bench.table import Baseline, Row, conditions, differs, read, show, slower, write
 
 
 def _model(_: argparse.Namespace) -> Iterator[Row]:
@@ -71,6 +72,7 @@ _GROUPS: dict[str, Callable[[argparse.Namespace], Iterator[Row]]] = {
     "fleet": _fleet,
 }
 _NEED_FLIGHT = ("streams", "live", "starts", "limits")
+_LEAST_S = 5.0  # of a live flight: what is asked for at its start does not count
 
 
 def main() -> int:
@@ -90,17 +92,32 @@ def main() -> int:
         parser.error("--flight: which recorded flight?")
     if options.flight is not None and not options.flight.is_file():
         parser.error(f"--flight: {options.flight}: no such file")
+    if "live" in groups and options.seconds < _LEAST_S:
+        parser.error(f"--seconds {options.seconds:g}: {_LEAST_S:g} at least, or live has too few frames to judge")
     try:
-        before = read(options.check) if options.check else {}
+        before = read(options.check) if options.check else None
     except ValueError as error:
         parser.error(str(error))
     rows = [row for name in groups for row in _told(_GROUPS[name](options))]
     show(rows)
     if options.json:
         write(rows, options.json)
-    for words in (worse := slower(rows, before)):
+    return _checked(rows, before, options.check) if before else 0
+
+
+def _checked(rows: list[Row], before: Baseline, path: Path) -> int:
+    """Print what got slower, and what cannot be told. Returns the exit code."""
+    for words in differs(before.conditions, conditions()):
+        print(f"{path}: measured with another {words}")
+    for row in rows:
+        if row.work not in before.rows:
+            print(f"not compared: {row.work}: {path} has no such row")
+    for words in (worse := slower(rows, before.rows)):
         print(f"slower: {words}")
-    return int(bool(worse))
+    compared = any(row.work in before.rows for row in rows)
+    if not compared:
+        print(f"error: {path} has none of these rows: nothing was compared")
+    return int(bool(worse) or not compared)
 
 
 def _told(rows: Iterator[Row]) -> Iterator[Row]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import select
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -23,16 +24,21 @@ from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.vehicle.session import Session
+from tools.bench.flight import Motion, origin
 from tools.bench.table import Row
-from tools.measure import Motion, origin
 
 _HZ: Final = 10.0
 _BEFORE_S: Final = 0.0002  # a pose's bytes, before the frame's instant
+_LEAST: Final = 10  # frames
 _REACH_MS: Final = {50: 0.3, 99: 1.0}
 
 
 def rows(flight: Path, seconds: float) -> Iterator[Row]:
     ours, echo = _frames(Motion(flight), seconds), _echoes(round(seconds * 50))
+    if len(ours) < _LEAST:
+        sys.exit(
+            f"{len(ours)} frames came right after a pose, {_LEAST} are needed: more --seconds, a machine less busy"
+        )
     for share, reach in _REACH_MS.items():
         mine, peer = float(np.percentile(ours, share)), float(np.percentile(echo, share))
         work = f"newest pose in → frame's first byte out, p{share}"

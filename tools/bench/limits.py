@@ -15,7 +15,6 @@ from arva_hil.emulator.formats import frame_of
 from arva_hil.field import Transmitters
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
-from arva_hil.mavlink.packet_reader import Packets
 from arva_hil.receiver import Antennas, Look, PaperReceiver, Pose
 from arva_hil.receiver.maps import readings
 from arva_hil.vehicle.session import Session
@@ -80,7 +79,7 @@ def _packets(flight: Path) -> tuple[float, float, int]:
         session = Session(passive=True)
         for at in range(0, len(records), 16):
             for n, packets in enumerate(session.reader.read_records(records[at : at + 16]), at):
-                if use and session.uses(packets):
-                    session.hear(Packets(packets, packets), n * 1e-3)
+                if use:
+                    session.hear_record(packets, n * 1e-3)
 
     return 1e6 * cpu_of(lambda: take(True)), 1e6 * cpu_of(lambda: take(False)), len(records)

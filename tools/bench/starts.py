@@ -8,9 +8,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from tools.bench.flight import Motion, playing
 from tools.bench.table import Row, ratio
-from tools.bench.timing import COMMAND, cpu_of_command
-from tools.measure import Motion, playing, wall
+from tools.bench.timing import COMMAND, cpu_of_command, wall_of_command
 from tools.measure_search import closed_loop
 
 _NUMPY = [sys.executable, "-c", "import numpy"]
@@ -46,5 +46,5 @@ def first_frame(flight: Path) -> Iterator[Row]:
                 child.stdout.read(1)
                 taken.append(time.perf_counter() - start)
                 child.terminate()
-    numpy = min(wall(_NUMPY) for _ in range(5))
+    numpy = min(wall_of_command(_NUMPY) for _ in range(5))
     yield ratio("arva-hil run to its first frame", "import numpy", min(taken), numpy, "s", 3.0)

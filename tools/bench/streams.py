@@ -8,10 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from arva_hil.links.tlog import TlogReader
-from arva_hil.mavlink.packet_reader import Packets
 from arva_hil.vehicle.session import Session
 from tools.bench.table import Row, ratio
-from tools.bench.timing import COMMAND, cpu_of_command, figure_of
+from tools.bench.timing import COMMAND, cpu_of_command, figures_of
 
 _TOGETHER = 16  # records between two deadlines
 _MAVUTIL = """
@@ -32,11 +31,10 @@ def rows(flight: Path) -> Iterator[Row]:
         session, start = Session(passive=True), time.process_time()
         for at in range(0, len(records), _TOGETHER):  # as a replay does it
             for n, packets in enumerate(session.reader.read_records(records[at : at + _TOGETHER]), at):
-                if session.uses(packets):
-                    session.hear(Packets(packets, packets), n * 1e-3)
+                session.hear_record(packets, n * 1e-3)
         return time.process_time() - start
 
-    peer = min(figure_of(_MAVUTIL, str(flight)) for _ in range(3))
+    peer = min(figures_of("-c", _MAVUTIL, str(flight))[0] for _ in range(3))
     yield ratio(
         "MAVLink in: a recorded PX4 stream → pose track",
         "mavutil recv_match",

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import platform
+import subprocess
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 _SLOWER = 1.25  # times the ratio of the baseline: what two runs on a shared machine differ by anyway
 
@@ -46,15 +51,55 @@ def show(rows: Iterable[Row]) -> None:
 
 
 def write(rows: Sequence[Row], path: Path) -> None:
-    path.write_text(json.dumps([asdict(row) for row in rows], indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    """Write rows, and with what they were measured. Raises OSError."""
+    about = {"with": conditions(), "rows": [asdict(row) for row in rows]}
+    path.write_text(json.dumps(about, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def read(path: Path) -> dict[str, Row]:
-    """Rows by their work. Raises ValueError for a file that is no such list."""
+def conditions() -> dict[str, str]:
+    """What the rows of a run depend on besides the code: the machine, Python, and the commit that is measured."""
+    git = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--exclude=*"]
     try:
-        return {row.work: row for row in (Row(**row) for row in json.loads(path.read_text(encoding="utf-8")))}
-    except (OSError, TypeError, ValueError) as error:
-        raise ValueError(f"{path}: no rows of a benchmark: {error}; write one with --json") from None
+        commit = subprocess.run(git, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        commit = "unknown"
+    machine = f"{_processor() or platform.machine()}, {os.cpu_count()} cores"
+    return {"machine": machine, "Python": platform.python_version(), "commit": commit}
+
+
+def _processor() -> str:
+    """Its name as Linux tells it, "" elsewhere."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return ""
+
+
+class Baseline(NamedTuple):
+    """What `write` wrote: rows by their work, and with what they were measured."""
+
+    rows: dict[str, Row]
+    conditions: dict[str, str]
+
+
+def read(path: Path) -> Baseline:
+    """Raises ValueError for a file that `write` did not write."""
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+        rows = [Row(**row) for row in about["rows"]]
+        if not all(isinstance(row.work, str) and isinstance(row.cost, int | float) for row in rows):
+            raise ValueError("a row whose work is no text, or whose cost is no number")
+        return Baseline({row.work: row for row in rows}, {str(k): str(v) for k, v in about["with"].items()})
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}; write a baseline with --json") from None
+    except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
+        raise ValueError(f"{path}: is no baseline ({error}); write one with --json") from None
+
+
+def differs(before: dict[str, str], now: dict[str, str]) -> list[str]:
+    """What was different when the baseline was measured, in words."""
+    return [f"{what} {before.get(what, 'unknown')}, now {is_}" for what, is_ in now.items() if before.get(what) != is_]
 
 
 def slower(rows: Iterable[Row], before: dict[str, Row]) -> list[str]:

@@ -39,7 +39,12 @@ def _once_command(command: Sequence[str]) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def figure_of(code: str, *arguments: str) -> float:
-    """The number that a program prints last."""
-    done = subprocess.run([sys.executable, "-c", code, *arguments], check=True, capture_output=True, text=True)
-    return float(done.stdout.split()[-1])
+def wall_of_command(command: Sequence[str]) -> float:
+    """Seconds on the wall of one run of it. Raises CalledProcessError when it fails."""
+    return _once(lambda: subprocess.run(command, check=True, capture_output=True), time.perf_counter)
+
+
+def figures_of(*arguments: str) -> list[float]:
+    """The numbers that a Python program prints in its last line. Raises CalledProcessError when it fails."""
+    done = subprocess.run([sys.executable, *arguments], check=True, capture_output=True, text=True)
+    return [float(figure) for figure in done.stdout.splitlines()[-1].split()]

@@ -1,0 +1,63 @@
+"""The emulator live, in a process that does nothing else, as `arva-hil run` is and as the peer of the bench is.
+
+    python -m tools.bench.alone AUTOPILOT HZ SECONDS
+
+Prints the loop's CPU time [s], then how late each frame was [ms]. `cat` reads the frames. The first two seconds do not
+count, in which much runs for the first time: how long a start takes is another row.
+"""
+
+from __future__ import annotations
+
+import gc
+import subprocess
+import sys
+import time
+from contextlib import closing
+from typing import Final
+
+from arva_hil.config import parse
+from arva_hil.emulator.emulated_vehicle import one_vehicle
+from arva_hil.emulator.engine import Emulator
+from arva_hil.events import Event, FrameMade
+from arva_hil.links import open_link
+from arva_hil.links.pty import PtyLink
+from arva_hil.observers.audience import Audience
+from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.drivers import Live
+from arva_hil.runtime.loop import run
+from arva_hil.vehicle.session import Session
+
+WARM_S: Final = 2.0
+
+
+class Samples:
+    """Keeps every frame."""
+
+    def __init__(self) -> None:
+        self.frames: list[FrameMade] = []
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, FrameMade):
+            self.frames.append(event)
+
+
+def main(device: str, hz: float, seconds: float) -> None:
+    scenario = parse(f"transmitters: [{{id: 1, ned: [20, 5, 0]}}]\nreceiver: {{rate_hz: {hz}}}", "bench")
+    clock, samples = RealClock(), Samples()
+    with closing(PtyLink()) as port, closing(open_link(device, clock=clock)) as link:
+        reader = subprocess.Popen(["cat", port.path], stdout=subprocess.DEVNULL)
+        begin = clock.now() + 0.2
+        emulator = Emulator([one_vehicle(scenario, Session())], start=begin)
+        live = Live(emulator, {"autopilot": link}, {"port": port}, Audience([samples]))
+        gc.freeze()  # as the commands do
+        run([live], clock, until=begin + WARM_S)
+        samples.frames.clear()
+        start = time.process_time()
+        run([live], clock, until=begin + WARM_S + seconds)
+        print(time.process_time() - start, *(1e3 * frame.late_s for frame in samples.frames))
+        reader.kill()
+        reader.wait()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], float(sys.argv[2]), float(sys.argv[3]))

@@ -1,0 +1,1 @@
+"""What soak_strangers.py disturbs."""
