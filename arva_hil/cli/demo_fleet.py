@@ -35,7 +35,9 @@ def fly(options: argparse.Namespace, base: Scenario) -> int:
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
     pace = Pace()
     with ExitStack() as stack:
-        surroundings = stack.enter_context(common.Run(options, chosen, clock.epoch_us, live=not options.headless))
+        surroundings = stack.enter_context(
+            common.Run(options, chosen, clock.epoch_us, live=not options.headless, kind="demo")
+        )
 
         def emit(name: str, event: Event) -> None:
             if surroundings.page:

@@ -29,7 +29,8 @@ APART_M = 5.0  # between the vehicles at the start, from west to east
 
 
 def several(scenario: Scenario, count: int) -> Scenario:
-    """The scenario with `count` vehicles, each with its receiver. A scenario with vehicles is not changed."""
+    """The scenario with one datum for all and with `count` vehicles, each with its receiver, unless it has vehicles."""
+    scenario = replace(scenario, datum=_datum(scenario))
     if scenario.vehicles:
         return scenario
     vehicles = []
@@ -37,6 +38,11 @@ def several(scenario: Scenario, count: int) -> Scenario:
         receiver = ReceiverConfig("receiver", "pty", scenario.receiver, scenario.output_format, scenario.seed + n)
         vehicles.append(VehicleConfig(f"drone-{n + 1}", system=n + 1, receivers=(receiver,)))
     return replace(scenario, vehicles=tuple(vehicles))
+
+
+def _datum(scenario: Scenario) -> Lla:
+    """Its own, or the place where the vehicles stand: all of them have the same, though each has its own home."""
+    return Lla(*HOME) if scenario.datum == "home" else scenario.datum
 
 
 class Drone(NamedTuple):
@@ -69,7 +75,7 @@ class ClosedFleet:
         tell_packets: bool = False,
         emit: Callable[[str, Event], None] = lambda name, event: None,
     ) -> None:
-        datum = Lla(*HOME) if scenario.datum == "home" else scenario.datum  # the same datum for all vehicles
+        datum = _datum(scenario)
         scenario = replace(scenario, datum=datum)
         if gps_noise_m:  # otherwise the report is the truth
             scenario = replace(scenario, pose="truth", navigation_error=None)

@@ -33,6 +33,7 @@ def test_two_drones_find_one_transmitter_each(arva: Arva, field: Path, tmp_path:
         assert ended.err.count(f": found transmitter {id_}: ") == 1
     run = json.loads((record / "run.json").read_text())
     assert run["vehicles"].keys() == {"drone-1", "drone-2"}
+    assert run["scenario"]["datum"] == {"lat": 46.0123, "lon": 7.7456, "alt": 1650.0}  # so that a replay has the same
     assert (record / "drone-2" / "receiver" / "frames.bin").stat().st_size > 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import math
 import re
@@ -31,6 +32,13 @@ LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
 WEB = ("--web", "127.0.0.1:0")
 ZONES = ("–", "mid", "inner")
 OVER = re.compile("The run is over")
+
+ARRANGED = """async ([things, width, height]) => {
+  const { BESIDE, Names } = await import("/labels.js");
+  const names = new Names();
+  for (const [name, x, y] of things) { names.avoid(x, y, 12); names.add(name, x, y, "", 0, BESIDE(17)); }
+  return names.arranged(width, height, (text) => 8 * text.length).map(({ box }) => box);
+}"""
 
 Start = Callable[..., Program]
 Arva = Callable[..., Any]
@@ -255,3 +263,34 @@ def test_several_receivers_strange_texts_and_a_pose_that_is_no_number(tab: Tab) 
         assert tab.page.locator("#pill").get_attribute("data-level") == "bad"
     finally:
         page.close()
+
+
+def overlap(a: list[float], b: list[float]) -> bool:
+    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+def test_the_names_of_drones_that_are_close_hide_nothing_and_are_whole(tab: Tab) -> None:
+    page = WebPage(HostPort("127.0.0.1", 0), State("run", "field.yaml", named=True))
+    try:
+        tab.open(page.address.url)
+        line = [[f"drone-{i + 1}", 60 + 45 * i, 100] for i in range(4)]  # a name is 56 wide
+        at_the_edge = [["drone-5", 385, 30], ["drone-6", 390, 395]]
+        boxes = tab.page.evaluate(ARRANGED, [[*line, *at_the_edge], 400, 400])
+    finally:
+        page.close()
+    drones = [[x - 12, y - 12, x + 12, y + 12] for _, x, y in [*line, *at_the_edge]]
+    assert [pair for pair in itertools.combinations(boxes, 2) if overlap(*pair)] == []
+    assert [pair for pair in itertools.product(boxes, drones) if overlap(*pair)] == []
+    assert [box for box in boxes if box[0] < 0 or box[1] < 0 or box[2] > 400 or box[3] > 400] == []
+
+
+def test_a_demo_of_several_drones_is_one_and_its_places_are_from_the_datum(start: Start, tab: Tab) -> None:
+    program = start("demo", "--count", 2, "--headless", "--speed", 3, *WEB)
+    tab.open(url_of(program))
+    tab.shows("#kind", "demo")
+    team = tab.page.locator("#team-rows tr")
+    found = team.filter(has_text="1 found")
+    found.wait_for()
+    tab.page.locator("#receiver").select_option(f"{found.locator('th').inner_text()}/receiver")
+    tab.shows("#belief", re.compile(r"place found\s*(19\.\d|20\.\d) m N, [45]\.\d m E"))
+    program.stops()

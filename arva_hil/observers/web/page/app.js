@@ -87,7 +87,7 @@ function show() {
   showCounters(state);
   showEvents(store.events);
   const search = mine(state);
-  showSearch(search, shown, own(state.transmitters));
+  showSearch(search, shown, own(state.transmitters), state.team);
   showTeam(state.team, store.points, chosen);
   showMap({
     truth: shown, all: state.transmitters, transmitters: own(state.transmitters), field: field.transmitters, search, chosen,

@@ -1,6 +1,6 @@
 // What is wrong stands out: each check has a level, and the worst one is in the header.
 
-import { AGE, N, clock, el } from "./store.js";
+import { AGE, N, clock, el, fixed } from "./store.js";
 
 const ORDER = ["good", "warn", "bad"];
 const LEVELS = { info: "info", warning: "warn", error: "bad" };
@@ -9,7 +9,18 @@ const QUIET = new Set(["bytes_received", "packets_received", "packets_ignored"])
 const $ = (id) => document.getElementById(id);
 let shownEvents = "";
 
-// Rows of [level, name, value, why].
+function readingChecks(state, point, stale) {
+  const rows = [];
+  if (point) {
+    const age = point[AGE];
+    if (point[N] === null) rows.push([state.kind === "search" ? "good" : "bad", "pose", state.kind === "search" ? "on the ground" : "none", state.kind === "search" ? "" : "frames say no signal"]);
+    else rows.push([age > 1000 ? "warn" : "good", "pose", age === null ? "there" : `${Math.round(age)} ms old`]);
+  } else rows.push(["warn", "reading", "none yet"]);
+  if (stale) rows.push(["bad", "reading", "no new one"]);
+  return rows;
+}
+
+// Rows of [level, name, value, why]; those of the reading stand below its vehicle.
 export function checks(state, point, stale, name) {
   const rows = [];
   const own = name?.split("/")[0];
@@ -25,13 +36,9 @@ export function checks(state, point, stale, name) {
     for (const receiver of vehicle.receivers) {
       rows.push([receiver.dropped ? "warn" : "good", state.receivers.length > 1 ? `frames of ${receiver.name}` : "frames", String(receiver.frames - receiver.dropped), receiver.dropped ? `${receiver.dropped} dropped: nobody read them` : ""]);
     }
+    if (vehicle.name === own) rows.push(...readingChecks(state, point, stale));
   }
-  if (point) {
-    const age = point[AGE];
-    if (point[N] === null) rows.push([state.kind === "search" ? "good" : "bad", "pose", state.kind === "search" ? "on the ground" : "none", state.kind === "search" ? "" : "frames say no signal"]);
-    else rows.push([age > 1000 ? "warn" : "good", "pose", age === null ? "there" : `${Math.round(age)} ms old`]);
-  } else rows.push(["warn", "reading", "none yet"]);
-  if (stale) rows.push(["bad", "reading", "no new one"]);
+  if (!state.vehicles.some((vehicle) => vehicle.name === own)) rows.push(...readingChecks(state, point, stale));
   for (const link of state.links) {
     const lost = link.losses ? `lost ${link.losses} ×` : "";
     rows.push([link.open ? (link.losses ? "warn" : "good") : "bad", link.name, link.open ? lost || "open" : "lost", link.open ? "" : link.why]);
@@ -68,7 +75,7 @@ export function showEvents(events) {
     el("time", {}, clock(time)), el("span", { class: "sign", "aria-hidden": "true" }), el("span", {}, words))));
 }
 
-const place = ([north, east]) => `${north.toFixed(1)} m N, ${east.toFixed(1)} m E`;
+const place = ([north, east]) => `${fixed(north)} m N, ${fixed(east)} m E`;
 
 // The standard deviations along the axes of an ellipse, m, and the direction of the first, radians from north.
 export function axes([nn, ne, ee]) {
@@ -76,10 +83,11 @@ export function axes([nn, ne, ee]) {
   return { a: Math.sqrt(Math.max(0, middle + half)), b: Math.sqrt(Math.max(0, middle - half)), angle: Math.atan2(2 * ne, nn - ee) / 2 };
 }
 
-export function showSearch(search, truth, transmitters) {
+// Places are from the take-off point; those of a team, which has many, are from the datum, as in the team's table.
+export function showSearch(search, truth, transmitters, team) {
   $("search").hidden = !search;
   if (!search) return;
-  const from = (p) => [p[0] - search.take_off[0], p[1] - search.take_off[1]];
+  const from = (p) => (team.length ? p : [p[0] - search.take_off[0], p[1] - search.take_off[1]]);
   $("phase").textContent = search.phase;
   const rows = [["target", search.target === null ? (search.heard.length && search.phase !== "searching" ? "without a number" : "none yet") : `transmitter ${search.target}`]];
   if (search.found) {
@@ -101,7 +109,7 @@ export function showSearch(search, truth, transmitters) {
 export function showTeam(team, points, chosen) {
   $("team").hidden = !team.length;
   if (team.length) $("search").hidden = false;
-  const near = ([north, east]) => `${north.toFixed(0)} N, ${east.toFixed(0)} E`;
+  const near = ([north, east]) => `${fixed(north, 0)} N, ${fixed(east, 0)} E`;
   $("team-rows").replaceChildren(...team.map((one) => {
     const key = [...points.keys()].find((each) => each.slice(0, each.lastIndexOf("/")) === one.vehicle);
     const last = points.get(key)?.findLast((point) => point[N] !== null), id = one.found?.id ?? one.target;

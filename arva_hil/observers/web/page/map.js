@@ -1,15 +1,16 @@
 // The map: vehicles, tracks, transmitters, the field's lines and what a search believes, in local metres.
 
-import { CM, D, DELTA, E, N, YAW, ZONE, colourOf, css } from "./store.js";
+import { CM, D, DELTA, E, N, YAW, ZONE, colourOf, css, fixed } from "./store.js";
 import { nearest } from "./display.js";
 import { axes } from "./health.js";
+import { BELOW, BESIDE, FONT, Names, label } from "./labels.js";
 import { View } from "./view.js";
 
 const canvas = document.getElementById("map"), ink = canvas.getContext("2d");
 const still = matchMedia("(prefers-reduced-motion: reduce)");
-const FONT = "600 12px system-ui, sans-serif";
 const FRAME_MS = 30; // the shortest from one drawing to the next
 let scene = null, due = false, drawn = 0;
+const names = new Names(), OVER = [document.getElementById("legend"), document.querySelector(".map .tools")];
 const glides = new Map(); // by receiver: from, to, start, length
 
 export const view = new View(canvas, ask);
@@ -65,6 +66,8 @@ function draw(time) {
   if (time - drawn < FRAME_MS) return void requestAnimationFrame(draw);
   drawn = time;
   due = false;
+  names.clear();
+  for (const element of OVER) names.avoidElement(element);
   if (!scene || !view.width) return;
   const ratio = Math.min(3, devicePixelRatio || 1), w = Math.round(view.width * ratio), h = Math.round(view.height * ratio);
   if (canvas.width !== w || canvas.height !== h) { canvas.width = w; canvas.height = h; }
@@ -83,12 +86,13 @@ function draw(time) {
   if (scene.search) drawSearch(scene.search);
   if (scene.truth) scene.transmitters.forEach(drawTransmitter);
   let moving = false;
-  scene.vehicles.forEach((vehicle, i) => {
+  scene.vehicles.forEach((vehicle) => {
     const place = glides.get(vehicle.key) && now(glides.get(vehicle.key));
     if (!place) return;
-    drawVehicle(place, vehicle, vehicle === own, i);
+    drawVehicle(place, vehicle, vehicle === own);
     moving ||= place[3];
   });
+  names.draw(ink, view.width, view.height);
   drawScale();
   if (moving) ask();
 }
@@ -139,7 +143,7 @@ function drawField(one, alone) {
     ink.stroke();
     const at = LABELS.map((share) => Math.floor((line.length / 2 - 1) * share) * 2)
       .find((i) => visible(view.x(line[i + 1]), view.y(line[i])) && Math.hypot(line[i] - one.place[0], line[i + 1] - one.place[1]) * view.scale > 50);
-    if (at !== undefined) label(`${d} m`, view.x(line[at + 1]), view.y(line[at]), alone ? css("--soft") : colourOf(one.id), "500 11px system-ui, sans-serif", "center");
+    if (at !== undefined) label(ink, `${d} m`, view.x(line[at + 1]), view.y(line[at]), alone ? css("--soft") : colourOf(one.id), "500 11px system-ui, sans-serif", "center");
   }
   ink.setLineDash([]);
   ink.globalAlpha = 1;
@@ -183,25 +187,11 @@ function drawTransmitter(one) {
   disc(x, y, 8.5, css("--ground")); disc(x, y, 7, colour);
   if (flat <= 0.2) { disc(x, y, 4, css("--ground")); if (d > 0) disc(x, y, 1.8, colour); } // it stands: an arrow from the front or the back
   const deep = one.place[2], depth = Math.abs(deep) < 0.05 ? "" : `, ${Math.abs(deep).toFixed(1)} m ${deep > 0 ? "deep" : "up"}`;
-  label(`Nº ${one.id}${depth}`, x, y + 24, css("--ink"), FONT, "center");
+  names.avoid(x, y, 8);
+  names.add(`Nº ${one.id}${depth}`, x, y, css("--ink"), 1, BELOW(24));
 }
 
 function disc(x, y, radius, colour) { ink.beginPath(); ink.arc(x, y, radius, 0, 2 * Math.PI); ink.fillStyle = colour; ink.fill(); }
-
-function label(text, x, y, colour, font = FONT, align = "left") {
-  ink.save();
-  ink.setLineDash([]);
-  ink.font = font;
-  ink.textAlign = align;
-  ink.textBaseline = "middle";
-  ink.lineJoin = "round";
-  ink.lineWidth = 4;
-  ink.strokeStyle = css("--ground");
-  ink.strokeText(text, x, y);
-  ink.fillStyle = colour;
-  ink.fillText(text, x, y);
-  ink.restore();
-}
 
 function drawVehicle([north, east, yaw], vehicle, own) {
   const x = view.x(east), y = view.y(north), best = own ? nearest(vehicle.points.at(-1)) : null;
@@ -228,8 +218,9 @@ function drawVehicle([north, east, yaw], vehicle, own) {
   ink.stroke();
   ink.restore();
   const height = vehicle.points.at(-1)?.[D];
-  if (scene.vehicles.length > 1) label(vehicle.name, x + 18, y - 14, colour);
-  else if (height !== null && height !== undefined) label(`${(-height).toFixed(1)} m`, x + 19, y - 14, css("--soft"), "500 12px system-ui, sans-serif");
+  names.avoid(x, y, 1.3 * r);
+  if (scene.vehicles.length > 1) names.add(vehicle.name, x, y, colour, own ? 0 : 3, BESIDE(17));
+  else if (height !== null && height !== undefined) names.add(`${fixed(-height)} m`, x, y, css("--soft"), 0, BESIDE(17));
 }
 
 // Where the receiver points: ahead solid, the opposite way dashed.
@@ -278,7 +269,7 @@ function drawSearch(search) {
   for (const place of [...noted, ...(search.found && !noted.length ? [[...search.found.place, "found"]] : [])]) drawPlace(...place);
 }
 
-function drawPlace(n, e, name) {
+function drawPlace(n, e, words) {
   const x = view.x(e), y = view.y(n), colour = css("--belief");
   for (const [width, style] of [[7, css("--ground")], [3.4, colour]]) {
     ink.lineWidth = width; ink.strokeStyle = style;
@@ -286,7 +277,7 @@ function drawPlace(n, e, name) {
     ink.moveTo(x - 11, y - 11); ink.lineTo(x + 11, y + 11); ink.moveTo(x - 11, y + 11); ink.lineTo(x + 11, y - 11);
     ink.stroke();
   }
-  label(name, x - 16, y - 14, colour, FONT, "right");
+  names.add(words, x, y, colour, 2, [[-16, -14, "right"], ...BESIDE(16)]);
 }
 
 function drawScale() {
@@ -297,12 +288,12 @@ function drawScale() {
   ink.beginPath();
   ink.moveTo(x, y - 6); ink.lineTo(x, y); ink.lineTo(x + width, y); ink.lineTo(x + width, y - 6);
   ink.stroke();
-  label(metres >= 1000 ? `${metres / 1000} km` : `${+metres.toPrecision(2)} m`, x + width / 2, y - 11, css("--ink"), FONT, "center");
+  label(ink, metres >= 1000 ? `${metres / 1000} km` : `${+metres.toPrecision(2)} m`, x + width / 2, y - 11, css("--ink"), FONT, "center");
   const nx = view.width - 26, ny = view.height - 34;
   ink.fillStyle = css("--ink");
   ink.beginPath();
   ink.moveTo(nx, ny - 14); ink.lineTo(nx + 7, ny + 8); ink.lineTo(nx, ny + 3); ink.lineTo(nx - 7, ny + 8); ink.closePath(); ink.fill();
-  label("N", nx, ny + 19, css("--ink"), FONT, "center");
+  label(ink, "N", nx, ny + 19, css("--ink"), FONT, "center");
 }
 
 new ResizeObserver(ask).observe(canvas);

@@ -65,6 +65,12 @@ export function clock(seconds) {
   return h ? `${h}:${two(Math.floor(s / 60) % 60)}:${two(s % 60)}` : `${Math.floor(s / 60)}:${two(s % 60)}`;
 }
 
+// A number with `digits` behind the point, with a real minus sign, and no minus before a zero.
+export function fixed(number, digits = 1) {
+  const text = Math.abs(number).toFixed(digits);
+  return number < 0 && Number(text) ? `−${text}` : text;
+}
+
 // An element with attributes and children; texts are never markup.
 export function el(name, attributes = {}, ...children) {
   const made = document.createElement(name);
