@@ -74,16 +74,24 @@ def fleet_sides(chosen: Scenario, usual: str | None, *, json: bool = False) -> F
         if not (address := vehicle.autopilot or usual):
             raise ValueError(f"{source}: {vehicle.name}: its autopilot is missing: name its link")
         autopilots[vehicle.name] = address
-    _check_ports(source, ports, autopilots, json=json)
-    by_place = {_place(source, name, address): address for name, address in reversed(autopilots.items())}
-    of_vehicle = {name: by_place[_place(source, name, address)] for name, address in autopilots.items()}
+    check_links(source, ports, autopilots, json=json)
+    of_vehicle = shared_links(source, autopilots)
     for link in dict.fromkeys(of_vehicle.values()):
         check_systems(source, link, [vehicle for vehicle in chosen.vehicles if of_vehicle[vehicle.name] == link])
     return FleetSides({link: link for link in dict.fromkeys(of_vehicle.values())}, of_vehicle, ports)
 
 
-def _check_ports(source: str, ports: dict[str, str], autopilots: dict[str, str], *, json: bool) -> None:
-    """Check that frames can be sent to each port, and that nothing else is sent there. Raises ValueError."""
+def shared_links(source: str, autopilots: Mapping[str, str]) -> dict[str, str]:
+    """The link of each vehicle by its name, in one spelling where several write the same link. Raises ValueError."""
+    by_place = {_place(source, name, address): address for name, address in reversed(autopilots.items())}
+    return {name: by_place[_place(source, name, address)] for name, address in autopilots.items()}
+
+
+def check_links(source: str, ports: Mapping[str, str], autopilots: Mapping[str, str], *, json: bool = False) -> None:
+    """Check that each port can be one for frames, and that no two of all links are at the same place.
+
+    `json`: stdout has other lines. Raises ValueError.
+    """
     taken = {}
     for name, address in autopilots.items():
         if parse_or_fail(source, name, address).kind == "stdout":

@@ -21,6 +21,7 @@ from arva_hil.config import Lla, Scenario, VehicleConfig, load
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, SetPointPlanned, WouldOrder
 from arva_hil.field import LocalFrame
+from arva_hil.fleet_links import check_links, shared_links
 from arva_hil.links import Link, parse
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.shared import SharedLink
@@ -88,6 +89,7 @@ def main(options: argparse.Namespace) -> int:
     scenario = load(options.scenario)
     vehicles, field, _ = _team(options, scenario)
     members = [_member(options, vehicle, number, scenario.source) for number, vehicle in enumerate(vehicles)]
+    members = _fitted(scenario.source, members)
     plan, clock, bus = plan_of(options), RealClock(), Bus(field)
     start, clients, logs = clock.now(), dict[str, SearchClient](), dict[str, SearchLog]()
     planned = {member.name: list[Event]() for member in members}
@@ -215,16 +217,29 @@ def _member(options: argparse.Namespace, vehicle: VehicleConfig, number: int, so
     if not (autopilot := options.autopilot or vehicle.autopilot):
         raise UsageError(f"{source}: {vehicle.name}: its autopilot is missing: name its link, or --autopilot")
     (receiver,) = vehicle.receivers
-    port = options.receiver or _far_end(receiver.port or "", f"{source}: {vehicle.name}")
+    port = options.receiver or far_end(receiver.port or "", f"{source}: {vehicle.name}")
     assert vehicle.system is not None
     return Member(number, vehicle.name, vehicle.system, autopilot, port, receiver.output_format)
 
 
-def _far_end(port: str, whose: str) -> str:
+def _fitted(source: str, members: list[Member]) -> list[Member]:
+    """Members on the same link with one spelling of it. Raises UsageError if their links do not fit together."""
+    autopilots = {member.name: member.autopilot for member in members}
+    try:
+        check_links(source, {member.name: member.receiver for member in members}, autopilots)
+        links = shared_links(source, autopilots)
+    except ValueError as error:
+        raise UsageError(error) from None
+    return [member._replace(autopilot=links[member.name]) for member in members]
+
+
+def far_end(port: str, whose: str) -> str:
     """Where frames are read that go to a port."""
     there = parse(port)
     if there.kind == "pty" and not there.path:
         raise UsageError(f"{whose}: its port is a new pseudo-terminal each time: name it, e.g. pty:/tmp/NAME")
+    if there.kind == "stdout":
+        raise UsageError(f"{whose}: its port is stdout, where no frames can be read: name a port")
     if there.kind in _READ_AT:
         return f"{_READ_AT[there.kind]}:{show(there.host, there.port)}"
-    return there.path or port
+    return there.path if there.kind == "pty" else port

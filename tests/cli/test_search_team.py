@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.search_team import exit_code
+from arva_hil.cli.search_team import exit_code, far_end
 from arva_hil.search.outcome import Outcome
 
 from .far_ends import Program, free_port
@@ -49,12 +49,65 @@ def field(tmp_path: Path) -> Path:
         ("", "", "--foxglove on", "--foxglove: of one search"),
         ("", "", "--area=-20,-3,20,3", "2 drones would have 3.0 m each"),
         ("", "", "--vehicle c", "--vehicle c: "),
+        ("pty:/tmp/none-b", "pty:/tmp/../tmp/none-a", "", "its port /tmp/../tmp/none-a is also the port of a: each"),
+        (
+            "pty:/tmp/none-b",
+            "pty:/dev/none",
+            "",
+            "b: its port /dev/none is also the autopilot of b: each needs its own",
+        ),
+        ("pty:/tmp/none-b", "log.tlog", "", "b: its port log.tlog is a log"),
+        ("pty:/tmp/none-b", "-", "", "b: its port is stdout, where no frames can be read: name a port"),
+        ("", "", "--autopilot -", "a: its autopilot is stdout, which cannot be read"),
+        (
+            "pty:/tmp/none-b",
+            "udpout:127.0.0.1:1",
+            "--autopilot udpin:0.0.0.0:1",
+            "udpin:127.0.0.1:1, the port of b, cannot",
+        ),
     ],
 )
 def test_what_is_no_team_is_refused(arva: Arva, field: Path, old: str, new: str, words: str, what: str) -> None:
     field.write_text(field.read_text().replace(old, new))
     ended = arva("search", "--scenario", field, "--autopilot", "/dev/none", *words.split())
     assert (ended.code, what in ended.err) == (2, True), ended.err
+
+
+def test_two_links_that_listen_at_one_port_are_refused(arva: Arva, field: Path) -> None:
+    on = "system: {}, autopilot: 'udpin:{}:14990'"
+    text = field.read_text().replace("system: 1", on.format(1, "127.0.0.1"))
+    field.write_text(text.replace("system: 2", on.format(2, "0.0.0.0")))
+    ended = arva("search", "--scenario", field)
+    assert ended.code == 2
+    assert "so udpin:127.0.0.1:14990, the autopilot of a, cannot listen there too: choose another port" in ended.err
+
+
+def test_two_spellings_of_one_link_are_one_link(start: Start, field: Path, tmp_path: Path, keep: Keep) -> None:
+    port = free_port(socket.SOCK_DGRAM)
+    text = field.read_text().replace("/tmp/none-a", f"{tmp_path}/a").replace("/tmp/none-b", f"{tmp_path}/b")
+    for system, host in ((1, "127.0.0.1"), (2, "localhost")):
+        text = text.replace(f"system: {system}", f"system: {system}, autopilot: 'udpin:{host}:{port}'")
+    field.write_text(text)
+    for name in "ab":
+        keep(Beacon(symlink=f"{tmp_path}/{name}"))
+    start("vehicle", "--count", 2, "--link", f"udpout:127.0.0.1:{port}")
+    search = start("search", "--scenario", field, "--dry-run")
+    assert search.ends() == 0, search.err
+    for name, system in (("a", 1), ("b", 2)):
+        assert f"{name}: system {system}, autopilot: udpin:127.0.0.1:{port}" in search.err
+
+
+@pytest.mark.parametrize(
+    ("port", "read"),
+    [
+        ("pty:/tmp/a", "/tmp/a"),
+        ("/dev/ttyUSB0,115200", "/dev/ttyUSB0,115200"),
+        ("udpout:[::1]:5", "udpin:[::1]:5"),
+        ("tcpin:5", "tcp:127.0.0.1:5"),
+    ],
+)
+def test_frames_are_read_where_they_come_out(port: str, read: str) -> None:
+    assert far_end(port, "a") == read
 
 
 def test_without_links_and_without_a_scenario_it_says_what_is_missing(arva: Arva, field: Path) -> None:
