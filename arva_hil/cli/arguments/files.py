@@ -51,16 +51,16 @@ def campaign(parser: CommandParser) -> None:
     parser.option("--scheduler tcp://HOST:PORT", "run on a Dask cluster instead", scheduler)
     part = "fly only the K-th of N parts of the plan, which has every N-th seed; default folder: PLAN-results-K-of-N"
     parser.option("--shard K/N", part, shard)
-    parser.option("--merge DIR", "fly nothing: take over the results in these folders, and report", nargs="+")
+    parser.option("--merge DIR", "fly nothing: copy the results in these folders, and write the report", nargs="+")
     parser.option("--dry-run", "list the trials, without flying or writing")
     parser.option("--json", "print a JSON object for each trial on stdout")
 
 
 def report(parser: CommandParser) -> None:
-    """Write a report of a record: one page of HTML that needs nothing else, and opens from a mail.
+    """Write a report of a record: one HTML page that needs no other file, so that it can be sent by mail.
 
-    RUN is a folder that --record has written. Two of them are shown side by side; of a folder with records in it all
-    are.
+    RUN is a folder that --record has written. Two records are shown side by side. Of a folder with several records
+    all are shown.
     Its pictures need matplotlib: pip install 'arva-hil[plots]'.
     """
     parser.add_argument("run", metavar="RUN", help="folder of a record, or a folder with records in it")
@@ -86,7 +86,7 @@ def plot(parser: CommandParser) -> None:
 def export(parser: CommandParser) -> None:
     """Write a record for maps, spreadsheets and other programs.
 
-    RUN is a folder that --record has written. The place found is a point with the ellipse in which it is with 95 %.
+    RUN is a folder that --record has written. The place found is a point, and an ellipse around it of 95 % probability.
     """
     parser.add_argument("run", metavar="RUN", help="folder of a record")
     names = f"{', '.join(EXPORTS)}; default: what the name of FILE ends with"
@@ -109,9 +109,9 @@ def view(parser: CommandParser) -> None:
 def range_test(parser: CommandParser) -> None:
     """Carry the scenario's receiver towards its first transmitter, again and again, and print how far it hears.
 
-    In three couplings: coaxial, turned by 90°, and with the dipole upright. A signal counts once it is stable: single
-    ones from farther away do not, as testers have it. With --out it also writes range-test.txt, .csv and .png to a
-    folder.
+    In three couplings: coaxial, turned by 90°, and with the dipole upright. Only stable signals count, as in the tests
+    of receivers: a single signal from farther away does not. With --out it also writes range-test.txt, .csv and .png
+    to a folder.
     """
     what = "scenario (YAML), or builtin:NAME, for its receivers and the strength of its first transmitter"
     parser.option("--scenario FILE", what)
@@ -120,7 +120,7 @@ def range_test(parser: CommandParser) -> None:
     height, height_m = "height of the receiver above the transmitter", number(0, 100, " of m")
     parser.option("--height M", height, height_m, 3.0, environment=False, dest="range_height")
     speed = number(0.1, 30, " of m/s")
-    parser.option("--speed M/S", "how fast it is walked", speed, 1.0, environment=False, dest="walking_speed")
+    parser.option("--speed M/S", "walking speed", speed, 1.0, environment=False, dest="walking_speed")
     stable = "a signal is stable if there is no gap in it for so long"
     parser.option("--stable S", stable, number(0, 1000, " of s"), 10.0, environment=False)
     parser.option("--out DIR", "folder for the data sheet and its picture")

@@ -95,7 +95,7 @@ def command(parser: CommandParser) -> None:
     value = whole(-(2**31), 2**31 - 1)
     parser.add_argument("values", metavar="VALUE", nargs="*", type=value, help="e.g. the transmitter's id")
     shared.add_format(parser, default="binary", without=MAVLINK_FORMATS)
-    parser.option("--timeout S", "for an answer", number(0.1, 3600, " of seconds"), 3.0)
+    parser.option("--timeout S", "wait this long for an answer", number(0.1, 3600, " of seconds"), 3.0)
     parser.option("--json", "print the answer as a JSON object")
 
 

@@ -14,17 +14,18 @@ _MOST_VICTIMS = 16
 
 
 def search(parser: CommandParser) -> None:
-    """Search for the victim: reads the receiver's port, flies the autopilot, stops above the transmitter.
+    """Search for the victim: read the receiver's port, fly the vehicle to the transmitter, and land there.
 
-    The vehicle arms, takes off, searches and lands by itself. The pilot takes it back with the mode switch, or by
-    moving a stick, at any time: the search then says nothing more to it. Ctrl-C leaves it hovering; a landing goes on.
-    A receiver that is unplugged is looked for while it hovers. The autopilot's link is looked for before anything is
-    armed; lost later, it leaves the vehicle to its own failsafe.
-    A simulator says what it is when asked. Any other vehicle is armed only when somebody at the terminal types yes, or
-    on --yes; without either the search ends with 2.
+    The vehicle arms, takes off, searches and lands by itself. The pilot can take it back at any time, with the mode
+    switch or by moving a stick: the search then gives no more orders. After Ctrl-C the vehicle hovers; a landing that
+    has begun goes on.
+    If the receiver is unplugged, the vehicle hovers and the search looks for the receiver. If the autopilot's link is
+    lost before arming, the search looks for it; if it is lost later, the vehicle is left to its own failsafe.
+    A simulator says that it is one. Any other vehicle is armed only if somebody types yes at the terminal, or with
+    --yes; without either the search ends with 2.
     On the bench: take the propellers off. Serial ports of flight controllers have 3.3 V levels, not 5 V, not RS-232.
-    Say who has the sticks: one person, thumb on the mode switch, who does nothing else. --dry-run first: it orders
-    nothing.
+    Say who has the sticks: one person, with a thumb on the mode switch, who does nothing else. Try --dry-run first:
+    it orders nothing.
     Exit codes: 0 found (all that --victims asks for), or a dry run that would have flown, 1 not sure, not found or
     failed, 2 usage or not allowed to arm, 3 no autopilot or no frames, 130 interrupted.
     """
@@ -32,22 +33,22 @@ def search(parser: CommandParser) -> None:
     parser.option("--receiver URL", "the receiver's port", link)
     shared.add_format(parser, default="binary", without=MAVLINK_FORMATS)
     add_plan(parser)
-    team = "a spec-2 scenario whose vehicles divide the area, around its datum; its transmitters are not looked at"
+    team = "a scenario of spec 2: its vehicles divide the area, around its datum; its transmitters are not used"
     parser.option("--scenario FILE", f"{team}; has no ARVA_HIL_ variable", environment=False)
-    one = "fly only this vehicle of the scenario; the searches of the others are other programs, told by MAVLink TUNNEL"
+    one = "fly only this vehicle of the scenario; other programs fly the others; they tell each other by MAVLink TUNNEL"
     parser.option("--vehicle NAME", one, environment=False)
     parser.option("--end", "what to do at the end", None, "land", choices=("land", "hover"))
     seconds = number(0.1, math.inf, " of s")
-    until = "from the start until there are both links, a heartbeat, frames and a pose"
+    until = "give up if both links, a heartbeat, frames and a pose are not there this long after the start"
     parser.option("--timeout S", until, seconds, 60.0)
-    parser.option("--arm-timeout S", "for the autopilot to arm", seconds, 60.0)
+    parser.option("--arm-timeout S", "give up if the autopilot does not arm in this time", seconds, 60.0)
     yes = "arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable"
     parser.option("--yes", yes, environment=False)
     parser.option(
         "--dry-run",
-        "do everything but arm and move: wait for all, check all, say what would be asked and ordered, with the "
-        "set-points for the readings of 5 s, and end; heartbeats and questions are sent (streams, parameters, "
-        "whether it is a simulator), nothing that moves the vehicle",
+        "wait for everything, check everything, print what would be asked and ordered, with the set-points for the "
+        "readings of 5 s, and end; nothing is armed or moved: only heartbeats and questions are sent (streams, "
+        "parameters, whether it is a simulator)",
     )
     parser.option("--countdown S", "count down this long before arming, when all is ready", number(0, 60, " of s"), 3.0)
     parser.option(
@@ -91,15 +92,15 @@ def add_plan(parser: CommandParser) -> None:
     parser.option("--strategy NAME", names, kind(STRATEGIES), "estimate")
     parser.option(
         "--victims N|all",
-        "how many transmitters are searched for: each is marked on the receiver, or noted, before the next; all: those "
-        "that are heard from the strips of the whole area",
+        "number of transmitters to find, one after the other; all: every one that is heard from the strips of the "
+        "whole area",
         victims,
         1,
     )
     parser.option("--max-speed M/S", "largest horizontal speed", number(0.2, 10, " of m/s"), 1.0)
     metres, seconds = number(0.3, 100, " of m"), number(1, 86400, " of s")
     parser.option("--height M", "height above the ground to hold", metres, 3.0)
-    trust = "hold --height also where only GPS tells the height; without this option 3 sigma are added to it then"
+    trust = "hold --height also if only GPS tells the height; without this option the vehicle then flies 3 sigma higher"
     parser.option("--trust-height", trust)
     parser.option("--take-off M", "height of the take-off", metres, 3.0)
     parser.option(
@@ -111,7 +112,8 @@ def add_plan(parser: CommandParser) -> None:
     )
     parser.option(
         "--area S,W,N,E",
-        "searched in strips before the first signal, m from the take-off point; 100 m outside it the search ends; "
+        "area to search in strips before the first signal, m from the take-off point; if the vehicle is 100 m outside "
+        "it, the search ends; "
         "default=-50,-50,50,50",
         area,
         (-50.0, -50.0, 50.0, 50.0),
@@ -123,7 +125,7 @@ def add_plan(parser: CommandParser) -> None:
         strip_width,
         40.0,
     )
-    parser.option("--patience S", "hover without frames, then end", seconds, 10.0)
+    parser.option("--patience S", "if no frames come, hover this long, then end", seconds, 10.0)
     parser.option("--limit S", "end the search after this long", seconds, 900.0)
 
 
