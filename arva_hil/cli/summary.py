@@ -103,6 +103,7 @@ def summary_lines(emulator: Emulator) -> list[str]:
     """The summary for a person."""
     one, lines = is_one(emulator), list[str]()
     users = Counter(vehicle.link for vehicle in emulator.vehicles)
+    found = {vehicle.link for vehicle in emulator.vehicles if vehicle.session.vehicle}
     for vehicle in emulator.vehicles:
         for source in vehicle.sources:
             of = "" if one else f"{vehicle.name}/{source.name}: "
@@ -110,12 +111,14 @@ def summary_lines(emulator: Emulator) -> list[str]:
             taken = f"{c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose"
             lines.append(f"{of}{c.frames} frames: {taken}; worst lateness {c.latest_s * 1e3:.1f} ms")
             lines += [of + line for line in _mishaps(source)]
-        heard = _heard(vehicle.session, alone=users[vehicle.link] == 1)
+        heard = _heard(vehicle.session, alone=users[vehicle.link] == 1, others=vehicle.link in found)
         lines += [line if one else f"{vehicle.name}: {line}" for line in heard]
     for link, number in users.items():
         if number > 1:
-            reader = next(vehicle.session.reader for vehicle in emulator.vehicles if vehicle.link == link)
-            lines.append(f"{link} ({number} vehicles): {_came(reader)}")
+            sessions = [vehicle.session for vehicle in emulator.vehicles if vehicle.link == link]
+            whose = "" if link in found else "no vehicle was found; "
+            lines.append(f"{link} ({number} vehicles): {whose}{_came(sessions[0].reader)}")
+            lines += [f"{link}: {line}" for line in _not_used(_of(sessions[0], "packets"))]
     return lines
 
 
@@ -127,15 +130,25 @@ def _came(reader: PacketReader) -> str:
     )
 
 
-def _heard(session: Session, *, alone: bool) -> list[str]:
-    """`alone`: on its link; others have what came there said once."""
+def _heard(session: Session, *, alone: bool, others: bool) -> list[str]:
+    """`alone`: on its link; others have what came there said once. `others`: some vehicle was found there."""
     whose = "autopilot" if session.vehicle else "no vehicle was found; its link"
     lines = [f"{whose}: {_came(session.reader)}, {session.ignored} packets of others ignored"] if alone else []
-    if not alone and not session.vehicle:
+    if not alone and not session.vehicle and others:
         lines.append("no vehicle was found")
-    if doubts := [f"{n} {name.replace('_', ' ')}" for name, n in session.disbelieved().items() if n]:
-        lines.append(f"not used: {', '.join(doubts)}")
-    return lines
+    return lines + _not_used(session.disbelieved() if alone else _of(session, "values"))
+
+
+def _of(session: Session, what: str) -> dict[str, int]:
+    """What was not used of a link's "packets", or of a vehicle's "values"."""
+    counts = session.disbelieved()
+    return {name: n for name, n in counts.items() if name.startswith("packets_") == (what == "packets")}
+
+
+def _not_used(counts: Mapping[str, int]) -> list[str]:
+    """What was not used, in a line if there is something."""
+    doubts = [f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n]
+    return [f"not used: {', '.join(doubts)}"] if doubts else []
 
 
 def _mishaps(source: FrameSource) -> list[str]:

@@ -23,6 +23,7 @@ from arva_hil.links.udp import UdpOutLink
 from arva_hil.recordings import load
 from arva_hil.registry import FORMATS
 from firmware_proto import Frame
+from tests.mavlink.test_codec import packet
 
 from .conftest import Ended
 from .far_ends import Autopilot, Consumer, Program, frames_in, free_port, hears, read_frames, read_until_heard, until
@@ -150,9 +151,11 @@ def test_two_vehicles_behind_one_udp_port_are_told_apart_by_system_id(start: Sta
     program = start("run", "--scenario", path, "--record", record)
     program.says("frames of bravo/rear to")
     for system in (1, 2):
-        keep(Autopilot(keep(UdpOutLink("127.0.0.1", port)), speaks_first=True, system=system))
+        link = keep(UdpOutLink("127.0.0.1", port))
+        keep(Autopilot(link, speaks_first=True, system=system))
     for name in ("alpha/front", "alpha/rear", "bravo/front", "bravo/rear"):
         program.says(f"{name}: there is a pose")
+    link.write(packet(0, bytes(9), flags=2))
     last = [read_frames(line, 30)[-1] for line in (lines[0], lines[3])]
     program.stops()
     assert all(map(hears, last))
@@ -161,6 +164,7 @@ def test_two_vehicles_behind_one_udp_port_are_told_apart_by_system_id(start: Sta
     assert run["vehicles"]["alpha"]["tlog"] == run["vehicles"]["bravo"]["tlog"] == "autopilot.tlog"
     assert "is ignored" not in program.err
     assert program.err.count(" bytes skipped") == program.err.count(f"{address} (2 vehicles): ") == 1
+    assert program.err.count("not used: 1 packets incompatible") == 1
 
 
 def test_a_vehicle_that_never_appears_is_said_once_while_the_other_flies(
@@ -178,6 +182,22 @@ def test_a_vehicle_that_never_appears_is_said_once_while_the_other_flies(
     assert "bravo: no vehicle was found; its link: 0 bytes" in program.err
     assert hears(frames_in(lines[0].read())[-1])
     assert not any(frame.channels[0].valid for frame in frames)
+
+
+def test_many_vehicles_that_never_appear_on_one_link_are_said_in_one_sentence(
+    start: Start, keep: Keep, autopilot: Autopilot, tmp_path: Path
+) -> None:
+    nobody, names = keep(PtyLink()), [f"v{system}" for system in range(2, 10)]
+    absent = "".join(vehicle(name, int(name[1]), nobody.path, "{name: r, port: pty}") for name in names)
+    path = fleet_file(tmp_path, vehicle("v1", 1, autopilot.address, "{name: r, port: pty}") + absent)
+    program = start("run", "--scenario", path, "--timeout", 1)
+    program.says("nothing was heard at all")
+    program.says("v1/r: there is a pose")
+    program.stops()
+    assert f"warning: {', '.join(names)}: nothing was heard at all" in program.err
+    assert program.err.count("nothing was heard at all") == 1
+    assert f"{nobody.path} (8 vehicles): no vehicle was found; 0 bytes" in program.err
+    assert program.err.count("no vehicle was found") == 1
 
 
 def test_when_no_vehicle_appears_in_time_it_ends_with_3(start: Start, keep: Keep, tmp_path: Path) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Final, TextIO
 
-from arva_hil.events import Event, FrameMade, StatusReport
+from arva_hil.events import Event, FrameMade, HeartbeatMissing, StatusReport
 from arva_hil.links import Link, LinkError
 from arva_hil.observers.console import text
 from arva_hil.observers.console.event_json import event_json
@@ -16,6 +17,7 @@ from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import BETWEEN, Notice, fit, status_line, status_table
 from arva_hil.runtime.worker_thread import WorkerThread
 from arva_hil.safe_text import columns_of, is_screen, one_line, wrapped
+from arva_hil.vehicle.reasons import NoVehicle
 
 _PLAIN_S: Final = 5.0  # between status lines if the stream is no terminal
 _CLEAR: Final = "\r\x1b[K"
@@ -40,6 +42,7 @@ class Printer:
         self._named = named
         self._shown: list[str] = []  # the status, as it is on the terminal now
         self._next_plain = _PLAIN_S
+        self._missing: dict[NoVehicle, list[HeartbeatMissing]] = {}  # not said yet: many are missing at the same time
         self._background = WorkerThread("console")
 
     def observe(self, event: Event) -> None:
@@ -47,10 +50,14 @@ class Printer:
             if self._frames:
                 name = f"{event.vehicle}/{event.receiver} " if self._named else ""
                 self.say(f"{name}{event.frame.sequence:3d} {_words(event)}")
+        elif isinstance(event, HeartbeatMissing):
+            self._missing.setdefault(event.heard, []).append(event)
         elif isinstance(event, StatusReport):
+            self._say_missing()
             if self._status:
                 self._show(event)
         elif (notice := sentence(event, named=self._named)) is not None:
+            self._say_missing()
             self.notice(notice)
 
     def notice(self, notice: Notice) -> None:
@@ -62,6 +69,7 @@ class Printer:
 
     def settle(self, report: StatusReport | None = None) -> None:
         """Show the status for the last time, as it is or as in `report`. Later lines come below it."""
+        self._say_missing()
         if report is not None and self._shown:
             self._show(report)
         if self._shown:
@@ -76,6 +84,14 @@ class Printer:
         """Show a status in one line, the most important part first. `time_s`: when it was measured."""
         parts = [one_line(part) for part in parts]
         self._display(time_s, lambda columns, _: [fit(parts, columns)], lambda: BETWEEN.join(parts))
+
+    def _say_missing(self) -> None:
+        """Say which vehicles have not appeared: in one sentence those of which the same was heard."""
+        for missing in self._missing.values():
+            event = replace(missing[0], vehicle=", ".join(one.vehicle for one in missing))
+            if (notice := sentence(event, named=self._named)) is not None:
+                self.notice(notice)
+        self._missing = {}
 
     def _show(self, report: StatusReport) -> None:
         table = partial(status_table, report, named=self._named)
