@@ -222,8 +222,9 @@ class Emulator:
         if out := vehicle.poll(now):
             self._outputs.append(Output(vehicle.link, out, now))
         self._events += vehicle.session.take_events()
-        if now - self._start > self._timeout_s:
-            self._tell_missing(vehicle, now)
+        if now - self._start > self._timeout_s and not vehicle.known and not vehicle.told_missing:
+            for one in self._on_link[vehicle.link]:  # all at the same time, for a reader
+                self._tell_missing(one, now)
 
     def _tell_missing(self, vehicle: EmulatedVehicle, now: float) -> None:
         if not vehicle.known and not vehicle.told_missing:

@@ -13,6 +13,7 @@ from arva_hil.config import Scenario, parse
 from arva_hil.emulator.emulated_vehicle import VehicleSetup
 from arva_hil.emulator.engine import Emulator, scenario_of, sink_name, vehicle_setups
 from arva_hil.emulator.frame_source import ReceiverSetup
+from arva_hil.events import HeartbeatMissing
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.mavlink.codec import Encoder, dialect
@@ -138,6 +139,16 @@ def test_sessions_of_one_link_that_read_it_twice_are_refused() -> None:
     setups = vehicle_setups(fleet(), lambda _: "link", lambda vehicle: Session(target_system=vehicle.system))
     with pytest.raises(ValueError, match="the same reader"):
         Emulator(setups, start=0.0)
+
+
+def test_the_vehicles_of_a_silent_link_are_told_to_be_missing_at_the_same_time() -> None:
+    emulator = Emulator(two_on_one_link(fleet()), start=0.0, timeout_s=1.0, spread=True)
+    missing: list[HeartbeatMissing] = []
+    for millisecond in range(2000):
+        emulator.advance(millisecond / 1e3)
+        missing += [event for event in emulator.events() if isinstance(event, HeartbeatMissing)]
+    assert [event.vehicle for event in missing] == ["alpha", "bravo"]
+    assert len({event.time_s for event in missing}) == 1
 
 
 # -- links: one goes, the others stay ----------------------------------------------------------------------------
