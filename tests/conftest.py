@@ -23,10 +23,11 @@ settings.register_profile("thorough", deadline=None, max_examples=500)  # --hypo
 settings.load_profile("repeatable")
 gc.disable()  # until all tests are collected: nearly half of the time that takes
 
-if (
-    signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-):  # of a job in the background: the programs under test would ignore it
+# What is ignored here, the programs under test ignore too: SIGINT in a job in the background, SIGHUP under `nohup`
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, NamedTuple, Protocol, TypeVar
 
 import pytest
 
@@ -37,18 +37,47 @@ def _plain_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
             monkeypatch.delenv(name)
 
 
+@pytest.fixture(autouse=True)
+def _numbers_are_not_given_away(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No test closes a pseudo-terminal without a symlink while a program runs. The program would look for it by its
+    number, which the system gives to another test's terminal, of a process with the same command; and would open that.
+    """
+    close = PtyLink.close
+
+    def checked(link: PtyLink) -> None:
+        looked_for = link._open and not link.symlink and bool(Program.running())
+        close(link)
+        assert not looked_for, f"a program may look for {link.path}: give it a symlink, PtyLink(str(tmp_path / 'line'))"
+
+    monkeypatch.setattr(PtyLink, "close", checked)
+
+
+_KEPT: Final = pytest.StashKey[list[Closes]]()
+
+
 @pytest.fixture
-def keep() -> Iterator[Callable[[_C], _C]]:
-    """`keep(thing)` gives the thing back and closes it after the test, the last one first."""
-    kept: list[Closes] = []
+def keep(request: pytest.FixtureRequest) -> Iterator[Callable[[_C], _C]]:
+    """`keep(thing)` gives the thing back and closes it after the test: programs first, then the last one first."""
+    kept = request.node.stash.setdefault(_KEPT, [])
 
     def remember(thing: _C) -> _C:
         kept.append(thing)
         return thing
 
     yield remember
-    for thing in reversed(kept):
+    programs = [thing for thing in kept if isinstance(thing, Program)]
+    for thing in (*reversed(programs), *reversed([thing for thing in kept if thing not in programs])):
         thing.close()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """The report of a test that fails has the story of each program that it started, and of each autopilot."""
+    report = yield
+    if report.failed:
+        told = [thing for thing in item.stash.get(_KEPT, []) if isinstance(thing, Program | Autopilot)]
+        report.sections += [(f"{type(thing).__name__} {n}", thing.story()) for n, thing in enumerate(told, 1)]
+    return report
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import os
 import re
@@ -15,7 +16,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from arva_hil.links import Link, LinkError
 from arva_hil.links.pty import PtyLink
@@ -30,6 +31,7 @@ from firmware_proto import Decoder, Frame
 from .forked import Forked, possible
 
 DEADLINE_S = 90.0  # none is reached but by a mistake, however slow the machine
+_LAST_BYTES_S = 5.0  # what an ended program has written is there by then: the kernel hands it over a little later
 HOME = (46.0123, 7.7456, 1650.0)
 REAL = [sys.executable, "-m", "arva_hil"]
 UNDER_TEST = os.environ.get("PROGRAM_UNDER_TEST")  # that of an installed wheel: `make dist`
@@ -54,6 +56,8 @@ class Program:
     if that is the same. `closed`: standard streams that it does not have, by their descriptors.
     """
 
+    _not_closed: ClassVar[list[Program]] = []
+
     def __init__(
         self,
         *arguments: object,
@@ -63,6 +67,7 @@ class Program:
         **options: Any,
     ) -> None:
         self.err = ""
+        self._decoder = codecs.getincrementaldecoder("utf-8")()  # what is read may end within a character
         self._out = tempfile.TemporaryFile()  # noqa: SIM115 (closed in `close`)
         options.setdefault("stdout", self._out)
         options.setdefault("stderr", subprocess.PIPE)
@@ -75,6 +80,17 @@ class Program:
             self.process = subprocess.Popen([*before, *PROGRAM, *words], **options)
         else:
             self.process = Forked(words, closed=closed, **{"env": None, **options})
+        self._not_closed.append(self)
+
+    @classmethod
+    def running(cls) -> list[Program]:
+        """Those of this test that have not ended."""
+        return [one for one in cls._not_closed if one.process.poll() is None]
+
+    @classmethod
+    def all_ended(cls) -> bool:
+        """Whether nobody is left who could write anything: there are programs, and none of them still runs."""
+        return bool(cls._not_closed) and not cls.running()
 
     @property
     def out(self) -> bytes:
@@ -100,6 +116,17 @@ class Program:
     def __repr__(self) -> str:
         return f"<a program that said {self.err!r}>"
 
+    def story(self) -> str:
+        """For the report of a test that fails: how it was started, whether it has ended, all that it has said."""
+        code = self.process.poll()
+        state = "still runs" if code is None else f"has ended with {code}"
+        pipe = self.process.stderr
+        with contextlib.suppress(OSError, ValueError, AssertionError):  # closed, or nothing more to be read
+            while pipe and self._listen(0.0):
+                pass
+        said = self.err if pipe else "(its stderr is not read by this test)"
+        return f"{self.process.args}\nprocess {self.process.pid} {state}; it has said:\n{said}"
+
     def send(self, number: signal.Signals) -> None:
         self.process.send_signal(number)
 
@@ -113,6 +140,8 @@ class Program:
         return code
 
     def close(self) -> None:
+        if self in self._not_closed:
+            self._not_closed.remove(self)
         self.process.kill()
         self.process.wait()
         if self.process.stderr:
@@ -125,7 +154,7 @@ class Program:
         fd = self.process.stderr.fileno()
         assert select.select([fd], [], [], within_s)[0], f"the deadline passed after:\n{self.err}"
         chunk = os.read(fd, 65536)
-        self.err += chunk.decode()
+        self.err += self._decoder.decode(chunk)
         return bool(chunk)
 
 
@@ -162,6 +191,11 @@ class Autopilot:
         vehicle = SimulatedVehicle(HOME, self._system, boot_time=clock.now(), signing=signing)
         with contextlib.suppress(LinkError):  # the program has ended
             run([Simulator([vehicle], [self.link])], clock, stopped=self._stop.is_set)
+
+    def story(self) -> str:
+        """For the report of a test that fails."""
+        state = "serves" if self._thread.is_alive() else "no longer serves"
+        return f"built-in vehicle {self._system}, which {state} {self.link.name}; it has heard {len(self.heard)} bytes"
 
     def pause(self) -> None:
         """Say no more."""
@@ -228,14 +262,17 @@ class Consumer:
         self._decoder = Decoder()
 
     def read(self, least: int) -> list[Frame]:
-        """At least so many more frames."""
+        """At least so many more frames. It fails soon after the last program of this test has ended."""
         clock, decoder, frames = RealClock(), self._decoder, list[Frame]()
+        deadline = DEADLINE_S
         while True:
             frames += decoder.feed(self._link.read(), clock.now())
             assert (decoder.lost, decoder.bad_crc) == (0, 0)
             if len(frames) >= least:
                 return frames
-            assert clock.now() < DEADLINE_S, f"only {len(frames)} of {least} frames came"
+            assert clock.now() < deadline, f"only {len(frames)} of {least} frames came"
+            if deadline == DEADLINE_S and Program.all_ended():
+                deadline = min(deadline, clock.now() + _LAST_BYTES_S)
             clock.wait(clock.now() + 0.05, [self._link])
 
 

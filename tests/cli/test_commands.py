@@ -59,13 +59,13 @@ def test_listen_says_once_that_nothing_comes_and_ends_in_time(start: Start, line
     assert program.err.count("no frame for 2 s") == 1
 
 
-def test_listen_fails_when_the_port_goes(start: Start) -> None:
-    line = PtyLink()
-    program = start("listen", line.path)
+def test_listen_fails_when_the_port_goes(start: Start, tmp_path: Path) -> None:
+    line = PtyLink(path := str(tmp_path / "line"))
+    program = start("listen", path)
     program.says("listening")
     line.close()
     assert program.ends() == 1
-    assert f"arva-hil: {line.path}: lost" in program.err
+    assert f"arva-hil: {path}: lost" in program.err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

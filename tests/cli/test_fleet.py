@@ -213,10 +213,10 @@ def test_an_unread_port_a_broken_link_and_a_flood_hold_up_no_other(
 ) -> None:
     deaf, heard, *others = ports(keep, 4)
     fill(deaf)
-    broken, number = keep(PtyLink()), free_port(socket.SOCK_DGRAM)
+    broken, number = keep(PtyLink(at := str(tmp_path / "broken"))), free_port(socket.SOCK_DGRAM)
     receivers = [f"{{name: {n}, port: '{line.path}', rate_hz: 50}}" for n, line in (("deaf", deaf), ("heard", heard))]
     spare = [f"{{name: r, port: '{line.path}'}}" for line in others]
-    vehicles = vehicle("alpha", 1, autopilot.address, *receivers) + vehicle("bravo", 2, broken.path, spare[0])
+    vehicles = vehicle("alpha", 1, autopilot.address, *receivers) + vehicle("bravo", 2, at, spare[0])
     path = fleet_file(tmp_path, vehicles + vehicle("charlie", 3, f"udpin:127.0.0.1:{number}", spare[1]))
     record = tmp_path / "record"
     program = start("run", "--scenario", path, "--record", record)
@@ -230,7 +230,7 @@ def test_an_unread_port_a_broken_link_and_a_flood_hold_up_no_other(
             flood.write(bytes(range(256)) * 5)
         frames += consumer.read(1)
     program.stops()
-    assert f"{broken.path}: lost" in program.err
+    assert f"{at}: lost" in program.err
     vehicles_ran = json.loads((record / "run.json").read_text())["vehicles"]
     receivers_ran = vehicles_ran["alpha"]["receivers"]
     assert vehicles_ran["charlie"]["counters"]["bytes_skipped"] > 100_000

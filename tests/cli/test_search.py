@@ -298,7 +298,7 @@ def test_the_pilot_takes_over(start: Start, autopilot: Autopilot, beacon: Beacon
 
 
 def test_the_receiver_is_unplugged(start: Start, autopilot: Autopilot, tmp_path: Path) -> None:
-    path = str(tmp_path / "arva0")  # not the terminal's own, which would lead to that of another test a moment later
+    path = str(tmp_path / "arva0")
     beacon = Beacon(symlink=path)
     try:
         program = start("search", "--autopilot", autopilot.address, "--receiver", path, *LOW, "--patience", 3)
@@ -356,15 +356,15 @@ def test_both_are_waited_for_on_the_ground(start: Start, keep: Keep, tmp_path: P
     assert program.ends() == 130
 
 
-def test_the_autopilots_link_is_lost(start: Start, beacon: Beacon) -> None:
-    autopilot = Autopilot(PtyLink())
+def test_the_autopilots_link_is_lost(start: Start, beacon: Beacon, tmp_path: Path) -> None:
+    autopilot = Autopilot(PtyLink(path := str(tmp_path / "fc")))
     try:
-        program = start("search", "--autopilot", autopilot.address, "--receiver", beacon.link.path, *LOW)
+        program = start("search", "--autopilot", path, "--receiver", beacon.link.path, *LOW)
         program.says(FLYING)
     finally:
         autopilot.close()
     assert program.ends() == 1
-    assert f"error: {autopilot.address}: lost" in program.err
+    assert f"error: {path}: lost" in program.err
     assert "looking for it" not in program.err
     assert "the vehicle is left to its own failsafe: it stops after 3 s (GUID_TIMEOUT), and hovers" in program.err
 
