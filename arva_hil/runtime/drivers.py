@@ -20,6 +20,7 @@ from arva_hil.observers.audience import Audience
 from arva_hil.runtime.clock import Clock, Waitable
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.runtime.ready_links import ReadyLinks
+from arva_hil.runtime.rests import Rests
 
 _LONGEST_WAIT_S: Final = 0.1  # a signal is noticed within this time
 _LOOK_S: Final = 0.05  # the shortest time between two checks of the links; these are no deadlines
@@ -53,6 +54,8 @@ class Live:
         self._monitors = [LinkMonitor(n, link, partial(lost, n), partial(back, n)) for n, link in self.sinks.items()]
         self._audience = audience
         self._ready = ReadyLinks(autopilots)
+        self._rests = Rests()
+        self._resting = False
         self._next_look = -math.inf
         self._arrived: list[tuple[str, bytes, float, Sender]] = []  # and not used yet
         self._waiting = 0  # bytes of it
@@ -66,24 +69,29 @@ class Live:
 
     @property
     def links(self) -> Sequence[Waitable]:
-        return self._ready.waitables
+        return () if self._resting else self._ready.waitables
 
     def service(self, clock: Clock) -> float:
         """Read the links, and do what is due. Returns the next time to call.
 
         The time is read after the bytes: a late time stamp makes a pose older, an early one newer than it is. Bytes of
-        a busy stream are used together, shortly before something is due: that costs less than one packet at a time.
+        a busy stream are used together, shortly before something is due: that costs less than one packet at a time. For
+        most of the time they are also read together, unless the time of each packet counts.
         The clock says how early it should be called after a longer sleep, because a processor that wakes up is slow.
         """
         now = clock.now()
         stalled = now - self._deadline > _STALL_S
         patience = now + (_CATCH_UP_S if stalled else _HELD_UP_S)
+        before = self._waiting
         for name in self._ready.names():
             while (came := self._read(name, self._autopilots[name], clock, patience)) is not None:
                 now = came
                 if not stalled or now > patience:
                     break
-        if now >= self._use_at or now >= self._deadline - _SHORTLY_S or self._waiting > _MOST_BYTES:
+        if self._waiting > before and not self.emulator.needs_times:
+            self._rests.read(self._waiting - before, now)
+        shortly = now >= self._deadline - _SHORTLY_S
+        if now >= self._use_at or shortly or self._resting or self._waiting > _MOST_BYTES:
             self._use_arrived(clock, patience)
             now = clock.now()
         if due := now >= self._deadline:
@@ -93,7 +101,11 @@ class Live:
             self._look_at_links(now)
             if now >= self._deadline:
                 self._do_due(now)
-        return self._deadline - clock.early_s if now < self._deadline - _SHORTLY_S else self._deadline
+        if now >= self._deadline - _SHORTLY_S:
+            self._resting = False
+            return self._deadline
+        self._resting = self._rests.rest(now)
+        return self._deadline - clock.early_s
 
     def finish(self, clock: Clock) -> None:
         """At the end of a run: use what came, and tell what has happened."""
