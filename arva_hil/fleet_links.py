@@ -83,7 +83,7 @@ def fleet_sides(chosen: Scenario, usual: str | None, *, json: bool = False) -> F
 
 def shared_links(source: str, autopilots: dict[str, str]) -> dict[str, str]:
     """The link of each vehicle by its name, in one spelling where several write the same link. Raises ValueError."""
-    by_place = {_place(source, name, address): address for name, address in reversed(autopilots.items())}
+    by_place = {_place(source, name, address): address for name, address in reversed([*autopilots.items()])}
     return {name: by_place[_place(source, name, address)] for name, address in autopilots.items()}
 
 
