@@ -128,7 +128,7 @@ def _fly(
         raise UsageError(error) from None
     except WorkerPoolError as error:
         if connected and isinstance(error, Unreachable):
-            _say(f"{error}; {_progress(kept, every)}; it is waited for, {_RETURN_S:g} s")
+            _say(f"{error}; {_progress(kept, every)}; waiting for it, at most {_RETURN_S:g} s")
             left = [planned for planned in left if not kept.done(planned.key)]
             with interrupting():
                 return _fly(options, every, left, kept, within_s=_RETURN_S)

@@ -107,7 +107,9 @@ def _vehicles(options: argparse.Namespace, chosen: Scenario) -> list[VehicleSetu
     except ValueError as error:
         raise UsageError(error) from None
     if chosen.vehicles:
-        tell(f"all vehicles of {chosen.source} are sought in {options.log}; its ports are not opened")
+        tell(
+            f"looking in {options.log} for all vehicles of {chosen.source}; the ports of their receivers are not opened"
+        )
     return vehicles
 
 

@@ -90,7 +90,7 @@ def test_workers_and_the_scheduler_are_killed_and_every_result_is_there_once(
     free(100)
     until(lambda: rows(out) > 350)
     scheduler.kill()
-    program.says(rf"the scheduler at {machines.address} is gone; \d+ of {TRIALS} results are in .*waited for")
+    program.says(rf"the scheduler at {machines.address} is gone; \d+ of {TRIALS} results are in .*waiting for it")
     second.kill()
     free(SEEDS)
     machines.scheduler()

@@ -264,7 +264,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.SearchHeldUp(1.0, 1.54),
         "warning",
-        "the search did nothing for 1.5 s: it checks who has the vehicle first",
+        "the search did nothing for 1.5 s: first it checks who controls the vehicle",
     ),
     (
         searches.StrategySlow(1.0, 10.04),
@@ -282,7 +282,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.OwnMarkHeard(1.0),
         "error",
-        "what --gcs shows reaches the autopilot, which may evade it: not shown now",
+        "the autopilot hears what --gcs shows, and may fly away from it: nothing is shown now",
     ),
     (searches.ReceiverGone(1.0, "pty: lost"), "warning", "the receiver is gone: pty: lost"),
     (
@@ -303,10 +303,10 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         teams.TeammateLost(1.0, 3, 4.0, -2.5, 9.0),
         "warning",
-        "the search of vehicle 3 is not heard any more: 9 m are kept from where it was, 4.0 m north, -2.5 m east of "
-        "the take-off point",
+        "the search of vehicle 3 is not heard any more: this one stays 9 m from where it was, 4.0 m north, -2.5 m east "
+        "of the take-off point",
     ),
-    (teams.TeammateBack(1.0, 3), "info", "it is known again where vehicle 3 is"),
+    (teams.TeammateBack(1.0, 3), "info", "the place of vehicle 3 is known again"),
     (
         searches.TransmitterFaded(1.0, 1),
         "warning",
@@ -327,18 +327,18 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.VictimAgain(1.0, 5, 1, 0.5),
         "warning",
-        "led back to victim 1, as transmitter 5: 0.5 m from the place noted",
+        "this is victim 1 again, as transmitter 5: 0.5 m from the place noted",
     ),
     (
         searches.PlaceDoubted(1.0, 5, 1.0, 2.0),
         "warning",
-        "the readings of transmitter 5 do not agree with the place: it is looked for once more",
+        "the readings of transmitter 5 do not agree with the place: the search looks for it once more",
     ),
     (searches.ReceiverKnown(1.0, "pulsed 1.0 binary", 4), "info", "the receiver is pulsed 1.0 binary"),
     (
         searches.MarksNotTaken(1.0, "unknown"),
         "warning",
-        "the receiver takes no marks (unknown): victims are only noted",
+        "the receiver cannot mark transmitters (unknown): victims are only noted",
     ),
     (searches.MarkLost(1.0, 3, 1), "warning", "the receiver has lost the mark of victim 1"),
     (searches.DescentBegun(1.0), "info", "descending to the place reported"),
@@ -347,7 +347,7 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (
         searches.HeightSource(1.0, "terrain", 10.0),
         "info",
-        "the ground falls by the autopilot's terrain data: it is followed, 10 m higher than asked",
+        "the autopilot's terrain data say that the ground falls: the search follows it, 10 m higher than asked",
     ),
     (
         searches.HeightSource(1.0, "doubtful terrain"),

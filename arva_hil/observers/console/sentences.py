@@ -87,7 +87,8 @@ _HEIGHTS: Final = {
     "that it measured",
     "estimate": "warning: no rangefinder is heard: the height is held above the take-off point; over a slope the "
     "height above the ground is different",
-    "terrain": "the ground falls by the autopilot's terrain data: it is followed, {margin_m:g} m higher than asked",
+    "terrain": "the autopilot's terrain data say that the ground falls: the search follows it, {margin_m:g} m "
+    "higher than asked",
     "doubtful terrain": "warning: the autopilot's terrain data do not agree with its position, and are ignored: the "
     "height is held above the take-off point",
     "GPS": "warning: no rangefinder and no barometer: the height comes from GPS alone; "
@@ -185,29 +186,31 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     searches.SearchBegun: "{height_m:.1f} m high: the search begins",
     searches.SearchEnded: "{how}; {landing:landing|hovering}",
     searches.SearchInterrupted: "interrupted: {phase:interrupted}",
-    searches.SearchHeldUp: "warning: the search did nothing for {gap_s:.1f} s: it checks who has the vehicle first",
+    searches.SearchHeldUp: "warning: the search did nothing for {gap_s:.1f} s: first it checks who controls the "
+    "vehicle",
     searches.StrategySlow: "warning: the strategy took {took_s:.1f} s to answer: the vehicle was not steered; a second "
     "time ends the search",
     searches.SearchPaused: lambda e: _PAUSES[e.reason],
     searches.SearchResumed: lambda e: _RESUMED[e.reason],
     searches.ReceiverGone: "warning: the receiver is gone: {error}",
-    searches.OwnMarkHeard: "error: what --gcs shows reaches the autopilot, which may evade it: not shown now",
+    searches.OwnMarkHeard: "error: the autopilot hears what --gcs shows, and may fly away from it: nothing is "
+    "shown now",
     searches.TransmitterHeard: "transmitter {transmitter:number} is heard, {distance_m:.1f} m away, at "
     "{north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
     searches.TransmitterChosen: "going for transmitter {transmitter:number}, {distance_m:.1f} m away",
     searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly heard|not heard any more}: "
     "back to the search strips",
     searches.TransmitterLeft: "transmitter {transmitter:number} is left to another search",
-    teams.TeammateLost: "warning: the search of vehicle {number} is not heard any more: {apart_m:g} m are kept from "
-    "where it was, {north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
-    teams.TeammateBack: "it is known again where vehicle {number} is",
+    teams.TeammateLost: "warning: the search of vehicle {number} is not heard any more: this one stays {apart_m:g} "
+    "m from where it was, {north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
+    teams.TeammateBack: "the place of vehicle {number} is known again",
     searches.VictimNoted: lambda e: _NOTED + ("" if e.left is None else _LEFT),
-    searches.VictimAgain: "warning: led back to victim {number}, as transmitter {transmitter:number}: {apart_m:.1f} m "
-    "from the place noted",
-    searches.PlaceDoubted: "warning: the readings of transmitter {transmitter:number} do not agree with the place: it "
-    "is looked for once more",
+    searches.VictimAgain: "warning: this is victim {number} again, as transmitter {transmitter:number}: {apart_m:.1f} "
+    "m from the place noted",
+    searches.PlaceDoubted: "warning: the readings of transmitter {transmitter:number} do not agree with the place: the "
+    "search looks for it once more",
     searches.ReceiverKnown: "the receiver is {text}",
-    searches.MarksNotTaken: "warning: the receiver takes no marks ({answer}): victims are only noted",
+    searches.MarksNotTaken: "warning: the receiver cannot mark transmitters ({answer}): victims are only noted",
     searches.MarkLost: "warning: the receiver has lost the mark of victim {number}",
     searches.DescentBegun: "descending to the place reported",
     searches.TooLow: "warning: only {height_m:.1f} m above the ground, {wanted_m:g} m are wanted: climbing",
