@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import socket
+from os import getpid
 from typing import Any, Final, Literal
 
 from arva_hil.links.base import CHUNK, Absent, Link, LinkError, Opening, StreamLink
@@ -98,6 +99,8 @@ def listen_error(name: str, error: OSError, port: int, protocol: Literal["tcp", 
         if protocol == "udp":
             hint = "let it forward, as QGroundControl can (Application Settings, MAVLink), to udpin:127.0.0.1:14445"
         if who := listeners(port, protocol):
+            if any(one.startswith(f"{getpid()} (") for one in who):
+                return LinkError(name, "this program listens at that port already", "give each link its own")
             return LinkError(name, f"{what}, held by {', '.join(who)}", hint)
         return LinkError(name, what, f"{hint}; to see who: ss -l{protocol[0]}np 'sport = :{port}'")
     if error.errno == errno.EADDRNOTAVAIL:

@@ -317,7 +317,10 @@ def test_a_busy_port_names_its_holder(
 
 
 @pytest.mark.parametrize("kind", ["udpin", "tcpin"])
-def test_who_listens_at_a_busy_address_is_named(examine: Examine, keep: Keep, kind: str) -> None:
+def test_who_listens_at_a_busy_address_is_named(
+    examine: Examine, keep: Keep, kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("arva_hil.links.tcp.getpid", lambda: 0)  # the test has the address, not the program
     taken = keep(UdpInLink() if kind == "udpin" else TcpServerLink())
     said = examine("--autopilot", f"{kind}:127.0.0.1:{taken.port}")
     assert said.code == 3

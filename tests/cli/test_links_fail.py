@@ -90,7 +90,8 @@ def test_a_tcp_server_that_is_not_there_in_time(arva: Arva) -> None:
     assert f"\nerror: no autopilot was heard: {why}\n" in err
 
 
-def test_an_address_where_somebody_listens_already(arva: Arva) -> None:
+def test_an_address_where_somebody_listens_already(arva: Arva, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("arva_hil.links.tcp.getpid", lambda: 0)  # the test has the address, not the program
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]

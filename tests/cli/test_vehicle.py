@@ -112,7 +112,8 @@ def test_what_makes_no_sense_is_refused(arva: Callable[..., Ended], options: lis
     assert said in err
 
 
-def test_a_link_that_is_taken_is_said(arva: Callable[..., Ended], keep: Keep) -> None:
+def test_a_link_that_is_taken_is_said(arva: Callable[..., Ended], keep: Keep, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("arva_hil.links.tcp.getpid", lambda: 0)  # the test has the address, not the program
     taken = keep(socket.create_server(("127.0.0.1", 0)))
     code, _, err = arva("vehicle", "--link", f"tcpin:127.0.0.1:{taken.getsockname()[1]}")
     assert code == 3

@@ -198,12 +198,21 @@ def test_listening_is_on_the_loopback_unless_told(udpin: UdpInLink, tcpin: TcpSe
     assert tcpin.name == f"tcpin:127.0.0.1:{tcpin.port}"
 
 
-def test_an_address_in_use_says_who_has_it(udpin: UdpInLink, tcpin: TcpServerLink) -> None:
-    held = rf"another program listens there, held by {os.getpid()} \(.*\); "
+def test_an_address_in_use_says_who_has_it(
+    udpin: UdpInLink, tcpin: TcpServerLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = r"another program listens there, held by 1 \(init\); "
+    monkeypatch.setattr("arva_hil.links.tcp.listeners", lambda port, protocol: ["1 (init)"])
     with pytest.raises(LinkError, match=held + "let it forward, as QGroundControl can .* to udpin:127.0.0.1:14445"):
         UdpInLink("127.0.0.1", udpin.port)
     with pytest.raises(LinkError, match=held + "take another port"):
         TcpServerLink("127.0.0.1", tcpin.port)
+
+
+def test_an_address_that_this_program_has_itself_is_no_other_programs(udpin: UdpInLink, tcpin: TcpServerLink) -> None:
+    for kind, taken in ((UdpInLink, udpin), (TcpServerLink, tcpin)):
+        with pytest.raises(LinkError, match="this program listens at that port already; give each link its own"):
+            kind("0.0.0.0", taken.port)
 
 
 def test_an_address_in_use_says_how_to_find_who_where_that_cannot_be_seen(
