@@ -51,6 +51,7 @@ class VehicleDiscovery:
         self._system = system
         self._component = dialect.MAV_COMP_ID_AUTOPILOT1 if component is None else component
         self._heard: dict[tuple[int, int, str], int] = {}
+        self.refused_vehicle = False  # an autopilot with other ids was heard
 
     def vehicle(self, packet: Packet, heartbeat: Any) -> Vehicle | None:
         """The vehicle that sent a heartbeat; None if it is not an autopilot, or not the one asked for."""
@@ -58,6 +59,7 @@ class VehicleDiscovery:
         if asked and is_autopilot(heartbeat):
             armed = bool(heartbeat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
             return Vehicle(packet.system, packet.component, heartbeat.autopilot, heartbeat.type, armed, packet.version)
+        self.refused_vehicle |= is_autopilot(heartbeat)
         self.note(packet, f"heartbeats of {short_name('MAV_TYPE', heartbeat.type)}")
         return None
 

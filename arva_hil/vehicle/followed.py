@@ -151,7 +151,9 @@ class FollowedVehicle:
         packets, refused = self.parser.packets, tuple(self._signing.refused.items()) if self._signing else ()
         if not packets:
             return NoVehicle("no packets" if self.reader.bytes else "silence", bytes=self.reader.bytes)
-        reason: Literal["no signature", "no heartbeat"] = "no signature" if self._disbelieved else "no heartbeat"
+        reason: Literal["no signature", "other vehicles", "no heartbeat"] = "no heartbeat"
+        if self._disbelieved or self._finder.refused_vehicle:
+            reason = "no signature" if self._disbelieved else "other vehicles"
         return NoVehicle(reason, "", self.reader.bytes, packets, refused, self._finder.sources)
 
     def why_no_pose(self) -> NoPose:

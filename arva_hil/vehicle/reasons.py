@@ -46,9 +46,12 @@ class HeardSource(NamedTuple):
 
 
 class NoVehicle(Frozen):
-    """Why there is no vehicle. `link_error`: of a lost link. `refused`: packets by the verdict on their signature."""
+    """Why there is no vehicle. `link_error`: of a lost link. `refused`: packets by the verdict on their signature.
 
-    reason: Literal["link lost", "silence", "no packets", "no signature", "no heartbeat"]
+    "other vehicles": there are autopilots with other ids than those asked for.
+    """
+
+    reason: Literal["link lost", "silence", "no packets", "no signature", "other vehicles", "no heartbeat"]
     link_error: str = ""
     bytes: int = 0
     packets: int = 0

@@ -500,6 +500,11 @@ def test_why_there_is_no_pose_in_words(why: NoPose, text: str) -> None:
             "4 packets were heard, but no autopilot's heartbeat: heartbeats of gcs from 255/190 ×4",
         ),
         (
+            NoVehicle("other vehicles", "", 99, 4, (), (HeardSource("heartbeats of quadrotor", 3, 1, 4),)),
+            "4 packets were heard, but none of the vehicle looked for: heartbeats of quadrotor from 3/1 ×4; is its "
+            "system id right?",
+        ),
+        (
             NoVehicle("no heartbeat", "", 99, 4),
             "4 packets were heard, all of other vehicles: is this one powered, and its system id right?",
         ),

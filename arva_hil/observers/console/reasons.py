@@ -33,6 +33,8 @@ def no_vehicle(why: NoVehicle) -> str:
     if not why.sources:
         return f"{why.packets} packets were heard, all of other vehicles: is this one powered, and its system id right?"
     who = ", ".join(f"{s.what} from {s.system}/{s.component} ×{s.times}" for s in why.sources)
+    if why.reason == "other vehicles":
+        return f"{why.packets} packets were heard, but none of the vehicle looked for: {who}; is its system id right?"
     return f"{why.packets} packets were heard, but no autopilot's heartbeat: {who}"
 
 
