@@ -30,7 +30,7 @@ from arva_hil.observers.audience import Audience, Observer
 from arva_hil.observers.console import Printer
 from arva_hil.observers.console.sentences import sentence
 from arva_hil.observers.console.text import Notice
-from arva_hil.observers.record.search_log import SearchLog
+from arva_hil.observers.record.search_log import SearchLog, refuse_team
 from arva_hil.observers.web.state import State
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
@@ -90,6 +90,8 @@ def main(options: argparse.Namespace) -> int:
     vehicles, field, _ = _team(options, scenario)
     members = [_member(options, vehicle, number, scenario.source) for number, vehicle in enumerate(vehicles)]
     members = _fitted(scenario.source, members)
+    if options.record:  # before any of them begins: the folder can be used again then
+        refuse_team(Path(options.record), [member.name for member in members])
     plan, clock, bus = plan_of(options), RealClock(), Bus(field)
     start, clients, logs = clock.now(), dict[str, SearchClient](), dict[str, SearchLog]()
     planned = {member.name: list[Event]() for member in members}

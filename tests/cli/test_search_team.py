@@ -97,6 +97,29 @@ def test_two_spellings_of_one_link_are_one_link(start: Start, field: Path, tmp_p
         assert f"{name}: system {system}, autopilot: udpin:127.0.0.1:{port}" in search.err
 
 
+@pytest.mark.parametrize("there", ["b/search.csv", "b"])
+def test_a_record_that_cannot_be_made_for_one_is_begun_for_none(
+    arva: Arva, field: Path, tmp_path: Path, there: str
+) -> None:
+    record = tmp_path / "record"
+    (record / there).parent.mkdir(parents=True)
+    (record / there).touch()
+    ended = arva("search", "--scenario", field, "--autopilot", "/dev/none", "--record", record)
+    assert (ended.code, f"{record / 'b'}: " in ended.err) == (2, True), ended.err
+    assert "waiting for" not in ended.err
+    assert [path.name for path in record.iterdir()] == ["b"]
+
+
+def test_a_record_is_not_written_through_a_folder_that_is_a_symlink(arva: Arva, field: Path, tmp_path: Path) -> None:
+    record, elsewhere = tmp_path / "record", tmp_path / "elsewhere"
+    record.mkdir()
+    elsewhere.mkdir()
+    (record / "b").symlink_to(elsewhere)
+    ended = arva("search", "--scenario", field, "--autopilot", "/dev/none", "--record", record)
+    assert (ended.code, f"{record / 'b'}: is no folder of its own; name another folder" in ended.err) == (2, True)
+    assert not list(elsewhere.iterdir())
+
+
 @pytest.mark.parametrize(
     ("port", "read"),
     [

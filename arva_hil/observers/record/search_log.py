@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from arva_hil import files
 from arva_hil.events import Event
-from arva_hil.observers.record.growing_files import GrowingFiles, refuse_old
+from arva_hil.observers.record.growing_files import GrowingFiles, RecordError, refuse_old
 from arva_hil.observers.record.layout import EventLines
 from arva_hil.runtime.clock import Clock
 from arva_hil.search.outcome import SearchStep
@@ -20,6 +22,14 @@ _BATCH_BYTES: Final = 1 << 12
 def refuse_search(folder: Path) -> None:
     """Raise RecordError if `folder` contains a search already. Nothing is written."""
     refuse_old(folder, SEARCH_FILES, "a search")
+
+
+def refuse_team(folder: Path, names: Sequence[str]) -> None:
+    """Raise RecordError if the search of one of these names cannot have a folder there. Nothing is written."""
+    for own in (folder / name for name in names):
+        if files.there(own) and (own.is_symlink() or not own.is_dir()):
+            raise RecordError(f"{own}: is no folder of its own; name another folder")
+        refuse_search(own)
 
 
 class SearchLog(GrowingFiles):
