@@ -20,7 +20,7 @@ from arva_hil.mavlink.packet_reader import Packets
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.vehicle.motor_load import MotorLoad
 from arva_hil.vehicle.navigation import EventQueue, Navigation
-from arva_hil.vehicle.pose_track import VehicleState
+from arva_hil.vehicle.pose_track import ClockMap, VehicleState
 from arva_hil.vehicle.reasons import NoPose
 from arva_hil.vehicle.session import Session
 
@@ -42,6 +42,11 @@ class FollowedSystem:
         self._silent = False
         self._was_heard = False
 
+    @property
+    def clock(self) -> ClockMap:
+        """Its boot time."""
+        return self._navigation.clock
+
     def hear(self, packet: Packet, now: float) -> None:
         """Use one of its packets."""
         if packet.msgid not in _POSES or (message := self._parser.decode(packet)) is None:
@@ -58,14 +63,14 @@ class FollowedSystem:
 
     def pose(self, t: float, frame: LocalFrame) -> tuple[Array, Array] | None:
         """Position (3,) NED in `frame` [m] and body → NED (3, 3) at `t`; None if it is not heard."""
-        state = self._navigation.track.at(self._navigation.clock.boot(t), frame)
+        state = self._navigation.track.at(self.clock.boot(t), frame)
         if state is None or state.age_s > _SILENT_S:
             return None
         return state.position, rotation.to_matrix(state.attitude)
 
     def known_at(self, t: float) -> bool:
         """Whether no later message can change its pose at `t`."""
-        return self._navigation.track.is_known(self._navigation.clock.boot(t))
+        return self._navigation.track.is_known(self.clock.boot(t))
 
     def look(self, now: float) -> Event | None:
         """The event if it is not heard any more or is heard again, otherwise None."""

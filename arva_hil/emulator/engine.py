@@ -186,6 +186,12 @@ class Emulator:
             self._outputs.clear()
         return outputs
 
+    def clock_samples(self) -> list[int]:
+        """How many samples each map of a vehicle's clock has taken."""
+        clocks = [vehicle.session.clock for vehicle in self.vehicles]
+        clocks += [followed.clock for followed in self._followed.values()]
+        return [clock.taken for clock in clocks]
+
     def addressees(self, link: str) -> tuple[Hashable, Sequence[Hashable]]:
         """The receivers of outputs on a link: the vehicle's sender; or, if it is None, these senders."""
         if link in self._shared:

@@ -54,11 +54,12 @@ class Live:
         self._monitors = [LinkMonitor(n, link, partial(lost, n), partial(back, n)) for n, link in self.sinks.items()]
         self._audience = audience
         self._ready = ReadyLinks(autopilots)
-        self._rests = Rests()
+        self._rests = Rests(emulator.clock_samples)
         self._resting = False
         self._next_look = -math.inf
         self._arrived: list[tuple[str, bytes, float, Sender]] = []  # and not used yet
         self._waiting = 0  # bytes of it
+        self._read_bytes = 0  # in this call
         self._use_at = -math.inf
         self._deadline = emulator.next_deadline()
         self._gone: set[str] = set()
@@ -82,14 +83,14 @@ class Live:
         now = clock.now()
         stalled = now - self._deadline > _STALL_S
         patience = now + (_CATCH_UP_S if stalled else _HELD_UP_S)
-        before = self._waiting
+        self._read_bytes = 0
         for name in self._ready.names():
             while (came := self._read(name, self._autopilots[name], clock, patience)) is not None:
                 now = came
                 if not stalled or now > patience:
                     break
-        if self._waiting > before and not self.emulator.needs_times:
-            self._rests.read(self._waiting - before, now)
+        if self._read_bytes and not self.emulator.needs_times:
+            self._rests.read(self._read_bytes, now)
         shortly = now >= self._deadline - _SHORTLY_S
         if now >= self._use_at or shortly or self._resting or self._waiting > _MOST_BYTES:
             self._use_arrived(clock, patience)
@@ -136,6 +137,7 @@ class Live:
         now = clock.now()
         for sender, data in came:
             self._waiting += len(data)
+            self._read_bytes += len(data)
             self._arrived.append((name, data, now, sender))
         return now
 

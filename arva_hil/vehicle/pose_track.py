@@ -36,6 +36,7 @@ class ClockMap:
     """
 
     def __init__(self, window_s: float = _WINDOW_S) -> None:
+        self.taken = 0  # samples, without other messages of the same instant
         self._window_s = window_s
         self._first: tuple[float, float] | None = None
         self._samples: deque[tuple[float, float]] = deque()  # (host, offset), offsets ascending: a sliding minimum
@@ -53,6 +54,7 @@ class ClockMap:
                 samples = self._samples = deque((at + silence - _STALL_S, least) for at, least in samples)
         elif silence == 0 and samples and samples[-1] == (host, offset):
             return  # another message of the same instant
+        self.taken += 1
         while samples and samples[-1][1] >= offset:
             samples.pop()
         samples.append((host, offset))

@@ -75,23 +75,48 @@ def test_a_frame_is_late_by_nothing_and_has_the_pose_that_came_last_before_it() 
     assert max(ages[5:]) < 0.0011
 
 
+def test_a_slow_vehicle_beside_a_fast_one_keeps_both_watched() -> None:
+    fast, slow = [round(n / 50 + 0.01, 6) for n in range(150)], [round(n / 4 + 0.003, 6) for n in range(12)]
+    far_ends, links, vehicles = [], {}, []
+    for name in ("fast", "slow"):
+        links[name], far = pair()
+        far_ends.append(far)
+        vehicles.append(one_vehicle(parse(TEN_HZ, "test"), Session(passive=True), link=name))
+    live = Counted(Emulator(vehicles, start=0.0), links, {"port": pair()[0]}, Audience([]))
+    autopilots = [Autopilot(far, times) for far, times in zip(far_ends, (fast, slow), strict=True)]
+    run([*autopilots, live], StepClock(), until=SECONDS)
+    assert {*fast, *slow} <= {round(at, 6) for at in live.calls}
+
+
+class Stream:
+    """Reads of 80 bytes, 50 times a second; each is a sample."""
+
+    def __init__(self) -> None:
+        self._taken = 0
+        self.rests = Rests(lambda: [self._taken])
+
+    def flow(self, since: float, until: float) -> list[float]:
+        """When the stream is watched."""
+        watched = []
+        for n in range(round(since * 50), round(until * 50)):
+            if not self.rests.rest(n / 50):
+                watched.append(n / 50)
+            self.rests.read(80, n / 50)
+            self._taken += 1
+        return watched
+
+
 def test_in_every_second_some_packets_are_read_when_they_come() -> None:
-    rests, now = Rests(), 0.0
-    watched = []
-    for n in range(500):
-        now = n / 50
-        if not rests.rest(now):
-            watched.append(now)
-        rests.read(80, now)
-    longest = max(b - a for a, b in pairwise(watched))
-    assert longest < 0.65  # the clock map remembers 1 s
+    watched = Stream().flow(0.0, 10.0)
+    assert max(b - a for a, b in pairwise(watched)) < 0.65  # the clock map remembers 1 s
     assert len(watched) < 0.4 * 500
 
 
 def test_much_at_once_ends_the_rest() -> None:
-    rests = Rests()
-    for n in range(12):
-        rests.read(80, n / 50)
-    assert rests.rest(0.25)
-    rests.read(3000, 0.3)
-    assert not rests.rest(0.3)
+    stream = Stream()
+    stream.flow(0.0, 0.3)
+    assert stream.rests.rest(0.3)
+    stream.rests.read(3000, 0.3)
+    assert not stream.rests.rest(0.3)
+    stream.flow(0.3, 0.6)
+    assert stream.rests.rest(0.6)
