@@ -51,6 +51,7 @@ SLOW: Final = {
     "cli/test_demo_fleet.py::test_two_drones_find_one_transmitter_each": FLIGHTS,
     "cli/test_demo_fleet.py::test_what_was_not_found_is_named": FLIGHTS,
     "cli/test_doctor.py": REAL_TIME,
+    "cli/test_forked.py": PROCESS,
     "cli/test_links_fail.py": REAL_TIME,
     "cli/test_links_return.py": REAL_TIME,
     "cli/test_plot.py": DRAWN,

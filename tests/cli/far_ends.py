@@ -9,7 +9,6 @@ import re
 import resource
 import select
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -236,13 +235,6 @@ def heartbeat(
     encoder: Encoder, kind: int = dialect.MAV_TYPE_QUADROTOR, autopilot: int = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
 ) -> bytes:
     return encoder.pack(dialect.MAVLink_heartbeat_message(kind, autopilot, 0, 0, dialect.MAV_STATE_STANDBY, 3))
-
-
-def free_port(kind: socket.SocketKind) -> int:
-    """A port of this machine that nobody listens at."""
-    with socket.socket(socket.AF_INET, kind) as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
 
 
 def until(condition: Callable[[], object]) -> None:

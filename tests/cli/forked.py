@@ -78,15 +78,14 @@ class Forked:
         environment = dict(os.environ if env is None else env)
         folder = os.fspath(cwd or os.getcwd())
         request = json.dumps({"arguments": arguments, "env": environment, "cwd": folder, "closed": [*closed]})
-        status, theirs = os.pipe()
-        socket.send_fds(_server(), [len(request.encode()).to_bytes(4, "big")], [*ends, theirs])
-        _server().sendall(request.encode())
+        self._status, theirs = os.pipe()
+        try:
+            self.pid, self._pidfd = _fork(request.encode(), [*ends, theirs])
+        except ConnectionError:  # the server saw its last client leave before it saw this one come: there is another
+            _server.cache_clear()
+            self.pid, self._pidfd = _fork(request.encode(), [*ends, theirs])
         for fd in (null, theirs, *(writer for _, writer in pipes.values())):
             os.close(fd)
-        answer, fds, _, _ = socket.recv_fds(_server(), 4, 1)
-        self.pid = int.from_bytes(answer, "big")
-        (self._pidfd,) = fds
-        self._status = status
         self.stdin = None
         self.stdout, self.stderr = (_reader(pipes.get(stream)) for stream in ("out", "err"))
 
@@ -99,7 +98,9 @@ class Forked:
         if self.returncode is None:
             if not select.select([self._status], [], [], timeout)[0]:
                 raise subprocess.TimeoutExpired(self.args, timeout or 0)
-            self.returncode = int(os.read(self._status, 16))
+            code = os.read(self._status, 16)
+            assert code, "the server that forks has ended"
+            self.returncode = int(code)
             os.close(self._status)
             os.close(self._pidfd)
         return self.returncode
@@ -114,6 +115,17 @@ class Forked:
 
     def kill(self) -> None:
         self.send_signal(signal.SIGKILL)
+
+
+def _fork(request: bytes, fds: list[int]) -> tuple[int, int]:
+    """The id and the pidfd of a new process. Raises ConnectionError if the server has ended."""
+    server = _server()
+    socket.send_fds(server, [len(request).to_bytes(4, "big")], fds)
+    server.sendall(request)
+    answer, pidfds, _, _ = socket.recv_fds(server, 4, 1)
+    if not answer:
+        raise ConnectionError("the server that forks has ended")
+    return int.from_bytes(answer, "big"), pidfds[0]
 
 
 def _fd(wanted: Any, null: int, pipe: tuple[int, int] | None = None) -> int:
@@ -138,12 +150,14 @@ def _server() -> socket.socket:
     address = f"\0arva-hil-{run}"  # of no file
     here = socket.socket(socket.AF_UNIX)
     with socket.socket(socket.AF_UNIX) as there:
-        try:
-            there.bind(address)
-        except OSError:  # another worker was first
-            while here.connect_ex(address):
+        while True:
+            try:
+                there.bind(address)
+                break
+            except OSError:  # another worker was first; it listens a moment later, or its server has just ended
+                if not here.connect_ex(address):
+                    return here
                 time.sleep(0.01)
-            return here
         there.listen(64)
         here.connect(address)
         os.set_inheritable(there.fileno(), True)
@@ -178,7 +192,8 @@ def _serve(listening: socket.socket) -> list[str]:
                 code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
                 waiting.unregister(requests)
                 os.close(requests)
-                os.write(status, str(code).encode())
+                with contextlib.suppress(BrokenPipeError):  # nobody wants to know it any more
+                    os.write(status, str(code).encode())
                 os.close(status)
                 continue
             assert isinstance(requests, socket.socket)
@@ -188,17 +203,21 @@ def _serve(listening: socket.socket) -> list[str]:
                     clients.add(client)
                     waiting.register(client, selectors.EVENT_READ)
                 continue
-            size, fds = b"", []
+            fds: list[int] = []
+            text = b""
             with contextlib.suppress(ConnectionError):
                 size, fds, _, _ = socket.recv_fds(requests, 4, 4)
-            if not size:
+                text = _exactly(requests, int.from_bytes(size, "big"))
+            if not text:
+                for fd in fds:
+                    os.close(fd)
                 waiting.unregister(requests)
                 requests.close()
                 clients.remove(requests)
                 if not clients:
                     os._exit(0)
                 continue
-            request = json.loads(_exactly(requests, int.from_bytes(size, "big")))
+            request = json.loads(text)
             pid = os.fork()
             if not pid:
                 for key in list(waiting.get_map().values()):
@@ -215,7 +234,8 @@ def _serve(listening: socket.socket) -> list[str]:
                 os.close(fd)
             pidfd = os.pidfd_open(pid)
             waiting.register(pidfd, selectors.EVENT_READ, (pid, status))
-            socket.send_fds(requests, [pid.to_bytes(4, "big")], [pidfd])
+            with contextlib.suppress(ConnectionError):  # it has gone: what it was waits for nobody
+                socket.send_fds(requests, [pid.to_bytes(4, "big")], [pidfd])
 
 
 def _is_ours(client: socket.socket) -> bool:
@@ -225,9 +245,12 @@ def _is_ours(client: socket.socket) -> bool:
 
 
 def _exactly(source: socket.socket, size: int) -> bytes:
+    """So many bytes; none if the other side has gone before."""
     data = b""
     while len(data) < size:
-        data += source.recv(size - len(data))
+        if not (more := source.recv(size - len(data))):
+            return b""
+        data += more
     return data
 
 

@@ -32,8 +32,9 @@ from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Frame, encode
+from tests.free_ports import free_port
 
-from .far_ends import DEADLINE_S, HOME, Autopilot, Denier, Program, free_port, heartbeat, until
+from .far_ends import DEADLINE_S, HOME, Autopilot, Denier, Program, heartbeat, until
 
 LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
 HEALTHY_S = 0.9  # as long after its first heartbeat a vehicle streams what it was asked for

@@ -23,10 +23,11 @@ from arva_hil.links.udp import UdpOutLink
 from arva_hil.recordings import load
 from arva_hil.registry import FORMATS
 from firmware_proto import Frame
+from tests.free_ports import free_port
 from tests.mavlink.test_codec import packet
 
 from .conftest import Ended
-from .far_ends import Autopilot, Consumer, Program, frames_in, free_port, hears, read_frames, read_until_heard, until
+from .far_ends import Autopilot, Consumer, Program, frames_in, hears, read_frames, read_until_heard, until
 
 Start = Callable[..., Program]
 Keep = Callable[[Any], Any]

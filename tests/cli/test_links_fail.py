@@ -18,6 +18,7 @@ from arva_hil.links.serial_ports import list_ports
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
+from tests.free_ports import free_port
 
 from .far_ends import (
     DEADLINE_S,
@@ -26,7 +27,6 @@ from .far_ends import (
     Consumer,
     Denier,
     Program,
-    free_port,
     heartbeat,
     read_frames,
     read_until_heard,

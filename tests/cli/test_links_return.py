@@ -19,8 +19,9 @@ from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpOutLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from firmware_proto import Decoder, Frame
+from tests.free_ports import free_port
 
-from .far_ends import Autopilot, Program, free_port, hears, heartbeat, read_frames, read_until_heard, until
+from .far_ends import Autopilot, Program, hears, heartbeat, read_frames, read_until_heard, until
 
 Start = Callable[..., Program]
 Keep = Callable[[Any], Any]

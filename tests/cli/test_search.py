@@ -21,8 +21,9 @@ from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.runtime.clock import RealClock
 from arva_hil.simulated.autopilot import Mode
 from firmware_proto import MID, Channel, Frame, encode, encode_nmea
+from tests.free_ports import free_port
 
-from .far_ends import Autopilot, Program, free_port
+from .far_ends import Autopilot, Program
 
 Start = Callable[..., Program]
 Arva = Callable[..., Any]

@@ -12,8 +12,9 @@ import pytest
 
 from arva_hil.cli.search_team import exit_code, far_end
 from arva_hil.search.outcome import Outcome
+from tests.free_ports import free_port
 
-from .far_ends import Program, free_port
+from .far_ends import Program
 from .test_search import Beacon
 
 DATUM = "datum: {lat: 46.0123, lon: 7.7456, alt: 1650}\n"

@@ -20,8 +20,7 @@ from arva_hil.links import pty
 from arva_hil.observers.record import growing_files
 from arva_hil.runtime import drivers
 from arva_hil.runtime.clock import StepClock
-
-from .far_ends import free_port
+from tests.free_ports import free_port
 
 DATA = Path(__file__).parent.parent / "data"
 SAMPLES = 8  # lines, spread over all that are run

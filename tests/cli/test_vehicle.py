@@ -15,9 +15,10 @@ from arva_hil.links.udp import UdpInLink
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
 from arva_hil.runtime.clock import RealClock
 from arva_hil.simulated.arducopter import FAILSAFES
+from tests.free_ports import free_port
 
 from .conftest import Ended
-from .far_ends import DEADLINE_S, Program, free_port
+from .far_ends import DEADLINE_S, Program
 
 Start = Callable[..., Program]
 Keep = Callable[[Any], Any]

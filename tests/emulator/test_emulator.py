@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
@@ -29,6 +30,7 @@ from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from arva_hil.vehicle.session import Session
 from firmware_proto import Decoder, Frame
+from tests.free_ports import free_port
 
 HOME = (46.0123, 7.7456, 1650.0)
 QUIET = "receiver: {noise: {kind: off}, rate_hz: %g}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]"
@@ -396,21 +398,13 @@ def joined(kind: str, clock: RealClock) -> Iterator[tuple[Link, Link]]:
             ends = (open_link(far.path, clock=clock), far)
         else:
             listening, calling = {"udp": ("udpin", "udpout"), "tcp": ("tcpin", "tcp")}[kind]
-            port = free_port(kind)
+            port = free_port(socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM)
             near = open_link(f"{listening}:127.0.0.1:{port}", clock=clock)
             stack.enter_context(closing(near))
             ends = (near, open_link(f"{calling}:127.0.0.1:{port}", clock=clock))
         for end in ends:
             stack.enter_context(closing(end))
         yield ends[0], ends[1]
-
-
-def free_port(kind: str) -> int:
-    import socket
-
-    with socket.socket(type=socket.SOCK_DGRAM if kind == "udp" else socket.SOCK_STREAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.mark.parametrize("receiver", ["memory", "pty", "udp", "tcp"])

@@ -23,6 +23,7 @@ from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.runtime.clock import StepClock
+from tests.free_ports import free_port
 
 Keep = Callable[[Link], Link]
 
@@ -159,9 +160,7 @@ def test_what_a_fleet_sends_while_the_program_is_held_up_is_not_lost(udpin: UdpI
 
 
 def test_udpout_does_not_mind_that_nobody_listens_yet(keep: Keep) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reserved:
-        reserved.bind(("127.0.0.1", 0))
-        port = reserved.getsockname()[1]
+    port = free_port(socket.SOCK_DGRAM)
     link = keep(UdpOutLink("127.0.0.1", port))
     for _ in range(5):
         assert link.write(b"lost")

@@ -27,6 +27,7 @@ from arva_hil.links.serial_ports import Barred, SerialOpener, stable_name
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.runtime.clock import RealClock, StepClock
+from tests.free_ports import free_port
 
 Keep = Callable[[Link], Link]
 
@@ -310,27 +311,30 @@ def test_what_is_opened_after_all_was_closed_is_closed_too() -> None:
 
 
 @pytest.fixture
-def descriptors() -> Iterator[None]:
+def port() -> int:
+    return free_port(socket.SOCK_STREAM)
+
+
+@pytest.fixture
+def descriptors(port: int) -> Iterator[None]:
+    """None stays open, but the mark of the port that is taken before."""
     before = sorted(os.listdir("/proc/self/fd"))
     yield
     assert sorted(os.listdir("/proc/self/fd")) == before
 
 
-def plugs(kind: str, folder: Path) -> tuple[str, Callable[[], Link]]:
+def plugs(kind: str, folder: Path, port: int) -> tuple[str, Callable[[], Link]]:
     """Where the near end goes, and what makes the far end there."""
     if kind == "serial":
         path = str(folder / "line")
         return path, lambda: PtyLink(path)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
     return f"tcp:127.0.0.1:{port}", lambda: TcpServerLink("127.0.0.1", port)
 
 
 @pytest.mark.usefixtures("descriptors")
 @pytest.mark.parametrize("kind", ["serial", "tcp"])
-def test_unplugged_and_plugged_again(kind: str, tmp_path: Path) -> None:
-    url, plug = plugs(kind, tmp_path)
+def test_unplugged_and_plugged_again(kind: str, tmp_path: Path, port: int) -> None:
+    url, plug = plugs(kind, tmp_path, port)
     far = plug()
     near = open_reconnecting(url, clock=RealClock())
     for n in range(1, 4):

@@ -24,7 +24,8 @@ import pytest
 from arva_hil.cli.main import main
 from arva_hil.links.pty import PtyLink
 from tests.cli import flown
-from tests.cli.far_ends import UNDER_TEST, Program, free_port
+from tests.cli.far_ends import UNDER_TEST, Program
+from tests.free_ports import free_port
 from tests.once import once
 
 from .pages import ROOT, Typed, pages, shell_lines
