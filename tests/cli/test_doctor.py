@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import socket
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -487,7 +488,7 @@ def test_a_vehicle_without_a_fix(examine: Examine, serve: Callable[[Task], None]
     assert (said.code, failed(said)) == (1, {"position", "pose"})
     assert "no GPS fix yet" in said["position"]["found"]
     assert said["home"]["state"] == "note"
-    assert said["ATTITUDE"]["state"] == "ok"
+    assert said["ATTITUDE"]["state"] in ("ok", "note")  # a note if this machine is too slow for the rate
 
 
 def test_a_vehicle_that_refuses_its_streams(examine: Examine, serve: Callable[[Task], None], line: PtyLink) -> None:
@@ -562,8 +563,8 @@ def test_who_has_a_new_pseudo_terminal_open_is_named(start: Start, line: PtyLink
     program.says("listening at")
     port_probe.service(clock)
     (who,) = port_probe.traffic().seen
-    assert who.startswith(f"{program.process.pid} (")
-    assert "arva_hil listen" in who
+    command = f"{sys.executable} -m arva_hil listen {line.path}"
+    assert who == f"{program.process.pid} ({command[:60]})"
 
 
 def test_a_port_that_is_lost_meanwhile(keep: Keep) -> None:

@@ -23,6 +23,7 @@ from arva_hil.config import DEFAULT
 from arva_hil.events import DatumSet
 from arva_hil.messages.live import LiveMessages
 from arva_hil.messages.types import PUBLISHED
+from arva_hil.observers import ros2
 from arva_hil.observers.ros2 import Ros2Error, Ros2Publisher
 from tests.messages.oracle import read
 from tests.messages.test_readings import EPOCH_US, HOME, made
@@ -73,6 +74,7 @@ def rclpy(monkeypatch: pytest.MonkeyPatch) -> Iterator[Rclpy]:
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE", raising=False)
+    monkeypatch.setattr(ros2, "_GOODBYE_S", 60.0)  # however slow the machine
     yield there
     there.stuck.set()
 
@@ -106,7 +108,10 @@ def test_what_the_environment_says_of_discovery_is_left_alone(rclpy: Rclpy, monk
     assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SUBNET"
 
 
-def test_a_middleware_that_hangs_holds_up_neither_the_run_nor_its_end(rclpy: Rclpy) -> None:
+def test_a_middleware_that_hangs_holds_up_neither_the_run_nor_its_end(
+    rclpy: Rclpy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ros2, "_GOODBYE_S", 0.5)
     ours = publisher()
     rclpy.stuck.clear()
     for n in range(3000):
