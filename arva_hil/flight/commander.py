@@ -30,11 +30,12 @@ _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 
 
 class Commander(FlightState):
-    """Remembers the last order to one vehicle. `take_off_m`: height of the take-off. `ready`: it may be armed now."""
+    """Remembers the last order to one vehicle. `take_off_m`: height of the take-off. `held_back`: why it
+    may not be armed now, "" if it may."""
 
     def __init__(self, session: Session, *, take_off_m: float, arm_timeout_s: float = 60.0) -> None:
         super().__init__(session, take_off_m)
-        self.ready = True
+        self.held_back = ""
         self._arm_timeout_s = arm_timeout_s
         self._velocity = _STILL
         self._tries = 0  # to arm
@@ -127,7 +128,9 @@ class Commander(FlightState):
         elif self.phase is Phase.YIELDING and not self.sticks.known and late > _STOPPED_S:
             self._lose("no radio is heard by which the pilot could have it")
         elif late > self._limit_s and not (self.phase is Phase.FLYING and in_mode):
-            why = f"the vehicle does not {self.phase.to_do}: {self._reasons() or 'it says nothing of why'}"
+            held_back = self.phase is Phase.ARMING and self.held_back
+            reasons = held_back or self._reasons() or "it says nothing of why"
+            why = f"the vehicle does not {self.phase.to_do}: {reasons}"
             if self.phase in (Phase.CLIMBING, Phase.FLYING):
                 self.land(now, why)
             else:
@@ -170,7 +173,7 @@ class Commander(FlightState):
         if self.phase is Phase.DISARMING:
             return command(*to, _ARM, 0), _REPEAT_S
         if self.phase is Phase.ARMING and self.authority.in_mode:
-            return (command(*to, _ARM, 1), _ARM_AGAIN_S) if self.ready else (None, 0.0)
+            return (command(*to, _ARM, 1), _ARM_AGAIN_S) if not self.held_back else (None, 0.0)
         if self.authority.in_mode or (self.phase is Phase.YIELDING and not self.sticks.throttle_in_middle):
             return None, 0.0
         if self.phase is Phase.LANDING:

@@ -86,10 +86,11 @@ class Flight:
         if self._team:
             self._team.skip(now)
 
-    def wait(self, now: float) -> None:
-        """The vehicle is still on the ground."""
+    def wait(self, now: float) -> bool:
+        """The vehicle is still on the ground. Returns whether it has to stay there, because another one is above it."""
         self._last_pose_s = now
         self.look_on(now, searching=True)
+        return self._team is not None and self._team.under_another
 
     def fly(self, now: float) -> None:
         """One step in the air."""

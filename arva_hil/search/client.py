@@ -38,6 +38,8 @@ COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is comp
 
 _MARK: Final = dialect.MAVLINK_MSG_ID_ADSB_VEHICLE
 _STEP_S: Final = 0.2
+_UNDER: Final = "another vehicle of the team is above it, or may be"
+_SILENT: Final = "the receiver sends no frames"
 _STILL_ARMED: Final = (
     "the vehicle is still armed, and does not say that it has landed. If it stands, keep away from the propellers and "
     "disarm it from the radio or the ground station"
@@ -198,8 +200,8 @@ class SearchClient:
         elif self._stopping:
             self._commander.hold(now)
         elif phase is Phase.ARMING:
-            self._flight.wait(now)
-            self._commander.ready = not self._receiver.silent(now)
+            under_another, silent = self._flight.wait(now), self._receiver.silent(now)
+            self._commander.held_back = _UNDER if under_another else _SILENT if silent else ""
             if self._receiver.silent(now, self._plan.patience_s):
                 self._commander.land(now, self._receiver.why_silent(now))
         else:

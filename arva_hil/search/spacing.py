@@ -22,6 +22,8 @@ _OVER_M: Final = 4.0  # or, if that one has landed, so much
 _ROOM_M: Final = 9.0  # horizontally: so far it makes room
 _OVERDUE_S: Final = 1.0  # without news: it may be nearer than it was, and at any height
 _COASTS_S: Final = 3.0  # as long as an autopilot follows its last velocity: GUID_TIMEOUT
+_UP_M: Final = 4.0  # horizontally: nearer under another one it does not take off; a team may stand 5 m apart, and
+_ABOVE_M: Final = 1.0  # vertically: one that is less above takes off at the same time
 _DIRECTIONS: Final = 24  # in which a free place is looked for
 
 
@@ -54,6 +56,13 @@ class Near(NamedTuple):
         return below and self.metres < NEAR_M
 
     @property
+    def in_the_way_up(self) -> bool:
+        """Seen from the ground."""
+        if self.overdue:
+            return self.metres < self.apart_m
+        return self.other.flying and self.below < -_ABOVE_M and self.metres < _UP_M
+
+    @property
     def coming_down(self) -> bool:
         return self.other.flying and self.other.ended and -_BELOW_M < self.below < 0
 
@@ -75,6 +84,11 @@ def apart_m(other: News, age_s: float, speed: float) -> float:
 def neighbours(others: Iterable[tuple[News, float]], frame: LocalFrame, position: Position, speed: float) -> list[Near]:
     """Those for which it may have to make room. `others`: with the age of their news; position NED [m] in `frame`."""
     return [near for near in _seen(others, frame, position, speed) if near.metres < near.room_m]
+
+
+def may_take_off(others: Iterable[tuple[News, float]], lla: tuple[float, float, float], speed: float) -> bool:
+    """Whether nobody is above a vehicle that stands at a place (degrees, degrees, metres AMSL), or may be there."""
+    return not any(near.in_the_way_up for near in _seen(others, LocalFrame(*lla), (0.0, 0.0, 0.0), speed))
 
 
 def kept_apart(near: Iterable[Near], room_for: Iterable[Near], velocity: Position, speed: float) -> Position:

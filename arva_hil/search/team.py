@@ -13,7 +13,7 @@ from typing import Final
 
 from arva_hil.field.geodesy import LocalFrame
 from arva_hil.search.plan import SearchPlan
-from arva_hil.search.spacing import Near, apart_m, clear_of, goes_first, kept_apart, neighbours
+from arva_hil.search.spacing import Near, apart_m, clear_of, goes_first, kept_apart, may_take_off, neighbours
 from arva_hil.search.strategy import Position
 from arva_hil.search.strips import Area
 from arva_hil.search.team_field import TeamField, layer_m
@@ -208,6 +208,12 @@ class Teammate:
     def above_another(self, position: Position) -> bool:
         """Whether another one is below its position, NED [m] from its take-off point: it must not land there."""
         return any(near.in_the_way_down for near in self._neighbours(position))
+
+    @property
+    def under_another(self) -> bool:
+        """Whether another one is above its vehicle, which is on the ground, or may be: it must not take off."""
+        others = [(other, self._age_s(other)) for other in self._others.values()]
+        return self._told is not None and not may_take_off(others, self._told.lla, self._speed)
 
     def apart(self, position: Position, velocity: Position, speed: float) -> Position:
         """The velocity without what would lead to another vehicle, at most `speed` [m/s] horizontally. It makes room

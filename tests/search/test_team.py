@@ -390,6 +390,52 @@ def test_who_waits_for_another_hovers_and_of_two_that_claim_one_part_the_lower_n
     assert second.yields
 
 
+@pytest.mark.parametrize(
+    ("other", "under"),
+    [
+        (News(0, 0.0, at(2, 0, 3), True), True),
+        (News(0, 0.0, at(2, 0, 30), True), True),
+        (News(0, 0.0, at(2, 0, 3), False), False),  # it stands on a slope
+        (News(0, 0.0, at(0, 5, 3), True), False),
+        (News(0, 0.0, at(2, 0, 0.5), True), False),  # it takes off too
+        (News(0, -2.0, at(0, 7, 3), True), True),  # it is not heard any more: it may be nearer
+        (News(0, -2.0, at(0, 12, 3), True), False),
+    ],
+)
+def test_a_vehicle_under_another_one_does_not_take_off(other: News, under: bool) -> None:
+    mate = Teammate(1, lambda news: None)
+    assert not mate.under_another
+    mate.tell(0.0, HOME, flying=False)
+    mate.hear(other)
+    assert mate.under_another == under
+
+
+@pytest.mark.parametrize(("until_s", "flies"), [(30.0, True), (200.0, False)])
+def test_who_takes_off_late_waits_until_nobody_is_above(until_s: float, flies: bool) -> None:
+    """The first one hovers above the second one's place until then; the second one waits a minute."""
+    clock, plan = StepClock(), SearchPlan(STRATEGIES["flux"], area=(-20, -20, 20, 20))
+    loop = ClosedFleet(several(parse(TWO, "test"), 2), plan, start=0.0, stream_hz=10.0)
+    first, second = loop.drones
+    lat, lon, alt = second.vehicle.truth(0.0).lla
+    flying: list[float] = []
+
+    def over() -> bool:
+        now = clock.now()
+        assert second.search._team is not None
+        second.search._team.hear(News(0, now, (lat + (now > until_s) * 1e-3, lon, alt + 5.0), True, part=0))
+        if second.vehicle.flying:
+            flying.append(now)
+        return bool(flying) or second.search.outcome is not None
+
+    run([task for task in loop.tasks if task is not first.search], clock, until=150.0, stopped=over)
+    if flies:
+        assert until_s < flying[0] < until_s + 10.0
+    else:
+        assert not flying
+        assert second.search.outcome is not None
+        assert "does not arm: another vehicle of the team is above it, or may be" in second.search.outcome.how
+
+
 class Field:
     """Three drones on one field, flown to the end. A task of the loop, too: it watches.
 
