@@ -207,7 +207,7 @@ class CampaignPlan(Table):
         count = math.prod(len(axis) for axis in axes if axis)
         if count > MOST_TRIALS:
             yield Violation(f"at most {MOST_TRIALS}", f"{count} trials")
-        teams = [count for count in of.drones or () if count > 1]
+        teams = [count for count in of.drones or () if count is not None and count > 1]
         for name, one in of.scenarios.items() if isinstance(of.scenarios, Mapping) else ():
             count = one.count if isinstance(one, Random) else len(one.transmitters)
             if 0 < count < (wanted := of.victims or 1):

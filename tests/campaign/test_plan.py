@@ -131,6 +131,7 @@ def test_the_plans_that_come_with_it(name: str, count: int) -> None:
         (MINIMAL + "victims: 0", ["3:10: '0', expected a whole number 1…16, or all"]),
         (MINIMAL + "victims: every", ["3:10: 'every', expected a whole number 1…16, or all"]),
         (MINIMAL + "victims: 2", ["3:10: 2, expected at most 1, the transmitters of random within 50 m"]),
+        (MINIMAL + "drones: [2, 65]", ["3:13: '65', expected a whole number from 1 to 64"]),
         (MINIMAL + "area_m: [0, 0, -1, 5]", ["3:9: [0, 0, -1, 5], expected south, west, north, east"]),
         (MINIMAL + "success_m: .nan", ["3:12: '.nan', expected a number above 0, at most 1000"]),
         (
