@@ -150,7 +150,7 @@ _SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or wh
     events.MotorsSilent: "warning: the vehicle does not tell how hard its motors work (VFR_HUD, BATTERY_STATUS): their "
     "noise stays that of {load:.0%} load",
     events.MotorsHeard: "the vehicle tells how hard its motors work",
-    events.HeartbeatMissing: "warning: {heard:no_vehicle}; still waiting",
+    events.HeartbeatMissing: "warning: {heard:no_vehicle}",
     vehicles.VehicleFound: "vehicle {label}, MAVLink {version}{signed:, signed|}",
     vehicles.SignaturesUnchecked: "warning: its packets are signed. They are not checked, and it may refuse unsigned "
     "requests: use --signing-key FILE",
