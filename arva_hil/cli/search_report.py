@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, Final
 
 from arva_hil import __version__
@@ -58,8 +59,8 @@ def close_log(
     return [f"log: {log.folder / TRACK}, picture: {picture}"]
 
 
-def result(outcome: Outcome) -> list[str]:
-    """How it ended, for a person."""
+def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({})) -> list[str]:
+    """How it ended, for a person. `found_by`: which drone of the team has found a transmitter."""
     found = outcome.found
     if outcome.wanted != 1:
         lines = victims_found(outcome)
@@ -79,6 +80,9 @@ def result(outcome: Outcome) -> list[str]:
     if outcome.frames:
         lines.append(f"searched {outcome.time_s:.0f} s, flew {outcome.path_m:.0f} m, frames: {outcome.frames}")
     for id_, heard in outcome.others:
+        if finder := found_by.get(id_):
+            lines.append(f"{name(id_)} was heard, and found by {finder}")
+            continue
         north, east = heard.nearest_at
         there = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
         lines.append(f"{name(id_)} was heard and not found; nearest, {heard.nearest_m:.1f} m away, at {there}")

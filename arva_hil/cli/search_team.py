@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
@@ -146,8 +146,9 @@ def main(options: argparse.Namespace) -> int:
         run(list(clients.values()), clock, stopped=over)
     outcomes = {name: client.outcome or Outcome("failed", "interrupted") for name, client in clients.items()}
     code = INTERRUPTED if guard.caught else exit_code(list(outcomes.values()))
+    finders = found_by(outcomes)
     for name, outcome in outcomes.items():
-        lines = result(outcome)
+        lines = result(outcome, finders)
         if name in logs:
             lines += close_log(logs[name], outcome, code, clock.epoch_us + start * 1e6)
             code = code or (FAILED if logs[name].error else OK)
@@ -167,6 +168,13 @@ def exit_code(outcomes: list[Outcome]) -> int:
     if wrong or not {"found", "would fly"} & set(kinds):
         return max(EXIT[kind] for kind in wrong or kinds)
     return OK
+
+
+def found_by(outcomes: Mapping[str, Outcome]) -> dict[int, str]:
+    """Which drone has found a transmitter surely, by its id."""
+    return {
+        outcome.id: name for name, outcome in outcomes.items() if outcome.kind == "found" and outcome.id is not None
+    }
 
 
 @dataclass

@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.search_team import exit_code, far_end
+from arva_hil.cli.search_report import result
+from arva_hil.cli.search_team import exit_code, far_end, found_by
+from arva_hil.search.choice import HeardTransmitter
 from arva_hil.search.outcome import Outcome
 from tests.free_ports import free_port
 
@@ -179,3 +181,13 @@ def test_two_searches_on_one_link_have_a_vehicle_each(start: Start, field: Path,
 )
 def test_a_team_succeeds_if_something_was_found_and_nothing_failed(kinds: list[Any], code: int) -> None:
     assert exit_code([Outcome(kind, "") for kind in kinds]) == code
+
+
+def test_what_another_drone_has_found_is_not_said_to_be_lacking() -> None:
+    heard = ((2, HeardTransmitter(18.0, (0.7, 0.8))), (3, HeardTransmitter(31.0, (4.0, 5.0))))
+    found = Outcome("found", "found", id=1, others=heard)
+    outcomes = {"a": found, "b": Outcome("found", "found", id=2), "c": Outcome("not sure", "not sure", id=3)}
+    assert found_by(outcomes) == {1: "a", 2: "b"}
+    *_, second, third = result(found, found_by(outcomes))
+    assert second == "transmitter 2 was heard, and found by b"
+    assert third.startswith("transmitter 3 was heard and not found; nearest, 31.0 m away, at 4.0 m north")
