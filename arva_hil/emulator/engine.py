@@ -78,8 +78,8 @@ class Emulator:
         self._timeout_s = timeout_s
         self._look_ahead_s = look_ahead_s
         self._tell_packets = tell_packets
-        truths = [setup for setup in vehicles if setup.scenario.pose == "truth"]
-        self.needs_times = tell_packets or bool(truths)  # the time of each packet counts, also behind the first ones
+        # whether the time of each packet counts, also behind the first ones
+        self.needs_times = tell_packets or any(setup.scenario.pose == "truth" for setup in vehicles)
         self._tell_status = tell_status
         self._next_status = start
         self._status_at: float | None = None  # one is to be made, after the outputs are written
