@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from arva_hil.api import load_scenario, replay, run_live
+    from arva_hil.autopilot.following.session import Session
     from arva_hil.config import FaultKind, Scenario, ScenarioError
     from arva_hil.config.constraints import Number, Whole
-    from arva_hil.emulator.emulated_vehicle import VehicleSetup, one_vehicle
     from arva_hil.emulator.engine import Emulator
-    from arva_hil.emulator.frame_source import Output, ReceiverSetup
+    from arva_hil.emulator.ports import Output
+    from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup, one_vehicle
     from arva_hil.errors import ArvaError, KindError, UnknownKindError
     from arva_hil.events import Event, FrameMade
-    from arva_hil.field import LocalFrame, Transmitters, dipole_field
     from arva_hil.links import Address, AddressError, Link, LinkEnded, LinkError, Opening
-    from arva_hil.observers.audience import Observer
-    from arva_hil.observers.record import RecordError
-    from arva_hil.receiver import (
+    from arva_hil.model.field import LocalFrame, Transmitters, dipole_field
+    from arva_hil.model.receiver import (
         Answer,
         Antennas,
         ChannelReading,
@@ -34,10 +33,12 @@ if TYPE_CHECKING:
         ReceiverSettings,
         Zone,
     )
-    from arva_hil.receiver.maps import Readings, readings
-    from arva_hil.search.strategy import Found, Observation, Strategy
+    from arva_hil.model.receiver.maps import Readings, readings
+    from arva_hil.records.reading import Recording
+    from arva_hil.records.writing import RecordError
+    from arva_hil.runtime.audience import Observer
+    from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Strategy, Velocity, towards
     from arva_hil.simulated.vehicle import SimulatedVehicle
-    from arva_hil.vehicle.session import Session
 
 __version__ = "0.1.0"
 
@@ -45,20 +46,22 @@ _MODULES: Final = {
     "api": "load_scenario replay run_live",
     "config": "FaultKind Scenario ScenarioError",
     "config.constraints": "Number Whole",
-    "emulator.emulated_vehicle": "VehicleSetup one_vehicle",
     "emulator.engine": "Emulator",
-    "emulator.frame_source": "Output ReceiverSetup",
+    "emulator.ports": "Output",
+    "emulator.setup": "ReceiverSetup VehicleSetup one_vehicle",
     "errors": "ArvaError KindError UnknownKindError",
     "events": "Event FrameMade",
-    "field": "LocalFrame Transmitters dipole_field",
+    "model.field": "LocalFrame Transmitters dipole_field",
     "links": "Address AddressError Link LinkEnded LinkError Opening",
-    "observers.audience": "Observer",
-    "observers.record": "RecordError",
-    "receiver": "Answer Antennas ChannelReading Look PaperReceiver Pose Reading ReceiverModel ReceiverSettings Zone",
-    "receiver.maps": "Readings readings",
-    "search.strategy": "Found Observation Strategy",
+    "runtime.audience": "Observer",
+    "records.reading": "Recording",
+    "records.writing": "RecordError",
+    "model.receiver": "Answer Antennas ChannelReading Look PaperReceiver Pose "
+    "Reading ReceiverModel ReceiverSettings Zone",
+    "model.receiver.maps": "Readings readings",
+    "search.strategies.strategy": "STILL Found Observation Position Strategy Velocity towards",
     "simulated.vehicle": "SimulatedVehicle",
-    "vehicle.session": "Session",
+    "autopilot.following.session": "Session",
 }
 
 __all__ = ["FaultKind", "Number", "Scenario", "ScenarioError", "Whole", "load_scenario", "replay", "run_live"]
@@ -68,7 +71,8 @@ __all__ += ["LocalFrame", "Transmitters", "dipole_field"]
 __all__ += ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "Observer", "Opening", "RecordError"]
 __all__ += ["Answer", "Antennas", "ChannelReading", "Look", "PaperReceiver", "Pose", "Reading", "Zone"]
 __all__ += ["Readings", "ReceiverModel", "ReceiverSettings", "readings"]
-__all__ += ["Found", "Observation", "Session", "SimulatedVehicle", "Strategy"]
+__all__ += ["STILL", "Found", "Observation", "Position", "Strategy", "Velocity", "towards"]
+__all__ += ["Recording", "Session", "SimulatedVehicle"]
 
 
 def __getattr__(name: str) -> Any:

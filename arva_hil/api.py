@@ -7,20 +7,20 @@ import os
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 
+from arva_hil.clock import RealClock
 from arva_hil.config import Scenario, load
 from arva_hil.emulator.engine import Emulator
 from arva_hil.events import Event, FrameMade, HeartbeatMissing
-from arva_hil.fleet_links import FleetSides, fleet_sides, live_vehicles, vehicles_in_log
+from arva_hil.events.words.reasons import no_vehicle
 from arva_hil.links import Link, LinkError, open_link
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.tlog import TlogReader
 from arva_hil.links.tlog_timeline import Timeline
 from arva_hil.mavlink.packet_reader import PacketReader
-from arva_hil.observers.audience import Audience
-from arva_hil.observers.console.reasons import no_vehicle
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime import drivers
-from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.audience import Audience
+from arva_hil.runtime.fleet_links import FleetSides, fleet_sides, live_vehicles, vehicles_in_log
 from arva_hil.runtime.loop import run
 
 

@@ -56,7 +56,7 @@ class Registry:
         return iter(self.built_in)
 
     def __contains__(self, name: object) -> bool:
-        """Whether there is a kind of that name. It may be broken."""
+        """Return True if there is a kind of that name. It may be broken."""
         return name in self.built_in or name in self.loaded or bool(self._entries(str(name)))
 
     def __getitem__(self, name: str) -> Any:
@@ -172,7 +172,7 @@ def _files(module: str) -> list[str]:
 
 
 def _has(thing: Any, name: str) -> bool:
-    """Whether `thing` has an attribute. Those of a protocol and abstract ones do not count."""
+    """Return True if `thing` has an attribute. Those of a protocol and abstract ones do not count."""
     if not isinstance(thing, type):
         return hasattr(thing, name)
     owner = next((cls for cls in thing.__mro__ if name in {*vars(cls), *vars(cls).get("__annotations__", ())}), None)
@@ -188,10 +188,10 @@ RECEIVERS: Final = Registry(
     "receiver model",
     "arva_hil.receivers",
     {
-        "paper": "arva_hil.receiver.paper:PaperReceiver",
-        "pulsed": "arva_hil.receiver.pulsed:PulsedReceiver",
-        "rssi": "arva_hil.receiver.rssi:RssiReceiver",
-        "vector": "arva_hil.receiver.pulsed:VectorReceiver",
+        "paper": "arva_hil.model.receiver.paper:PaperReceiver",
+        "pulsed": "arva_hil.model.receiver.pulsed:PulsedReceiver",
+        "rssi": "arva_hil.model.receiver.rssi:RssiReceiver",
+        "vector": "arva_hil.model.receiver.pulsed:VectorReceiver",
     },
     ("from_settings", "next_look", "look", "show", "command"),
 )
@@ -221,31 +221,31 @@ FAULTS: Final = Registry(
     "fault",
     "arva_hil.faults",
     {  # in the order in which they are applied; those of other packages come last
-        "transmitter_off": "arva_hil.faults.hearing:OFF",
-        "transmitter_moved": "arva_hil.faults.hearing:MOVED",
-        "transmitter_fading": "arva_hil.faults.hearing:FADING",
-        "interference": "arva_hil.faults.hearing:INTERFERENCE",
-        "antenna_x": "arva_hil.faults.hearing:ANTENNA_X",
-        "antenna_y": "arva_hil.faults.hearing:ANTENNA_Y",
-        "antenna_z": "arva_hil.faults.hearing:ANTENNA_Z",
-        "cold_battery_db": "arva_hil.faults.hearing:COLD",
-        "saturation_na_m": "arva_hil.faults.hearing:SATURATION",
-        "electronics_na_m": "arva_hil.faults.hearing:ELECTRONICS",
-        "stuck": "arva_hil.faults.hearing:STUCK",
-        "silence": "arva_hil.faults.sending:SILENCE",
-        "drop": "arva_hil.faults.sending:DROP",
-        "self_test": "arva_hil.faults.sending:SELF_TEST",
-        "sequence": "arva_hil.faults.sending:SEQUENCE",
-        "duplicate": "arva_hil.faults.sending:DUPLICATE",
-        "delay_s": "arva_hil.faults.sending:DELAY",
-        "jitter_s": "arva_hil.faults.sending:JITTER",
-        "reorder": "arva_hil.faults.sending:REORDER",
-        "truncate": "arva_hil.faults.sending:TRUNCATE",
-        "corrupt": "arva_hil.faults.sending:CORRUPT",
-        "drop_bytes": "arva_hil.faults.sending:DROP_BYTES",
-        "insert_bytes": "arva_hil.faults.sending:INSERT_BYTES",
-        "flip_bytes": "arva_hil.faults.sending:FLIP_BYTES",
-        "baud_ratio": "arva_hil.faults.sending:BAUD_RATIO",
+        "transmitter_off": "arva_hil.emulator.faults.hearing:OFF",
+        "transmitter_moved": "arva_hil.emulator.faults.hearing:MOVED",
+        "transmitter_fading": "arva_hil.emulator.faults.hearing:FADING",
+        "interference": "arva_hil.emulator.faults.hearing:INTERFERENCE",
+        "antenna_x": "arva_hil.emulator.faults.hearing:ANTENNA_X",
+        "antenna_y": "arva_hil.emulator.faults.hearing:ANTENNA_Y",
+        "antenna_z": "arva_hil.emulator.faults.hearing:ANTENNA_Z",
+        "cold_battery_db": "arva_hil.emulator.faults.hearing:COLD",
+        "saturation_na_m": "arva_hil.emulator.faults.hearing:SATURATION",
+        "electronics_na_m": "arva_hil.emulator.faults.hearing:ELECTRONICS",
+        "stuck": "arva_hil.emulator.faults.hearing:STUCK",
+        "silence": "arva_hil.emulator.faults.sending:SILENCE",
+        "drop": "arva_hil.emulator.faults.sending:DROP",
+        "self_test": "arva_hil.emulator.faults.sending:SELF_TEST",
+        "sequence": "arva_hil.emulator.faults.sending:SEQUENCE",
+        "duplicate": "arva_hil.emulator.faults.sending:DUPLICATE",
+        "delay_s": "arva_hil.emulator.faults.sending:DELAY",
+        "jitter_s": "arva_hil.emulator.faults.sending:JITTER",
+        "reorder": "arva_hil.emulator.faults.sending:REORDER",
+        "truncate": "arva_hil.emulator.faults.sending:TRUNCATE",
+        "corrupt": "arva_hil.emulator.faults.sending:CORRUPT",
+        "drop_bytes": "arva_hil.emulator.faults.sending:DROP_BYTES",
+        "insert_bytes": "arva_hil.emulator.faults.sending:INSERT_BYTES",
+        "flip_bytes": "arva_hil.emulator.faults.sending:FLIP_BYTES",
+        "baud_ratio": "arva_hil.emulator.faults.sending:BAUD_RATIO",
     },
     ("stage", "valid", "help", "strike", "needs"),
 )
@@ -270,11 +270,11 @@ EXPORTS: Final = Registry(  # a function (recording, binary file) -> None
     "export format",
     "arva_hil.exports",
     {
-        "kml": "arva_hil.exports.kml:write",
-        "gpx": "arva_hil.exports.gpx:write",
-        "geojson": "arva_hil.exports.geojson:write",
-        "csv": "arva_hil.exports.table:write",
-        "mcap": "arva_hil.exports.mcap:write",
+        "kml": "arva_hil.records.exports.kml:write",
+        "gpx": "arva_hil.records.exports.gpx:write",
+        "geojson": "arva_hil.records.exports.geojson:write",
+        "csv": "arva_hil.records.exports.table:write",
+        "mcap": "arva_hil.records.exports.mcap:write",
     },
     ("__call__",),
 )
@@ -282,9 +282,9 @@ STRATEGIES: Final = Registry(
     "strategy",
     "arva_hil.strategies",
     {
-        "flux": "arva_hil.search.flux:Flux",
-        "extremum": "arva_hil.search.extremum:Extremum",
-        "estimate": "arva_hil.search.estimate:Estimate",
+        "flux": "arva_hil.search.strategies.flux:Flux",
+        "extremum": "arva_hil.search.strategies.extremum:Extremum",
+        "estimate": "arva_hil.search.strategies.estimate:Estimate",
     },
     ("hear", "velocity"),
     references=True,

@@ -79,5 +79,5 @@ def columns_of(stream: TextIO | None) -> int | None:
 
 
 def is_screen(stream: TextIO) -> bool:
-    """Whether this is a terminal whose lines can be overwritten."""
+    """Return True for a terminal whose lines can be overwritten."""
     return stream.isatty() and os.environ.get("TERM") != "dumb"

@@ -4,7 +4,7 @@ Its section "What a reading means" says what d and δ are, and what a consumer d
 """
 
 from firmware_proto.binary import MAX_FRAME_BYTES, Decoder, encode
-from firmware_proto.commands import Answer, Command, HostForm
+from firmware_proto.commands import Command, CommandAnswer, HostForm
 from firmware_proto.frame import (
     INNER,
     INTERFERENCE,
@@ -29,5 +29,5 @@ from firmware_proto.text import TextDecoder, encode_text
 __all__ = ["INNER", "MAX_CHANNELS", "MAX_FRAME_BYTES", "MID", "NO_SIGNAL", "OUTER"]
 __all__ += ["INTERFERENCE", "MORE_TRANSMITTERS", "NOT_SEARCHING", "OVERLAP", "SELF_TEST_FAULT", "SYNTHETIC"]
 __all__ += ["Channel", "Decoder", "Format", "Frame", "FrameDecoder", "NmeaDecoder", "TextDecoder"]
-__all__ += ["Answer", "Command", "HostForm", "LevelChannel", "Measured", "VectorChannel"]
+__all__ += ["Command", "CommandAnswer", "HostForm", "LevelChannel", "Measured", "VectorChannel"]
 __all__ += ["encode", "encode_nmea", "encode_text"]

@@ -7,12 +7,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final, TypeVar
 
-from firmware_proto.commands import MAX_VALUES, Answer, Command, HostForm, check_answer, check_command
+from firmware_proto.commands import MAX_VALUES, Command, CommandAnswer, HostForm, check_answer, check_command
 from firmware_proto.frame import PAUSE_S
 from firmware_proto.messages import StreamDecoder
 from firmware_proto.sentence import MAX_SENTENCE, ChecksumError, begun, body_of, sentence
 
-T = TypeVar("T", Command, Answer)
+T = TypeVar("T", Command, CommandAnswer)
 
 
 def encode_command_line(command: Command) -> bytes:
@@ -21,7 +21,7 @@ def encode_command_line(command: Command) -> bytes:
     return _sentence(["PARVC", command.number, command.name, *command.values])
 
 
-def encode_answer_line(answer: Answer) -> bytes:
+def encode_answer_line(answer: CommandAnswer) -> bytes:
     """The sentence of an answer. Raises ValueError that names the field that does not fit."""
     check_answer(answer)
     return _sentence(["PARVR", answer.number, answer.name, answer.result, answer.text, *answer.values])
@@ -89,10 +89,10 @@ def _command(fields: list[str]) -> Command | None:
     return _checked(Command(numbers[0], fields[2], tuple(numbers[1:])), check_command)
 
 
-def _answer(fields: list[str]) -> Answer | None:
+def _answer(fields: list[str]) -> CommandAnswer | None:
     if fields[0] != "PARVR" or len(fields) < 5 or (numbers := _numbers([fields[1], *fields[5:]])) is None:
         return None
-    return _checked(Answer(numbers[0], fields[2], fields[3], tuple(numbers[1:]), fields[4]), check_answer)
+    return _checked(CommandAnswer(numbers[0], fields[2], fields[3], tuple(numbers[1:]), fields[4]), check_answer)
 
 
 def _numbers(fields: list[str]) -> list[int] | None:
@@ -113,5 +113,5 @@ LINE_HOST: Final = HostForm(
     encode_command_line,
     partial(SentenceDecoder[Command], _command),
     encode_answer_line,
-    partial(SentenceDecoder[Answer], _answer),
+    partial(SentenceDecoder[CommandAnswer], _answer),
 )

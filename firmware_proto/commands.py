@@ -48,7 +48,7 @@ class Command(NamedTuple):
     values: tuple[int, ...] = ()
 
 
-class Answer(NamedTuple):
+class CommandAnswer(NamedTuple):
     """The answer to a command. `result`: one of RESULTS. `text`: printable ASCII, 32 at most, without `$*,`."""
 
     number: int
@@ -66,11 +66,11 @@ class HostForm(NamedTuple):
 
     command: Callable[[Command], bytes]
     commands: Callable[[], StreamDecoder[Command]]
-    answer: Callable[[Answer], bytes]
-    answers: Callable[[], StreamDecoder[Answer]]
+    answer: Callable[[CommandAnswer], bytes]
+    answers: Callable[[], StreamDecoder[CommandAnswer]]
 
 
-def check_command(command: Command | Answer) -> None:
+def check_command(command: Command | CommandAnswer) -> None:
     """Raise ValueError with the field and its range if number, name or values cannot be encoded."""
     if not isinstance(command.number, int) or not 0 <= command.number <= 255:
         raise ValueError(f"number is {command.number!r}, expected an integer 0…255")
@@ -83,7 +83,7 @@ def check_command(command: Command | Answer) -> None:
             raise ValueError(f"values[{k}] is {value!r}, expected an integer of 32 bits")
 
 
-def check_answer(answer: Answer) -> None:
+def check_answer(answer: CommandAnswer) -> None:
     """As `check_command`, for an answer."""
     check_command(answer)
     if answer.result not in RESULTS:
@@ -98,7 +98,7 @@ def encode_command(command: Command) -> bytes:
     return seal(COMMAND_KIND, bytes([command.number, _code(command.name)]) + _pack(command.values))
 
 
-def encode_answer(answer: Answer) -> bytes:
+def encode_answer(answer: CommandAnswer) -> bytes:
     """The 12 + 4·values + text bytes of an answer. Raises ValueError that names the field that does not fit."""
     check_answer(answer)
     head = bytes([answer.number, _code(answer.name), RESULTS.index(answer.result), len(answer.values)])
@@ -126,13 +126,13 @@ def _command(body: bytes) -> Command:
     return Command(body[0], _name(body[1]), struct.unpack(f"<{len(body) // 4}i", body[2:]))
 
 
-def _answer(body: bytes) -> Answer | None:
+def _answer(body: bytes) -> CommandAnswer | None:
     number, code, result, n = body[:4]
     end = 4 + 4 * n
     text = body[end:].decode("latin-1")
     if result >= len(RESULTS) or n > MAX_VALUES or end > len(body) or not _TEXT.fullmatch(text):
         return None
-    return Answer(number, _name(code), RESULTS[result], struct.unpack(f"<{n}i", body[4:end]), text)
+    return CommandAnswer(number, _name(code), RESULTS[result], struct.unpack(f"<{n}i", body[4:end]), text)
 
 
 COMMAND: Final = Kind(frozenset(2 + 4 * n for n in range(MAX_VALUES + 1)), _command)
@@ -142,5 +142,5 @@ BINARY_HOST: Final = HostForm(
     encode_command,
     partial(MessageDecoder[Command], {COMMAND_KIND: COMMAND}),
     encode_answer,
-    partial(MessageDecoder[Answer], {ANSWER_KIND: ANSWER}),
+    partial(MessageDecoder[CommandAnswer], {ANSWER_KIND: ANSWER}),
 )

@@ -45,7 +45,7 @@ class Channel(NamedTuple):
 
     @property
     def valid(self) -> bool:
-        """Whether the channel hears a transmitter: d > 0, for any δ and id (PROTOCOL.md, "No signal")."""
+        """True if the channel receives a transmitter: d > 0, for any δ and id (PROTOCOL.md, "No signal")."""
         return self.d > 0
 
 
@@ -142,18 +142,18 @@ def missing(before: int, sequence: int) -> int:
 
 def check(frame: Frame) -> None:
     """Raise ValueError with the field and its range if a frame cannot be encoded."""
-    _fits("sequence", frame.sequence, 0, 255)
-    _fits("status", frame.status, 0, 255)
-    _fits("n", len(frame.channels), 1, MAX_CHANNELS)
-    for k, channel in enumerate(frame.channels):
-        if channel.id is not None:
-            _fits("id", channel.id, 0, 254, k)
-        _fits("zone", channel.zone, OUTER, INNER, k)
-        _fits("d", channel.d, -0x8000, 0x7FFF, k)
-        _fits("delta", channel.delta, -0x8000, 0x7FFF, k)
-
-
-def _fits(name: str, value: int, low: int, high: int, channel: int | None = None) -> None:
-    if not isinstance(value, int) or not low <= value <= high:
-        name = name if channel is None else f"channels[{channel}].{name}"
-        raise ValueError(f"{name} is {value!r}, expected an integer {low}…{high}")
+    values = [
+        ("sequence", frame.sequence, 0, 255),
+        ("status", frame.status, 0, 255),
+        ("n", len(frame.channels), 1, MAX_CHANNELS),
+    ]
+    for k, (id, zone, d, delta, _) in enumerate(frame.channels):
+        values += [
+            (f"channels[{k}].id", 0 if id is None else id, 0, 254),
+            (f"channels[{k}].zone", zone, OUTER, INNER),
+            (f"channels[{k}].d", d, -0x8000, 0x7FFF),
+            (f"channels[{k}].delta", delta, -0x8000, 0x7FFF),
+        ]
+    for name, value, low, high in values:
+        if not isinstance(value, int) or not low <= value <= high:
+            raise ValueError(f"{name} is {value!r}, expected an integer {low}…{high}")

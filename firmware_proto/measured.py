@@ -64,7 +64,7 @@ class LevelChannel(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What a receiver measured: `time_ms` is its clock, 0…2³² − 1, and a pulse ended at `time_ms` − `age_ms`."""
+    """The measured values of a receiver: `time_ms` is its clock, below 2³²; a pulse ended `age_ms` before it."""
 
     time_ms: int
     channels: tuple[VectorChannel, ...] | tuple[LevelChannel, ...]

@@ -120,7 +120,7 @@ class MessageDecoder(StreamDecoder[T]):
         return data[at + 3] + 6 if kind and data[at + 3] - 2 in kind.lengths else 0
 
     def _content(self, data: bytes, at: int, stop: int) -> T | None:
-        """What is in the whole candidate at `at`, whose CRC is at `stop`; None if it makes no sense."""
+        """Return the content of the complete candidate at `at`, whose CRC is at `stop`; None if it is invalid."""
         mask = data[at + 4]
         body = bytes([byte ^ mask for byte in data[at + _HEAD_BYTES : stop]])
         return self._kinds[data[at + 5] ^ mask].parse(body)

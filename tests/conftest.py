@@ -9,10 +9,10 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-import order
 import pytest
-import slow
 from hypothesis import settings
+
+from tests import order, slow
 
 TESTS = Path(__file__).parent
 DATA = TESTS / "data"

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Scenario
-from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
-from arva_hil.emulator.frame_source import Counters, Schedule
+from arva_hil.emulator.ports import Counters
+from arva_hil.emulator.receivers import Schedule
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import BytesSent, Event, FrameMade, HeartbeatMissing, PacketsReceived, StatusReport
+from arva_hil.events.words.reasons import no_vehicle
+from arva_hil.events.words.sentences import sentence
+from arva_hil.events.words.text import Notice
 from arva_hil.links import Link
-from arva_hil.observers.audience import Audience, Observer
-from arva_hil.observers.console.reasons import no_vehicle
-from arva_hil.observers.console.sentences import sentence
-from arva_hil.observers.console.text import Notice
+from arva_hil.runtime.audience import Audience, Observer
 from arva_hil.runtime.drivers import Live
-from arva_hil.vehicle.session import Session
 
 
 class OneReceiver(Live):
@@ -39,14 +40,14 @@ class OneReceiver(Live):
 
     @property
     def counters(self) -> Counters:
-        return self.emulator.vehicles[0].sources[0].counters
+        return self.emulator.vehicles[0].units[0].port.counters
 
     def fault_counts(self) -> dict[str, dict[str, int]]:
-        return self.emulator.vehicles[0].sources[0].fault_counts()
+        return self.emulator.vehicles[0].units[0].port.fault_counts()
 
     @property
     def schedule(self) -> Schedule:
-        return self.emulator.vehicles[0].sources[0].schedule
+        return self.emulator.vehicles[0].units[0].receiver.schedule
 
 
 class Diary:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.field import Mount, Transmitters
-from arva_hil.receiver import Antennas, Look, PaperReceiver, Pose, Reading
+from arva_hil.model.field import Mount, Transmitters
+from arva_hil.model.receiver import Antennas, Look, PaperReceiver, Pose, Reading
 
 Array = NDArray[np.float64]
 

@@ -13,14 +13,14 @@ from arva_hil.config import DEFAULT, Scenario, to_dict
 from arva_hil.emulator.build import receiver, transmitters
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events import DatumSet, FrameMade, PoseFound, PoseLost, ReceiverStatus, StatusReport, VehicleStatus
+from arva_hil.events.reasons import NoPose
 from arva_hil.events.searches import FromSearch, TransmitterHeard
-from arva_hil.field import LocalFrame
-from arva_hil.field.rotation import from_euler, to_matrix
-from arva_hil.observers.record import Recorder, RecordLayout
-from arva_hil.observers.record.search_log import SearchLog
-from arva_hil.receiver import Look, Pose
-from arva_hil.search.outcome import SearchStep
-from arva_hil.vehicle.reasons import NoPose
+from arva_hil.model.field import LocalFrame
+from arva_hil.model.field.rotation import from_euler, to_matrix
+from arva_hil.model.receiver import Look, Pose
+from arva_hil.records.writing import Recorder, RecordLayout
+from arva_hil.records.writing.search_log import SearchLog
+from arva_hil.search.mission.outcome import SearchStep
 
 HOME = (46.0123, 7.7456, 1650.0)
 EPOCH_US = 1_798_761_600_000_000  # 2027-01-01T00:00:00Z

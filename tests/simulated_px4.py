@@ -4,7 +4,9 @@ As measured on PX4 1.16: two acknowledgements of DO_SET_MODE, the first always 0
 flow and left 1.2 s after the last one; a take-off to less than the ground's height above sea level is acknowledged
 and ignored, numbers for its place are flown to; a take-off ends 0.8 m below its height, in hold. CURRENT_MODE comes
 with each change of the mode and twice a second when it was asked for; the heartbeat's rate cannot be changed; an
-integer parameter's bytes are copied into the float. When it has landed and disarms it goes back to OFFBOARD.
+integer parameter's bytes are copied into the float. When it has landed and disarms it goes back to OFFBOARD. Without a
+remote control that it uses, SYS_STATUS calls the radio not healthy, also when RC_CHANNELS comes; MANUAL_CONTROL comes
+once when it is asked for, and as often as asked for while there are sticks.
 """
 
 from __future__ import annotations
@@ -19,19 +21,37 @@ from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle, Truth
 
 POSITION, TAKE_OFF, HOLD, RETURN, LAND, OFFBOARD = 3 << 16, *(4 << 16 | n << 24 for n in (2, 3, 5, 6)), 6 << 16
-PARAMETERS = {"COM_OBL_RC_ACT": 4, "COM_OF_LOSS_T": 1.0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 0}
+PARAMETERS: dict[str, float] = {
+    "COM_OBL_RC_ACT": 4,
+    "COM_OF_LOSS_T": 1.0,
+    "NAV_RCL_ACT": 2,
+    "NAV_DLL_ACT": 0,
+    "COM_RC_OVERRIDE": 1,
+    "GF_ACTION": 2,
+    "GF_MAX_HOR_DIST": 0.0,
+    "GF_MAX_VER_DIST": 0.0,
+}
 STREAMS = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10}
 
 _INNER = {TAKE_OFF: Mode.GUIDED, OFFBOARD: Mode.GUIDED, LAND: Mode.LAND}  # any other: LOITER
+_GYRO, _RC = dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO, dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
 _OURS = 99  # component of what is told to the vehicle behind; what it answers is not passed on
 
 
 class Px4:
-    """Remembers PX4's own mode. `healthy`: may arm; if not it says so in SYS_STATUS and nowhere else."""
+    """Remembers PX4's own mode. `healthy`: may arm; if not it says so in SYS_STATUS and nowhere else.
+
+    `manual`: x, y, z and r of the sticks that it uses; None: it has no remote control.
+    """
 
     def __init__(self, home: tuple[float, float, float], *, healthy: bool = True, **options: Any) -> None:
         self.mode = POSITION
         self.healthy = healthy
+        self.manual: tuple[int, int, int, int] | None = None
+        self.parameters = dict(PARAMETERS)
+        self._manual_due = math.inf
+        self._manual_every = 0.0
+        self._manual_said = False
         self._vehicle = SimulatedVehicle(home, streams=STREAMS, **options)
         self._ground_amsl = home[2]
         self._top = math.inf
@@ -81,6 +101,12 @@ class Px4:
             self._outbox += self._encoder.pack(CurrentMode(0, self.mode, 6 << 16))
             self._current_mode_due = now + 0.5
             self._said_mode = self.mode
+        if now >= self._manual_due:
+            self._manual_due = now + self._manual_every
+            if self.manual or not self._manual_said:
+                sticks = self.manual or (0, 0, 500, 0)
+                self._outbox += self._encoder.pack(dialect.MAVLink_manual_control_message(1, *sticks, 0))
+            self._manual_said = True
         out, self._outbox = self._outbox, bytearray()
         for packet in self._from.feed(said):
             out += self._as_px4(packet)
@@ -90,7 +116,9 @@ class Px4:
         message: Any = self._from.decode(packet)
         if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             message.autopilot, message.custom_mode = dialect.MAV_AUTOPILOT_PX4, self.mode
-            status = dialect.MAVLink_sys_status_message(0, 1, int(self.healthy), 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+            remote = _RC if self.manual else 0
+            enabled, health = _GYRO | _RC, (_GYRO if self.healthy else 0) | remote
+            status = dialect.MAVLink_sys_status_message(remote, enabled, health, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0)
             return self._encoder.pack(message) + self._encoder.pack(status)
         if packet.msgid == dialect.MAVLINK_MSG_ID_STATUSTEXT:  # is for ground stations
             return b""
@@ -156,6 +184,8 @@ class Px4:
     def _set_interval(self, message: Any, now: float) -> tuple[int, ...]:
         if message.param1 == MAVLINK_MSG_ID_CURRENT_MODE:
             self._current_mode_due = now
+        elif message.param1 == dialect.MAVLINK_MSG_ID_MANUAL_CONTROL:
+            self._manual_due, self._manual_every = now, message.param2 / 1e6
         elif message.param1 == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             return (dialect.MAV_RESULT_FAILED,)
         else:
@@ -163,9 +193,9 @@ class Px4:
         return (dialect.MAV_RESULT_ACCEPTED,)
 
     def _parameter(self, name: str) -> bytes:
-        if name not in PARAMETERS:
+        if name not in self.parameters:
             return b""
-        value, kind = PARAMETERS[name], dialect.MAV_PARAM_TYPE_REAL32
+        value, kind = self.parameters[name], dialect.MAV_PARAM_TYPE_REAL32
         if isinstance(value, int):
             (value,), kind = struct.unpack("<f", struct.pack("<i", value)), dialect.MAV_PARAM_TYPE_INT32
         return self._encoder.pack(dialect.MAVLink_param_value_message(name.encode(), value, kind, 0, 0xFFFF))

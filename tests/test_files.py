@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from arva_hil import files
+from arva_hil.links import files
 
 
 @pytest.fixture

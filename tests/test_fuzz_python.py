@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import re
 import subprocess
 import sys
@@ -16,28 +15,15 @@ from tools.fuzz import decoder, loader, session
 from tools.fuzz import python as tool
 
 
-def damaged(seeds: list[bytes], count: int) -> list[bytes]:
-    """The same ones each time."""
-    r = random.Random(457)
-    words = [word.encode() for word in tool.dictionary()]
-    out = []
-    for _ in range(count):
-        data = bytearray(r.choice(seeds))
-        for _ in range(r.randint(1, 8)):
-            at = r.randrange(len(data) + 1)
-            data[at : at + r.randrange(2)] = r.choice((b"", r.randbytes(1), r.randbytes(4), bytes(data[at : at + 20])))
-        out.append(tool.reworded(bytes(data), words, r) if r.random() < 0.3 else bytes(data))
-    return out
-
-
 @pytest.mark.parametrize(
-    ("target", "count"), [("loader", 120), ("session", 150), ("decoder", 1000), ("commands", 1000), ("log", 150)]
+    ("target", "count"),
+    [("loader", 120), ("session", 150), ("decoder", 1000), ("commands", 1000), ("log", 150), ("team", 200)],
 )
 def test_what_has_to_hold_holds_on_the_seeds_and_on_damaged_ones(target: str, count: int) -> None:
     module = tool.module(target)
     every = list(module.seeds())
     assert len(every) >= 5
-    for data in every + damaged(every, count):
+    for data in every + list(tool.damaged(every, count, 457)):
         try:
             module.fuzz(data)
         except Exception as error:
@@ -50,6 +36,11 @@ FOUND = [  # inputs that once failed
     ("decoder", bytes.fromhex("08 00 1f 02 d204000000000000 0000807f 00000000 00000000 61 000000000000000000 00")),
     ("decoder", bytes.fromhex("06 00 13 01 01000000 01000000 41525641315f58000000 00 13 01 01000000 01000000")
      + b"ARVA1_D\0\0\0"),
+    ("team", bytes.fromhex("00000000471f00000000000000000094000000002e68")),  # a transmitter heard far outside the area
+    ("team", bytes.fromhex(  # two vehicles: out of the way of the second one is the way to the first one
+        "0032" + 19 * "00" + "ae" + 11 * "00" + "c0" + 35 * "00" + "a7a6a9f10087" + 4 * "00" + "65" + 8 * "00"
+        "0c00ceb36f55000100000000b5ef00000000005e000000f100000000000000000000006a00000000000000008e000087000a2700ba0910a1"
+        "00000017" + 8 * "00" + "98")),
 ]  # fmt: skip
 
 
@@ -104,6 +95,16 @@ def test_an_input_is_tried_again(tmp_path: Path) -> None:
     good.write_bytes(b"seed: 1")
     done = run("loader", "--reproduce", good)
     assert (done.returncode, done.stdout) == (0, f"{good}: passes\n")
+
+
+def test_without_atheris_damaged_seeds_are_tried_and_what_fails_is_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert tool.run_damaged("team", 3, 1) == 0
+    assert capsys.readouterr().out == "team: 43 runs, seed 1, 0 findings\n"
+    assert tool.run_damaged(wrong_decoder(monkeypatch), 3, 1) == 1
+    assert len(list(tmp_path.glob("crash-decoder-1-*"))) == 1
 
 
 def test_without_atheris_it_says_what_to_install() -> None:

@@ -25,7 +25,7 @@ SUMS: Final = DATA / "frames.sha256"
 PIECES: Final = ("arducopter", "px4")
 WHOLE: Final = ("arducopter_square", "px4_square")
 WHOLE_FOLDER: Final = Path(os.environ.get("ARVA_HIL_FLIGHTS", Path(__file__).parents[2] / "shared" / "data"))
-SCENARIOS: Final = ("default", "four_transmitters", "faults")
+SCENARIOS: Final = ("default", "four_transmitters", "faults", "four_close")
 FORMATS: Final = ("binary", "nmea", "text")
 SEEDS: Final = (1, 2, 3)
 BYTE_FAULTS: Final = ("truncate=0.2", "drop_bytes=0.01", "insert_bytes=0.01", "flip_bytes=0.01", "corrupt=0.1")

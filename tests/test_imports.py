@@ -4,242 +4,27 @@ from __future__ import annotations
 
 import ast
 import functools
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests.every import every
-
 ROOT = Path(__file__).parent.parent
-ROOMS = {  # a room → what of ours it may import
-    "firmware_proto": {"firmware_proto"},
-    "arva_hil/errors.py": set(),
-    "arva_hil/frozen.py": set(),
-    "arva_hil/registry.py": set(),
-    "arva_hil/ranges.py": set(),
-    "arva_hil/safe_text.py": set(),
-    "arva_hil/files.py": set(),
-    "arva_hil/field": {"arva_hil.field"},
-    "arva_hil/receiver": {"arva_hil.field", "arva_hil.receiver"},
-    "arva_hil/mavlink": {"arva_hil.mavlink"},
-    "arva_hil/config": {
-        "arva_hil.ranges",
-        "arva_hil.config",
-        "arva_hil.field.geodesy",
-        "arva_hil.field.keying",
-        "arva_hil.field.terrain",
-    },
-    "arva_hil/events": {
-        "arva_hil.events",
-        "arva_hil.field",
-        "arva_hil.mavlink",
-        "arva_hil.receiver",
-        "arva_hil.vehicle.reasons",
-        "firmware_proto",
-    },
-    "arva_hil/vehicle": {
-        "arva_hil.events",
-        "arva_hil.field",
-        "arva_hil.mavlink",
-        "arva_hil.receiver",
-        "arva_hil.vehicle",
-    },
-    "arva_hil/flight": {
-        "arva_hil.events",
-        "arva_hil.field",
-        "arva_hil.flight",
-        "arva_hil.mavlink",
-        "arva_hil.vehicle",
-    },
-    "arva_hil/faults": {"arva_hil.config", "arva_hil.faults", "arva_hil.field", "arva_hil.receiver", "firmware_proto"},
-    "arva_hil/emulator": {  # no links, no console, no clock
-        "arva_hil.__version__",
-        "arva_hil.config",
-        "arva_hil.emulator",
-        "arva_hil.events",
-        "arva_hil.faults",
-        "arva_hil.field",
-        "arva_hil.mavlink",
-        "arva_hil.receiver",
-        "arva_hil.vehicle",
-        "firmware_proto",
-    },
-    "arva_hil/links": {"arva_hil.links", "arva_hil.runtime.clock"},
-    "arva_hil/runtime": {
-        "arva_hil.emulator",
-        "arva_hil.events",
-        "arva_hil.files",
-        "arva_hil.links",
-        "arva_hil.mavlink.signing",
-        "arva_hil.observers.audience",
-        "arva_hil.runtime",
-    },
-    "arva_hil/runtime/clock.py": set(),
-    "arva_hil/runtime/worker_thread.py": set(),
-    "arva_hil/runtime/link_monitor.py": {"arva_hil.events", "arva_hil.links"},
-    "arva_hil/observers": {
-        "arva_hil.events",
-        "arva_hil.field",
-        "arva_hil.files",
-        "arva_hil.safe_text",
-        "arva_hil.links",
-        "arva_hil.mavlink",
-        "arva_hil.messages",
-        "arva_hil.observers",
-        "arva_hil.receiver",
-        "arva_hil.runtime.clock",
-        "arva_hil.runtime.worker_thread",
-        "arva_hil.search.outcome",
-        "arva_hil.vehicle.reasons",
-        "firmware_proto",
-    },
-    "arva_hil/observers/audience.py": {"arva_hil.events", "arva_hil.safe_text"},
-    "arva_hil/messages": {
-        "arva_hil.config",
-        "arva_hil.emulator",
-        "arva_hil.events",
-        "arva_hil.field",
-        "arva_hil.messages",
-        "arva_hil.receiver",
-        "arva_hil.recordings",
-        "arva_hil.safe_text",
-        "firmware_proto",
-    },
-    "arva_hil/fleet_links.py": {
-        "arva_hil.config",
-        "arva_hil.emulator",
-        "arva_hil.links",
-        "arva_hil.mavlink.packet_reader",
-        "arva_hil.vehicle.session",
-    },
-    "arva_hil/viewer.py": {
-        "arva_hil.events",
-        "arva_hil.field",
-        "arva_hil.observers.console",
-        "arva_hil.observers.web",
-        "arva_hil.recordings",
-    },
-    "arva_hil/recordings": {
-        "arva_hil.config",
-        "arva_hil.emulator.build",
-        "arva_hil.emulator.engine",
-        "arva_hil.field",
-        "arva_hil.links",
-        "arva_hil.mavlink",
-        "arva_hil.observers.record",
-        "arva_hil.recordings",
-        "arva_hil.runtime.clock",
-        "arva_hil.safe_text",
-    },
-    "arva_hil/exports": {
-        "arva_hil.__version__",
-        "arva_hil.exports",
-        "arva_hil.field",
-        "arva_hil.messages",
-        "arva_hil.recordings",
-        "arva_hil.runtime.clock",
-        "arva_hil.safe_text",
-    },
-    "arva_hil/pictures": {
-        "arva_hil.field",
-        "arva_hil.files",
-        "arva_hil.observers.web.field_lines",
-        "arva_hil.pictures",
-        "arva_hil.range_test",
-        "arva_hil.recordings",
-        "arva_hil.safe_text",
-        "arva_hil.search.outcome",
-    },
-    "arva_hil/range_test": {
-        "arva_hil.config",
-        "arva_hil.emulator.build",
-        "arva_hil.field",
-        "arva_hil.range_test",
-        "arva_hil.receiver",
-        "arva_hil.safe_text",
-    },
-    "arva_hil/report": {
-        "arva_hil.__version__",
-        "arva_hil.config",
-        "arva_hil.pictures",
-        "arva_hil.recordings",
-        "arva_hil.report",
-        "arva_hil.safe_text",
-    },
-    "arva_hil/search": {  # never the model, never where the transmitters are
-        "arva_hil.events",
-        "arva_hil.field.geodesy",
-        "arva_hil.field.mount",
-        "arva_hil.field.quaternion",
-        "arva_hil.field.rotation",
-        "arva_hil.flight",
-        "arva_hil.links",
-        "arva_hil.mavlink",
-        "arva_hil.observers.console.reasons",  # the words of how it ended
-        "arva_hil.runtime.clock",
-        "arva_hil.runtime.link_monitor",
-        "arva_hil.safe_text",
-        "arva_hil.search",
-        "arva_hil.vehicle",
-        "firmware_proto",
-    },
-    "arva_hil/simulated": {
-        "arva_hil.config",
-        "arva_hil.emulator",
-        "arva_hil.events",
-        "arva_hil.field",
-        "arva_hil.links",
-        "arva_hil.mavlink",
-        "arva_hil.observers.audience",
-        "arva_hil.runtime",
-        "arva_hil.search",
-        "arva_hil.simulated",
-        "arva_hil.vehicle",
-        "firmware_proto",
-    },
-    "arva_hil/campaign": {
-        "arva_hil.__version__",
-        "arva_hil.campaign",
-        "arva_hil.pictures.style",
-        "arva_hil.report.html",
-        "arva_hil.config",
-        "arva_hil.field",
-        "arva_hil.files",
-        "arva_hil.links",
-        "arva_hil.receiver",
-        "arva_hil.runtime",
-        "arva_hil.safe_text",
-        "arva_hil.search",
-        "arva_hil.simulated.closed_fleet",
-        "arva_hil.simulated.closed_loop",
-    },
-    "arva_hil/doctor": {
-        "arva_hil.config",
-        "arva_hil.doctor",
-        "arva_hil.emulator",
-        "arva_hil.events",
-        "arva_hil.links",
-        "arva_hil.mavlink",
-        "arva_hil.observers.console.reasons",
-        "arva_hil.observers.console.sentences",
-        "arva_hil.runtime.clock",
-        "arva_hil.vehicle",
-        "firmware_proto",
-    },
-    "arva_hil/doctor/diagnosis.py": {"arva_hil.doctor.values"},
+FLOORS = """mavlink model links config events autopilot emulator runtime search records observers simulated
+    campaign api cli""".split()  # from the ground up: a room imports rooms below it, and none above
+SMALL_FLOORS = {  # the same inside a room
+    "arva_hil/autopilot": "following commanding",
+    "arva_hil/model": "field receiver",
+    "arva_hil/search": "strategies team mission flight",
 }
-EVERYBODY = {
-    "arva_hil.errors",
-    "arva_hil.frozen",
-    "arva_hil.registry",
-}  # they import nothing of ours, the registry what it is asked for
+GROUND = {"errors", "registry", "clock", "safe_text", "__version__"}  # everybody may import these
 OF_OTHERS = {  # a room → the only packages it may import that are neither ours nor Python's
     "firmware_proto": {"fastcrc"},
-    "arva_hil/field": {"numpy"},
-    "arva_hil/receiver": {"annotated_types", "numpy"},
+    "arva_hil/model/field": {"numpy"},
+    "arva_hil/model/receiver": {"annotated_types", "numpy"},
     "arva_hil/links": {"serial"},
-    "arva_hil/messages": {"numpy"},
+    "arva_hil/records/ros_messages": {"numpy"},
     "arva_hil/config": {"pydantic", "pydantic_core", "yaml"},
 }
 
@@ -247,6 +32,17 @@ OF_OTHERS = {  # a room → the only packages it may import that are neither our
 def files(room: str) -> list[Path]:
     path = ROOT / room
     return [path] if path.suffix == ".py" else sorted(path.rglob("*.py"))
+
+
+WITHOUT_UNIX = """
+import importlib, pkgutil, signal, sys, distributed, matplotlib, arva_hil
+sys.modules |= dict.fromkeys(("fcntl", "grp", "pty", "pwd", "resource", "termios", "tty"))
+for name in ("SIGALRM", "SIGHUP", "SIGKILL", "SIGUSR1", "SIG_BLOCK", "SIG_SETMASK", "pthread_sigmask"):
+    delattr(signal, name)
+for module in pkgutil.walk_packages(arva_hil.__path__, "arva_hil."):
+    if not module.name.endswith("__main__"):
+        importlib.import_module(module.name)
+"""
 
 
 @functools.cache
@@ -273,13 +69,52 @@ def within(name: str, allowed: set[str]) -> bool:
     return any(name == room or name.startswith(room + ".") for room in allowed)
 
 
-@every("room", ROOMS)
-def test_a_room_imports_only_what_the_map_allows(room: str) -> None:
-    assert files(room)
-    allowed = ROOMS[room] | (EVERYBODY if room.startswith("arva_hil") else set())
-    for path in files(room):
-        ours = {name for name in imports(path) if within(name, {"arva_hil", "firmware_proto", "tools", "tests"})}
-        assert not {name for name in ours if not within(name, allowed)}, path
+def name_of(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+@functools.cache
+def imported_modules(path: Path) -> frozenset[str]:
+    """Names of the modules of ours that a file imports; for a name of a package its `__init__`."""
+    ours = {name_of(one) for one in files("arva_hil")}
+    found = set(imports(path))
+    for node in parsed(path):
+        if isinstance(node, ast.ImportFrom):
+            found |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return frozenset((found & ours) - {name_of(path)})
+
+
+def rooms_of(path: Path, below: str) -> set[str]:
+    """The rooms directly below the package `below` that a module imports."""
+    return {name.removeprefix(below + ".").partition(".")[0] for name in imports(path) if name.startswith(below + ".")}
+
+
+@pytest.mark.parametrize(
+    ("house", "floors"), [("arva_hil", FLOORS), *((k, v.split()) for k, v in SMALL_FLOORS.items())]
+)
+def test_a_room_imports_only_rooms_below_it(house: str, floors: list[str]) -> None:
+    for above, floor in enumerate(floors):
+        for path in files(f"{house}/{floor}") or files(f"{house}/{floor}.py"):
+            assert rooms_of(path, house.replace("/", ".")) <= GROUND | {*floors[: above + 1]}, path
+
+
+def test_the_house_has_few_places_at_the_top() -> None:
+    top = (ROOT / "arva_hil").iterdir()
+    places = {path.name for path in top if path.suffix == ".py" or (path / "__init__.py").exists()}
+    assert len(places) <= 22, sorted(places)
+    assert {*FLOORS} == {place.removesuffix(".py") for place in places} - GROUND - {"__init__", "__main__"}
+
+
+def test_what_is_on_the_wire_imports_nothing_of_the_program() -> None:
+    for path in files("firmware_proto"):
+        assert not rooms_of(path, "arva_hil"), path
+
+
+def test_no_files_import_each_other_in_a_circle() -> None:
+    waiting = {name_of(path): imported_modules(path) for path in files("arva_hil") if path.name != "__init__.py"}
+    while free := {name for name, wanted in waiting.items() if not wanted & waiting.keys()}:
+        waiting = {name: wanted for name, wanted in waiting.items() if name not in free}
+    assert not waiting
 
 
 @pytest.mark.parametrize("room", OF_OTHERS)
@@ -298,6 +133,11 @@ def test_nothing_but_the_commands_imports_the_commands_and_only_they_a_trial_and
 def test_only_the_clock_asks_for_the_time() -> None:
     askers = {path.name for path in files("arva_hil") if imports(path) & {"time", "datetime", "sched"}}
     assert askers == {"clock.py"}
+
+
+def test_every_module_can_be_imported_without_what_only_unix_has() -> None:
+    done = subprocess.run([sys.executable, "-c", WITHOUT_UNIX], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_what_is_printed_goes_through_one_place() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
-from order import dealt
+
+from tests.order import dealt
 
 TESTS = [(file, number, file in "bd") for file in "abcdefg" for number in range({"b": 41, "d": 3}.get(file, 50))]
 

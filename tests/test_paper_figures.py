@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
-from paper_receiver import Receiver
 from PIL import Image
 
-from arva_hil.receiver import Antennas, Zone
+from arva_hil.model.receiver import Antennas, Zone
+from tests.paper_receiver import Receiver
 from tools import paper_figures as figures
 from tools.paper import data
 

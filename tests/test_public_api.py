@@ -61,7 +61,7 @@ def test_every_public_name_is_documented_and_so_is_what_it_can_do(name: str) -> 
 @every("name", arva_hil.__all__)
 def test_the_examples_of_public_names_are_true(name: str) -> None:
     thing = getattr(arva_hil, name)
-    home = importlib.import_module(thing.__module__)
+    home = importlib.import_module(getattr(thing, "__module__", "builtins"))
     runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
     for example in doctest.DocTestFinder(recurse=False).find(thing, name, globs=vars(home) | {name: thing}):
         assert runner.run(example).failed == 0

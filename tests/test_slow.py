@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import slow
+from tests import slow
 
 
 def test_what_is_called_slow_is_a_test() -> None:

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from arva_hil.cli.main import main
-from arva_hil.recordings import load
-from arva_hil.viewer import RecordedState
+from arva_hil.observers.web.viewer import RecordedState
+from arva_hil.records.reading import load
 
 MAX = ("demo", "--headless", "--speed", "max")
 
@@ -49,7 +49,7 @@ def test_at_every_time_there_is_what_there_was_in_any_order(flown: Path) -> None
         points = document["receivers"][0]["points"]
         assert document["receivers"][0]["frames"] == len(points) == int(time_s) + 1
         i = int(time_s)
-        d_cm, place = int(receiver.d_cm[i, 0]), receiver.position[i].tolist()
+        d_cm, place = int(receiver.d_cm[receiver.begins[i]]), receiver.position[i].tolist()
         assert points[-1][7][0][2] == d_cm
         if i:
             assert points[-1][1:4] == pytest.approx(place, abs=0.001)

@@ -20,8 +20,8 @@ from arva_hil.campaign.results import groups, summary
 from arva_hil.campaign.trial import Trial, fly
 from arva_hil.cli.main import main as arva_hil
 from arva_hil.config.campaign import load_plan
-from arva_hil.pictures.search import Track, draw_search
-from arva_hil.search.outcome import SearchStep
+from arva_hil.records.pictures.search import Track, draw_search
+from arva_hil.search.mission.outcome import SearchStep
 
 PLAN = Path(__file__).parents[1] / "configs/campaigns/paper.yaml"
 CASES = {8: "paper_case_1", 9: "paper_case_2", 10: "paper_case_3", 11: "paper_case_4"}  # by figure

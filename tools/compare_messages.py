@@ -18,7 +18,7 @@ from typing import Any
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from firmware_proto import Answer, Command
+from firmware_proto import Command, CommandAnswer
 from firmware_proto.commands import encode_answer, encode_command
 from tools.codecs.c_messages import CMessageDecoder, CMessages, python_decoder
 from tools.codecs.random_streams import SECONDS, Call, compare, message_streams
@@ -66,9 +66,9 @@ class Comparison:
 
     def _encoded(self, message: Any, others: dict[str, Any]) -> str:
         """Python's bytes of a command or an answer against the others'."""
-        if not isinstance(message, Command | Answer):
+        if not isinstance(message, Command | CommandAnswer):
             return ""
-        raw = encode_answer(message) if isinstance(message, Answer) else encode_command(message)
+        raw = encode_answer(message) if isinstance(message, CommandAnswer) else encode_command(message)
         if raw != (theirs := self._c.encode(message)):
             return f"{message}: Python {raw.hex()}, C {theirs.hex()}"
         if "Lua" in others and isinstance(message, Command) and raw != (theirs := others["Lua"].encode(message)):

@@ -12,11 +12,15 @@ of each message:
     search    2 to 8 s after the search has begun,
     end       50 to 150 ms before it ends, and would land,
     pause     while the process is stopped by SIGSTOP for 14 s
-    sticks    roll 1800, pitch 1200 in GUIDED, the throttle to its middle (ArduPilot)
-    throttle  the same, but the throttle comes to its middle 12 s later
+    sticks    roll 1800, pitch 1200, the throttle to its middle; PX4 does not use this radio
+    throttle  the same, but the throttle comes to its middle 12 s later (ArduPilot)
+    joystick  MANUAL_CONTROL that begins in the search, pitch 70 % (PX4)
     stop      Ctrl-C in the search
     descent   Ctrl-C on the way down by set-points,
     landing   and while it lands
+    lie       a sensor lies to the search from a moment in the search on (sitl/lies.py); with a rangefinder
+    fence     the vehicle keeps within a fence of 10 m, and the transmitter lies beyond it
+    busy      as anywhere, beside two processes that take a core each
 
 `late`: orders and set-points from the search later than the promised bound after the vehicle has said the pilot's mode.
 Everything goes to a folder for each flight; results.jsonl has all figures. Ends with 1 when a flight was not as it
@@ -31,6 +35,7 @@ import json
 import os
 import random
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -43,6 +48,7 @@ if __name__ == "__main__":
 
 from arva_hil.mavlink.codec import command, dialect
 from tools.sitl.judge import BEGINS, SILENCE, Buried, Flight, Program, judge
+from tools.sitl.lies import LIES, Lie
 from tools.sitl.relay import Hands
 from tools.sitl.simulator import HOME, Simulator, wait
 
@@ -51,7 +57,8 @@ HEIGHT_M: Final = 3.0  # the default
 LIMIT_S: Final = 8.0  # of a search that is to end by itself
 PATIENCE_S: Final = 420.0
 AFTERWARDS_S: Final = 5.0
-KINDS: Final = ("anywhere", *SILENCE, "stop", "descent", "landing")
+FREE: Final = ("anywhere", "busy")
+KINDS: Final = (*FREE, *SILENCE, "stop", "descent", "landing", "lie", "fence")
 
 
 def fly(
@@ -75,7 +82,7 @@ def fly(
         roll, pitch, yaw = place.uniform(-180, 180), place.uniform(-90, 90), place.uniform(-180, 180)
         if kind in ("descent", "landing"):
             ned = [4.0, 3.0, 0.0]
-        elif kind != "anywhere":
+        elif kind not in FREE:
             ned = [20.0, 15.0, 0.0]
         buried[id_] = ned
         place_of_it = f"ned: {[*ned[:2], 0.0]}, depth_m: {ned[2]}" if slope else f"ned: {ned}"
@@ -90,8 +97,10 @@ def fly(
         options = [*options, "--limit", f"{LIMIT_S:g}", "--area=0,-1,40,1"]
     stack = contextlib.ExitStack()
     with stack:
-        simulator = Simulator(binary, folder, kind, seed, slope, rangefinder)
+        simulator = Simulator(binary, folder, kind, seed, slope, rangefinder or kind == "lie")
         stack.callback(simulator.close)
+        for _ in range(2 if kind == "busy" else 0):
+            stack.callback(subprocess.Popen([sys.executable, "-c", "while True: pass"]).kill)
         emulator = Program(
             *(folder, "run", "--scenario", scenario, "--record", folder / "record", "--timeout", 60),
             *("--autopilot", simulator.telemetry, "--port", f"pty:{port}"),
@@ -106,11 +115,11 @@ def fly(
         try:
             acted = act(kind, simulator, search, draw)
             wait(lambda: search.process.poll() is not None, PATIENCE_S)
-            time.sleep(AFTERWARDS_S if kind != "anywhere" else 0)
+            time.sleep(0 if kind in FREE else AFTERWARDS_S)
         except TimeoutError as error:
             flight.problem = f"timed out {error}"
             acted = None
-        if kind == "landing":
+        if kind in ("landing", "lie", "fence"):
             with contextlib.suppress(TimeoutError):
                 wait(lambda: not simulator.relay.armed, 60)
         time.sleep(1.5)
@@ -133,26 +142,40 @@ def act(kind: str, simulator: Simulator, search: Program, draw: random.Random) -
         return now
 
     if kind in ("sticks", "throttle"):
-        hands = Hands(relay, [1500, 1500, 1000, 1500])  # with any other throttle it does not arm
+        pulses = [1500, 1500, 1000, 1500]  # with any other throttle ArduPilot does not arm
+        radio = dialect.MAVLink_rc_channels_override_message
+        Hands(relay, lambda: radio(simulator.system, 1, *pulses, 0, 0, 0, 0))
         search.says(BEGINS)
         sleep(draw.uniform(2, 6))
-        hands.pulses[:] = [1800, 1200, 1500 if kind == "sticks" else 1000, 1500]
+        pulses[:] = [1800, 1200, 1500 if kind == "sticks" else 1000, 1500]
         at = time.monotonic()
         with contextlib.suppress(TimeoutError):
             wait(lambda: search.process.poll() is not None, 12)
         if search.process.poll() is None:
-            hands.pulses[2] = 1500  # at last
+            pulses[2] = 1500  # at last
         return at
+    if kind == "joystick":
+        search.says(BEGINS)
+        sleep(draw.uniform(2, 6))
+        Hands(relay, lambda: dialect.MAVLink_manual_control_message(simulator.system, 700, 0, 500, 0, 0))
+        return time.monotonic()
     if kind == "climb":
         top = draw.uniform(0.3, 2.2)
         wait(lambda: (relay.armed and relay.height > top) or search.process.poll() is not None, 200)
         return switch()
-    if kind == "anywhere":
+    if kind in FREE:
         search.says("climbing", 200)
         if simulator.weather:
             simulator.weather.begun = True
         return None
     begun = search.says(BEGINS, 200)
+    if kind == "fence":
+        return None
+    if kind == "lie":
+        sleep(draw.uniform(1, 12))
+        relay.lie = Lie(draw.choice(LIES))
+        print(f"lie: {relay.lie.name}, {time.monotonic() - begun:.1f} s after the search began", flush=True)
+        return None
     if kind == "search":
         sleep(draw.uniform(2, 8))
         return switch()

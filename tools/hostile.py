@@ -30,11 +30,11 @@ from typing import Any
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from arva_hil.field import LocalFrame
+from arva_hil.autopilot.following.session import Session
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.signing import Signing
+from arva_hil.model.field import LocalFrame
 from arva_hil.runtime.signing_state import PersistentSigning
-from arva_hil.vehicle.session import Session
 from tools.fuzz.enemy import HOME, Enemy, beat
 
 FRAME = LocalFrame(*HOME)

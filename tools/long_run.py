@@ -25,23 +25,23 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.cli.summary import counters
+from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.config import load
-from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import Event, FrameMade
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Encoder, command, dialect
-from arva_hil.observers.audience import Audience
-from arva_hil.observers.record import Recorder
+from arva_hil.records.writing import Recorder
 from arva_hil.registry import FORMATS
-from arva_hil.runtime.clock import Clock, RealClock, StepClock
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 
 HOME = (46.0123, 7.7456, 1650.0)
 HEIGHT_M = 2.0

@@ -23,18 +23,18 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import RealClock
 from arva_hil.config import parse
-from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import FrameMade
 from arva_hil.links import Link, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
-from arva_hil.observers.audience import Audience
-from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
-from arva_hil.vehicle.session import Session
 from firmware_proto import Decoder
 from tools.bench.alone import Samples
 from tools.bench.flight import POSES_HZ, Motion, bare, origin, playing

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from arva_hil.field import LocalFrame
+from arva_hil.autopilot.following.pose_track import AttitudeSample, PoseTrack, PositionSample
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Parser, dialect
-from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSample
+from arva_hil.model.field import LocalFrame
 
 AHEAD_S = (0.1, 0.2, 0.3, 0.5, 0.75, 1.0)
 MOST_SAMPLES = 700  # of a flight

@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from arva_hil.campaign.plan import draw
+from arva_hil.clock import StepClock
 from arva_hil.config import Fault, Scenario, load
 from arva_hil.config.campaign import Random
 from arva_hil.links import memory
 from arva_hil.registry import STRATEGIES
-from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission import FOUND, SearchPlan
+from arva_hil.search.mission.mission import FOUND, SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 
 FALSE_M: Final = 3.0

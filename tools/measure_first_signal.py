@@ -15,8 +15,8 @@ from arva_hil.campaign.plan import trials
 from arva_hil.campaign.results import wilson
 from arva_hil.campaign.trial import Trial, fly
 from arva_hil.config.campaign import load_plan
-from arva_hil.search.mission import FOUND
-from arva_hil.search.outcome import SearchStep
+from arva_hil.search.mission.mission import FOUND
+from arva_hil.search.mission.outcome import SearchStep
 
 
 def main() -> None:

@@ -20,8 +20,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
-from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle

@@ -28,9 +28,9 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from arva_hil.links.udp import UdpInLink
-from arva_hil.messages.cdr import encode
-from arva_hil.messages.recorded import messages_of
-from arva_hil.recordings import Recording, load
+from arva_hil.records.reading import Recording, load
+from arva_hil.records.ros_messages.cdr import encode
+from arva_hil.records.ros_messages.recorded import messages_of
 from arva_hil.registry import EXPORTS
 
 COMMAND = [sys.executable, "-m", "arva_hil"]
@@ -118,12 +118,15 @@ def cpu(pid: int) -> float:
 def measure_record(recording: Recording, readings: int) -> None:
     """A record of so many readings, made of the frames of one."""
     (receiver,) = recording.receivers
-    times = -(-readings // (len(receiver) * receiver.slots))
+    slots = len(receiver.id)
+    times = -(-readings // slots)
     columns = {
         field.name: np.concatenate([value] * times)
         for field in dataclasses.fields(receiver)
         if isinstance(value := getattr(receiver, field.name), np.ndarray)
     }
+    begins = [receiver.begins[:-1] + n * slots for n in range(times)]
+    columns["begins"] = np.concatenate([*begins, [times * slots]])
     columns["time_s"] = np.arange(len(columns["time_s"])) / RATE_HZ
     large = dataclasses.replace(recording, receivers=(dataclasses.replace(receiver, **columns),))
     frames = len(columns["time_s"])
@@ -137,7 +140,7 @@ def measure_record(recording: Recording, readings: int) -> None:
     EXPORTS["mcap"](large, out)
     seconds = time.process_time() - begun
     size = out.getbuffer().nbytes
-    print(f"MCAP of {frames * receiver.slots} readings ({frames} frames): {seconds:.1f} s, {size / 1e6:.0f} MB")
+    print(f"MCAP of {times * slots} readings ({frames} frames): {seconds:.1f} s, {size / 1e6:.0f} MB")
 
 
 if __name__ == "__main__":

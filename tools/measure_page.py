@@ -1,29 +1,46 @@
-"""Prints what the page costs: lateness of frames and processor time with 20 pages, the first picture, the size.
+"""Prints what the page costs: lateness of frames, processor time and memory with 20 pages and under attack.
 
     python tools/measure_page.py [--seconds 20] [--pages 20] [--first]
+
+It also prints the size of the page and the time to the first picture.
 
 `arva-hil vehicle` and `arva-hil run` at 50 Hz are processes of their own; lateness is that of the record. The runs
 with and without pages go on at the same time, so that whatever else the machine does delays them alike. A page asks for
 what is new five times a second, on a connection that stays open, as a browser does. The first picture is that of
 Chromium, if Playwright and Chromium are there.
+
+The attacks come one after another, on `--web`, and on `--foxglove` if foxglove-sdk is installed. Each comes from 128
+connections of a process with low priority, as fast as it can:
+
+- headers: request headers without an end, in lines of 65 kB
+- bytes: request headers without an end, one byte at a time
+- documents: requests for everything there is, without reading the answers
+- connections: connections that are closed at once
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import functools
 import http.client
+import importlib.util
 import json
+import multiprocessing
 import os
+import selectors
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
+from typing import cast
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -34,6 +51,7 @@ from arva_hil.observers.web.server import pages
 COMMAND = [sys.executable, "-m", "arva_hil"]
 RATE_HZ = 50
 ASKED_HZ = 5.0
+ATTACKERS = 128  # connections
 START_S = 3.0  # left out: the program starts
 
 
@@ -44,21 +62,33 @@ def main() -> None:
     parser.add_argument("--first", action="store_true", help="run before all else on this machine, as root may")
     options = parser.parse_args()
     print(f"size of the page: {sum(len(page.body) for page in pages().values()) / 1e3:.0f} kB")
-    print("| pages | lateness p50 | p99 | worst | processor |")
-    print("|---|---|---|---|---|")
+    print("| pages | lateness p50 | p99 | worst | processor | memory |")
+    print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         counts = (None, 0, options.pages)
         runs = [Run(count, options, Path(folder) / str(count)) for count in counts]
         for run in runs:
             print(run.row(), flush=True)
+        for kind in ATTACKS:
+            print(Run(0, options, Path(folder) / kind, kind).row(), flush=True)
+        if importlib.util.find_spec("foxglove"):
+            for kind in ATTACKS:
+                print(Run(0, options, Path(folder) / f"foxglove {kind}", kind, "foxglove").row(), flush=True)
     first_picture()
 
 
 class Run:
-    """One run and its pages, from now on; `count` None: without --web."""
+    """One run, its pages and the attack on it, from now on.
 
-    def __init__(self, count: int | None, options: argparse.Namespace, record: Path) -> None:
+    `count`: of pages; None: without --web. `kind`: of the attack, "" for none. `of`: the option that is attacked.
+    """
+
+    def __init__(
+        self, count: int | None, options: argparse.Namespace, record: Path, kind: str = "", of: str = "web"
+    ) -> None:
         self._count = count
+        self._kind = kind
+        self._of = of
         self._record = record
         self._seconds = options.seconds + START_S
         self._stop = threading.Event()
@@ -68,7 +98,7 @@ class Run:
         self._vehicle = subprocess.Popen([*COMMAND, *vehicle], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
         arguments = ["run", "--autopilot", f"udpin:127.0.0.1:{port}", "--port", "pty", "--rate", str(RATE_HZ)]
         arguments += ["--record", str(record), "--duration", str(self._seconds)]
-        arguments += [] if count is None else ["--web", "127.0.0.1:0"]
+        arguments += [] if count is None else [f"--{of}", "127.0.0.1:0"]
         self._program = subprocess.Popen([*COMMAND, *arguments], stderr=subprocess.PIPE, text=True)
         if options.first:
             for process in (self._vehicle, self._program):
@@ -86,17 +116,27 @@ class Run:
             rows = [row for row in csv.DictReader(file) if row["slot"] == "1" and float(row["time_s"]) > START_S]
         late = np.array([float(row["late_ms"]) for row in rows])
         share = (usage.ru_utime + usage.ru_stime) / self._seconds
-        name = "no --web" if self._count is None else str(self._count)
+        name = f"{self._of}: {self._kind}" if self._kind else str(self._count)
+        if self._count is None:
+            name = "no --web"
         p50, p99 = np.percentile(late, [50, 99])
-        return f"| {name} | {p50:.2f} ms | {p99:.2f} ms | {late.max():.1f} ms | {100 * share:.1f} % of a core |"
+        return (
+            f"| {name} | {p50:.2f} ms | {p99:.2f} ms | {late.max():.1f} ms | {100 * share:.1f} % of a core | "
+            f"{usage.ru_maxrss / 1024:.0f} MiB |"
+        )
 
     def _read(self) -> None:
         assert self._program.stderr is not None
         for line in self._program.stderr:
-            if line.startswith("page: "):
-                address = urlsplit(line.split()[1]).netloc
+            if "127.0.0.1" in line and line.startswith(("page: ", "messages for Foxglove: ")):
+                address = urlsplit(line.split()[-1]).netloc
                 for i in range(self._count or 0):
                     threading.Thread(target=poll, args=(address, self._stop, i), daemon=True).start()
+                if self._kind:
+                    attack = multiprocessing.Process(target=ATTACKS[self._kind], args=(address,), daemon=True)
+                    attack.start()
+                    self._stop.wait()
+                    attack.terminate()
 
 
 def poll(address: str, stop: threading.Event, number: int) -> None:
@@ -110,6 +150,41 @@ def poll(address: str, stop: threading.Event, number: int) -> None:
             version = json.loads(connection.getresponse().read())["version"]
         except (OSError, http.client.HTTPException):
             return
+
+
+def flood(address: str, data: bytes, *, then_close: bool = False) -> None:
+    """Attack a page: send the data again and again on every connection, and connect again when one ends."""
+    os.nice(10)
+    host, port = address.split(":")
+    with selectors.DefaultSelector() as selector:
+        while True:
+            while len(selector.get_map()) < ATTACKERS:
+                client = socket.socket()
+                client.setblocking(False)
+                client.connect_ex((host, int(port)))
+                selector.register(client, selectors.EVENT_WRITE)
+            for key, _ in selector.select():
+                client = cast(socket.socket, key.fileobj)
+                try:
+                    client.send(data)
+                except BlockingIOError:
+                    continue
+                except OSError:
+                    gone = True
+                else:
+                    gone = then_close
+                if gone:
+                    selector.unregister(client)
+                    client.close()
+
+
+HEAD = b"GET /state.json?since=1 HTTP/1.1\r\nHost: localhost\r\n"
+ATTACKS: Mapping[str, Callable[[str], None]] = {
+    "headers": functools.partial(flood, data=HEAD + b"X: " + b"y" * 65_000 + b"\r\n"),
+    "bytes": functools.partial(flood, data=b"y"),
+    "documents": functools.partial(flood, data=HEAD + b"\r\n"),
+    "connections": functools.partial(flood, data=b"y", then_close=True),
+}
 
 
 def first_picture() -> None:

@@ -23,20 +23,20 @@ if __name__ == "__main__":
 
 import numpy as np
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.config import ReceiverOptions, Scenario, Transmitter
 from arva_hil.emulator.build import receiver, transmitters
-from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
-from arva_hil.field import LocalFrame
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.links import Link, memory
-from arva_hil.observers.audience import Audience
-from arva_hil.receiver import Look, Pose
-from arva_hil.runtime.clock import Clock, RealClock, StepClock
+from arva_hil.model.field import LocalFrame
+from arva_hil.model.receiver import Look, Pose
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 
 MODELS: Final = ("paper", "pulsed", "vector", "rssi")
 HOME: Final = (46.0123, 7.7456, 1650.0)
@@ -86,7 +86,7 @@ def of_emulator(chosen: Scenario, seconds: float, clock: Clock | None = None) ->
             return clock.now() + 0.5
 
     run([Simulator([SimulatedVehicle(HOME, boot_time=start)], [far]), live, Reader()], clock, until=start + seconds)
-    return emulator.vehicles[0].sources[0].counters.latest_s
+    return emulator.vehicles[0].units[0].port.counters.latest_s
 
 
 def cpu(work: Callable[[], object]) -> float:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from arva_hil.campaign.range_test.strips import strip_width
 from arva_hil.config import parse
 from arva_hil.config.profiles import builtin_files
-from arva_hil.range_test.strips import strip_width
 
 
 def main() -> None:

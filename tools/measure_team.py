@@ -18,12 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from arva_hil.clock import Clock, StepClock, Waitable
 from arva_hil.config import Scenario, load, parse
 from arva_hil.mavlink.codec import Encoder, command, dialect
 from arva_hil.registry import STRATEGIES
-from arva_hil.runtime.clock import Clock, StepClock, Waitable
 from arva_hil.runtime.loop import Task, run
-from arva_hil.search.plan import SearchPlan
+from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
 

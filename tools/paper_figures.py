@@ -26,7 +26,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from PIL import Image
 
-from arva_hil.receiver import Zone
+from arva_hil.model.receiver import Zone
 from tools.paper.data import ANTENNAS, directions, distances, flux_lines, grid, iso_power_line, share_heard
 
 INK, MUTED, FAINT = "#222222", "#6b6b6b", "#d0d0d0"

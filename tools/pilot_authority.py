@@ -32,14 +32,14 @@ from typing import Any, NamedTuple
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from arva_hil.flight.authority import BOUND_MS
+from arva_hil.autopilot.commanding.authority import BOUND_MS
+from arva_hil.clock import RealClock
 from arva_hil.links import Link
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
-from arva_hil.runtime.clock import RealClock
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Channel, Frame, encode

@@ -21,13 +21,13 @@ from scipy.spatial.transform import Rotation
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from arva_hil.field.keying import KEYING_CLASSES, Keying, KeyingClass
-from arva_hil.field.medium import Medium, skin_depth_m
-from arva_hil.field.vehicle_noise import VehicleNoise
-from arva_hil.receiver import Answer, Look, Pose
-from arva_hil.receiver.display import Display
-from arva_hil.receiver.noise import draw_noise, noise_bound
-from arva_hil.receiver.paper import Antennas, PaperReceiver
+from arva_hil.model.field.keying import KEYING_CLASSES, Keying, KeyingClass
+from arva_hil.model.field.medium import Medium, skin_depth_m
+from arva_hil.model.field.vehicle_noise import VehicleNoise
+from arva_hil.model.receiver import Answer, Look, Pose
+from arva_hil.model.receiver.display import Display
+from arva_hil.model.receiver.noise import draw_noise, noise_bound
+from arva_hil.model.receiver.paper import Antennas, PaperReceiver
 from tools.receiver.hovering import PAPER, Hovering, transmitters
 from tools.receiver.one_set import AXIS, EQUATOR, KAPPA_EQ, field, highest, options, reach, shown_at
 from tools.receiver.several_sets import novice, overlap, sets

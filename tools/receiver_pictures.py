@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 if __name__ == "__main__":
     sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from arva_hil.field.keying import KEYING_CLASSES
-from arva_hil.receiver.display import Display
-from arva_hil.receiver.listening import NoiseDraws
+from arva_hil.model.field.keying import KEYING_CLASSES
+from arva_hil.model.receiver.display import Display
+from arva_hil.model.receiver.listening import NoiseDraws
 from tools.paper_figures import MUTED, draw_all, title
 from tools.receiver.one_set import AXIS, EQUATOR, KAPPA_EQ, field, options
 from tools.receiver.several_sets import sets

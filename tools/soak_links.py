@@ -24,10 +24,10 @@ from pathlib import Path
 from statistics import median, quantiles
 from typing import Literal, NamedTuple
 
+from arva_hil.clock import RealClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp_server import TcpServerLink
-from arva_hil.runtime.clock import RealClock
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Decoder
 

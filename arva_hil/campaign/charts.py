@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from arva_hil.campaign.results import TrialRow, groups, wilson
-from arva_hil.pictures.style import GREY, PALETTE, figure, saved, styled
+from arva_hil.records.pictures.style import GREY, PALETTE, figure, saved, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -21,7 +21,7 @@ from arva_hil.config.campaign import CampaignPlan
 from arva_hil.config.drawn import Random
 from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.transmitter import KeyingOptions
-from arva_hil.field import rotation
+from arva_hil.model.field import rotation
 
 FORMAT: Final = 1  # of the results; a new one changes every key
 

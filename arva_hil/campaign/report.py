@@ -8,7 +8,7 @@ from typing import Final
 
 from arva_hil.campaign import charts
 from arva_hil.campaign.results import Pair, Summary, TrialRow, groups, summary
-from arva_hil.report.html import render
+from arva_hil.records.report.html import render
 from arva_hil.safe_text import table_lines
 
 _COLUMNS: Final = {  # several of it; its name as an axis

@@ -19,12 +19,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from arva_hil import files
 from arva_hil.campaign.plan import Planned
 from arva_hil.campaign.trial import Result
 from arva_hil.errors import ArvaError
+from arva_hil.links import files
 from arva_hil.safe_text import cell, one_line
-from arva_hil.search.mission import FOUND
+from arva_hil.search.mission.mission import FOUND
 
 NAME: Final = "results.sqlite"
 TABLE: Final = "results.csv"
@@ -143,7 +143,7 @@ class Results:
         return {one.key: one for one in rows}
 
     def done(self, key: str) -> bool:
-        """Whether a trial has a result. A failed one has none."""
+        """Return True if a trial has a result. A failed trial has none."""
         return key in self.rows and not self.rows[key].failed
 
     def add(self, *rows: TrialRow) -> None:

@@ -8,6 +8,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -31,7 +32,6 @@ _CONNECT_S: Final = 10
 _AHEAD: Final = 1000  # shards that are submitted to a cluster at a time; workers may join it later
 _SHARD: Final = 50  # trials at most that a worker of a cluster gets together: what is flown again if it dies
 _ONE_THREAD: Final = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-_SIGNALS: Final = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
 
 
 class WorkerPoolError(ArvaError):
@@ -160,7 +160,10 @@ class _Processes(ProcessPoolExecutor):
     """Its processes ignore the signals that a terminal sends to the whole program. The parent process ends them."""
 
     def submit(self, *args: Any, **kwargs: Any) -> Future[Any]:
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)  # a new process inherits it
+        if sys.platform == "win32":  # has neither such masks nor SIGHUP
+            return super().submit(*args, **kwargs)
+        # a new process inherits the mask
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
         try:
             return super().submit(*args, **kwargs)
         finally:

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
+from arva_hil.clock import StepClock
 from arva_hil.config import Scenario
 from arva_hil.links import memory
 from arva_hil.registry import STRATEGIES
-from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission import FOUND
-from arva_hil.search.outcome import SearchStep
-from arva_hil.search.plan import SearchPlan
+from arva_hil.search.mission.mission import FOUND
+from arva_hil.search.mission.outcome import SearchStep
+from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_fleet import ClosedFleet, several
 from arva_hil.simulated.closed_loop import ClosedLoop
 

@@ -19,8 +19,8 @@ from arva_hil.campaign.results import replace as write
 from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPoolError, cluster, processes
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, SignalGuard, UsageError, interrupting
 from arva_hil.cli.terminal import bar, show, show_json, tell, time_left
+from arva_hil.clock import RealClock
 from arva_hil.config.campaign import CampaignPlan, load_plan
-from arva_hil.runtime.clock import RealClock
 from arva_hil.safe_text import one_line
 
 _PLAIN_S: Final = 10.0  # between lines if stderr is no terminal

@@ -60,7 +60,7 @@ def _check(name: str, text: str) -> None:
         return
     chosen = parse(text, name)
     if chosen.vehicles:
-        from arva_hil.fleet_links import fleet_sides  # slow to import
+        from arva_hil.runtime.fleet_links import fleet_sides  # slow to import
 
         try:
             fleet_sides(chosen, _COMMAND_LINES)
@@ -82,7 +82,7 @@ def _check(name: str, text: str) -> None:
 
 
 def _remarks(chosen: Scenario) -> list[str]:
-    """What is outside the norm."""
+    """Return remarks on values outside the norm."""
     from arva_hil.emulator.build import outside_norm  # slow to import
 
     return outside_norm(chosen)

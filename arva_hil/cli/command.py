@@ -11,10 +11,10 @@ from arva_hil.cli import common
 from arva_hil.cli.listen import SAMPLE_BYTES, guess_format
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json
+from arva_hil.clock import Clock, RealClock
 from arva_hil.links import Link
 from arva_hil.registry import FORMATS
-from arva_hil.runtime.clock import Clock, RealClock
-from firmware_proto import Answer, Command, HostForm
+from firmware_proto import Command, CommandAnswer, HostForm
 from firmware_proto.commands import DONE
 
 _LOOK_S: Final = 0.1
@@ -55,7 +55,7 @@ class Asking:
 
     def __init__(self, command: Command, form: HostForm) -> None:
         self.links: list[Link] = []
-        self.answer: Answer | None = None
+        self.answer: CommandAnswer | None = None
         self.sent = False
         self.sample = b""
         self._command = command

@@ -1,4 +1,4 @@
-"""What commands have in common: load the scenario, open links, record, handle signals, print the summary."""
+"""Common parts of commands: load the scenario, open links, record, handle signals, print the summary."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ import functools
 import gc
 import itertools
 import math
+import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from arva_hil.cli import outcome
@@ -18,19 +19,20 @@ from arva_hil.cli.outcome import Failure, SignalGuard, UsageError
 from arva_hil.cli.summary import as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.watchers import close_all, live_observers, page_of_run
+from arva_hil.clock import Clock
 from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, newer_keys
-from arva_hil.emulator.engine import Emulator, receivers_of
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import receivers_of
 from arva_hil.errors import KindError
 from arva_hil.events import Event, HeartbeatMissing, StatusReport
+from arva_hil.events.words.reasons import no_vehicle
+from arva_hil.events.words.text import Notice
 from arva_hil.links import Link, LinkEnded, LinkError, open_link
 from arva_hil.links.stdout import ReaderGone, open_stdout
-from arva_hil.observers.audience import Audience, Observer
 from arva_hil.observers.console import LinePrinter, Printer, as_json, plain
-from arva_hil.observers.console.reasons import no_vehicle
-from arva_hil.observers.console.text import Notice
-from arva_hil.observers.record import Recorder, RecordError, RecordLayout
+from arva_hil.records.writing import Recorder, RecordError, RecordLayout
 from arva_hil.registry import OBSERVERS
-from arva_hil.runtime.clock import Clock
+from arva_hil.runtime.audience import Audience, Observer
 from arva_hil.runtime.loop import Task, run
 from arva_hil.safe_text import shown
 
@@ -160,7 +162,8 @@ class Run:
         self._recorder: Recorder | None = None
         self._record_failed = False
         self._now = 0.0  # when the newest event was
-        render = functools.partial(as_json, named=several) if options.json else plain if lines else None
+        of_frames = plain if lines else None
+        render = functools.partial(as_json, named=several) if options.json else of_frames
         with ExitStack() as stack:
             stack.enter_context(self._guard)
             self.printer = Printer(sys.stderr, frames=options.verbose > 0, status=not patient, live=live, named=several)
@@ -204,7 +207,7 @@ class Run:
             self._missing[event.vehicle] = no_vehicle(event.heard)
 
     def stopped(self) -> bool:
-        """Whether the loop should end: after a signal, if a thread failed, or if nobody reads stdout any more."""
+        """Return True if the loop should end: after a signal, if a thread failed, or if stdout has no reader."""
         if self._recorder and self._recorder.error and not self._record_failed:
             self._record_failed = True
             self.printer.notice(Notice("error", f"{self._recorder.error}; frames go on"))
@@ -255,8 +258,10 @@ class Run:
         self.printer.settle(StatusReport(self._now, [vehicle.status(self._now) for vehicle in emulator.vehicles]))
         if self._lines and (why := self._lines.close()) and not failure and not caught:
             failure = Failure(outcome.NO_READER if isinstance(self._lines.error, ReaderGone) else outcome.FAILED, why)
-        code = failure.code if failure else outcome.INTERRUPTED if caught else outcome.OK
-        self._how = how = str(failure) if failure else caught.name if caught else "finished"
+        code, how = (outcome.INTERRUPTED, caught.name) if caught else (outcome.OK, "finished")
+        if failure:
+            code, how = failure.code, str(failure)
+        self._how = how
         said = [Notice("error", how)] if failure and code != outcome.NO_READER else []
         if self._recorder:
             if code == outcome.OK and self._recorder.error:
@@ -285,3 +290,12 @@ def _observer(name: str) -> Observer:
     except (Exception, SystemExit) as error:
         raise UsageError(f"observer {name!r} cannot be created ({shown(error)})") from error
     return observer
+
+
+def run_first() -> None:
+    """Let this thread run before other programs, if the system permits it: set-points do not wait for a processor.
+
+    Threads and processes that it starts do not inherit this.
+    """
+    with suppress(AttributeError, OSError):  # not Linux, or not permitted
+        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))

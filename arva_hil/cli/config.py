@@ -48,7 +48,7 @@ class Origins:
         self._of_file = min(self._of_file, len(chosen.faults))
 
     def of(self, key: Key) -> str:
-        """Where the value at the path `key` of the scenario comes from."""
+        """Return the source of the value at the path `key` of the scenario."""
         option = _OPTIONS.get(key)
         if option in self._sources:
             return self._sources[option]

@@ -20,16 +20,16 @@ from arva_hil.cli.search_plan import plan_of
 from arva_hil.cli.search_report import PICTURE
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.victims_report import name as name_of
+from arva_hil.clock import Clock, RealClock, StepClock, utc
 from arva_hil.config import Scenario
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
-from arva_hil.observers.record.layout import FILES
-from arva_hil.observers.record.search_log import SEARCH_FILES, SearchLog, refuse_search
 from arva_hil.observers.web.address import HostPort
+from arva_hil.records.writing.layout import FILES
+from arva_hil.records.writing.search_log import SEARCH_FILES, SearchLog, refuse_search
 from arva_hil.registry import MAVLINK_FORMATS
-from arva_hil.runtime.clock import Clock, RealClock, StepClock, utc
 from arva_hil.runtime.loop import run
-from arva_hil.search.outcome import Outcome
+from arva_hil.search.mission.outcome import Outcome
 from arva_hil.simulated.closed_loop import ClosedLoop, Ends
 
 KEPT_DAYS: Final = 7

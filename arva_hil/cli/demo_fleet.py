@@ -12,14 +12,14 @@ from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, UsageError
 from arva_hil.cli.pace import Pace
 from arva_hil.cli.search_plan import check_receivers, check_width, plan_of
 from arva_hil.cli.terminal import tell
+from arva_hil.clock import RealClock, StepClock
 from arva_hil.config import Scenario
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TransmitterChosen
-from arva_hil.observers.console.sentences import sentence
-from arva_hil.observers.console.text import Notice
-from arva_hil.runtime.clock import RealClock, StepClock
+from arva_hil.events.words.sentences import sentence
+from arva_hil.events.words.text import Notice
 from arva_hil.runtime.loop import run
-from arva_hil.search.outcome import Outcome
+from arva_hil.search.mission.outcome import Outcome
 from arva_hil.simulated.closed_fleet import ClosedFleet, several
 
 _AROUND_S: Final = 120.0  # for take-off and landing

@@ -11,24 +11,24 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.cli.diagnosis import diagnosis, port_diagnosis
+from arva_hil.cli.diagnosis.examination import AutopilotProbe, PortProbe
+from arva_hil.cli.diagnosis.port_diagnosis import held
+from arva_hil.cli.diagnosis.values import Finding
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import INTERRUPTED, SignalGuard, UsageError
 from arva_hil.cli.run_links import check_sides, choose_autopilot, next_command, session, signing
 from arva_hil.cli.terminal import show_json, show_marked, tell
-from arva_hil.doctor import diagnosis, port_diagnosis
-from arva_hil.doctor.examination import AutopilotProbe, PortProbe
-from arva_hil.doctor.port_diagnosis import held
-from arva_hil.doctor.values import Finding
+from arva_hil.clock import Clock, RealClock
 from arva_hil.emulator.formats import encoder
+from arva_hil.events.words.text import BAD, DOUBTFUL, GOOD, coloured, wants_colour
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.processes import accepted, far_program
 from arva_hil.links.serial_ports import SerialPort, list_ports
 from arva_hil.mavlink.signing import Signing
-from arva_hil.observers.console.text import BAD, DOUBTFUL, GOOD, coloured, wants_colour
 from arva_hil.registry import MAVLINK_FORMATS
-from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.loop import run
-from arva_hil.vehicle.session import Session
 
 BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
 _TRY_S: Final = 1.3  # for each baud rate; a heartbeat comes in this time
@@ -147,7 +147,7 @@ class Doctor:
         seconds, start = self.options.listen, self.clock.now()
 
         def enough() -> bool:
-            """Whether it was as long as asked. A vehicle that is found late gets time to answer."""
+            """Return True after the time asked for. A vehicle that is found late gets time to answer."""
             late = probe.followed_at + min(seconds, _ANSWER_S) if probe and probe.session.vehicle else start
             return (probe is not None and probe.over) or self.clock.now() >= max(start + seconds, late)
 

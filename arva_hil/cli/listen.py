@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from arva_hil.autopilot.following.session import heartbeat
 from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json, tell
+from arva_hil.clock import Clock, RealClock
+from arva_hil.events.words import text
 from arva_hil.links import AddressError, Link, parse
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.observers.console import text
 from arva_hil.registry import FORMATS, MAVLINK_FORMATS, MEASURED_FORMATS
-from arva_hil.runtime.clock import Clock, RealClock
-from arva_hil.vehicle.session import heartbeat
 from firmware_proto import Frame, FrameDecoder
 from firmware_proto.frame import PAUSE_S
 
@@ -28,7 +28,7 @@ SAMPLE_BYTES: Final = 1 << 14  # enough of any format for several frames
 
 
 def guess_format(sample: bytes, expected: str) -> str:
-    """What a stream without a frame of the `expected` format probably is, for a person. `sample`: its first bytes."""
+    """Guess, in words, the format of a stream without a frame of the `expected` one. `sample`: its first bytes."""
     frames = {name: _frames(sample, name) for name in FORMATS if name != expected}
     best = max(reversed(frames), key=lambda name: frames[name])  # tunnel before the binary frames that are in it
     if frames[best]:

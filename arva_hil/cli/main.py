@@ -135,7 +135,7 @@ def _guarded(arguments: list[str]) -> int:
 
 
 def _command(arguments: list[str]) -> Callable[[], int] | None:
-    """What the arguments want: a command, imported, with its options. None if it was the help, which is printed."""
+    """Return the command that the arguments name, imported, with its options. None: the help was printed."""
     arguments = ["--help" if argument in ("-help", "-?", "/?") else argument for argument in arguments]
     if arguments[:1] in (["-h"], ["--help"], ["help"]):
         for line in HELP.format(

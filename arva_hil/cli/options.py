@@ -91,7 +91,7 @@ class CommandParser(argparse.ArgumentParser):
         return options
 
     def _sources(self, arguments: Sequence[str], environment: Mapping[str, str]) -> dict[str, str]:
-        """Where each option that was given comes from, by its name in the namespace."""
+        """Return the source of each option that was given, by its name in the namespace."""
         nothing = argparse.Namespace(**{action.dest: None for action in self._actions})
         typed = vars(self.parse_args(arguments, nothing))
         twins = {action.dest: name for name, action in self._environment.items() if environment.get(name)}

@@ -1,4 +1,4 @@
-"""How a command ends: its exit code and message; signals and unexpected errors, which end it early."""
+"""The end of a command: its exit code and message; signals and unexpected errors, which end it early."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
+from arva_hil.clock import RealClock
 from arva_hil.errors import ArvaError
-from arva_hil.runtime.clock import RealClock
 from arva_hil.safe_text import one_line
 
 OK: Final = 0
@@ -74,10 +74,10 @@ class _FirstSignal:
             self._stuck()
 
     def _first(self) -> None:
-        """What the first signal does."""
+        """Handle the first signal."""
 
     def _stuck(self) -> None:
-        """What a signal does a while after the first one."""
+        """Handle a signal that comes a while after the first one."""
         raise KeyboardInterrupt
 
 

@@ -1,4 +1,4 @@
-"""Whether a program keeps pace with its clock: one that is to run faster than real time may be too slow for it."""
+"""A program's pace against its clock: one that should run faster than real time may be too slow for it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from arva_hil.runtime.clock import Clock, Waitable
+from arva_hil.clock import Clock, Waitable
 
 _EVERY_S: Final = 0.1
 _BEHIND_S: Final = 0.5  # less changes nothing in a flight
@@ -28,7 +28,7 @@ class Pace:
         return self._due
 
     def complaint(self, speed: float) -> str:
-        """What it means for a flight at `speed` times real time, "" if nothing."""
+        """Return a warning for a flight at `speed` times real time; "" if there is none."""
         if self.worst_s < _BEHIND_S:
             return ""
         what = "real time" if speed == 1 else f"--speed {speed:g}"

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from arva_hil.cli.outcome import OK, UsageError
 from arva_hil.cli.recorded import loaded, make_folder, needing, write
-from arva_hil.pictures.run import pictures, sheets
-from arva_hil.pictures.style import FORMATS, Format
+from arva_hil.records.pictures.run import pictures, sheets
+from arva_hil.records.pictures.style import FORMATS, Format
 
 
 def main(options: argparse.Namespace) -> int:

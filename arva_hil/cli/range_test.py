@@ -10,14 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from arva_hil.campaign.range_test.data_sheet import DataSheet, as_dict, lines, measured, table
+from arva_hil.campaign.range_test.picture import drawn
+from arva_hil.campaign.range_test.walk import RangePlan
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.recorded import make_folder, needing, write
 from arva_hil.cli.terminal import show, show_json
 from arva_hil.config import DEFAULT, Scenario, load
-from arva_hil.emulator.engine import scenario_of
-from arva_hil.pictures.range_test import drawn
-from arva_hil.range_test.data_sheet import DataSheet, as_dict, lines, measured, table
-from arva_hil.range_test.walk import RangePlan
+from arva_hil.emulator.setup import scenario_of
 
 _PASSES: Final = 100
 

@@ -1,4 +1,4 @@
-"""What commands that read records have in common: loading one, writing a file, extras that are missing."""
+"""Common parts of commands that read records: loading one, writing a file, missing extras."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from arva_hil import files
 from arva_hil.cli.outcome import FAILED, Failure, UsageError
 from arva_hil.cli.terminal import binary_stdout, tell
-from arva_hil.recordings import Recording, load
+from arva_hil.links import files
+from arva_hil.records.reading import Recording, load
 
 
 def loaded(folder: str) -> Recording:

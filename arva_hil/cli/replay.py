@@ -13,19 +13,19 @@ from contextlib import ExitStack, closing
 from arva_hil.cli import common
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import bar, tell
+from arva_hil.clock import RealClock
 from arva_hil.config import Scenario
-from arva_hil.emulator.emulated_vehicle import VehicleSetup
-from arva_hil.emulator.engine import Emulator, receivers_of
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import VehicleSetup, receivers_of
 from arva_hil.events import LogClockSet, LogLayout
-from arva_hil.fleet_links import vehicles_in_log
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.links.tlog import TlogReader
 from arva_hil.links.tlog_layout import BIG
 from arva_hil.links.tlog_timeline import Record, Timeline
-from arva_hil.observers.audience import Audience
-from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay
+from arva_hil.runtime.fleet_links import vehicles_in_log
 
 _BAR_STEP_BYTES = 1 << 16
 
@@ -150,7 +150,7 @@ class _Tally:
 
 
 def _out(options: argparse.Namespace, stack: ExitStack) -> Link:
-    """Where frames go: a port, a file or stdout; without --port and --out they are discarded."""
+    """Open the link for frames: a port, a file or stdout; without --port and --out they are discarded."""
     if options.port or options.out == "-":
         return common.open_or_fail(options.port or "-", RealClock())
     path = options.out or os.devnull

@@ -9,8 +9,8 @@ from typing import Final
 from arva_hil.cli.outcome import OK
 from arva_hil.cli.recorded import loaded, output
 from arva_hil.cli.terminal import tell
-from arva_hil.recordings import is_record
-from arva_hil.report.page import page
+from arva_hil.records.reading import is_record
+from arva_hil.records.report.page import page
 
 _MOST: Final = 12  # runs on a page
 

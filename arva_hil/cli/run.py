@@ -10,15 +10,15 @@ from arva_hil.cli import common
 from arva_hil.cli.run_links import chosen_sides, signing
 from arva_hil.cli.summary import lost_links
 from arva_hil.cli.terminal import tell
+from arva_hil.clock import RealClock
 from arva_hil.emulator.engine import Emulator
-from arva_hil.fleet_links import live_vehicles
 from arva_hil.links import Link, parse
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.observers.systemd import Watchdog
-from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.drivers import Live
+from arva_hil.runtime.fleet_links import live_vehicles
 from arva_hil.runtime.loop import Task, run
 
 

@@ -10,18 +10,18 @@ from collections.abc import Mapping
 from contextlib import ExitStack, closing
 from typing import Any, Final
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.cli.options import DEFAULT_AUTOPILOT
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario
-from arva_hil.fleet_links import FleetSides, fleet_sides, ports_of
 from arva_hil.links import Address, parse
 from arva_hil.links.serial_ports import find_autopilot, list_ports
 from arva_hil.links.url import excludes, place
 from arva_hil.mavlink.signing import Signing, key_of
 from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.runtime.fleet_links import FleetSides, fleet_sides, ports_of
 from arva_hil.runtime.signing_state import PersistentSigning, state_file
-from arva_hil.vehicle.session import Session
 
 
 def choose_autopilot(*ports: str | None) -> str:
@@ -34,7 +34,7 @@ def choose_autopilot(*ports: str | None) -> str:
 
 
 def check_sides(autopilot: str | None, port: str | None, form: str) -> None:
-    """Whether frames of this format can go there. Raises UsageError."""
+    """Check that frames of this format can go there. Raises UsageError."""
     over_mavlink = form in MAVLINK_FORMATS
     if autopilot == "-":
         raise UsageError("--autopilot -: this is stdout, which cannot be read: name the autopilot's link")
@@ -62,7 +62,7 @@ def check_sides(autopilot: str | None, port: str | None, form: str) -> None:
 
 
 def check_ground_station(url: str, autopilot: str, receiver: str) -> None:
-    """Whether a ground station has a link of its own. Raises UsageError."""
+    """Check that a ground station has a link of its own. Raises UsageError."""
     address = parse(url)
     if address.kind in ("tlog", "stdout"):
         raise UsageError(f"--gcs {url}: no ground station is there: name its link, e.g. udpout:127.0.0.1:14555")
@@ -163,7 +163,7 @@ def _key(path: str) -> bytes:
 
 
 def _is_credential(path: str) -> bool:
-    """Whether systemd keeps the file for this service. Its mode is 440 then, and an access list limits the readers."""
+    """Return True if systemd keeps the file for this service: mode 440, with an access list for the readers."""
     folder = os.environ.get("CREDENTIALS_DIRECTORY")
     return bool(folder) and os.path.dirname(os.path.realpath(path)) == os.path.realpath(str(folder))
 

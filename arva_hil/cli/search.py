@@ -18,19 +18,20 @@ from arva_hil.cli.search_plan import client_of, describe, plan_of
 from arva_hil.cli.search_report import EXIT, as_dict, close_log, result, would_order
 from arva_hil.cli.terminal import TerminalQuestion, show_json, somebody_is_there
 from arva_hil.cli.watchers import close_all, live_observers, open_page
+from arva_hil.clock import RealClock
 from arva_hil.events import Event
 from arva_hil.events.searches import SetPointPlanned, WouldOrder
+from arva_hil.events.words.text import Notice
 from arva_hil.links.reconnecting import open_reconnecting
-from arva_hil.observers.audience import Audience
 from arva_hil.observers.console import Printer
-from arva_hil.observers.console.text import Notice
 from arva_hil.observers.ground_station import GroundStation
-from arva_hil.observers.record.search_log import SearchLog
 from arva_hil.observers.web.state import State
-from arva_hil.runtime.clock import RealClock
+from arva_hil.records.writing.search_log import SearchLog
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.loop import run
-from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.outcome import SearchStep
+from arva_hil.search.flight.client import COMPONENT, SearchClient
+from arva_hil.search.mission.outcome import SearchStep
+from arva_hil.search.strategies.strategy_process import StrategyProcess
 from firmware_proto import INNER
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ def main(options: argparse.Namespace) -> int:
     start = clock.now()
     client: SearchClient | None = None
     with ExitStack() as stack:
+        worker = stack.enter_context(closing(StrategyProcess(partial(plan.strategy, plan.speed))))
+        common.run_first()
         key = signing(options.signing_key, clock.epoch_us, stack)
         on_the_ground = partial(open_reconnecting, wanted=lambda: not (client and client.launched))
         autopilot, receiver = (
@@ -101,6 +104,7 @@ def main(options: argparse.Namespace) -> int:
             log=rows_to(printer, log),
             team=team.mate if team else None,
             tunnel=team.tunnel if team else None,
+            worker=worker,
         )
 
         def over() -> bool:
@@ -126,7 +130,7 @@ def main(options: argparse.Namespace) -> int:
 
 
 def rows_to(printer: Printer, log: SearchLog | None) -> Callable[[SearchStep], None]:
-    """Where the steps of a flight go: the log, and the status line."""
+    """Return the receiver of a flight's steps: the log and the status line."""
 
     def take(row: SearchStep) -> None:
         if log is not None:

@@ -1,4 +1,4 @@
-"""What the options of a search mean: its plan and its client; what several drones need."""
+"""The plan and the client that the options of a search ask for, for one drone and for several."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario, ScenarioError, parse
 from arva_hil.events import Event
-from arva_hil.field.mount import Mount
-from arva_hil.field.rotation import from_euler
 from arva_hil.links import Link
+from arva_hil.model.field.mount import Mount
+from arva_hil.model.field.rotation import from_euler
 from arva_hil.registry import FORMATS, FORMATS_WITH_IDS, STRATEGIES
-from arva_hil.search.client import SearchClient
-from arva_hil.search.outcome import SearchStep
-from arva_hil.search.permission import Permission, Question
-from arva_hil.search.plan import SearchPlan
-from arva_hil.search.strips import Strips
-from arva_hil.search.team import Teammate
-from arva_hil.search.team_field import divide
-from arva_hil.search.team_tunnel import TeamTunnel
-from arva_hil.vehicle.session import Session
+from arva_hil.search.flight.client import SearchClient
+from arva_hil.search.flight.permission import Permission, Question
+from arva_hil.search.mission.outcome import SearchStep
+from arva_hil.search.strategies.analysis import Worker
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strips import Strips
+from arva_hil.search.team.team import Teammate
+from arva_hil.search.team.team_field import divide
+from arva_hil.search.team.team_tunnel import TeamTunnel
 
 _NARROWEST_M: Final = 4.0  # part of an area: narrower ones are not worth a drone
 
@@ -53,7 +54,7 @@ def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> floa
     given = options.strip_width
     if isinstance(given, float):
         return given
-    from arva_hil.range_test.strips import strip_width  # slow to import
+    from arva_hil.campaign.range_test.strips import strip_width  # slow to import
 
     if given != "auto":
         file = {"spec": 2, "transmitters": [{"id": 0, "ned": [0, 0, 0]}], "receiver": {"profile": given}}
@@ -85,6 +86,7 @@ def client_of(
     log: Callable[[SearchStep], None],
     team: Teammate | None,
     tunnel: TeamTunnel | None = None,
+    worker: Worker | None = None,
 ) -> SearchClient:
     """One search. `vehicle`: its session, its link, and the receiver's, which speaks `format_`."""
     session, autopilot, receiver = vehicle
@@ -111,6 +113,7 @@ def client_of(
         host=getattr(kind, "host", None),
         team=team,
         tunnel=tunnel,
+        worker=worker,
     )
 
 

@@ -1,4 +1,4 @@
-"""What a search leaves behind: how it ended, in words and as a JSON object, its log and its picture."""
+"""The results of a search: its outcome in words and as a JSON object, its log and its picture."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any, Final
 from arva_hil import __version__
 from arva_hil.cli.outcome import FAILED, NO_LINK, OK, USAGE
 from arva_hil.cli.victims_report import name, victims_as_dicts, victims_found, where
+from arva_hil.clock import utc
 from arva_hil.events import Event
-from arva_hil.observers.record import RecordError
-from arva_hil.observers.record.search_log import TRACK, SearchLog
-from arva_hil.pictures.search import Track, draw_search
-from arva_hil.runtime.clock import utc
-from arva_hil.search.choice import NO_ID
-from arva_hil.search.mission import FOUND
-from arva_hil.search.outcome import Outcome
+from arva_hil.records.pictures.search import Track, draw_search
+from arva_hil.records.writing import RecordError
+from arva_hil.records.writing.search_log import TRACK, SearchLog
+from arva_hil.search.mission.choice import NO_ID
+from arva_hil.search.mission.mission import FOUND
+from arva_hil.search.mission.outcome import Outcome
 
 PICTURE: Final = "search.png"
 EXIT: Final = {
@@ -60,7 +60,7 @@ def close_log(
 
 
 def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({})) -> list[str]:
-    """How it ended, for a person. `found_by`: which drone of the team has found a transmitter."""
+    """Return the outcome in words. `found_by`: the drone of the team that has found each transmitter."""
     found = outcome.found
     if outcome.wanted != 1:
         lines = victims_found(outcome)
@@ -90,7 +90,7 @@ def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({}))
 
 
 def as_dict(outcome: Outcome) -> dict[str, Any]:
-    """How it ended, for a program."""
+    """Return the outcome as a JSON object."""
     found = outcome.found
     return {
         "outcome": outcome.kind,

@@ -11,35 +11,36 @@ from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.cli import common
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, SignalGuard, UsageError
 from arva_hil.cli.search_plan import check_receivers, check_width, client_of, plan_of
 from arva_hil.cli.search_report import EXIT, as_dict, close_log, result, would_order
 from arva_hil.cli.terminal import show_json
 from arva_hil.cli.watchers import open_page
+from arva_hil.clock import RealClock
 from arva_hil.config import Lla, Scenario, VehicleConfig, load
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, SetPointPlanned, WouldOrder
-from arva_hil.field import LocalFrame
-from arva_hil.fleet_links import check_links, shared_links
+from arva_hil.events.words.sentences import sentence
+from arva_hil.events.words.text import Notice
 from arva_hil.links import Link, parse
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.shared import SharedLink
 from arva_hil.links.url import show
-from arva_hil.observers.audience import Audience, Observer
+from arva_hil.model.field import LocalFrame
 from arva_hil.observers.console import Printer
-from arva_hil.observers.console.sentences import sentence
-from arva_hil.observers.console.text import Notice
-from arva_hil.observers.record.search_log import SearchLog, refuse_team
 from arva_hil.observers.web.state import State
-from arva_hil.runtime.clock import RealClock
+from arva_hil.records.writing.search_log import SearchLog, refuse_team
+from arva_hil.runtime.audience import Audience, Observer
+from arva_hil.runtime.fleet_links import check_links, shared_links
 from arva_hil.runtime.loop import run
-from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.outcome import Outcome
-from arva_hil.search.team import Bus, Teammate
-from arva_hil.search.team_field import TeamField
-from arva_hil.search.team_tunnel import MOST_MEMBERS, TeamTunnel
-from arva_hil.vehicle.session import Session
+from arva_hil.search.flight.client import COMPONENT, SearchClient
+from arva_hil.search.mission.outcome import Outcome
+from arva_hil.search.strategies.strategy_process import StrategyProcess
+from arva_hil.search.team.team import Bus, Teammate
+from arva_hil.search.team.team_field import TeamField
+from arva_hil.search.team.team_tunnel import MOST_MEMBERS, TeamTunnel
 
 _ONE_ONLY: Final = ("receiver", "gcs", "foxglove", "ros2", "signing_key", "target_system", "target_component")
 _READ_AT: Final = {"udpout": "udpin", "tcpin": "tcp", "tcp": "tcpin", "udpin": "udpout"}  # where frames go: other end
@@ -97,6 +98,9 @@ def main(options: argparse.Namespace) -> int:
     planned = {member.name: list[Event]() for member in members}
     guard, printer = SignalGuard(), Printer(sys.stderr)
     with ExitStack() as stack:
+        make = partial(plan.strategy, plan.speed)
+        workers = {member.name: stack.enter_context(closing(StrategyProcess(make))) for member in members}
+        common.run_first()
         title = f"{options.strategy}, {len(members)} vehicles"
         page = open_page(options.web, lambda: State("search", title, known=False, named=True), printer.say)
         if page:
@@ -136,6 +140,7 @@ def main(options: argparse.Namespace) -> int:
                 emit=_emit(_News(printer, page, member.name, planned[member.name]), log),
                 log=log.row if log else lambda _: None,
                 team=mate,
+                worker=workers[member.name],
             )
 
         def over() -> bool:
@@ -171,7 +176,7 @@ def exit_code(outcomes: list[Outcome]) -> int:
 
 
 def found_by(outcomes: Mapping[str, Outcome]) -> dict[int, str]:
-    """Which drone has found a transmitter surely, by its id."""
+    """Return the drone that has found each transmitter for sure, by the transmitter's id."""
     return {
         outcome.id: name for name, outcome in outcomes.items() if outcome.kind == "found" and outcome.id is not None
     }
@@ -244,7 +249,7 @@ def _fitted(source: str, members: list[Member]) -> list[Member]:
 
 
 def far_end(port: str, whose: str) -> str:
-    """Where frames are read that go to a port."""
+    """Return the address at which the frames sent to a port are read."""
     there = parse(port)
     if there.kind == "pty" and not there.path:
         raise UsageError(f"{whose}: its port is a new pseudo-terminal each time: name it, e.g. pty:/tmp/NAME")

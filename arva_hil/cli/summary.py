@@ -9,15 +9,15 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from arva_hil import __version__
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import RealClock, utc
 from arva_hil.config import Scenario, to_dict
 from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 from arva_hil.emulator.engine import Emulator
-from arva_hil.emulator.frame_source import FrameSource
+from arva_hil.emulator.ports import Port
 from arva_hil.mavlink.packet_reader import PacketReader
-from arva_hil.observers.record.layout import RecordLayout
-from arva_hil.runtime.clock import RealClock, utc
+from arva_hil.records.writing.layout import RecordLayout
 from arva_hil.runtime.drivers import Live
-from arva_hil.vehicle.session import Session
 
 _OF_LINKS: Final = {"autopilot": "the autopilot's link", "port": "the port"}
 
@@ -54,8 +54,8 @@ def known_at_start(chosen: Scenario) -> dict[str, Any]:
 
 
 def is_one(emulator: Emulator) -> bool:
-    """Whether there is one vehicle with one receiver."""
-    return sum(len(vehicle.sources) for vehicle in emulator.vehicles) == 1
+    """Return True if there is one vehicle with one receiver."""
+    return sum(len(vehicle.units) for vehicle in emulator.vehicles) == 1
 
 
 def as_dict(emulator: Emulator, counts: Mapping[str, int], layout: RecordLayout) -> dict[str, Any]:
@@ -70,7 +70,7 @@ def as_dict(emulator: Emulator, counts: Mapping[str, int], layout: RecordLayout)
                 "link": vehicle.link,
                 "tlog": layout.tlog(vehicle.link),
                 "counters": vehicle.session.counts(),
-                "receivers": {source.name: _receiver(source) for source in vehicle.sources},
+                "receivers": {port.name: _receiver(port) for _, port in vehicle.units},
             }
             for vehicle in emulator.vehicles
         },
@@ -82,21 +82,21 @@ def _vehicle(vehicle: EmulatedVehicle) -> dict[str, Any]:
     known = vehicle.session.vehicle
     return {
         "vehicle": dataclasses.asdict(known) if known else None,
-        "datum": vehicle.datum.of_the_flight,
-        "datums": [change._asdict() for change in vehicle.datum.changes],
+        "datum": vehicle.world.datum.of_the_flight,
+        "datums": [change._asdict() for change in vehicle.world.datum.changes],
     }
 
 
-def _receiver(source: FrameSource) -> dict[str, Any]:
-    commands = {"commands": dataclasses.asdict(source.commands.counters)} if source.commands else {}
-    return {**dataclasses.asdict(source.counters), **commands, "faults": source.fault_counts()}
+def _receiver(port: Port) -> dict[str, Any]:
+    commands = {"commands": dataclasses.asdict(port.commands.counters)} if port.commands else {}
+    return {**dataclasses.asdict(port.counters), **commands, "faults": port.fault_counts()}
 
 
 def counters(emulator: Emulator) -> dict[str, Any]:
     """Every counter of a run of one vehicle with one receiver."""
     (vehicle,) = emulator.vehicles
-    (source,) = vehicle.sources
-    return {**_receiver(source), **vehicle.session.counts(), "faults": source.fault_counts()}
+    ((_, port),) = vehicle.units
+    return {**_receiver(port), **vehicle.session.counts(), "faults": port.fault_counts()}
 
 
 def summary_lines(emulator: Emulator) -> list[str]:
@@ -105,12 +105,12 @@ def summary_lines(emulator: Emulator) -> list[str]:
     users = Counter(vehicle.link for vehicle in emulator.vehicles)
     found = {vehicle.link for vehicle in emulator.vehicles if vehicle.session.vehicle}
     for vehicle in emulator.vehicles:
-        for source in vehicle.sources:
-            of = "" if one else f"{vehicle.name}/{source.name}: "
-            c = source.counters
+        for _, port in vehicle.units:
+            of = "" if one else f"{vehicle.name}/{port.name}: "
+            c = port.counters
             taken = f"{c.delivered + c.damaged} sent, {c.dropped} dropped, {c.no_pose} without a pose"
             lines.append(f"{of}{c.frames} frames: {taken}; worst lateness {c.latest_s * 1e3:.1f} ms")
-            lines += [of + line for line in _mishaps(source)]
+            lines += [of + line for line in _mishaps(port)]
         heard = _heard(vehicle.session, alone=users[vehicle.link] == 1, others=vehicle.link in found)
         lines += [line if one else f"{vehicle.name}: {line}" for line in heard]
     for link, number in users.items():
@@ -140,26 +140,26 @@ def _heard(session: Session, *, alone: bool, others: bool) -> list[str]:
 
 
 def _of(session: Session, what: str) -> dict[str, int]:
-    """What was not used of a link's "packets", or of a vehicle's "values"."""
+    """Return the counts of a link's "packets", or of a vehicle's "values", that were not used."""
     counts = session.disbelieved()
     return {name: n for name, n in counts.items() if name.startswith("packets_") == (what == "packets")}
 
 
 def _not_used(counts: Mapping[str, int]) -> list[str]:
-    """What was not used, in a line if there is something."""
+    """Return a line about what was not used, if there is something."""
     doubts = [f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n]
     return [f"not used: {', '.join(doubts)}"] if doubts else []
 
 
-def _mishaps(source: FrameSource) -> list[str]:
-    lines, c = [], source.counters
-    if counts := source.fault_counts():
+def _mishaps(port: Port) -> list[str]:
+    lines, c = [], port.counters
+    if counts := port.fault_counts():
         each = ", ".join(f"{name} {count['frames']}" for name, count in counts.items())
         lines.append(
             f"faults: {c.withheld} frames withheld, {c.damaged} damaged, {c.duplicated} sent again, "
             f"{c.waiting} not sent yet ({each})"
         )
-    if source.commands and ((counts_ := source.commands.counters).commands or counts_.bytes_dropped):
+    if port.commands and ((counts_ := port.commands.counters).commands or counts_.bytes_dropped):
         said = ", ".join(f"{getattr(counts_, name)} {name}" for name in ("done", "refused", "unknown", "busy"))
         lines.append(f"commands: {counts_.commands} came: {said}, {counts_.unanswered} not answered")
         if counts_.bytes_dropped:

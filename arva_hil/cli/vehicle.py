@@ -8,9 +8,9 @@ from contextlib import ExitStack, closing
 from arva_hil.cli import common
 from arva_hil.cli.outcome import INTERRUPTED, OK, UsageError
 from arva_hil.cli.terminal import tell
-from arva_hil.field import LocalFrame
+from arva_hil.clock import Clock, RealClock
 from arva_hil.links.reconnecting import open_reconnecting
-from arva_hil.runtime.clock import Clock, RealClock
+from arva_hil.model.field import LocalFrame
 from arva_hil.runtime.loop import Task
 from arva_hil.simulated.arducopter import FAILSAFES
 from arva_hil.simulated.simulator import Simulator

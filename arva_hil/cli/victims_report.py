@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from arva_hil.field.geodesy import LocalFrame
-from arva_hil.search.choice import NO_ID
-from arva_hil.search.mission import FOUND
-from arva_hil.search.outcome import Outcome, lla
-from arva_hil.search.strategy import Found
-from arva_hil.search.victims import Victim
+from arva_hil.model.field.geodesy import LocalFrame
+from arva_hil.search.mission.choice import NO_ID
+from arva_hil.search.mission.mission import FOUND
+from arva_hil.search.mission.outcome import Outcome, lla
+from arva_hil.search.mission.victims import Victim
+from arva_hil.search.strategies.strategy import Found
 
 
 def name(id_: int | None) -> str:
@@ -25,7 +25,7 @@ def where(found: Found) -> str:
 
 
 def victims_found(outcome: Outcome) -> list[str]:
-    """How a search for several ended, and the list of the places, the surest first."""
+    """Return the outcome of a search for several victims and the list of places, the surest first."""
     asked = "all that are heard" if outcome.wanted is None else str(outcome.wanted)
     count = sum(victim.sure for victim in outcome.victims)
     lines = [f"found {count} of {asked}" if outcome.wanted else f"found {count}; searched for {asked}"]

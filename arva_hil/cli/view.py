@@ -16,11 +16,11 @@ from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, OK, SignalGuard, UsageError, interrupting
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.watchers import said_of_page
+from arva_hil.clock import RealClock
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.server import Server
-from arva_hil.recordings import Recording, load
-from arva_hil.runtime.clock import RealClock
-from arva_hil.viewer import RecordedState
+from arva_hil.observers.web.viewer import RecordedState
+from arva_hil.records.reading import Recording, load
 
 
 def main(options: argparse.Namespace) -> int:
@@ -65,13 +65,13 @@ def _serve(address: HostPort, state: RecordedState) -> Server:
     """The page of a record; every request says which time it wants to see. Raises WebError."""
     lock = threading.Lock()
 
-    def state_json(query: Mapping[str, str]) -> bytes:
+    def state_json(query: Mapping[str, str], client: int) -> bytes:
         since = query.get("since", "")
         with lock:
             state.show(_seconds(query.get("at", "")))
             return state.document(int(since) if since.isdecimal() and len(since) < 16 else 0)
 
-    def field_json(query: Mapping[str, str]) -> bytes:
+    def field_json(query: Mapping[str, str], client: int) -> bytes:
         with lock:
             return state.field()
 

@@ -1,4 +1,4 @@
-"""Who watches a run, as the command line wants it: the page in a browser, Foxglove, ROS 2."""
+"""Observers of a run that the command line asks for: the page in a browser, Foxglove, ROS 2."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Final
 from arva_hil.cli.arguments.shared import FOXGLOVE
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario
-from arva_hil.observers.audience import Observer
-from arva_hil.observers.console.text import Notice
+from arva_hil.events.words.text import Notice
 from arva_hil.observers.web.address import DEFAULT_HOST, HostPort
+from arva_hil.runtime.audience import Observer
 from arva_hil.safe_text import shown
 
 if TYPE_CHECKING:  # what a page needs takes 15 ms to import: only when one is wanted
@@ -62,12 +62,12 @@ def open_page(wanted: HostPort | str | None, state: Callable[[], State], say: Ca
 
 
 def said_of_page(address: HostPort, wanted: HostPort) -> Iterator[str]:
-    """What there is to say of a page: its address, and who can see it."""
+    """Yield the lines about a page: its address, and the machines that can open it."""
     return _served(f"page: {address.url}", address, wanted, f"see the page; --web {DEFAULT_HOST} shows it")
 
 
 def _served(where: str, address: HostPort, wanted: HostPort, who: str) -> Iterator[str]:
-    """What is said of a server: where it is, and what others can do there, if they can reach it."""
+    """Yield the lines about a server: its address, and the risk if other machines can reach it."""
     yield where + (f" (port {wanted.port} is taken)" if wanted.port not in (0, address.port) else "")
     if not address.host.startswith(_LOCAL):
         yield f"warning: everybody in this network can {who} here only"
@@ -81,7 +81,7 @@ def live_observers(options: argparse.Namespace, scenario: Scenario | None, epoch
     observers: list[Observer] = []
     if not options.foxglove and not options.ros2:
         return observers
-    from arva_hil.messages.live import LiveMessages  # slow to import, as are those below
+    from arva_hil.records.ros_messages.live import LiveMessages  # slow to import, as are those below
 
     def messages() -> LiveMessages:
         return LiveMessages(scenario, epoch_us, searches=hasattr(options, "strategy"))

@@ -162,7 +162,7 @@ _AREA: Final = (-50.0, -50.0, 50.0, 50.0)
 
 
 class CampaignPlan(Table):
-    """What a campaign tries: all of it crossed. `scenarios` by name; `noise` None is the scenario's own; heights,
+    """The plan of a campaign: all its axes crossed. `scenarios` by name; `noise` None is the scenario's own; heights,
     speeds and limits by strategy, or one for all; `victims`: how many are searched for, None: all; `drones`: how many
     divide the area and search it together, each for one. Raises ValueError for what does not fit.
     """
@@ -219,7 +219,7 @@ class CampaignPlan(Table):
 
 
 def _by_strategy(plan: Any) -> Iterator[tuple[str, Number, Any]]:
-    """What may differ by strategy: its name, its constraint, and its value, a mapping or one for all."""
+    """Yield the keys that may differ by strategy: name, constraint, and value, a mapping or one for all."""
     for name, one in fields_of(CampaignPlan).items():
         if isinstance(one.constraint, _ByStrategy):
             yield name, one.constraint.number, getattr(plan, name)
@@ -238,6 +238,6 @@ def parse_plan(text: str, source: str) -> CampaignPlan:
 
 
 def is_plan(text: str) -> bool:
-    """Whether a text looks like a plan and not like a scenario."""
+    """Return True if a text looks like a plan and not like a scenario."""
     names = keys_in(text)
     return "transmitters" not in names and bool(names & {"strategies", "scenarios"})

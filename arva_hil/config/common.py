@@ -5,8 +5,8 @@ from typing import Any, Final, Literal, get_args
 
 from arva_hil.config.constraints import Named, Number, Numbers, Whole
 from arva_hil.config.nodes import NEWEST_SPEC
+from arva_hil.config.ranges import FRAMES_HZ, LARGEST_SEED
 from arva_hil.config.tables import Table, TableOf, key
-from arva_hil.ranges import FRAMES_HZ, LARGEST_SEED
 from arva_hil.registry import FORMATS
 
 Triple = tuple[float, float, float]

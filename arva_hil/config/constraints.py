@@ -1,4 +1,4 @@
-"""What the value of a key may be, written once: the check, its wording and the JSON Schema come from here.
+"""Constraints on the value of a key, each written once: its check, its wording and its JSON Schema.
 
 A constraint reads the values of a file (`nodes`) and those of Python alike.
 """
@@ -9,12 +9,12 @@ import math
 import numbers
 import re
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 from arva_hil.config.errors import ConstraintError, Violation, any_of, wrong
 from arva_hil.config.nodes import Items, Scalar
 from arva_hil.errors import KindError, UnknownKindError, nearest
-from arva_hil.frozen import Frozen
 from arva_hil.registry import Registry
 
 FLOAT: Final = re.compile(r"[-+]?((0|[1-9][0-9]*)(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?")
@@ -23,7 +23,7 @@ _TYPED: Final = {ord("\N{MINUS SIGN}"): "-", ord("\N{EN DASH}"): "-", ord(","): 
 
 
 class Constraint:
-    """What a value may be; `str()` is what is expected. `unit`: of its numbers, "" without one.
+    """A constraint on a value; `str()` says what is expected. `unit`: of its numbers, "" without one.
 
     `table`: the class of the table that a file has there, or a list of them; None if it has none.
     """
@@ -45,16 +45,17 @@ class Constraint:
 
     @property
     def kind(self) -> str:
-        """What it is, without its range."""
+        """The kind of value, without its range."""
         return str(self)
 
     @property
     def range(self) -> str:
-        """Which of that kind are valid, "" if all."""
+        """The valid range of that kind, "" if all are valid."""
         return ""
 
 
-class Number(Frozen, Constraint):
+@dataclass(frozen=True)
+class Number(Constraint):
     """A finite number from `low` to `high`, `low` itself excluded if `above`. In Python, `endless` allows infinity."""
 
     low: float
@@ -94,6 +95,7 @@ class Number(Frozen, Constraint):
         return {"type": "number", "exclusiveMinimum" if self.above else "minimum": self.low, "maximum": self.high}
 
 
+@dataclass(frozen=True)
 class Whole(Number):
     """A whole number from `low` to `high`, in a file written without a point."""
 
@@ -116,7 +118,8 @@ def whole(value: Any) -> int | None:
     return int(value) if isinstance(value, numbers.Integral) and not isinstance(value, bool) else None
 
 
-class Word(Frozen, Constraint):
+@dataclass(frozen=True)
+class Word(Constraint):
     """One of some words, quoted or not."""
 
     words: Sequence[str]
@@ -136,7 +139,8 @@ class Word(Frozen, Constraint):
         return {"enum": list(self.words)}
 
 
-class Named(Frozen, Constraint):
+@dataclass(frozen=True)
+class Named(Constraint):
     """A name of what is in a registry: built in, or of a package that works. `word`: the kind, if not all names."""
 
     registry: Registry
@@ -165,7 +169,8 @@ class Named(Frozen, Constraint):
         return {"type": "string", "minLength": 1} if self.registry.references else {"enum": self.registry.names()}
 
 
-class Text(Frozen, Constraint):
+@dataclass(frozen=True)
+class Text(Constraint):
     """Some text that matches `pattern`, quoted or not."""
 
     what: str
@@ -200,7 +205,7 @@ class On(Constraint):
 
 
 class Anything(Constraint):
-    """What is checked elsewhere."""
+    """Any value; it is checked elsewhere."""
 
     def read(self, value: Any) -> Any:
         return value

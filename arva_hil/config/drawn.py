@@ -35,7 +35,7 @@ class AreaM(Numbers):
 
 
 class HowMany(Constraint):
-    """How many are searched for, None: all."""
+    """The number of transmitters searched for, None: all."""
 
     kind = "a whole number, or all"
     range = "1…16"

@@ -1,16 +1,16 @@
-"""What is wrong with a value or in a file: what was found, what was expected, and where."""
+"""Errors in a value or a file: what was found, what was expected, and where."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from arva_hil.errors import ArvaError
-from arva_hil.frozen import Frozen
 
 
-class Problem(Frozen):
+@dataclass(frozen=True)
+class Problem:
     """One mistake in a file. Lines and columns count from 1; 1:1 when it concerns the whole file."""
 
     source: str
@@ -36,7 +36,8 @@ class ScenarioError(ArvaError):
         return "\n".join(map(str, self.problems))
 
 
-class Violation(Frozen):
+@dataclass(frozen=True)
+class Violation:
     """A value that violates a constraint: what was `expected`; what was `found`, if describing the value is not enough;
     the `nearest` valid value. `path` leads to it from the value that was read, through keys and indices; with `at_key`
     not the value there is meant, but its key. `first`: the path of a value, or key, that it repeats. `problem`: that of
@@ -86,7 +87,7 @@ def wrong(expected: str, found: str | None = None, nearest: str | None = None) -
 
 
 def any_of(names: Collection[str]) -> str:
-    """What was expected, where one of some names is."""
+    """Return the expectation of one of some names, in words."""
     return next(iter(names)) if len(names) == 1 else f"one of {', '.join(names)}"
 
 

@@ -28,7 +28,7 @@ class FaultKind(NamedTuple):
 
     `strike` depends on the stage. `heard`: `(look, switch)` returns the changed look. `sent`: `(sending, value,
     random)` changes how a frame is sent, and returns whether it did. `wire`: `(bytes of a frame, value, random)`
-    returns the changed bytes and the number of changes. None: `arva_hil.faults` handles this fault by its name.
+    returns the changed bytes and the number of changes. None: `arva_hil.emulator.faults` handles it by its name.
     """
 
     stage: Stage
@@ -39,7 +39,7 @@ class FaultKind(NamedTuple):
 
     @property
     def constraint(self) -> Constraint:
-        """Which values it takes."""
+        """The constraint on its value."""
         return self.valid or On()
 
 
@@ -83,7 +83,7 @@ class Fault(Table):
             yield Violation(f"less than every_s ({fault.every_s:g})", f"for_s {fault.for_s:g}", path=("for_s",))
 
     def since(self, time_us: int) -> int | None:
-        """How long it has been on [µs] at `time_us`, None if it is off."""
+        """Return the time since it was switched on [µs] at `time_us`, None if it is off."""
         since = time_us - round(self.from_s * 1e6)
         if since < 0 or time_us >= self.until_s * 1e6 - 0.5:
             return None
@@ -151,7 +151,7 @@ def _keys(name: str) -> dict[str, Constraint]:
 
 
 def _not_one(value: Mapping[str, Any], named: list[str]) -> Iterator[Violation]:
-    """What is wrong with a mapping that is not one fault."""
+    """Yield the errors of a mapping that is not one fault."""
     known = [*FAULTS, *_OTHER]
     if unknown := [unknown_key(value, name, known) for name in value if name not in known]:
         yield from unknown
@@ -162,7 +162,7 @@ def _not_one(value: Mapping[str, Any], named: list[str]) -> Iterator[Violation]:
 
 
 def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] | None:
-    """What was found and what was expected, if a scenario with these transmitters and this format cannot have it."""
+    """Return what was found and what was expected, if a scenario with these transmitters and format cannot have it."""
     kind: FaultKind = FAULTS[fault.name]
     if kind.valid is TRANSMITTER and fault.value not in ids:
         return f"{fault.name} of transmitter {fault.value:g}", f"one of {', '.join(map(str, sorted(ids)))}"

@@ -50,7 +50,7 @@ class ReceiverProfile(Table):
 
 
 class TransmitterTraits(Table):
-    """What a kind of transmitter is like, wherever it is."""
+    """The traits of a kind of transmitter, independent of its place."""
 
     strength: float = key(STRENGTH, "relative to the reference transmitter", default=1.0)
     keying: KeyingOptions | None = key(help="when it sends", default=None)
@@ -67,7 +67,7 @@ _TABLES: Final[Mapping[str, Any]] = {"receiver": ReceiverProfile, "transmitter":
 
 
 def profile_kind(text: str) -> str | None:
-    """What a text looks like a profile of, and not like a scenario; None if of nothing."""
+    """Return the kind of profile that a text looks like; None if it looks like none, or like a scenario."""
     from arva_hil.config.reading import keys_in  # slow to import
 
     names = keys_in(text)
@@ -112,5 +112,8 @@ def _place(value: nodes.Value, node: Any) -> None:
     value.node = node
     if isinstance(value, nodes.Mapping):
         value.key_nodes = dict.fromkeys(value.key_nodes, node)
-    for item in value.values() if isinstance(value, nodes.Mapping) else value if isinstance(value, nodes.Items) else ():
-        _place(item, node)
+        for item in value.values():
+            _place(item, node)
+    elif isinstance(value, nodes.Items):
+        for item in value:
+            _place(item, node)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable
-from typing import Any, Final, NoReturn, TypeVar
+from typing import Any, Final, NoReturn, TypeGuard, TypeVar
 
 import yaml
 
@@ -14,6 +14,7 @@ from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Viol
 from arva_hil.config.nodes import Items, Mapping, Scalar, Value, value_of
 
 _DEEPEST: Final = 20
+_MOST_PARTS: Final = 1000  # keys of one mapping, or mappings in one list
 _REFUSED: Final = "refused"  # the tag of a node that stands for one already reported
 _START: Final = yaml.Mark("", 0, 0, 0, None, 0)
 _BREAK: Final = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
@@ -90,6 +91,9 @@ class _Loader(yaml.BaseLoader):
             found, expected = f"the alias *{short(str(event.anchor))}", "the value itself"
         elif self._depth == _DEEPEST:
             self._problems.fail(event.start_mark, f"more than {_DEEPEST} levels", "fewer")
+        elif _is_part(parent, event) and len(parent.value) == _MOST_PARTS:
+            what = "keys" if isinstance(parent, yaml.MappingNode) else "mappings in a list"
+            self._problems.fail(event.start_mark, f"more than {_MOST_PARTS} {what}", "fewer")
         else:
             self._depth += 1
             node = super().compose_node(parent, index)
@@ -100,6 +104,10 @@ class _Loader(yaml.BaseLoader):
             found, expected = f"the tag {short(tag)!r}", "a value without a tag"
         self._problems.add(event.start_mark, found, expected)
         return yaml.ScalarNode(_REFUSED, "", event.start_mark, event.end_mark)
+
+
+def _is_part(parent: yaml.Node | None, event: yaml.Event) -> TypeGuard[yaml.CollectionNode]:
+    return isinstance(parent, yaml.MappingNode) or (parent is not None and isinstance(event, yaml.MappingStartEvent))
 
 
 def keys_in(text: str) -> set[str]:
@@ -123,7 +131,7 @@ def text_of(node: yaml.Node) -> str:
 
 
 def describe(node: yaml.Node) -> str:
-    """What a node is, in one short line."""
+    """Describe a node in one short line."""
     if isinstance(node, yaml.MappingNode):
         return "a mapping"
     if isinstance(node, yaml.SequenceNode):
@@ -171,7 +179,7 @@ def open_at_once(path: str, flags: int) -> int:
 
 
 def read(text: str, source: str, what: str, reader: Callable[[Value], _T], newest: int = 1) -> _T:
-    """What `reader` makes of a text of a spec up to `newest`, in which `what` should be; `source` names it in messages.
+    """Read a text of a spec up to `newest` with `reader`. It should hold `what`; `source` names it in messages.
 
     Raises ScenarioError with all mistakes.
     """

@@ -157,7 +157,7 @@ class SlingOptions(Table):
 
 
 class MountOptions(Table):
-    """Where the receiver sits: `position` in body FRD, metres; `attitude` roll, pitch, yaw in degrees. With a `sling`
+    """The mount of the receiver: `position` in body FRD, metres; `attitude` roll, pitch, yaw in degrees. With a `sling`
     it hangs from there, leans with the rope, and has the heading of vehicle and `attitude`."""
 
     position: Triple = key(BODY_POINT, "body FRD, from the vehicle's position", default=(0.0, 0.0, 0.0))
@@ -205,7 +205,7 @@ class ReceiverOptions(Table):
         return read_options(valid_value(cls, mapping, "model"), mapping)
 
     def file_keys(self) -> dict[str, Any]:
-        """What a file has otherwise than Python."""
+        """Return the keys that a file writes otherwise than Python."""
         return {} if self.options is None else asdict(self.options)
 
     @classmethod

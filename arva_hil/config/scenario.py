@@ -89,12 +89,12 @@ class Scenario(Table):
             object.__setattr__(self, "output_format", output.format)
 
     def file_keys(self) -> dict[str, Any]:
-        """What a file has otherwise than Python."""
+        """Return the keys that a file writes otherwise than Python."""
         return {"output": {"format": self.output_format}}
 
     @classmethod
     def conflicts(cls, of: Any) -> Iterator[Violation]:
-        """What does not fit together, in a scenario or in what is given of one."""
+        """Yield the values that contradict each other, in a scenario or in what is given of one."""
         transmitters = [(("transmitters", at), one) for at, one in items_of(of, "transmitters")]
         yield from duplicates(transmitters, "id", "id")
         yield from vehicle_conflicts(of)

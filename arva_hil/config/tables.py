@@ -8,7 +8,7 @@ is one key of a file, checked there and in Python, and has its place in the JSON
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import MISSING, InitVar, field, replace
+from dataclasses import MISSING, InitVar, dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple, dataclass_transform, get_args
 
@@ -16,7 +16,6 @@ from arva_hil.config.constraints import Anything, Constraint
 from arva_hil.config.errors import ConstraintError, Violation, any_of, short
 from arva_hil.config.nodes import spec_of
 from arva_hil.errors import nearest
-from arva_hil.frozen import Frozen
 
 
 def key(constraint: Constraint | None = None, help: str = "", *, since: int = 1, **more: Any) -> Any:
@@ -38,7 +37,7 @@ class Field(NamedTuple):
     optional: bool  # may be None in Python
 
     def is_usual(self, value: Any) -> bool:
-        """Whether a value needs no check."""
+        """Return True if a value needs no check."""
         return value is self.default or (value is None and self.optional)
 
 
@@ -55,7 +54,7 @@ class OtherKeys(NamedTuple):
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(key,))
-class Table(Frozen):
+class Table:
     """Makes each subclass a frozen dataclass that checks its values, and can be read from a mapping of a file.
 
     Its fields are made by `key`; an InitVar is a key of files alone. A file has all keys without a default, those in
@@ -67,7 +66,7 @@ class Table(Frozen):
         if "__post_init__" in vars(cls):
             made.__finish__ = made.__post_init__
         made.__post_init__ = _check
-        super().__init_subclass__()
+        dataclass(frozen=True)(cls)
         made.__table__ = {one.name: _declared(one) for one in made.__dataclass_fields__.values()}
         made.__required__ = [*(name for name, one in keys(cls).items() if one.default is MISSING), *required.split()]
         made.__one_of__ = one_of.split()
@@ -102,7 +101,7 @@ def _declared(one: Any) -> Field:
 
 
 def is_table(value: Any) -> bool:
-    """Whether it is a table, or a class of tables."""
+    """Return True for a table and for a class of tables."""
     return hasattr(value, "__table__")
 
 
@@ -274,7 +273,7 @@ def valid_value(cls: Any, mapping: Mapping[str, Any], key: str) -> Any:
 
 
 def lacks(of: Any, key: str) -> bool:
-    """Whether a table, or what is `Given` of one, does not have a key, not even a wrong value of it."""
+    """Return True if a table, or what is `Given` of one, lacks a key; a wrong value counts as given."""
     return getattr(of, key) is None and not (isinstance(of, Given) and key in of.mapping)
 
 

@@ -14,7 +14,7 @@ from arva_hil.config.tables import items_of
 from arva_hil.config.transmitter import Lla
 
 if TYPE_CHECKING:
-    from arva_hil.field.terrain import TerrainGrid
+    from arva_hil.model.field.terrain import TerrainGrid
 
 AUTOPILOT: Final = "autopilot"
 _WHAT: Final = "an ESRI ASCII grid"
@@ -30,7 +30,7 @@ class Terrain(Constraint):
         return "a file of heights, or autopilot"
 
     def read(self, value: Any) -> "TerrainGrid | str":
-        from arva_hil.field.terrain import TerrainGrid  # slow to import
+        from arva_hil.model.field.terrain import TerrainGrid  # slow to import
 
         if isinstance(value, TerrainGrid):
             return value
@@ -57,7 +57,7 @@ def ground_conflicts(of: Any) -> Iterator[Violation]:
     grid, datum = of.terrain, of.datum
     if grid is None or grid == AUTOPILOT or not isinstance(datum, str | Lla):
         return
-    from arva_hil.field.geodesy import LocalFrame  # slow to import
+    from arva_hil.model.field.geodesy import LocalFrame  # slow to import
 
     if isinstance(datum, Lla) and grid.height(datum.lat, datum.lon) is None:
         found = f"{grid.source}, which has no height at the datum"
@@ -96,7 +96,7 @@ def _text(path: str) -> str:
 
 def parse_grid(text: str, source: str) -> "TerrainGrid":
     """The grid in a text; `source` names it. Raises ScenarioError with the first mistake."""
-    from arva_hil.field.terrain import TerrainGrid  # slow to import
+    from arva_hil.model.field.terrain import TerrainGrid  # slow to import
 
     def fail(line: int, found: str, expected: str) -> ScenarioError:
         return ScenarioError([Problem(source, line, 1, found, expected)])

@@ -31,7 +31,7 @@ def _seconds(low: float, high: float) -> Number:
 
 
 class KeyingOptions(Table):
-    """When a transmitter sends. What is None is drawn from its class, by the scenario's seed and its id.
+    """The times at which a transmitter sends. None is drawn from its class, by the scenario's seed and its id.
 
     Raises ValueError for contradictory times: no pause behind a pulse, or a jitter of a twelfth of it.
     """
@@ -60,7 +60,7 @@ class KeyingOptions(Table):
     def conflicts(cls, of: Any) -> Iterator[Violation]:
         if of.kind is None or (of.period_s is None and of.pulse_s is None and of.jitter_s is None):
             return
-        from arva_hil.field.keying import JITTER_S, KEYING_CLASSES, jitter_limit_s  # slow to import
+        from arva_hil.model.field.keying import JITTER_S, KEYING_CLASSES, jitter_limit_s  # slow to import
 
         usual = KEYING_CLASSES[of.kind]
         period_s = usual.shortest_s if of.period_s is None else of.period_s
@@ -81,7 +81,7 @@ _SURFACE: Final = Number(-10_000, 10_000, unit="m")
 
 
 class MediumOptions(Table):
-    """What lies between transmitters and receivers."""
+    """The medium between transmitters and receivers."""
 
     dipole: DipoleKind = key(
         Word(get_args(DipoleKind)), "the near field alone, or with induction and radiation", default="static"
@@ -94,7 +94,7 @@ class MediumOptions(Table):
 
 
 class VehicleNoiseOptions(Table):
-    """What the vehicle's motors add to a receiver's noise."""
+    """The noise that the vehicle's motors add to that of a receiver."""
 
     motors: tuple[Triple, ...] = key(ListOf(BODY_POINT, 1, 16, "places", unit="m"), "body FRD, of each motor")
     motor_na_m: float = key(_NOISE, "of one motor at full throttle, 0.5 m away", default=5.2)
@@ -154,7 +154,7 @@ class Path(Table, required="frame points"):
             raise ValueError("a path has at least one point")
 
     def file_keys(self) -> dict[str, Any]:
-        """What a file has otherwise than Python."""
+        """Return the keys that a file writes otherwise than Python."""
         return {"frame": "ned", "points": [list(point) for point in self.points_ned]}
 
     @classmethod
@@ -209,7 +209,8 @@ class Transmitter(Table, one_of="enu ned lla path follows"):
         expected = "0 as its height beside depth_m, which counts from the ground"
         for name in "enu", "ned", "lla":
             place = getattr(of, name)
-            height = place.alt if isinstance(place, Lla) else place[2] if place else 0.0
+            at = (0.0, 0.0, place.alt) if isinstance(place, Lla) else place
+            height = at[2] if at else 0.0
             if height:
                 yield Violation(expected, f"{height:g}", path=(name, 2))
         for name in "path", "follows":

@@ -1,4 +1,4 @@
-"""What `spec: 2` adds around the receiver: the error of the autopilot's estimate, several vehicles and receivers."""
+"""Additions of `spec: 2` around the receiver: the error of the autopilot's estimate, several vehicles and receivers."""
 
 from collections.abc import Iterator
 from dataclasses import InitVar, fields
@@ -26,7 +26,7 @@ class RandomWalk(Table):
 
 
 class NavigationError(Table):
-    """How the vehicle's true pose differs from the pose that its autopilot reports: true pose = reported pose + this.
+    """The difference of the vehicle's true pose from the reported one: true pose = reported pose + this.
 
     `bias_ned` in metres; a random walk of `walk_sigma_m` on each axis that forgets in `walk_tau_s`; `heading_deg` is
     added to the yaw; the pose reported is `latency_s` old. A file has the two of the walk in a mapping `walk`.
@@ -45,7 +45,7 @@ class NavigationError(Table):
             object.__setattr__(self, "walk_tau_s", walk.tau_s)
 
     def file_keys(self) -> dict[str, Any]:
-        """What a file has otherwise than Python."""
+        """Return the keys that a file writes otherwise than Python."""
         return {"walk": {"sigma_m": self.walk_sigma_m, "tau_s": self.walk_tau_s}}
 
 
@@ -117,7 +117,7 @@ class VehicleConfig(Table):
 
 
 def vehicle_conflicts(scenario: Any) -> Iterator[Violation]:
-    """What is wrong between the vehicles of a scenario, or of what is given of one."""
+    """Yield the conflicts between the vehicles of a scenario, or of what is given of one."""
     vehicles = [(("vehicles", at), vehicle) for at, vehicle in items_of(scenario, "vehicles")]
     yield from duplicates(vehicles, "name", "vehicle")
     ports = []

@@ -12,12 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from arva_hil import config
-from arva_hil.emulator.ground import Ground, LatLon
-from arva_hil.field import Following, LocalFrame, Mount, MovingTransmitters, Transmitters, Waypoints, keying, rotation
-from arva_hil.field.medium import AIR, Medium, skin_depth_m
-from arva_hil.field.sling import Sling
-from arva_hil.field.vehicle_noise import VehicleNoise
-from arva_hil.receiver import ReceiverModel
+from arva_hil.emulator.ground import LatLon, ScenarioGround
+from arva_hil.model.field import (
+    Following,
+    LocalFrame,
+    Mount,
+    MovingTransmitters,
+    Transmitters,
+    Waypoints,
+    keying,
+    rotation,
+)
+from arva_hil.model.field.medium import AIR, Medium, skin_depth_m
+from arva_hil.model.field.sling import Sling
+from arva_hil.model.field.vehicle_noise import VehicleNoise
+from arva_hil.model.receiver import ReceiverModel
 from arva_hil.registry import RECEIVERS
 
 # EN 282: a field of 80 nA/m has to be heard, 4.7 dB above the noise
@@ -29,9 +38,9 @@ def transmitters(
 ) -> Transmitters:
     """The scenario's transmitters in the NED frame `frame`, those that move where they begin.
 
-    Those with a depth are below the `Ground` of `heights`; where it is not known they are unplaced.
+    Those with a depth are below the `ScenarioGround` of `heights`; where it is not known they are unplaced.
     """
-    every, ground = scenario.transmitters, Ground(scenario, frame, heights)
+    every, ground = scenario.transmitters, ScenarioGround(scenario, frame, heights)
     places = [(_place(t, frame), None) if t.depth_m is None else ground.place(t) for t in every]
     lost = np.array([down is not None and math.isnan(down) for _, down in places])
     strengths = np.array([t.strength * _strength(t) for t in every])
@@ -135,7 +144,7 @@ def _place(transmitter: config.Transmitter, frame: LocalFrame) -> Sequence[float
 
 
 def _motion(transmitter: config.Transmitter) -> Waypoints | Following | None:
-    """How it moves; None: it is at rest."""
+    """Return its motion; None: it is at rest."""
     if (path := transmitter.path) is not None:
         points = np.array(path.points_ned)
         return Waypoints(points[:, 0], points[:, 1:], path.end)

@@ -8,12 +8,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from arva_hil.autopilot.following.navigation import Place
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Scenario
-from arva_hil.field import LocalFrame
 from arva_hil.mavlink.codec import dialect
-from arva_hil.receiver import Reading
-from arva_hil.vehicle.navigation import Place
-from arva_hil.vehicle.session import Session
+from arva_hil.model.field import LocalFrame
+from arva_hil.model.receiver import Reading
 
 HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position is used instead
 _FAR_M: Final = 1000.0  # if every transmitter is farther away, something is wrong
@@ -91,7 +91,7 @@ class Datum:
         arming = self._armed_at is not None and now - self._armed_at <= _ARMING_S
         if armed and self.lla and not (self._has_landed and arming):
             return False
-        changed = self._take_home(session.home, now) if session.home else self._take_position(session, now)
+        changed = self._take_home(home, now) if (home := session.navigation.home) else self._take_position(session, now)
         if armed:
             self._flown = self.lla
         return changed
@@ -120,7 +120,7 @@ class Datum:
         return self._take(home, now, "a new home after landing" if self._has_landed else why)
 
     def _is_near(self, home: Place) -> bool:
-        """Whether a home is at the same place as the datum. Calculated once for each home."""
+        """Return True if a home is at the same place as the datum. Calculated once for each home."""
         if home != self._near and self.frame and np.linalg.norm(self.frame.ned(*home)) <= _SAME_PLACE_M:
             self._near = home
         return home == self._near

@@ -1,216 +1,139 @@
-"""One vehicle of the engine with its receivers; systems that transmitters follow; links that vehicles share."""
+"""One vehicle of the engine: its session, its world, its receivers with their ports."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
 
-from arva_hil.config import Scenario
-from arva_hil.emulator.datum import MOVE_DATUM, Datum
-from arva_hil.emulator.frame_source import FrameSource, ReceiverSetup
-from arva_hil.emulator.placed_transmitters import PlacedTransmitters
-from arva_hil.emulator.true_state import true_state
-from arva_hil.emulator.virtual_receiver import Run
-from arva_hil.events import DatumSet, Event, FollowedSystemHeard, FollowedSystemSilent, VehicleStatus
-from arva_hil.field import LocalFrame, rotation
-from arva_hil.field.arrays import Array
-from arva_hil.frozen import Frozen
-from arva_hil.mavlink.codec import Packet, Parser, dialect
-from arva_hil.mavlink.packet_reader import Packets
-from arva_hil.registry import MAVLINK_FORMATS
-from arva_hil.vehicle.motor_load import MotorLoad
-from arva_hil.vehicle.navigation import EventQueue, Navigation
-from arva_hil.vehicle.pose_track import ClockMap, VehicleState
-from arva_hil.vehicle.reasons import NoPose
-from arva_hil.vehicle.session import Session
+from arva_hil.autopilot.following.received import Received
+from arva_hil.emulator import build
+from arva_hil.emulator.followed_system import FollowedSystem
+from arva_hil.emulator.formats import encoder, host_form
+from arva_hil.emulator.host_commands import HostCommands
+from arva_hil.emulator.ports import Parcel, Port
+from arva_hil.emulator.receivers import EmulatedReceiver
+from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
+from arva_hil.emulator.world import VehicleWorld
+from arva_hil.events import Event, FrameMade, HeartbeatMissing, ReceiverStatus, VehicleStatus
 
-_SILENT_S: Final = 2.0  # without a pose
-_POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-_POSES: Final = frozenset({_POSITION, dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION})
+_SPREAD_S: Final = 0.1  # the first frames of several vehicles wait no longer than this
 
 
-class FollowedSystem:
-    """Remembers the pose of one system, from the messages of the first component that sent a position."""
+class Unit(NamedTuple):
+    """A receiver with its port."""
 
-    def __init__(self, system: int, start: float) -> None:
-        self.system = system
-        self._navigation = Navigation(EventQueue())
-        self._parser = Parser()
-        self._component: int | None = None
-        self._newest: float | None = None  # pose, on its own clock
-        self._heard_at = start
-        self._silent = False
-        self._was_heard = False
-
-    @property
-    def clock(self) -> ClockMap:
-        """Its boot time."""
-        return self._navigation.clock
-
-    def hear(self, packet: Packet, now: float) -> None:
-        """Use one of its packets."""
-        if packet.msgid not in _POSES or (message := self._parser.decode(packet)) is None:
-            return
-        if self._component is None and packet.msgid == _POSITION:
-            self._component = packet.component
-        if packet.component != self._component:
-            return
-        self._navigation.hear(message, now)
-        newest = self._navigation.track.newest
-        if newest is not None and newest != self._newest:
-            self._heard_at, self._was_heard = now, True
-        self._newest = newest
-
-    def pose(self, t: float, frame: LocalFrame) -> tuple[Array, Array] | None:
-        """Position (3,) NED in `frame` [m] and body → NED (3, 3) at `t`; None if it is not heard."""
-        state = self._navigation.track.at(self.clock.boot(t), frame)
-        if state is None or state.age_s > _SILENT_S:
-            return None
-        return state.position, rotation.to_matrix(state.attitude)
-
-    def known_at(self, t: float) -> bool:
-        """Whether no later message can change its pose at `t`."""
-        return self._navigation.track.is_known(self.clock.boot(t))
-
-    def look(self, now: float) -> Event | None:
-        """The event if it is not heard any more or is heard again, otherwise None."""
-        silent = now - self._heard_at > _SILENT_S
-        if silent == self._silent:
-            return None
-        self._silent = silent
-        back = FollowedSystemHeard(now, self.system)
-        return FollowedSystemSilent(now, self.system, self._was_heard) if silent else back
+    receiver: EmulatedReceiver
+    port: Port
 
 
-class VehicleSetup(Frozen):
-    """One vehicle with its receivers. `link`: the link on which it is heard; `session`: follows it there."""
+class Made(NamedTuple):
+    """The results of a vehicle at one time."""
 
-    name: str
-    link: str
-    session: Session
-    scenario: Scenario
-    receivers: Sequence[ReceiverSetup]
-
-
-def one_vehicle(scenario: Scenario, session: Session, *, link: str = "autopilot", sink: str = "port") -> VehicleSetup:
-    """One vehicle with one receiver, for a scenario without `vehicles`. Formats inside MAVLink do not use `sink`."""
-    sink = link if scenario.output_format in MAVLINK_FORMATS else sink
-    return VehicleSetup("vehicle", link, session, scenario, [ReceiverSetup("receiver", sink, scenario)])
+    parcels: Sequence[tuple[Port, Parcel]]
+    events: Sequence[Event]
 
 
 class EmulatedVehicle:
-    """Remembers one vehicle's datum and receivers. Its session remembers the rest."""
+    """Remembers one vehicle's session, world and receivers. `next_due`: the time at which there is something to do.
 
-    def __init__(self, setup: VehicleSetup, followed: Mapping[int, FollowedSystem], run: Run, phase: float) -> None:
+    `phase`: of its frames, in periods, or tenths of a second, after the start of the run.
+    """
+
+    def __init__(
+        self,
+        setup: VehicleSetup,
+        followed: Mapping[int, FollowedSystem],
+        *,
+        start: float,
+        max_age_s: float,
+        phase: float,
+        missing_from: float,
+    ) -> None:
         self.name = setup.session.news.name = setup.name
         self.link = setup.link
         self.session = setup.session
-        self.datum = Datum(setup.scenario, run.start)
-        self.true_state = true_state(setup.scenario, setup.session, run.start)
-        self.sources = [FrameSource(self.name, one, setup.session, run, phase) for one in setup.receivers]
-        self.told_missing = False
-        noises = [noise for receiver in setup.receivers if (noise := receiver.scenario.receiver.vehicle_noise)]
-        full_a = next((noise.full_current_a for noise in noises if noise.full_current_a), None)
-        self._motors = MotorLoad(setup.session, full_a) if noises else None
-        self.reads_more = bool(noises) or setup.scenario.terrain == "autopilot" or setup.scenario.pose == "truth"
-        self._events = run.events
-        self._followed = followed
-        receivers = [source.receiver for source in self.sources]
-        self._transmitters = PlacedTransmitters(setup.scenario, setup.session, receivers)
-        if self.datum.frame:
-            self._transmitters.place(self.datum.frame)
+        self.world = VehicleWorld(setup, followed, start=start, max_age_s=max_age_s)
+        self.units = [make_unit(setup, one, start, phase) for one in setup.receivers]
+        self.next_due = start
+        self._missing_from: float | None = missing_from  # None: reported, or found
 
-    @property
-    def known(self) -> bool:
-        """Whether the vehicle was found."""
-        return self.session.vehicle is not None
+    def receive(self, received: Received, now: float) -> Sequence[Event]:
+        """Use what its session received at `now`."""
+        events = self.world.update(received, now)
+        self.next_due = min(self.next_due, max(self.session.next_due, now))
+        return events
 
-    @property
-    def next_due(self) -> float:
-        """The time at which there is something to do [s]."""
-        return min([self.session.next_due, *[source.next_due for source in self.sources]])
+    def receive_commands(self, link: str, data: bytes, now: float) -> None:
+        """Use bytes of the host on the port of a receiver. They are answered at the next call."""
+        for _, port in self.units:
+            if port.link == link and port.commands:
+                port.commands.receive(data, now)
+                self.next_due = now
 
-    def hear(self, now: float) -> None:
-        """The session has been fed."""
-        if self.reads_more:
-            self.true_state.hear(now)
-            if self._motors:
-                self._motors.hear(now)
-            self._transmitters.hear(now)
-        for packet in self.session.own:
-            if packet.msgid in MOVE_DATUM:
-                if self.datum.update(self.session, now):
-                    assert self.datum.frame is not None
-                    self._transmitters.place(self.datum.frame)
-                    change = self.datum.changes[-1]
-                    self._events.append(DatumSet(now, self.name, *change.lat_lon_alt, change.why))
-                break
+    def make_frames(self, now: float, look_ahead_s: float, *, final: bool = False) -> Made:
+        """Make the frames of the instants until `now` whose poses are known, and send what waited until now.
 
-    def poll(self, now: float) -> bytes:
-        """The requests to the vehicle to send now."""
-        return self.session.poll(now) + self._transmitters.poll(now)
-
-    def load(self) -> float:
-        """The load of its motors now, 0…1."""
-        return self._motors.load if self._motors else 0.0
-
-    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
-        """The true and the reported state at `t`, NED from the datum; None: not known.
-
-        Both are the same object if the report counts as the truth.
+        `look_ahead_s`: a frame waits at most this long for its pose, 0 for a live run; `final`: it waits no longer.
         """
-        if (frame := self.datum.frame) is None:
-            return None, None
-        reported = self.session.state_at(t, frame)
-        return self.true_state.at(t, frame, reported), reported
+        parcels: list[tuple[Port, Parcel]] = []
+        events: list[Event] = []
+        for receiver, port in self.units:
+            sent: list[Parcel] = []
+            while (t := receiver.next_due) <= now and (final or now - t >= look_ahead_s or self.world.is_known(t)):
+                for event in receiver.advance(self.world.at(t), t if look_ahead_s else now):
+                    if isinstance(event, FrameMade):
+                        events += self.world.check_distance(event)
+                        bytes_, more = port.send(event, t)
+                        sent += bytes_
+                        events += more
+                    else:
+                        events.append(event)
+            sent += port.release(min(now, receiver.schedule.deadline))
+            answers, received = port.answer(now, receiver.schedule.deadline)
+            parcels += [(port, parcel) for parcel in (*sent, *answers)]
+            events += received
+        return Made(parcels, events)
 
-    def pose_of(self, system: int, t: float) -> tuple[Array, Array] | None:
-        """Position (3,) NED from the datum [m] and body → NED (3, 3) of another vehicle; None: it is not heard."""
-        return self._followed[system].pose(t, self.datum.frame) if self.datum.frame else None
+    def poll(self, now: float) -> tuple[bytes, Sequence[Event]]:
+        """Return the messages to the autopilot to send now, and the events. Sets `next_due`."""
+        polled = self.world.poll(now)
+        dues = [min(receiver.next_due, port.next_due) for receiver, port in self.units]
+        self.next_due = min([self.session.next_due, *dues])
+        return polled
 
-    def lacking(self) -> NoPose:
-        """Why there is no pose."""
-        if self.datum.frame is None and self.session.track.newest is not None:
-            return NoPose("no home")
-        return self.true_state.lacking() or self.session.why_no_pose()
+    def check_missing(self, now: float, *, final: bool) -> Sequence[Event]:
+        """Return an event, once, if the vehicle was not found in time. `final`: there is no more time."""
+        if self._missing_from is None or (now < self._missing_from and not final):
+            return ()
+        self._missing_from = None
+        if self.session.vehicle is not None:
+            return ()
+        return [HeartbeatMissing(now, self.name, self.session.heard())]
 
     def status(self, now: float) -> VehicleStatus:
-        session, receivers = self.session, [source.status() for source in self.sources]
+        """Return the status of the vehicle and its receivers."""
+        receivers = []
+        for receiver, port in self.units:
+            c = port.counters
+            count = c.delivered + c.damaged + c.dropped
+            receivers.append(ReceiverStatus(port.name, port.last, count, c.dropped, receiver.seen.transmitters))
+        session = self.session
         label = session.vehicle.short if session.vehicle else ""
         return VehicleStatus(self.name, label, session.rates(now), receivers, tuple(session.counts().items()))
 
 
-class SharedLink:
-    """Remembers the vehicles on one link. `senders`: all that may be one of them, to which outputs go."""
+def make_unit(vehicle: VehicleSetup, setup: ReceiverSetup, start: float, phase: float = 0.0) -> Unit:
+    """Make a receiver of a vehicle. `phase`: see `EmulatedVehicle`."""
+    about, scenario = (vehicle.name, setup.name), setup.scenario
+    model, faults = build.receiver(scenario), None
+    if scenario.faults:
+        from arva_hil.emulator.faults.plan import Faults  # slow to import, and most runs have none
 
-    def __init__(self, vehicles: Sequence[EmulatedVehicle]) -> None:
-        self.senders: Sequence[Hashable] = ()
-        self._vehicles = vehicles
-        self._numbers = {vehicle.session.target_system: number for number, vehicle in enumerate(vehicles)}
-        self._of_each: list[tuple[Hashable, ...]] = [()] * len(vehicles)
-
-    def hear(
-        self, packets: Packets, now: float, sender: Hashable
-    ) -> tuple[Sequence[EmulatedVehicle], Sequence[Packet]]:
-        """Give each vehicle its own packets, and all vehicles the packets of other systems.
-
-        Returns the vehicles that got packets; and all packets, if they may come from one of these vehicles.
-        """
-        systems = {packet.system for packet in packets.every}
-        numbers: Sequence[int] = range(len(self._vehicles))
-        if systems <= self._numbers.keys():
-            numbers = sorted(self._numbers[system] for system in systems)
-        vehicles = [self._vehicles[number] for number in numbers]
-        heard = False
-        shares = packets.shares([vehicle.session.target_system for vehicle in vehicles])
-        for number, vehicle, share in zip(numbers, vehicles, shares, strict=True):
-            heard |= vehicle.session.hear(share, now, sender) and bool(share.every)
-            self._note_senders(number, vehicle)
-        return vehicles, packets.every if heard else []
-
-    def _note_senders(self, number: int, vehicle: EmulatedVehicle) -> None:
-        senders = vehicle.session.senders
-        known = (senders.vehicle, *senders.candidates)
-        if known != self._of_each[number]:
-            self._of_each[number] = known
-            self.senders = [one for one in dict.fromkeys(one for of in self._of_each for one in of) if one is not None]
+        faults = Faults(scenario, model)
+        model = faults.receiver
+    first = start + phase * min(1 / scenario.receiver.rate_hz, _SPREAD_S)
+    made = EmulatedReceiver(*about, scenario, model, start=start, first=first)
+    host = host_form(scenario.output_format)
+    commands = HostCommands(*about, scenario, host, made.command) if host else None
+    encode = encoder(scenario.output_format, vehicle.session)
+    return Unit(made, Port(*about, setup.sink, encode, faults, commands))

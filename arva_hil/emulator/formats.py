@@ -8,11 +8,11 @@ from functools import partial
 from typing import Any, Final, NamedTuple
 
 import firmware_proto
-from arva_hil.mavlink.codec import Parser, dialect
-from arva_hil.receiver import ChannelReading, Reading
+from arva_hil.autopilot.following.discovery import Vehicle
+from arva_hil.autopilot.following.session import Session
+from arva_hil.mavlink.codec import Parser, dialect, tunnel
+from arva_hil.model.receiver import ChannelReading, Reading
 from arva_hil.registry import FORMATS, MAVLINK_FORMATS, MEASURED_FORMATS
-from arva_hil.vehicle.discovery import Vehicle
-from arva_hil.vehicle.session import Session
 from firmware_proto import Channel, Frame, FrameDecoder, HostForm
 from firmware_proto.frame import check
 from firmware_proto.measured import LevelChannel, Measured, VectorChannel, level_channel, vector_channel
@@ -90,14 +90,12 @@ def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:
 
 
 def host_form(format: str) -> HostForm | None:
-    """How commands are encoded on a port of a format; None if there are none. Raises KindError like `encoder`."""
+    """Return the encoding of host commands for a format; None if there are none. Raises KindError like `encoder`."""
     return getattr(FORMATS[format], "host", None)
 
 
 def _tunnel(frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:
-    payload = firmware_proto.encode(frame)
-    padded = list(payload.ljust(128, b"\0"))
-    return [dialect.MAVLink_tunnel_message(vehicle.system, vehicle.component, TUNNEL_TYPE, len(payload), padded)]
+    return [tunnel(TUNNEL_TYPE, firmware_proto.encode(frame), vehicle.system, vehicle.component)]
 
 
 def _named(message: Callable[[int, bytes, int], Any], frame: Frame, boot_ms: int, vehicle: Vehicle) -> list[Any]:

@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from numpy.typing import ArrayLike
 
 from arva_hil.config import Scenario, Transmitter
-from arva_hil.field import LocalFrame
+from arva_hil.model.field import LocalFrame
 
 LatLon = tuple[float, float]  # degrees, to 1e-7 as in MAVLink
 
 
-class Ground:
+class ScenarioGround:
     """The scenario's grid, or the `heights` [m AMSL] that an autopilot reported for `ground_places`; else level ground.
 
     With `datum: home` the vehicle stands on the ground there, at any reported altitude.

@@ -12,11 +12,12 @@ from typing import Final
 from arva_hil import __version__
 from arva_hil.config import Scenario
 from arva_hil.events import CommandAnswered, CommandReceived, Event
-from arva_hil.receiver import Answer as ModelAnswer
-from firmware_proto import MAX_CHANNELS, Answer, Command, HostForm
+from arva_hil.model.receiver import Answer
+from firmware_proto import MAX_CHANNELS, Command, CommandAnswer, HostForm
 from firmware_proto.commands import BUSY, CHANNELS, DONE, IDENTIFY, REFUSED, RESTART
 
-Obey = Callable[[float, str, Sequence[float]], ModelAnswer]
+Obey = Callable[[float, str, Sequence[float]], Answer]
+"""Handles a command of the host: the time on the driver's clock, its name and its values."""
 
 _MOST_BYTES: Final = 4096  # used of one read: a flood must not delay the frames
 _RATE_HZ: Final = 20.0  # commands executed per second on average; as many are answered with "busy"
@@ -47,7 +48,7 @@ class RateLimit:
         self._at = math.inf
 
     def take(self, now: float) -> bool:
-        """Whether one more is allowed at `now`."""
+        """Return True if one more is allowed at `now`, and count it."""
         self._left = min(self._most, self._left + self._rate_hz * max(0.0, now - self._at))
         self._at = now
         if self._left < 1:
@@ -59,9 +60,8 @@ class RateLimit:
 class HostCommands:
     """Remembers the commands of a receiver's host that are not executed yet, and the answers that are not sent yet.
 
-    `vehicle`, `name`: for its events. `form`: how commands are encoded on this port. `obey`: the model's `command`;
-    `restart`: called when the model has restarted. `start`: of the run, on the driver's clock. `channels`: the number
-    in the newest frame.
+    `vehicle`, `name`: for its events. `form`: how commands are encoded on this port. `obey`: the receiver's
+    `command`. `channels`: the number in the newest frame.
     """
 
     def __init__(
@@ -71,17 +71,12 @@ class HostCommands:
         scenario: Scenario,
         form: HostForm,
         obey: Obey,
-        restart: Callable[[], None],
-        *,
-        start: float,
     ) -> None:
         self.counters = CommandCounters()
         self._about = vehicle, name
         self._decoder = form.commands()
         self._encode = form.answer
         self._obey = obey
-        self._restart = restart
-        self._start = start
         self.channels = self._usual_channels = scenario.receiver.channels
         words = (scenario.receiver.model, 12), (__version__, 8), (scenario.output_format, 10)
         self._identity = " ".join(re.sub(r"[^A-Za-z0-9.+_-]", "_", word)[:size] for word, size in words)
@@ -129,7 +124,7 @@ class HostCommands:
             counters.unanswered += 1
             return None
         setattr(counters, result, getattr(counters, result) + 1)
-        answer = Answer(command.number, command.name, result, values, text)
+        answer = CommandAnswer(command.number, command.name, result, values, text)
         told = CommandAnswered(now, *self._about, command.number, command.name, result, values, text, True)
         self._answers.append((self._encode(answer), told))
         return received
@@ -143,12 +138,11 @@ class HostCommands:
             return DONE, (self.channels,), ""
         if name == CHANNELS and (len(values) > 1 or not 1 <= values[0] <= MAX_CHANNELS):
             return REFUSED, (), ""
-        result = self._obey(now - self._start, name, values).value
+        result = self._obey(now, name, values).value
         if result != DONE:
             return result, (), ""
         if name == RESTART:
             self.channels = self._usual_channels
-            self._restart()
         elif name == CHANNELS:
             self.channels = values[0]
             return DONE, values, ""

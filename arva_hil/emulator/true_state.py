@@ -10,15 +10,17 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from arva_hil.autopilot.following.navigation import is_place
+from arva_hil.autopilot.following.pose_track import AttitudeSample, PoseTrack, PositionSample, VehicleState
+from arva_hil.autopilot.following.received import Received
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import NavigationError, Scenario
-from arva_hil.field import LocalFrame, quaternion
-from arva_hil.field.arrays import Array
-from arva_hil.field.quaternion import Quaternion
+from arva_hil.events import Event
+from arva_hil.events.reasons import NoPose
 from arva_hil.mavlink.codec import dialect
-from arva_hil.vehicle.navigation import is_place
-from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSample, VehicleState
-from arva_hil.vehicle.reasons import NoPose
-from arva_hil.vehicle.session import Session
+from arva_hil.model.field import LocalFrame, quaternion
+from arva_hil.model.field.arrays import Array
+from arva_hil.model.field.quaternion import Quaternion
 
 _STEP_S: Final = 0.1  # of the random walk; interpolated between two steps
 _KEEP: Final = 600  # steps: for an earlier time the walk is calculated again from its start
@@ -85,15 +87,12 @@ class TrueState:
     def __init__(self, session: Session) -> None:
         self._session = session
 
-    def hear(self, now: float) -> None:
-        """The session has been fed."""
-
     def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
         """The true state at `t` in the NED frame `frame`; `reported`: what the vehicle reports for that instant."""
         return reported
 
     def known_at(self, t: float) -> bool:
-        """Whether no later message can change the state at `t`."""
+        """Return True if no later message can change the state at `t`."""
         return self._session.track.is_known(self._session.clock.boot(t))
 
     def lacking(self) -> NoPose | None:
@@ -137,7 +136,8 @@ class SimulatorTruth(TrueState):
         self._reboots = 0
         self._newest = -math.inf
 
-    def hear(self, now: float) -> None:
+    def observe(self, received: Received, now: float) -> list[Event]:
+        """Use what the session received at `now`."""
         session = self._session
         vehicle, reboots = session.vehicle, session.navigation.reboots
         if self._asked is None and vehicle is not None and vehicle.autopilot in _ASKED:
@@ -145,8 +145,9 @@ class SimulatorTruth(TrueState):
             session.want({self._asked: session.rate_hz})
         if reboots != self._reboots:
             self._reboots, self._newest, self.track = reboots, -math.inf, PoseTrack()
-        for msgid, message in session.messages(_READERS):
+        for msgid, message in received.messages(_READERS):
             self._take(message, _READERS[msgid], now)
+        return []
 
     def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
         return self.track.at(self._session.clock.boot(t), frame)
@@ -193,7 +194,7 @@ _READERS: Final[dict[int, Callable[[Any, float], _Pose]]] = {
 
 
 def _is_pose(position: PositionSample, attitude: AttitudeSample) -> bool:
-    """Whether all values are valid. Comparisons with NaN are false."""
+    """Return True if all values are valid. Comparisons with NaN are false."""
     _, lat, lon, alt, velocity = position
     somewhere = (lat, lon) != (0, 0) and is_place((lat, lon, alt)) and math.hypot(*velocity) < _FASTEST
     return somewhere and 0.9 < math.hypot(*attitude.angles) < 1.1 and math.hypot(*attitude.rates) < _FASTEST

@@ -7,19 +7,25 @@ has those of a vehicle's session and commander. Times are seconds on the clock o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import dataclass_transform
 
-from arva_hil.field.dipole import Transmitters
-from arva_hil.frozen import Frozen
+from arva_hil.events.reasons import NoPose, NoVehicle
 from arva_hil.mavlink.codec import Packet
-from arva_hil.receiver import Pose, Reading
-from arva_hil.vehicle.reasons import NoPose, NoVehicle
+from arva_hil.model.field.dipole import Transmitters
+from arva_hil.model.receiver import Pose, Reading
 from firmware_proto import Frame
 
 
-class Event(Frozen):
-    """Something that happened at `time_s`."""
+@dataclass(frozen=True)
+@dataclass_transform(frozen_default=True)
+class Event:
+    """Something that happened at `time_s`. Each subclass is a frozen dataclass without a decorator of its own."""
 
     time_s: float
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True)(cls)
 
 
 class ObserverFailed(Event):
@@ -244,7 +250,8 @@ class StatusReport(Event):
     vehicles: Sequence[VehicleStatus]
 
 
-class VehicleStatus(Frozen):
+@dataclass(frozen=True)
+class VehicleStatus:
     """`label`: the kind of vehicle and its ids, "" before it is found. `rates`: Hz by message name. `counters`: what
     was heard of it and what of that was not used, by name, from the start."""
 
@@ -255,7 +262,8 @@ class VehicleStatus(Frozen):
     counters: Sequence[tuple[str, int]] = ()
 
 
-class ReceiverStatus(Frozen):
+@dataclass(frozen=True)
+class ReceiverStatus:
     """`frames`: the number of frames to send; `dropped`: those nobody took. `last`: the newest, None if none.
     `transmitters`: at the receiver's newest look, NED from the vehicle's datum; None before the first."""
 

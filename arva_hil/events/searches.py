@@ -29,10 +29,30 @@ class WaitingFor(SearchEvent):
 
 class FailsafesKnown(SearchEvent):
     """The vehicle's failsafe `parameters`: (name, value). They say what it does if it gets no orders. `autopilot`: the
-    kind of autopilot. Parameters that it did not report are left out."""
+    kind of autopilot. Parameters that it did not report are left out. `remote`: it has a remote control that works."""
 
     autopilot: Literal["ardupilot", "px4"]
     parameters: Sequence[tuple[str, float]]
+    remote: bool = False
+
+
+class ParameterDoubted(SearchEvent):
+    """A `parameter` of the autopilot makes a promise of the search impossible. `value`: None if it was not reported."""
+
+    parameter: str
+    value: float | None
+    doubt: Literal["set-points too rare", "flies on", "sticks ignored"]
+
+
+class FenceInArea(SearchEvent):
+    """The area reaches beyond the vehicle's fence, or may do so."""
+
+    parameter: str
+    """The parameter of the fence."""
+    value: float
+    """Its value: metres from home, or the number of points of FENCE_TOTAL."""
+    reach_m: float
+    """The farthest corner of the area from the take-off point; 0 if the places of the points are not known."""
 
 
 class SimulatorRecognized(SearchEvent):
@@ -121,9 +141,13 @@ class SearchHeldUp(SearchEvent):
 
 
 class StrategySlow(SearchEvent):
-    """The strategy took `took_s` to answer, or the computer paused meanwhile. The vehicle was not steered."""
+    """The strategy has not answered for `took_s`. The vehicle hovers until it does.
+
+    `starved_s`: the part of that time in which it waited for a processor.
+    """
 
     took_s: float
+    starved_s: float
 
 
 class SearchPaused(SearchEvent):
@@ -151,7 +175,7 @@ class OwnMarkHeard(SearchEvent):
 
 
 class TakeOffPoint(SearchEvent):
-    """Where the vehicle has taken off, the origin of all positions of the search: degrees, degrees, metres AMSL."""
+    """The take-off point, origin of all positions of the search: degrees, degrees, metres AMSL."""
 
     lat: float
     lon: float
@@ -199,7 +223,7 @@ class TransmitterLeft(TransmitterEvent):
 
 
 class BeliefChanged(TransmitterEvent):
-    """What the strategy believes now, at most twice a second. Only strategies that tell it have one. `hypotheses`:
+    """The strategy's present estimate, at most twice a second. Only some strategies report one. `hypotheses`:
     places (north_m, east_m) and their shares, which add up to 1. `covariance`: of the place that they give on average,
     m², (nn, ne, ee), None if it is not known. `goal`: (north_m, east_m) of where it flies to, or None."""
 
@@ -274,6 +298,30 @@ class TooLow(SearchEvent):
 
     height_m: float
     wanted_m: float
+
+
+class SetPointsNotFollowed(SearchEvent):
+    """The vehicle hardly moves, and is ordered to fly sideways once."""
+
+    seconds: float
+    """The time of the orders."""
+    ordered_m: float
+    """The way ordered in that time."""
+    flown_m: float
+    """The way flown."""
+
+
+class SensorsDisagree(SearchEvent):
+    """Two sources of the height differ by more than their errors. The search flies by the lower height."""
+
+    sensor: str
+    """The sensor that is doubted, e.g. "rangefinder"."""
+    value_m: float
+    """Its value [m]."""
+    other: str
+    """The source that it is compared with, e.g. "barometer"."""
+    other_m: float
+    """The value of that source [m]."""
 
 
 class HeightSource(SearchEvent):

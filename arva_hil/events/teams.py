@@ -1,4 +1,4 @@
-"""What a search says of the others of its team."""
+"""Events of a search about the other searches of its team."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from arva_hil.links.url import Address, AddressError, parse
 from arva_hil.registry import LINKS
 
 if TYPE_CHECKING:
-    from arva_hil.runtime.clock import Clock
+    from arva_hil.clock import Clock
 
 __all__ = ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "Opening", "Sender", "open_link", "parse"]
 

@@ -8,9 +8,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Collection, Hashable
 from typing import Any, Final, NamedTuple
 
+from arva_hil.clock import Clock, await_descriptors
 from arva_hil.errors import ArvaError
 from arva_hil.links.url import show
-from arva_hil.runtime.clock import Clock, await_descriptors
 
 Sender = Hashable  # one of several senders on a link; None if the link has only one
 
@@ -34,7 +34,7 @@ class LinkEnded(LinkError):
 
 
 class Opening(NamedTuple):
-    """How to open a link: see `open_link`."""
+    """The parameters for opening a link: see `open_link`."""
 
     clock: Clock
     baud: int = 115200
@@ -121,7 +121,7 @@ class Link(ABC):
         return self._fd if self._open else None
 
     def ready(self) -> bool:
-        """Whether `read` would return bytes or raise an error."""
+        """Return True if `read` would return bytes or raise an error."""
         fd = self.fileno()
         return fd is not None and await_descriptors([fd])
 
@@ -152,7 +152,7 @@ class SeveralSenders(Link):
         self._pinned = True
 
     def _hears(self, sender: Any) -> bool:
-        """Whether a sender that is not the peer is read. Counts it if there is a peer."""
+        """Return True if a sender that is not the peer is read. Counts it if there is a peer."""
         if self.peer is not None:
             self.strangers += 1
             self.stranger = self.stranger or show(*sender[:2])

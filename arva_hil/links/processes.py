@@ -1,4 +1,4 @@
-"""Which processes have a terminal or a socket open, from /proc. Linux; other users' processes only as root."""
+"""The processes that have a terminal or a socket open, from /proc. Linux; other users' processes only as root."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def listeners(port: int, protocol: str) -> list[str]:
 
 
 def accepted(port: int) -> bool | None:
-    """Whether the TCP server at a port of this machine has accepted this process's connection.
+    """Return True if the TCP server at a port of this machine has accepted this process's connection.
 
     A server for a single client does not accept the next one, which is connected and receives nothing. None: there is
     no such connection, or the server is on another machine.
@@ -119,14 +119,14 @@ def _reads(process: str, device: str) -> bool:
 
 
 def _is_here(fd: str, device: str) -> bool:
-    """Whether an open descriptor is this machine's device, not one of the same name in a container."""
+    """Return True if an open descriptor is this machine's device, not one of the same name in a container."""
     with contextlib.suppress(FileNotFoundError):  # it has been closed meanwhile
         return not device.startswith(_PTYS) or os.stat(fd).st_dev == os.stat(device).st_dev
     return False
 
 
 def _info(fd: str, key: str) -> str:
-    """What the system says of a descriptor under a key, "" if nothing."""
+    """Return the system's value of a key of a descriptor, "" if it has none."""
     with contextlib.suppress(FileNotFoundError), open(fd.replace("/fd/", "/fdinfo/")) as file:
         return next((line.split()[1] for line in file if line.startswith(key)), "")
     return ""

@@ -40,7 +40,7 @@ def mark_in_use(slave: int, inode: int) -> None:
 
 
 def is_in_use(link: str) -> bool:
-    """Whether a running program has marked `link` as in use."""
+    """Return True if a running program has marked `link` as in use."""
     with contextlib.suppress(OSError):
         device, inode = os.stat(link), os.lstat(link).st_ino
         place = f"{os.major(device.st_dev):02x}:{os.minor(device.st_dev):02x}:{device.st_ino}"
@@ -50,7 +50,7 @@ def is_in_use(link: str) -> bool:
 
 
 def stale(path: str) -> bool:
-    """Whether `path` leads over a symlink of a program that has ended: to nothing, or to another program's terminal."""
+    """Return True if `path` is a symlink of a program that has ended: to nothing, or to another program's terminal."""
     link = path
     for _ in range(_LONGEST):
         to = target(link)
@@ -118,7 +118,9 @@ class PtyLink(FdLink):
 
     def fileno(self) -> int | None:
         fileno = getattr(self._selector, "fileno", None)
-        return (fileno() if fileno else self._fd) if self._open else None
+        if not self._open:
+            return None
+        return fileno() if fileno else self._fd
 
     def read(self) -> bytes:
         if self._open and self._closings.seen():
@@ -230,7 +232,7 @@ class _Closings:
                 libc.inotify_add_watch(self.fd, os.fsencode(path), _IN_CLOSE)
 
     def seen(self) -> bool:
-        """Whether a program has closed the file since the last call."""
+        """Return True if a program has closed the file since the last call."""
         if self.fd < 0:
             return False
         try:

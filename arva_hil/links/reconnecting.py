@@ -11,11 +11,11 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Final
 
+from arva_hil.clock import Clock
 from arva_hil.links import Address, open_link, parse
 from arva_hil.links.base import Absent, Link, LinkEnded, LinkError
 from arva_hil.links.serial_ports import Barred, SerialOpener
 from arva_hil.registry import LINKS
-from arva_hil.runtime.clock import Clock
 
 Job = Callable[[], None]
 

@@ -9,12 +9,12 @@ import stat
 import sys
 from typing import TYPE_CHECKING
 
+from arva_hil.clock import await_descriptors
 from arva_hil.links import pty
 from arva_hil.links.base import CHUNK, Absent, FdLink, Link, LinkError, Opening, StreamLink
 from arva_hil.links.processes import holders
 from arva_hil.links.serial_ports import list_ports
 from arva_hil.links.url import Address
-from arva_hil.runtime.clock import await_descriptors
 
 if TYPE_CHECKING:
     from serial import Serial

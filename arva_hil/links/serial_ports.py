@@ -10,10 +10,10 @@ import re
 from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+from arva_hil.clock import Clock
 from arva_hil.links import Address, open_link
 from arva_hil.links.base import Link, LinkError
 from arva_hil.links.processes import far_program
-from arva_hil.runtime.clock import Clock
 
 if TYPE_CHECKING:
     from serial.tools.list_ports_common import ListPortInfo
@@ -159,7 +159,7 @@ class SerialOpener:
         return open_link(self._address, clock=self._clock, brief=brief)
 
     def _stubborn(self, bar: str) -> bool:
-        """Whether the error has lasted for long, and was not reported yet."""
+        """Return True if the error has lasted for long and was not reported yet."""
         now = self._clock.now()
         if bar != self._bar:
             self._bar, self._since = bar, now

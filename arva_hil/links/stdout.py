@@ -11,9 +11,9 @@ import sys
 from collections.abc import Callable
 from typing import BinaryIO, Final
 
+from arva_hil.clock import await_descriptors
 from arva_hil.links.base import Link, LinkError, Opening
 from arva_hil.links.url import Address
-from arva_hil.runtime.clock import await_descriptors
 
 _AT_ONCE: Final = getattr(select, "PIPE_BUF", 512)  # if a pipe is writable, it accepts this many bytes without waiting
 _ASK_S: Final = 0.1  # time between calls of `give_up`
@@ -87,7 +87,7 @@ def open_stdout() -> StdoutLink:
 
 
 def _fills(file: BinaryIO) -> bool:
-    """Whether the file becomes full if nobody reads it, as a pipe does."""
+    """Return True if the file becomes full without a reader, as a pipe does."""
     try:
         return not stat.S_ISREG(os.fstat(file.fileno()).st_mode)
     except (OSError, io.UnsupportedOperation):

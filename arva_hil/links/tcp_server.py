@@ -7,10 +7,10 @@ import socket
 from collections.abc import Collection
 from typing import Final
 
+from arva_hil.clock import Clock, RealClock
 from arva_hil.links.base import EndOfStream, Link, LinkError, Opening, Sender, SeveralSenders
 from arva_hil.links.tcp import SocketLink, listen_error, resolve, set_up
 from arva_hil.links.url import Address, show
-from arva_hil.runtime.clock import Clock, RealClock
 
 MOST_CLIENTS: Final = 8  # further clients wait until there is room
 FULL_S: Final = 10.0  # a client that accepts no waiting bytes for this long is dropped
@@ -169,7 +169,7 @@ class _Client(SocketLink):
         self._took_at = now
 
     def full_for(self, now: float) -> float:
-        """How long it has accepted nothing [s]. To be called after each write."""
+        """Return the time since it last accepted bytes [s]. To be called after each write."""
         if self._took:
             self._took, self._took_at = False, now
         return now - self._took_at

@@ -12,11 +12,11 @@ from collections.abc import Generator, Iterable, Iterator
 from functools import partial
 from typing import BinaryIO, Final
 
+from arva_hil.clock import Clock
 from arva_hil.links.base import Link, LinkEnded, LinkError, Opening
 from arva_hil.links.tlog_layout import BARE, DAY_US, LONGEST, find, follows, is_step, layout_of, look
 from arva_hil.links.tlog_timeline import Record, Timeline
 from arva_hil.links.url import Address
-from arva_hil.runtime.clock import Clock
 
 _CHUNK: Final = 65536
 _record: Final = partial(tuple.__new__, Record)  # from the tuple of its fields, in a third of the time
@@ -57,7 +57,7 @@ class TlogReader(Iterable[Record]):
 
     @property
     def stamped(self) -> bool:
-        """Whether records have times."""
+        """True if records have times."""
         return self._layout is not BARE
 
     @property
@@ -95,7 +95,8 @@ class TlogReader(Iterable[Record]):
                     self.consumed += length
                     yield _record((time_us, buffer[at + before : end]))
                     at, time_us = end, next_us
-                    length = payload + (16 if magic == 0xFE else 33 if flags & 1 else 20)
+                    around = 33 if flags & 1 else 20
+                    length = payload + (16 if magic == 0xFE else around)
                 if size - at < _AHEAD and not ended:
                     continue
                 last = self.last_us
@@ -122,7 +123,8 @@ class TlogReader(Iterable[Record]):
                     yield record
                     continue
             found = find(buffer, at, size, self.last_us, layout)
-            goal = (size if ended else size - _AHEAD // 2) if found is None else found
+            goal = size if ended else size - _AHEAD // 2
+            goal = goal if found is None else found
             if ended and found is None and (end > size or size - at < layout.size):
                 self.torn = size - at
             else:

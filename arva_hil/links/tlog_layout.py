@@ -49,15 +49,17 @@ def look(buffer: bytes, at: int, layout: TlogLayout) -> tuple[int, int]:
 
 
 def follows(near: int | None, time_us: int, layout: TlogLayout) -> bool:
-    """Whether a record's time is plausible after one at `near`; None: it is the first record."""
+    """Return True if a record's time is plausible after one at `near`; None: it is the first record."""
     if near is None:
         return time_us >= _YEAR_2001_US or layout is BARE
     return abs(time_us - near) <= DAY_US
 
 
 def is_step(buffer: bytes, at: int, before: int | None, layout: TlogLayout) -> bool:
-    """Whether the log's clock was set before the record at `at`: two more records, or the file's end, follow without a
-    gap, and their times agree with it. If a record at time `before` is directly before it, they may agree with that.
+    """Return True if the log's clock was set before the record at `at`.
+
+    Two more records, or the file's end, then follow without a gap, and their times agree with it. If a record at time
+    `before` is directly before it, they may agree with that.
     """
     length, first = look(buffer, at, layout)
     near = [first] if before is None else [first, before]

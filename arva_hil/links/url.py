@@ -158,7 +158,7 @@ def place(url: str) -> Address:
 
 
 def excludes(one: Address, other: Address) -> bool:
-    """Whether `one` listens at all addresses of the machine, so that `other` cannot listen at its own."""
+    """Return True if `one` listens at all addresses of the machine, so that `other` cannot listen at its own."""
     if one.kind != other.kind or one.kind not in ("udpin", "tcpin") or one.port != other.port or one.host == other.host:
         return False
     if one.host == "::":  # also for IPv4 over UDP

@@ -6,20 +6,19 @@ and encoding are pymavlink's. Protocol: https://mavlink.io/en/guide/serializatio
 
 from __future__ import annotations
 
-import functools
 import re
 import struct
 from collections.abc import Hashable
-from types import SimpleNamespace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from arva_hil.mavlink.dialect import command, length_v1, message_maker, payload_writer
+from arva_hil.mavlink.dialect import command, layout_of, length_v1, tunnel
+from arva_hil.mavlink.packet import Packet
 from arva_hil.mavlink.signing import Signing
 
-__all__ = ["RESULTS", "Encoder", "Packet", "Parser", "command", "dialect"]
+__all__ = ["RESULTS", "Encoder", "Packet", "Parser", "command", "decode", "dialect", "tunnel"]
 
 Message = Any  # pymavlink's generated classes carry no types
 
@@ -41,25 +40,6 @@ _MOST_RESTS: Final = 8  # senders of which a part of a packet is kept
 RESULTS: Final[dict[int, str]] = {value: entry.name for value, entry in dialect.enums["MAV_RESULT"].items()}
 
 
-class Packet(NamedTuple):
-    """One complete packet as it was received. Its checksum is verified if the dialect knows the message id."""
-
-    raw: bytes
-    version: int  # 1 or 2
-    signed: bool
-    system: int
-    component: int
-    msgid: int
-    known: bool  # the dialect can decode it
-
-
-_packet: Final = functools.partial(tuple.__new__, Packet)  # from the tuple of its fields, in a third of the time
-
-# The last chunk of any parser, if all of it was good packets, and these packets: the built-in vehicle sends the same
-# bytes on several links of one process. Not an attribute of the class: setting one would clear Python's lookup caches.
-_newest: Final = SimpleNamespace(chunk=b"", packets=())
-
-
 def usual_packet(data: bytes, at: int) -> Packet | None:
     """The packet at `at`, if it is MAVLink 2, complete, known and correct, as nearly all are; else None."""
     if len(data) - at < _HEAD_V2_BYTES:
@@ -72,19 +52,21 @@ def usual_packet(data: bytes, at: int) -> Packet | None:
     stop = crc_at + (2 + _SIGNATURE_BYTES if flags else 2)
     if stop > len(data) or _checksum(data[at + 1 : crc_at] + extra) != data[crc_at] | data[crc_at + 1] << 8:
         return None
-    return _packet((data[at:stop], 2, flags == 1, system, component, msgid, True))
+    return Packet(data[at:stop], 2, flags == 1, system, component, msgid, True)
 
 
-def usual_record(raw: bytes) -> Packet | None:
-    """As `usual_packet` for the only packet of a record, if it is not signed either: in four fifths of the time."""
-    if len(raw) < _HEAD_V2_BYTES:
+def decode(packet: Packet) -> Message | None:
+    """Return the message in a packet; None if the dialect cannot decode it."""
+    raw, version, _, _, _, msgid, known = packet
+    if not known or (version == 1 and raw[1] < length_v1(msgid)):
         return None
-    magic, length, flags, system, component, msgid = _head(raw)
-    extra = _extra(msgid := msgid & 0xFFFFFF)
-    if magic != _MAGIC_V2 or flags or extra is None or len(raw) != length + 12:
+    if layout := layout_of(msgid):  # pymavlink would verify the checksum again
+        header = 10 if version == 2 else 6
+        return layout.message(raw[header : header + raw[1]])
+    try:
+        return _CODEC.decode(bytearray(raw))
+    except dialect.MAVError:
         return None
-    good = _checksum(raw[1:-2] + extra) == raw[-2] | raw[-1] << 8
-    return _packet((raw, 2, False, system, component, msgid, True)) if good else None
 
 
 class Parser:
@@ -109,19 +91,15 @@ class Parser:
         `sender`: one of several on the link; their bytes are never joined. `whole`: no packet continues in the next
         chunk, as in a record of a log; the header of a longer packet is then a false one.
         """
-        if chunk is _newest.chunk and not self._rests:
-            self.packets += len(_newest.packets)
-            return list(_newest.packets)
         data = self._rests.pop(sender, b"") + chunk if self._rests else chunk
         packets: list[Packet] = []
-        at, end, alike = 0, len(data), data is chunk
+        at, end = 0, len(data)
         self._good_at = -1
         while at < end:
             if (packet := usual_packet(data, at)) is not None:
                 packets.append(packet)
                 at += len(packet.raw)
                 continue
-            alike = False
             size = _size(data, at)
             if at + size <= end:
                 packet = self._candidate(data, at, size) if size else None
@@ -144,9 +122,9 @@ class Parser:
         if at < end:
             self._keep(data[at:], sender)
         self.packets += len(packets)
-        if alike and not whole:
-            _newest.chunk, _newest.packets = chunk, tuple(packets)
         return packets
+
+    decode = staticmethod(decode)
 
     def cut(self) -> None:
         """The stream is interrupted: incomplete packets will never be completed."""
@@ -176,12 +154,13 @@ class Parser:
         elif not _is_good(data, at, msgid):
             self.bad_crc += 1
             return None
+        self.malformed += not later and msgid in _CRC_EXTRA and raw[1] < length_v1(msgid)
         signed = later and raw[2] == _SIGNED
-        return _packet((raw, 2 if later else 1, signed, system, component, msgid, msgid in _CRC_EXTRA))
+        return Packet(raw, 2 if later else 1, signed, system, component, msgid, msgid in _CRC_EXTRA)
 
     def _is_false_head(self, data: bytes, at: int) -> bool:
-        """Whether the header at `at` is certainly false: its message id is unknown, and a verified packet starts before
-        its own would end, or its flags are unknown too.
+        """Return True if the header at `at` is certainly false. Its message id is unknown, and a verified packet
+        starts before its own would end, or its flags are unknown too.
         """
         if (msgid := _msgid(data, at)) is None or msgid in _CRC_EXTRA:
             return False
@@ -191,26 +170,6 @@ class Parser:
         if self._good_at <= at:  # no later packet was found yet
             self._good_at = _first_good(data, at + 1, stop)
         return at < self._good_at < stop
-
-    def decode(self, packet: Packet) -> Message | None:
-        """The message in a packet; None if the dialect cannot decode it."""
-        raw, version, _, _, _, msgid, known = packet
-        if not known:
-            return None
-        if version == 1 and raw[1] < length_v1(msgid):
-            self.malformed += 1
-            return None
-        if numbers := message_maker(msgid):  # pymavlink would verify the checksum again
-            make, packing = numbers
-            header = 10 if version == 2 else 6
-            if raw[1] >= packing.size:
-                return make(packing.unpack_from(raw, header))
-            payload = raw[header : header + raw[1]]  # MAVLink 2 leaves out zeros at the end
-            return make(packing.unpack(payload.ljust(packing.size, b"\0")))
-        try:
-            return _CODEC.decode(bytearray(raw))
-        except dialect.MAVError:
-            return None
 
 
 class Encoder:
@@ -232,11 +191,11 @@ class Encoder:
         """The bytes of one packet. Raises ValueError if a value does not fit; long text is cut."""
         msgid = type(message).id  # some messages have a field `id`
         first = self.version == 1 and msgid <= 255
-        write = None if first or self._signing else payload_writer(msgid)
+        layout = None if first or self._signing else layout_of(msgid)
         codec = self._codec
         try:
-            if write:  # MAVLink 2 leaves out zeros at the end, but keeps one byte
-                payload = write(message).rstrip(b"\0") or b"\0"
+            if layout:  # MAVLink 2 leaves out zeros at the end, but keeps one byte
+                payload = layout.payload(message).rstrip(b"\0") or b"\0"
                 low, high, source = msgid & 0xFFFF, msgid >> 16, codec.srcComponent
                 covered = _COVERED_V2.pack(len(payload), 0, 0, codec.seq, self.system, source, low, high) + payload
                 raw = b"\xfd" + covered + _U16.pack(crc16.mcrf4xx(covered + _CRC_EXTRA[msgid]))
@@ -286,7 +245,7 @@ def _first_good(data: bytes, start: int, stop: int) -> int:
 
 
 def _is_good(data: bytes, at: int, msgid: int) -> bool:
-    """Whether the checksum of the complete candidate at `at`, a known message, is correct."""
+    """Return True if the checksum of the complete candidate at `at`, a known message, is correct."""
     crc_at = at + data[at + 1] + (10 if data[at] == _MAGIC_V2 else 6)
     return bool(crc16.mcrf4xx(data[at + 1 : crc_at] + _CRC_EXTRA[msgid]) == data[crc_at] | data[crc_at + 1] << 8)
 

@@ -32,9 +32,9 @@ def _lacking(msgid: int, name: str, crc_extra: int, fields: str) -> Any:
         vars(self).update(zip(names, values, strict=True))
 
     def pack(self: Any, mav: Any, force_mavlink1: bool = False) -> bytes:
-        write = payload_writer(msgid)
-        assert write is not None
-        return cast(bytes, self._pack(mav, crc_extra, write(self), force_mavlink1=force_mavlink1))
+        layout = layout_of(msgid)
+        assert layout is not None
+        return cast(bytes, self._pack(mav, crc_extra, layout.payload(self), force_mavlink1=force_mavlink1))
 
     body = {"id": msgid, "msgname": name, "name": name, "crc_extra": crc_extra, "__init__": init, "pack": pack}
     body |= {key: {} for key in ("fielddisplays_by_name", "fieldenums_by_name", "fieldunits_by_name")}
@@ -73,6 +73,11 @@ def command(system: int, component: int, number: int, *params: float) -> Any:
     return message(system, component, number, 0, *params, *[0.0] * (7 - len(params)))
 
 
+def tunnel(kind: int, payload: bytes, system: int = 0, component: int = 0) -> Any:
+    """Return the TUNNEL with a payload of at most 128 bytes, of the type `kind`; to all systems without a target."""
+    return ardupilotmega.MAVLink_tunnel_message(system, component, kind, len(payload), [*payload.ljust(128, b"\0")])
+
+
 @functools.cache
 def length_v1(msgid: int) -> int:
     """Bytes of a message's payload without extension fields, which are not part of its CRC_EXTRA.
@@ -90,66 +95,63 @@ def length_v1(msgid: int) -> int:
     return whole
 
 
-@functools.cache
-def _light_class(msgid: int) -> Any:
-    """A subclass of pymavlink's class. The header and ten more values that its constructor makes for each message, and
-    that are not used, are shared by all: this takes a fifth of the time.
+class Layout:
+    """The layout of a kind of message without text: its struct, and the attributes in the order of the payload.
+
+    Messages are of a subclass of pymavlink's class. The header and ten more values that its constructor makes for each
+    message, and that are not used, are shared by all: a message takes half of the time.
     """
-    kind = ardupilotmega.mavlink_map[msgid]
-    shared = {
-        **vars(ardupilotmega.MAVLink_message(msgid, kind.msgname)),
-        "_fieldnames": kind.fieldnames,
-        "_instance_field": kind.instance_field,
-        "_instance_offset": kind.instance_offset,
-    }
-    return type(kind.__name__, (kind,), shared)
+
+    def __init__(self, msgid: int) -> None:
+        kind = ardupilotmega.mavlink_map[msgid]
+        shared = {
+            **vars(ardupilotmega.MAVLink_message(msgid, kind.msgname)),
+            "_fieldnames": kind.fieldnames,
+            "_instance_field": kind.instance_field,
+            "_instance_offset": kind.instance_offset,
+        }
+        self._kind = type(kind.__name__, (kind,), shared)
+        self._struct: struct.Struct = kind.unpacker
+        self._names: Sequence[str] = kind.ordered_fieldnames
+        self._fields: Sequence[str] = kind.fieldnames
+        defaults = kind.__init__.__defaults__ or ()
+        self._defaults = (None,) * (len(self._fields) - len(defaults)) + defaults
+        self._arrays = [(at, n) for at, n in enumerate(kind.lengths) if n > 1]
+
+    def message(self, payload: bytes) -> Any:
+        """Return the message of a payload. MAVLink 2 leaves out zeros at its end."""
+        size = self._struct.size
+        values: Sequence[Any] = self._struct.unpack(payload[:size].ljust(size, b"\0"))
+        if self._arrays:
+            values = list(values)
+            for at, n in self._arrays:
+                values[at : at + n] = [values[at : at + n]]
+        message: Any = object.__new__(self._kind)
+        message.__dict__.update(zip(self._names, values, strict=True))
+        return message
+
+    def make(self, *values: Any) -> Any:
+        """Return a message with these fields, in the order of pymavlink's constructor; the last ones have defaults."""
+        message: Any = object.__new__(self._kind)
+        message.__dict__.update(zip(self._fields, values + self._defaults[len(values) :], strict=True))
+        return message
+
+    def payload(self, message: Any) -> bytes:
+        """Return the complete payload. Raises struct.error for a number that does not fit, or a short array."""
+        values = [getattr(message, name) for name in self._names]
+        for at, n in reversed(self._arrays):
+            values[at : at + 1] = values[at][:n]
+        return self._struct.pack(*values)
 
 
 @functools.cache
-def message_maker(msgid: int) -> tuple[Callable[[Sequence[Any]], Any], Any] | None:
-    """A function that makes a message of a light class from the numbers of its payload, and the struct to unpack them.
-    None for a message with text.
-
-    The code is generated from pymavlink's table, like a namedtuple's.
-    """
-    kind = ardupilotmega.mavlink_map[msgid]
-    if "char" in kind.fieldtypes:
-        return None
-    names: dict[str, Any] = {"new": object.__new__, "kind": _light_class(msgid)}
-    numbers, lists = list[str](), list[str]()
-    for name, n in zip(kind.ordered_fieldnames, kind.lengths, strict=True):
-        places = [f"m.{name}"] if n == 1 else [f"{name}_{i}" for i in range(n)]
-        numbers += places
-        lists += [] if n == 1 else [f" m.{name} = [{', '.join(places)}]"]
-    exec("\n".join(["def make(v):", " m = new(kind)", f" {', '.join(numbers)}, = v", *lists, " return m"]), names)
-    return names["make"], kind.unpacker
+def layout_of(msgid: int) -> Layout | None:
+    """Return the layout of a kind of message; None if it has text."""
+    return None if "char" in ardupilotmega.mavlink_map[msgid].fieldtypes else Layout(msgid)
 
 
-@functools.cache
 def constructor(msgid: int) -> Callable[..., Any]:
-    """As the constructor of pymavlink's class, with the fields by place, but the message is of a light class. Not for
-    messages with text.
-    """
-    kind = ardupilotmega.mavlink_map[msgid]
-    names: dict[str, Any] = {"new": object.__new__, "kind": _light_class(msgid)}
-    fields = ", ".join(f"m.{name}" for name in kind.fieldnames)
-    values = ", ".join(kind.fieldnames)
-    exec(f"def make({values}):\n m = new(kind)\n {fields}, = {values},\n return m", names)
-    make = names["make"]
-    make.__defaults__ = kind.__init__.__defaults__
-    return cast(Callable[..., Any], make)
-
-
-@functools.cache
-def payload_writer(msgid: int) -> Callable[[Any], bytes] | None:
-    """A function that encodes the complete payload of a message with several numbers; None for other messages.
-
-    It raises struct.error for a number that does not fit, and for an array that is too short.
-    """
-    kind = ardupilotmega.mavlink_map[msgid]
-    if "char" in kind.fieldtypes or len(kind.fieldnames) < 2:
-        return None
-    fields = zip(kind.ordered_fieldnames, kind.lengths, strict=True)
-    values = ", ".join(f"*m.{name}[:{n}]" if n > 1 else f"m.{name}" for name, n in fields)
-    write: Callable[[Any], bytes] = eval(f"lambda m: pack({values})", {"pack": kind.unpacker.pack})
-    return write
+    """Return a function like the constructor of pymavlink's class, in half of the time. Not for messages with text."""
+    layout = layout_of(msgid)
+    assert layout is not None
+    return layout.make

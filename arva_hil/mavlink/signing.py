@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal
 
 if TYPE_CHECKING:
-    from arva_hil.mavlink.codec import Packet
+    from arva_hil.mavlink.packet import Packet
 
 Verdict = Literal["", "unsigned", "forged", "replayed"]
 Stream = tuple[int, int, int]  # link, system, component

@@ -5,18 +5,20 @@ The server is foxglove-sdk's. It takes connections from web pages of any origin.
 
 from __future__ import annotations
 
+import logging
 import threading
 from typing import Any, Final
 
 from arva_hil.errors import ArvaError
 from arva_hil.events import Event
-from arva_hil.messages.cdr import encode
-from arva_hil.messages.live import LiveMessages
-from arva_hil.messages.message import Message, schema
 from arva_hil.observers.web.address import HostPort
+from arva_hil.records.ros_messages.cdr import encode
+from arva_hil.records.ros_messages.live import LiveMessages
+from arva_hil.records.ros_messages.message import Message, schema
 
 INSTALL: Final = "pip install 'arva-hil[foxglove]'"
 _NEXT: Final = 20  # ports that are tried
+_SILENT: Final = logging.CRITICAL + 1  # the SDK logs each client that fails, and takes Python's lock for it
 _GOODBYE_S: Final = 0.3  # for clients that listen to get what is left
 
 
@@ -36,6 +38,7 @@ class FoxgloveServer:
             import foxglove
         except ImportError as error:
             raise FoxgloveError(f"--foxglove needs foxglove-sdk, which is not installed ({error}): {INSTALL}") from None
+        logging.getLogger("foxglove").setLevel(_SILENT)
         self._foxglove = foxglove
         self._context = foxglove.Context()
         self._messages = messages

@@ -11,9 +11,9 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from arva_hil.events import Event, searches
-from arva_hil.field import LocalFrame
 from arva_hil.links import Link
 from arva_hil.mavlink.codec import Encoder, Message, dialect
+from arva_hil.model.field import LocalFrame
 from firmware_proto import Channel, Frame
 
 _EVERY_S: Final = 1.0

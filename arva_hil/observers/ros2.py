@@ -13,10 +13,10 @@ from typing import Any, Final
 
 from arva_hil.errors import ArvaError
 from arva_hil.events import BytesSent, Event, PacketsReceived
-from arva_hil.messages.cdr import encode
-from arva_hil.messages.live import LiveMessages
-from arva_hil.messages.message import Message
-from arva_hil.messages.types import PUBLISHED
+from arva_hil.records.ros_messages.cdr import encode
+from arva_hil.records.ros_messages.live import LiveMessages
+from arva_hil.records.ros_messages.message import Message
+from arva_hil.records.ros_messages.types import PUBLISHED
 from arva_hil.runtime.worker_thread import WorkerThread
 
 _NODE: Final = "arva_hil"

@@ -8,9 +8,9 @@ import socket
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+from arva_hil.clock import Clock, Waitable
 from arva_hil.events import Event, StatusReport
-from arva_hil.observers.console.text import status_line
-from arva_hil.runtime.clock import Clock, Waitable
+from arva_hil.events.words.text import status_line
 
 _RETRY_S: Final = 0.5  # after a datagram that nobody took
 _STATUS_S: Final = 5.0
@@ -37,7 +37,7 @@ class Watchdog:
 
     @property
     def is_wanted(self) -> bool:
-        """Whether there is a service manager to tell."""
+        """True if a service manager started this process."""
         return self._socket is not None
 
     def service(self, clock: Clock) -> float:
@@ -93,7 +93,7 @@ def _socket() -> socket.socket | None:
 
 
 def _interval_s(environment: Mapping[str, str]) -> float:
-    """How long this process may be silent [s]; infinite without a watchdog."""
+    """Return the watchdog interval of this process [s]; infinite without a watchdog."""
     microseconds, pid = environment.get("WATCHDOG_USEC", ""), environment.get("WATCHDOG_PID", "")
     if not microseconds.isdecimal() or int(microseconds) == 0 or pid not in ("", str(os.getpid())):
         return math.inf

@@ -1,4 +1,4 @@
-"""Which of several links can be read."""
+"""The links, of several, that can be read."""
 
 from __future__ import annotations
 
@@ -6,20 +6,20 @@ import select
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
+from arva_hil.clock import Waitable, await_descriptors
 from arva_hil.links import Link
-from arva_hil.runtime.clock import Waitable, await_descriptors
 
 
 class ReadyLinks:
     """Remembers which descriptors of several links the system watches. To wait for all of them, wait for `waitables`.
 
-    A link that is away or has no descriptor counts as ready, because it must be polled. Without epoll, and for a single
-    link, every link counts as ready.
+    A link that is away or has no descriptor counts as ready, because it must be polled. Without epoll
+    every link counts as ready.
     """
 
     def __init__(self, links: Mapping[str, Link]) -> None:
         self._links = links
-        self._epoll = select.epoll() if len(links) > 1 and hasattr(select, "epoll") else None
+        self._epoll = select.epoll() if hasattr(select, "epoll") else None
         self._names: dict[int, str] = {}  # by descriptor
         self._polled = list(links)  # those that are read every time
         self.waitables: Sequence[Waitable] = list(links.values())
@@ -64,12 +64,12 @@ class ReadyLinks:
         return self._epoll.fileno() if self._epoll else None
 
     def ready(self) -> bool:
-        """Whether one of the watched links can be read."""
+        """Return True if one of the watched links can be read."""
         fd = self.fileno()
         return fd is not None and await_descriptors([fd])
 
     def _watch(self, fd: int) -> bool:
-        """Whether the system watches a descriptor. It forgets closed ones, but their numbers may be used again."""
+        """Return True if the system watches a descriptor. It forgets closed ones; their numbers may be used again."""
         assert self._epoll is not None
         try:
             self._epoll.modify(fd, select.EPOLLIN)

@@ -14,7 +14,7 @@ from io import FileIO
 from pathlib import Path
 from typing import Any, Final
 
-from arva_hil import files
+from arva_hil.links import files
 from arva_hil.mavlink.signing import LARGEST, KeptTimeStamps, Signing
 from arva_hil.runtime.worker_thread import WorkerThread
 

@@ -1,4 +1,4 @@
-"""What the built-in vehicle has of ArduCopter: commands for flying; failsafes by name, with their texts and modes; some
+"""ArduCopter's part of the built-in vehicle: commands for flying; failsafes by name, with their texts and modes; some
 parameters.
 
 https://ardupilot.org/copter/docs/failsafe-landing-page.html
@@ -30,7 +30,15 @@ FAILSAFES: Final = {
     "radio": Failsafe(dialect.MAV_SEVERITY_WARNING, b"Radio Failsafe - RTL", Mode.RTL),
 }
 
-_VALUES: Final = {"FS_THR_ENABLE": 1, "FS_GCS_ENABLE": 0, "FS_OPTIONS": 16, "GUID_TIMEOUT": 3, "RCMAP_THROTTLE": 3}
+_FENCE: Final = {"FENCE_ENABLE": 0, "FENCE_TYPE": 7, "FENCE_ALT_MAX": 100, "FENCE_RADIUS": 150, "FENCE_TOTAL": 0}
+_VALUES: Final = {
+    "FS_THR_ENABLE": 1,
+    "FS_GCS_ENABLE": 0,
+    "FS_OPTIONS": 16,
+    "GUID_TIMEOUT": 3,
+    "RCMAP_THROTTLE": 3,
+    **_FENCE,
+}
 _NAMES: Final = list(_VALUES)
 
 
@@ -73,7 +81,8 @@ def _arm(pilot: SimulatedAutopilot, params: Params, _: int) -> int:
     if (wanted := integer(params[0])) not in (0, 1):
         return DENIED
     by_force = integer(params[1]) == _BY_FORCE
-    return ACCEPTED if (pilot.arm() if wanted else pilot.disarm(by_force)) else FAILED
+    done = pilot.arm() if wanted else pilot.disarm(by_force)
+    return ACCEPTED if done else FAILED
 
 
 def _take_off(pilot: SimulatedAutopilot, params: Params, frame: int) -> int:

@@ -7,23 +7,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Lla, ReceiverConfig, Scenario, VehicleConfig
 from arva_hil.emulator.build import moving_transmitters
-from arva_hil.emulator.engine import Emulator, sink_name, vehicle_setups
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import sink_name, vehicle_setups
 from arva_hil.events import Event
-from arva_hil.field import LocalFrame
 from arva_hil.links import Link, memory
-from arva_hil.observers.audience import Audience, Observer
+from arva_hil.model.field import LocalFrame
 from arva_hil.registry import FORMATS
+from arva_hil.runtime.audience import Audience, Observer
 from arva_hil.runtime.drivers import Live
-from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.plan import SearchPlan
-from arva_hil.search.team import Bus
-from arva_hil.search.team_field import TeamField
+from arva_hil.search.flight.client import COMPONENT, SearchClient
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.team.team import Bus
+from arva_hil.search.team.team_field import TeamField
 from arva_hil.simulated.closed_loop import HOME
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 
 APART_M = 5.0  # between the vehicles at the start, from west to east
 
@@ -122,7 +123,7 @@ class ClosedFleet:
 
     @property
     def over(self) -> bool:
-        """Whether every search has ended, with its vehicle landed or hovering."""
+        """True if every search has ended, with its vehicle landed or hovering."""
         return all(drone.search.outcome is not None for drone in self.drones)
 
     @property
@@ -136,7 +137,7 @@ class ClosedFleet:
         mission, origin = drone.search.mission, drone.search.origin
         if mission is None or mission.found is None or origin is None:
             return None
-        there = moving_transmitters(self._scenario, self.frame).at(0.0, lambda system: None)
+        there = moving_transmitters(self._scenario, self.frame).at(0.0)
         places = dict(zip(there.ids, there.positions, strict=True))
         if mission.target not in places:
             return None

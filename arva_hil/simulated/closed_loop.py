@@ -6,25 +6,25 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Scenario
 from arva_hil.emulator.build import moving_transmitters
-from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch
 from arva_hil.links import Link
-from arva_hil.observers.audience import Audience, Observer
 from arva_hil.registry import FORMATS
+from arva_hil.runtime.audience import Audience, Observer
 from arva_hil.runtime.drivers import Live
-from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.outcome import SearchStep
-from arva_hil.search.plan import SearchPlan
-from arva_hil.search.victims import Victim
+from arva_hil.search.flight.client import COMPONENT, SearchClient
+from arva_hil.search.mission.outcome import SearchStep
+from arva_hil.search.mission.victims import Victim
+from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.messages import SENSORS
 from arva_hil.simulated.multirotor import Vector
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 
 HOME = (46.0123, 7.7456, 1650.0)  # degrees, degrees, metres AMSL
 
@@ -94,13 +94,13 @@ class ClosedLoop:
 
     @property
     def over(self) -> bool:
-        """Whether the search has ended. The vehicle may still be in the air."""
+        """True if the search has ended. The vehicle may still be in the air."""
         mission = self.search.mission
         return self.search.outcome is not None or (mission is not None and bool(mission.ended))
 
     @property
     def several(self) -> bool:
-        """Whether more than one transmitter is searched for."""
+        """True if more than one transmitter is searched for."""
         return self.search.mission is not None and self.search.mission.victims.several
 
     def truth(self) -> dict[int, tuple[float, float]]:
@@ -108,10 +108,10 @@ class ClosedLoop:
         the search, which must have one.
         """
         (vehicle,) = self.emulator.vehicles
-        origin, datum, last = self.search.origin, vehicle.datum.frame, vehicle.sources[0].last
+        origin, datum, last = self.search.origin, vehicle.world.datum.frame, vehicle.units[0].port.last
         assert origin is not None
         assert datum is not None
-        there = moving_transmitters(self._scenario, datum).at(last.instant_s if last else 0.0, lambda system: None)
+        there = moving_transmitters(self._scenario, datum).at(last.instant_s if last else 0.0)
         ned = [origin.ned(*datum.lla(position)) for position in there.positions]
         return {id_: (float(n), float(e)) for id_, (n, e, _) in zip(there.ids, ned, strict=True)}
 

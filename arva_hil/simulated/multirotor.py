@@ -15,7 +15,7 @@ from functools import partial
 from math import hypot
 from typing import Final, NamedTuple
 
-from arva_hil.field.quaternion import Quaternion, from_euler
+from arva_hil.model.field.quaternion import Quaternion, from_euler
 
 Vector = tuple[float, float, float]
 
@@ -91,8 +91,10 @@ class Multirotor:
             most = most if most < _SINK else _SINK
             cd = most if cd > most else cd
             ad = _GAIN * ((cd if cd > -_CLIMB else -_CLIMB) - vd)
-            ad = _LIFT if ad > _LIFT else -_LIFT if ad < -_LIFT else ad
-            yaw_rate = _YAW_RATE if yaw_rate > _YAW_RATE else -_YAW_RATE if yaw_rate < -_YAW_RATE else yaw_rate
+            ad = -_LIFT if ad < -_LIFT else ad
+            ad = _LIFT if ad > _LIFT else ad
+            yaw_rate = -_YAW_RATE if yaw_rate < -_YAW_RATE else yaw_rate
+            yaw_rate = _YAW_RATE if yaw_rate > _YAW_RATE else yaw_rate
         elif down > -CONTACT_M:
             an, ae, ad, yaw_rate = -_GAIN * vn, -_GAIN * ve, _SETTLE, 0.0
         else:

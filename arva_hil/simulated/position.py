@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import random
+from math import remainder
 from typing import Final
 
-from arva_hil.field.geodesy import LocalFrame
+from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.simulated.multirotor import Vector
 
 _NODE_US: Final = 1_000_000
@@ -37,11 +38,12 @@ class Home:
         x, y, z = cell[0] * 16.0, cell[1] * 16.0, cell[2] * 16.0
         if cell != self._cell:
             corners = self._frame.lla([(x, y, z), (x + 1, y, z), (x, y + 1, z), (x, y, z + 1)])
-            self._linear = [[float(v[0]), *(v[1:] - v[0]).tolist()] for v in corners]
+            self._linear = [[float(v[0]), *(remainder(w, 360.0) for w in (v[1:] - v[0]).tolist())] for v in corners]
             self._cell = cell
         n, e, d = n - x, e - y, d - z
         (a, a_n, a_e, a_d), (b, b_n, b_e, b_d), (c, c_n, c_e, c_d) = self._linear
-        return a + a_n * n + a_e * e + a_d * d, b + b_n * n + b_e * e + b_d * d, c + c_n * n + c_e * e + c_d * d
+        lon = remainder(b + b_n * n + b_e * e + b_d * d, 360.0)  # from the other side of the date line
+        return a + a_n * n + a_e * e + a_d * d, lon, c + c_n * n + c_e * e + c_d * d
 
 
 class PositionError:

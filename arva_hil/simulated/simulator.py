@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from arva_hil.clock import Clock
 from arva_hil.links import Link
 from arva_hil.mavlink.codec import Parser, dialect
-from arva_hil.runtime.clock import Clock
 from arva_hil.simulated.vehicle import SimulatedVehicle
 
 

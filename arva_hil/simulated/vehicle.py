@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
-from arva_hil.field.arrays import vector
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing
+from arva_hil.model.field.arrays import vector
 from arva_hil.simulated import arducopter
 from arva_hil.simulated.arducopter import ACCEPTED, DENIED, FAILED, UNSUPPORTED, Failsafe, Params, integer
 from arva_hil.simulated.autopilot import Mode, SimulatedAutopilot
@@ -122,7 +122,7 @@ class SimulatedVehicle:
 
     @property
     def flying(self) -> bool:
-        """Whether it is in the air."""
+        """True if it is in the air."""
         return not self._pilot.landed
 
     @property

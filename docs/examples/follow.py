@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity, towards
+from arva_hil import STILL, Found, Observation, Position, Velocity, towards
 
 NEAR_M = 8.0  # d from which on crosses are flown
 ARM_M = 3.0  # of a cross

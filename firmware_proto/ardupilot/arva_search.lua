@@ -28,8 +28,10 @@ local NO_POSITION_MS = 2000
 local REPEATS_MS = 3000      -- without a frame of another number: over
 local SAME_M = 4             -- flown while the reading stays the same: over
 local NO_RANGE_MS = 2000     -- without the rangefinder that measured in this search: over
+local SURE = 0.3              -- times the least d: within that a place found lies in 95 of 100 searches
 local NEARER = 0.7            -- another transmitter has to be that much nearer to be gone for instead
-local CLIMB_GAIN = 1.0        -- 1/s
+local SINK_GAIN = 1.0         -- 1/s
+local CLIMB_GAIN = 2.0        -- 1/s: the steeper the ground, the farther below the height wanted it is followed
 local CLIMB_SPEED = 1.0       -- m/s
 local STICK = 0.15            -- of full travel: the pilot's hand
 local STICK_MIDDLE = 0.2      -- throttle: LOITER holds its height
@@ -276,8 +278,39 @@ do
    end
 end
 
+--[[
+   the plane of the places where the transmitter was heard, the near ones before all. Over a slope the vehicle flies on
+   such a plane, and where d is least the transmitter is below it at a right angle: farther up the slope
+--]]
+local function Plane()
+   local self = {least = math.huge}                  -- of d
+   local w, n, e, u, nn, ee, ne, nu, eu = 0, 0, 0, 0, 0, 0, 0, 0, 0 -- sums of weights, places, and their products
+
+   function self.take(d, north, east, up)
+      local share = d > 0 and d^-6 or 0
+      self.least = math.min(self.least, d)
+      w, n, e, u = w + share, n + share * north, e + share * east, u + share * up
+      nn, ee, ne = nn + share * north * north, ee + share * east * east, ne + share * north * east
+      nu, eu = nu + share * north * up, eu + share * east * up
+   end
+
+   -- from where d is least to the transmitter, north and east
+   function self.to_transmitter()
+      local v_n, v_e, c, c_n, c_e = nn - n * n / w, ee - e * e / w, ne - n * e / w, nu - n * u / w, eu - e * u / w
+      local det = v_n * v_e - c * c
+      if det <= 1e-3 * v_n * v_e then                -- places in a line make no plane
+         return 0, 0
+      end
+      local rise_n, rise_e = (c_n * v_e - c_e * c) / det, (c_e * v_n - c_n * c) / det
+      local share = self.least / math.sqrt(1 + rise_n^2 + rise_e^2)
+      return share * rise_n, share * rise_e
+   end
+
+   return self
+end
+
 if ... then -- required, to look at the strategy
-   return {Cross = Cross, Flux = Flux}
+   return {Cross = Cross, Flux = Flux, Plane = Plane}
 end
 
 -- bind a parameter to a variable given
@@ -386,17 +419,18 @@ local throttle = rc:get_channel(math.floor(bind_param("RCMAP_THROTTLE"):get()))
 
 -- what the vehicle says of itself
 
-local function yaw()
-   return ahrs.get_yaw_rad and ahrs:get_yaw_rad() or ahrs:get_yaw()
+-- "roll", "pitch" or "yaw", radians; older versions have the second name
+local function angle(name)
+   return (ahrs["get_" .. name .. "_rad"] or ahrs["get_" .. name])(ahrs)
 end
 
--- above the ground, m; nil when the rangefinder does not measure it
+-- above the ground, m; nil when the rangefinder does not measure it. The beam of a vehicle that leans into the wind is
+-- longer than the height
 local function measured_height()
    if rangefinder and rangefinder:status_orient(ROTATION_PITCH_270) == RANGEFINDER_GOOD then
-      if rangefinder.distance_orient then
-         return rangefinder:distance_orient(ROTATION_PITCH_270)
-      end
-      return rangefinder:distance_cm_orient(ROTATION_PITCH_270) * 0.01
+      local beam = rangefinder.distance_orient and rangefinder:distance_orient(ROTATION_PITCH_270)
+         or rangefinder:distance_cm_orient(ROTATION_PITCH_270) * 0.01
+      return beam * math.cos(angle("roll")) * math.cos(angle("pitch"))
    end
    return nil
 end
@@ -460,7 +494,7 @@ local IDLE, SEARCHING, HOLDING = 0, 1, 2
 local receiver
 local now = millis():toint()
 local state = IDLE
-local flux = nil
+local flux, plane = nil, nil
 local target, target_d, heard_ms = nil, 0, 0   -- the transmitter gone for, its last distance in m and when
 local sample = nil                             -- of the target, that the strategy has not taken yet
 local begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = 0, 0, 0, 0, 0
@@ -489,18 +523,18 @@ local function steer(v_n, v_e, v_d)
    vehicle:set_target_velaccel_NED(velocity, Vector3f(), true, begin_yaw, false, 0, false)
 end
 
--- where the vehicle is, north and east of the EKF's origin, m; nil when that is not known
+-- where the vehicle is, north, east and down of the EKF's origin, m; nil when that is not known
 local function position()
    local place = ahrs:get_relative_position_NED_origin()
    if place then
-      return place:x(), place:y()
+      return place:x(), place:y(), place:z()
    end
    return nil
 end
 
 -- take what a frame says of the transmitter gone for, the nearest but not another at each whim of the noise
 local function on_frame(frame)
-   local n, e = position()
+   local n, e, down = position()
    if frame.sequence == sequence then
       return
    end
@@ -520,13 +554,14 @@ local function on_frame(frame)
    end
    if nearest and nearest ~= mine and (not target or frame.d[nearest] * 0.01 < NEARER * target_d) then
       target, mine = frame.id[nearest], nearest
-      flux = Flux(ARVS_SPEED:get())
+      flux, plane = Flux(ARVS_SPEED:get()), Plane()
       say(MAV_SEVERITY.INFO, "going for transmitter %s, %.1f m away", name(target), frame.d[mine] * 0.01)
    end
    sample = {ms = now, n = n, e = e}
    if mine then
       target_d, heard_ms = frame.d[mine] * 0.01, now
-      sample.bearing = yaw() + math.rad(frame.delta[mine])
+      plane.take(target_d, n - begin_n, e - begin_e, -down)
+      sample.bearing = angle("yaw") + math.rad(frame.delta[mine])
       sample.d, sample.inner = target_d, frame.zone[mine] == INNER
       if not same or same.d ~= frame.d[mine] or same.delta ~= frame.delta[mine] then
          same = {d = frame.d[mine], delta = frame.delta[mine], n = n, e = e}
@@ -562,7 +597,7 @@ local function begin()
       tell(MAV_SEVERITY.WARNING, "cannot search: %s", why_not)
       return
    end
-   begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = n, e, now, math.deg(yaw()), rest
+   begin_n, begin_e, begin_ms, begin_yaw, begin_throttle = n, e, now, math.deg(angle("yaw")), rest
    state, flux, target, sample, heard_ms, position_ms, told = SEARCHING, nil, nil, nil, now, now, ""
    say(MAV_SEVERITY.INFO, "search begins")
    frame_ms, same = now, nil
@@ -578,7 +613,8 @@ local function on_found(n, e)
    local place = ahrs:get_origin()
    if place then
       place:offset(n, e)
-      say(MAV_SEVERITY.NOTICE, "found %s at %s %s", name(target), degrees(place:lat()), degrees(place:lng()))
+      say(MAV_SEVERITY.NOTICE, "found %s at %s %s +-%dm", name(target), degrees(place:lat()), degrees(place:lng()),
+          math.ceil(SURE * plane.least))
    end
    finish(false)
    local hover = Vector3f()
@@ -652,14 +688,15 @@ local function fly()
       v_n, v_e = flux.velocity(n, e)
       local found_n, found_e = flux.found()
       if found_n then
-         on_found(found_n, found_e)
+         local to_n, to_e = plane.to_transmitter()
+         on_found(found_n + to_n, found_e + to_e)
          return
       end
    end
-   -- where the ground rises faster than the vehicle climbs it slows down, and stops at half the height
-   local share = math.max(0, math.min(1, 2 * above / wanted - 1))
+   -- where the ground rises faster than the vehicle climbs it slows down, and stops at three quarters of the height
+   local share = math.max(0, math.min(1, 4 * above / wanted - 3))
    v_n, v_e = share * v_n, share * v_e
-   local v_d = math.max(-CLIMB_SPEED, math.min(CLIMB_SPEED, CLIMB_GAIN * (above - wanted)))
+   local v_d = math.max(-CLIMB_SPEED, math.min(CLIMB_SPEED, (above < wanted and CLIMB_GAIN or SINK_GAIN) * (above - wanted)))
    steer(v_n, v_e, v_d)
    logger:write("ARVS", "Id,N,E,Hgt,VN,VE,VD,D", "Bfffffff", "#mmmnnnm", "-0000000",
                 target or NO_ID, n - begin_n, e - begin_e, above, v_n, v_e, v_d, target_d)

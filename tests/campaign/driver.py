@@ -9,9 +9,8 @@ from arva_hil.campaign import charts, runner, trial
 from arva_hil.cli.main import main
 
 if __name__ == "__main__":
-    tests = Path(__file__).parent.parent
-    sys.path[:0] = [str(tests.parent), str(tests)]
-    from campaign import fakes
+    sys.path[:0] = [str(Path(__file__).parents[2])]
+    from tests.campaign import fakes
 
     trial.fly = getattr(fakes, sys.argv[1])
     charts.draw = lambda rows, success_m: {}

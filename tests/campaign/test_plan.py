@@ -16,7 +16,7 @@ from arva_hil.campaign.plan import draw, size, trials, wind
 from arva_hil.config import Scenario, ScenarioError, load
 from arva_hil.config.campaign import CampaignPlan, load_plan, parse_plan
 from arva_hil.config.drawn import Random
-from arva_hil.field import rotation
+from arva_hil.model.field import rotation
 from tests.every import every
 
 from .fakes import planned

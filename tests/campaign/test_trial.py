@@ -9,15 +9,15 @@ import pytest
 from arva_hil.campaign.plan import trials
 from arva_hil.campaign.results import row
 from arva_hil.campaign.trial import fly
+from arva_hil.clock import StepClock
 from arva_hil.config import parse
 from arva_hil.config.campaign import parse_plan
 from arva_hil.events import StatusReport
 from arva_hil.links import memory
 from arva_hil.registry import STRATEGIES
-from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.outcome import SearchStep
-from arva_hil.search.plan import SearchPlan
+from arva_hil.search.mission.outcome import SearchStep
+from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from tests.one_receiver import Diary
 

@@ -17,11 +17,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
+from arva_hil.clock import Clock, RealClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.mavlink.signing import Signing
-from arva_hil.runtime.clock import Clock, RealClock
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle

@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign import fakes
 
 from arva_hil.campaign import charts, runner, trial
 from arva_hil.campaign.results import opened
 from arva_hil.cli import campaign
+from tests.campaign import fakes
 
 from . import far_ends
 from .far_ends import Program, until

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign import fakes
 
 from arva_hil.campaign.results import opened, row
+from tests.campaign import fakes
 
 from . import far_ends
 from .far_ends import Program
@@ -53,7 +53,7 @@ class Cluster:
 
     def _start(self, program: str, *arguments: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", *arguments]
-        environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS), str(TESTS.parent)])}
+        environment = os.environ | {"PYTHONPATH": str(TESTS.parent)}
         process = subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL)
         self._processes.append(process)
         return process

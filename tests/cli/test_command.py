@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
+from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.registry import FORMATS
-from arva_hil.runtime.clock import RealClock
-from firmware_proto import Answer, Channel, Frame, encode
+from firmware_proto import Channel, CommandAnswer, Frame, encode
 
 from .far_ends import Program
 
@@ -36,8 +36,8 @@ def receiver(line: PtyLink, format: str, result: str | None, frames: bytes = b""
             data = line.read()
             line.write(frames if data else b"")
             for command in decoder.feed(data, clock.now()) if result else ():
-                strange = Answer((command.number + 1) % 256, command.name, "busy")
-                answer = Answer(command.number, command.name, str(result), command.values)
+                strange = CommandAnswer((command.number + 1) % 256, command.name, "busy")
+                answer = CommandAnswer(command.number, command.name, str(result), command.values)
                 line.write(form.answer(strange) + form.answer(answer) + frames)
 
     thread = threading.Thread(target=serve)

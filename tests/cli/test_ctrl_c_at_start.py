@@ -32,7 +32,7 @@ MODULES = {
     "signal": "SIGINT",
     "argparse": "SIGTERM",
     "arva_hil.cli.main": "SIGINT",
-    "arva_hil.search.mission": "SIGHUP",
+    "arva_hil.search.mission.mission": "SIGHUP",
     "arva_hil.cli.arguments.searches": "SIGTERM",
     "numpy": "SIGINT",
 }

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from arva_hil.cli.pace import Pace
-from arva_hil.runtime.clock import StepClock
+from arva_hil.clock import StepClock
 
 MAX = ("demo", "--speed", "max", "--headless")
 FIELD = "spec: 2\ntransmitters: [{id: 1, ned: [14, -10, 0.5]}, {id: 2, ned: [-12, 12, 1]}]\n"

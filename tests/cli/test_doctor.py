@@ -16,8 +16,10 @@ from typing import Any
 import pytest
 
 from arva_hil.cli import doctor
-from arva_hil.doctor import port_diagnosis
-from arva_hil.doctor.examination import PortProbe
+from arva_hil.cli.diagnosis import port_diagnosis
+from arva_hil.cli.diagnosis.examination import PortProbe
+from arva_hil.clock import Clock, RealClock, StepClock
+from arva_hil.events.words.text import BAD
 from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial
@@ -27,8 +29,6 @@ from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.signing import Signing
-from arva_hil.observers.console.text import BAD
-from arva_hil.runtime.clock import Clock, RealClock, StepClock
 from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
@@ -608,7 +608,7 @@ def test_states_are_coloured_on_a_terminal(start: Start, no_color: str, coloured
 
 
 def test_what_nobody_foresaw_is_one_line(arva: Arva, monkeypatch: pytest.MonkeyPatch, line: PtyLink) -> None:
-    monkeypatch.setattr("arva_hil.doctor.diagnosis.silence", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("arva_hil.cli.diagnosis.diagnosis.silence", lambda *_, **__: 1 / 0)
     code, _, err = arva("doctor", "--autopilot", line.path, "--listen", 0.2)
     assert code == 1
     assert "arva-hil: unexpected ZeroDivisionError" in err

@@ -22,11 +22,11 @@ import pytest
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import CommandParser, module_name
 from arva_hil.cli.outcome import SignalGuard, interrupting, unexpected_error
+from arva_hil.clock import StepClock
 from arva_hil.emulator.engine import Emulator
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
-from arva_hil.observers.record import growing_files
-from arva_hil.runtime.clock import StepClock
+from arva_hil.records.writing import growing_files
 
 from .far_ends import Autopilot, Program, frames_in, read_frames, until
 

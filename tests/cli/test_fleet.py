@@ -20,7 +20,7 @@ import pytest
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
 from arva_hil.links.udp import UdpOutLink
-from arva_hil.recordings import load
+from arva_hil.records.reading import load
 from arva_hil.registry import FORMATS
 from firmware_proto import Frame
 from tests.free_ports import free_port

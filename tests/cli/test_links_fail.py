@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 import serial
 
+from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial_ports import list_ports
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.loop import run
 from tests.free_ports import free_port
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.emulator.formats import encoder
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Encoder
 from arva_hil.registry import FORMATS
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 from firmware_proto import Channel, Frame
 
 from .far_ends import HOME, Program, heartbeat

@@ -270,7 +270,7 @@ def test_two_packages_with_one_name_are_refused_both(install: Callable[..., None
 
 def test_a_built_in_name_cannot_be_taken_over(install: Callable[..., None]) -> None:
     install("broken", "arva_hil.strategies", "flux = broken:Flux", "class Flux: ...\n")
-    assert STRATEGIES["flux"].__module__ == "arva_hil.search.flux"
+    assert STRATEGIES["flux"].__module__ == "arva_hil.search.strategies.flux"
     assert STRATEGIES.names() == ["flux", "extremum", "estimate"]
 
 

@@ -17,7 +17,7 @@ from pymavlink import mavutil
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.recordings import load
+from arva_hil.records.reading import load
 from firmware_proto import Frame
 
 from .far_ends import ORDINARY, Autopilot, Program, contents, frames_in, full_disk, hears, heartbeat, read_frames
@@ -84,7 +84,7 @@ def test_readings_csv_has_the_pinned_columns_and_says_what_the_frames_say(record
     ]
     assert float(last["boot_ms"]) > 0
     (read,) = load(recorded.folder).receivers
-    assert read.d_cm.ravel().tolist() == [channel.d for _, _, channel in channels]
+    assert read.d_cm.tolist() == [channel.d for _, _, channel in channels]
     assert read.time_s.tolist() == times
     assert (read.late_ms >= 0).all()
 

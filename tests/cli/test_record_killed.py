@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
-from arva_hil.observers.record import COLUMNS
-from arva_hil.runtime.clock import RealClock
+from arva_hil.records.writing import COLUMNS
 
 from .far_ends import Autopilot, Program, frames_in, read_frames
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import pytest
 
+from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader, tlog_record
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.runtime.clock import RealClock
 from firmware_proto import SYNTHETIC
 
 from .far_ends import Program, contents, frames_in, heartbeat, read_frames

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.report import page
+from arva_hil.records.report import page
 from tests.records import write
 
 Arva = Callable[..., Any]

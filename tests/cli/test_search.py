@@ -15,10 +15,10 @@ from typing import Any
 
 import pytest
 
+from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.runtime.clock import RealClock
 from arva_hil.simulated.autopilot import Mode
 from firmware_proto import MID, Channel, Frame, encode, encode_nmea
 from tests.free_ports import free_port

@@ -12,8 +12,8 @@ import pytest
 
 from arva_hil.cli.search_report import result
 from arva_hil.cli.search_team import exit_code, far_end, found_by
-from arva_hil.search.choice import HeardTransmitter
-from arva_hil.search.outcome import Outcome
+from arva_hil.search.mission.choice import HeardTransmitter
+from arva_hil.search.mission.outcome import Outcome
 from tests.free_ports import free_port
 
 from .far_ends import Program

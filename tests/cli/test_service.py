@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from service_manager import Manager
 
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, USAGE
+from tests.service_manager import Manager
 
 from .far_ends import Autopilot, Program, until
 

@@ -12,15 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from signal_at import signalled
 
 from arva_hil.cli import common, outcome, run, summary
 from arva_hil.cli.outcome import SignalGuard, interrupting
+from arva_hil.clock import StepClock
 from arva_hil.links import pty
-from arva_hil.observers.record import growing_files
+from arva_hil.records.writing import growing_files
 from arva_hil.runtime import drivers
-from arva_hil.runtime.clock import StepClock
 from tests.free_ports import free_port
+from tests.signal_at import signalled
 
 DATA = Path(__file__).parent.parent / "data"
 SAMPLES = 8  # lines, spread over all that are run

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from arva_hil.observers.console.text import BAD
+from arva_hil.events.words.text import BAD
 
 from .far_ends import DEADLINE_S, Autopilot, Program
 

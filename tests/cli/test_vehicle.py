@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from arva_hil.cli.arguments import runs as arguments
+from arva_hil.clock import RealClock
 from arva_hil.links import Link
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.udp import UdpInLink
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
-from arva_hil.runtime.clock import RealClock
 from arva_hil.simulated.arducopter import FAILSAFES
 from tests.free_ports import free_port
 

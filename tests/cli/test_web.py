@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import Tab, browser
 
 from arva_hil.events import FrameMade, ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.events.vehicles import AutopilotText, VehicleFound
 from arva_hil.links.pty import PtyLink
+from arva_hil.model.receiver import ChannelReading, Pose, Reading
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.state import State
-from arva_hil.receiver import ChannelReading, Pose, Reading
 from firmware_proto import Channel, Frame, encode
+from tests.browser import Tab, browser
 
 from .far_ends import Autopilot, Program
 from .test_search import Beacon

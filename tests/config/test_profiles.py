@@ -13,9 +13,9 @@ from arva_hil.config import KeyingOptions, MediumOptions, Scenario, ScenarioErro
 from arva_hil.config.profiles import builtin_files
 from arva_hil.config.transmitter import KeyingKind
 from arva_hil.emulator.build import outside_norm, receiver, transmitters
-from arva_hil.field import LocalFrame
-from arva_hil.field.keying import KEYING_CLASSES
-from arva_hil.receiver.pulsed import PulsedReceiver, VectorReceiver
+from arva_hil.model.field import LocalFrame
+from arva_hil.model.field.keying import KEYING_CLASSES
+from arva_hil.model.receiver.pulsed import PulsedReceiver, VectorReceiver
 
 DATUM = LocalFrame(46.0, 7.0, 1650.0)
 PROFILES = [name for name in builtin_files() if name.startswith(("receivers/", "transmitters/"))]

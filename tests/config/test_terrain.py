@@ -12,7 +12,7 @@ from arva_hil.cli.main import main
 from arva_hil.config import Lla, Scenario, ScenarioError, Transmitter, load, parse, to_dict
 from arva_hil.config.terrain import parse_grid
 from arva_hil.emulator.build import transmitters
-from arva_hil.field import LocalFrame
+from arva_hil.model.field import LocalFrame
 
 CELL = 0.001
 HEAD = f"ncols 3\nnrows 2\nxllcorner 6.9995\nyllcorner 45.9995\ncellsize {CELL}\nNODATA_value -9999\n"

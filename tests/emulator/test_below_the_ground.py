@@ -6,16 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from one_receiver import Diary
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Scenario, parse
 from arva_hil.config.terrain import parse_grid
-from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import GroundFound, GroundMissing
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
+from tests.one_receiver import Diary
 
 HOME = (46.0, 7.0, 1650.0)
 CHECK, REPORT = dialect.MAVLINK_MSG_ID_TERRAIN_CHECK, dialect.MAVLINK_MSG_ID_TERRAIN_REPORT
@@ -47,10 +47,10 @@ class Bench:
                 self.emulator.receive("autopilot", bytes(data), self.now)
             self.emulator.advance(self.now)
             for output in self.emulator.output():
-                if output.sink == "autopilot":
+                if output.link == "autopilot":
                     self.vehicle.feed(output.data, self.now)
                     self.questions += [p for p in self._asked.feed(output.data) if p.msgid == CHECK]
-                self.emulator.written(output, True, self.now)
+                self.emulator.written(output.id, True, self.now)
             for event in self.emulator.events():
                 self.diary.observe(event)
 
@@ -58,7 +58,7 @@ class Bench:
         return [event for event in self.diary.events if isinstance(event, GroundFound | GroundMissing)]
 
     def down(self) -> float | None:
-        there = self.emulator.vehicles[0].sources[0].receiver.seen.transmitters
+        there = self.emulator.vehicles[0].units[0].receiver.seen.transmitters
         return None if there is None or there.unplaced else float(there.positions[0, 2])
 
 

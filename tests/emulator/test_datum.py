@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import DEFAULT, Lla
 from arva_hil.emulator.datum import HOME_WAIT_S, Datum
 from arva_hil.events import TooFar
-from arva_hil.field import LocalFrame
+from arva_hil.events.words.sentences import sentence
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.observers.console.sentences import sentence
-from arva_hil.receiver import ChannelReading, Reading, Zone
-from arva_hil.vehicle.session import Session
+from arva_hil.model.field import LocalFrame
+from arva_hil.model.receiver import ChannelReading, Reading, Zone
 
 Place = tuple[float, float, float]
 A, B, C = (46.5, 11.35, 1800.0), (46.5, 11.35, 1801.3), (46.6, 11.4, 1700.0)

@@ -12,25 +12,25 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_receiver import Diary, OneReceiver
-from paper_receiver import Receiver
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import Clock, RealClock, StepClock
 from arva_hil.config import Scenario, parse
 from arva_hil.emulator.formats import MavlinkDecoder
-from arva_hil.emulator.frame_source import Schedule
-from arva_hil.field import LocalFrame, Transmitters
+from arva_hil.emulator.receivers import Schedule
 from arva_hil.links import Link, memory, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.receiver import Antennas
+from arva_hil.model.field import LocalFrame, Transmitters
+from arva_hil.model.receiver import Antennas
 from arva_hil.registry import FORMATS
-from arva_hil.runtime.clock import Clock, RealClock, StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 from firmware_proto import Decoder, Frame
 from tests.free_ports import free_port
+from tests.one_receiver import Diary, OneReceiver
+from tests.paper_receiver import Receiver
 
 HOME = (46.0123, 7.7456, 1650.0)
 QUIET = "receiver: {noise: {kind: off}, rate_hz: %g}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]"

@@ -18,30 +18,30 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_receiver import Diary, OneReceiver
 
+from arva_hil.autopilot.following.followed import COMPONENT
+from arva_hil.autopilot.following.session import Session
 from arva_hil.cli.main import main
+from arva_hil.clock import StepClock
 from arva_hil.config import Fault, Scenario, ScenarioError, load, parse, parse_fault, to_dict
 from arva_hil.config.constraints import Number
-from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.faults.sending import resample
 from arva_hil.emulator.formats import MavlinkDecoder
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import FrameMade
-from arva_hil.faults.sending import resample
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Parser
-from arva_hil.observers.audience import Audience
 from arva_hil.registry import FAULTS
-from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import LOOK_AHEAD_S, replay
 from arva_hil.runtime.loop import Task, run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.followed import COMPONENT
-from arva_hil.vehicle.session import Session
 from firmware_proto import INTERFERENCE, SELF_TEST_FAULT, Decoder, Frame
 from tests.every import every
+from tests.one_receiver import Diary, OneReceiver
 
 ROOT = Path(__file__).parents[2]
 LOG = ROOT / "tests" / "data" / "px4.tlog"
@@ -843,7 +843,7 @@ def test_a_replay_in_a_clocks_time_sends_late_frames_late_and_the_same_bytes() -
 
 
 def test_a_replay_sends_what_is_due_before_the_log_ends() -> None:
-    counters = play(scenario("delay_s: 0.001"), Wire(StepClock())).vehicles[0].sources[0].counters
+    counters = play(scenario("delay_s: 0.001"), Wire(StepClock())).vehicles[0].units[0].port.counters
     assert counters.delivered == counters.frames > 100
     assert counters.waiting == 0
 

@@ -7,24 +7,23 @@ import functools
 from collections.abc import Iterator, Sequence
 
 import pytest
-from one_receiver import Diary
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import Clock, StepClock
 from arva_hil.config import Scenario, parse
-from arva_hil.emulator.emulated_vehicle import VehicleSetup
-from arva_hil.emulator.engine import Emulator, scenario_of, sink_name, vehicle_setups
-from arva_hil.emulator.frame_source import ReceiverSetup
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup, scenario_of, sink_name, vehicle_setups
 from arva_hil.events import HeartbeatMissing
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.packet_reader import PacketReader
-from arva_hil.observers.audience import Audience
-from arva_hil.runtime.clock import Clock, StepClock
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 from firmware_proto import Decoder
+from tests.one_receiver import Diary
 
 HOME = (46.0123, 7.7456, 1650.0)
 ELSEWHERE = (46.1, 7.9, 2100.0)
@@ -84,9 +83,9 @@ def sent(setups: Sequence[VehicleSetup], said: Sequence[tuple[float, bytes]]) ->
         emulator.receive("link", data, now)
         emulator.advance(now)
         for output in emulator.output():
-            if output.sink != "link":
-                written[output.sink] = written.get(output.sink, b"") + output.data
-            emulator.written(output, True, now)
+            if output.link != "link":
+                written[output.link] = written.get(output.link, b"") + output.data
+            emulator.written(output.id, True, now)
         audience.tell(emulator.events())
     return written, diary
 
@@ -119,7 +118,7 @@ def test_the_packets_of_a_shared_link_are_split_and_counted_once() -> None:
     setups = two_on_one_link(fleet(), reader)
     _, diary = sent(setups, said)
     alone = PacketReader()
-    packets = [packet for now, data in said for packet in alone.read(data, now).every]
+    packets = [packet for now, data in said for packet in alone.feed(data, now).every]
     assert (reader.bytes, reader.parser.packets) == (alone.bytes, len(packets))
     assert reader.parser.skipped == reader.parser.bad_crc == 0
     recorded = [packet for event in diary.packets for packet in event.packets]

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 import firmware_proto
+from arva_hil.autopilot.following.session import Session
 from arva_hil.emulator.formats import MavlinkDecoder, encoder, named_values
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 from firmware_proto import Channel, Frame
 from tests.every import every
 
@@ -73,6 +73,19 @@ def test_a_float_that_no_receiver_can_have_sent_makes_no_such_reading(name: str,
     frames += decoder.feed(floats(("ARVA1_D", 700)), 0.0)
     assert value not in [number for frame in frames for c in frame.channels for number in (c.d, c.delta, c.id)]
     assert decoder.good == len(frames)
+
+
+@pytest.mark.parametrize(
+    ("d", "delta", "zone"),
+    [
+        *[(0, 0, firmware_proto.INNER), (300, 0, firmware_proto.INNER), (301, 0, firmware_proto.MID)],
+        *[(300, 1, firmware_proto.MID), (300, -1, firmware_proto.MID), (301, 1, firmware_proto.MID)],
+    ],
+)
+def test_the_zone_is_inner_up_to_3_m_with_direction_0_and_mid_otherwise(d: int, delta: int, zone: int) -> None:
+    values = floats(("ARVA1_D", d), ("ARVA1_DIR", delta), ("ARVA1_ID", 3))
+    (frame,) = MavlinkDecoder("named_float").feed(values + values, 0.0)
+    assert frame.channels == (Channel(3, zone, d, delta),)
 
 
 def test_integers_are_not_floats_and_names_of_others_are_nobodys() -> None:

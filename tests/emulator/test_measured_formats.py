@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 
 import pytest
-from one_receiver import Diary, OneReceiver
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import StepClock
 from arva_hil.config import parse
 from arva_hil.links import memory
 from arva_hil.registry import FORMATS
-from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 from firmware_proto import Decoder, Frame
+from tests.one_receiver import Diary, OneReceiver
 
 HOME = (46.0123, 7.7456, 1650.0)
 SCENARIO = """

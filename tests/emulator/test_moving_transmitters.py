@@ -8,17 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_receiver import Diary
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Follows, Noise, Path, ReceiverOptions, Scenario, Transmitter, parse_fault
-from arva_hil.emulator.emulated_vehicle import VehicleSetup, one_vehicle
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import VehicleSetup, one_vehicle
 from arva_hil.events import FollowedSystemHeard, FollowedSystemSilent, FrameMade
-from arva_hil.field import Following, LocalFrame, MovingTransmitters, Transmitters, Waypoints, rotation
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.observers.audience import Audience
+from arva_hil.model.field import Following, LocalFrame, MovingTransmitters, Transmitters, Waypoints, rotation
+from arva_hil.runtime.audience import Audience
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
+from tests.one_receiver import Diary
 
 HOME = (46.0123, 7.7456, 1650.0)
 STREAMS = {33: 20.0, 30: 20.0}
@@ -64,7 +64,7 @@ class Bench:
                     self.emulator.receive(link, data, self.now, vehicle.system)
             self.emulator.advance(self.now)
             for output in self.emulator.output():
-                self.emulator.written(output, True, self.now)
+                self.emulator.written(output.id, True, self.now)
             self._audience.tell(self.emulator.events())
 
     @property
@@ -116,13 +116,13 @@ def test_waypoints_whose_times_do_not_rise_are_an_error(times: list[float]) -> N
 
 def test_those_at_rest_are_never_copied() -> None:
     rest = at_rest()
-    assert MovingTransmitters(rest, {}).at(1.0, lambda system: None) is rest
+    assert MovingTransmitters(rest, {}).at(1.0) is rest
 
 
 def test_one_that_follows_is_off_its_vehicle_by_the_offset_and_turns_with_it() -> None:
     east = rotation.to_matrix(rotation.from_euler(0.0, 0.0, math.pi / 2))
     moving = MovingTransmitters(at_rest(), {1: Following(7, np.array([2.0, 0.0, 1.0]))})
-    now = moving.at(1.0, lambda system: (np.array([10.0, 20.0, -5.0]), east) if system == 7 else None)
+    now = moving.at(1.0, {7: (np.array([10.0, 20.0, -5.0]), east)})
     assert now.positions[1] == pytest.approx([10.0, 22.0, -4.0])
     assert now.rotations[1] == pytest.approx(east)
     assert now.positions[0] == pytest.approx(np.zeros(3))
@@ -130,7 +130,7 @@ def test_one_that_follows_is_off_its_vehicle_by_the_offset_and_turns_with_it() -
 
 def test_one_whose_vehicle_is_not_heard_is_silent_and_nowhere() -> None:
     moving = MovingTransmitters(at_rest(), {1: Following(7, np.zeros(3))})
-    now = moving.at(1.0, lambda system: None)
+    now = moving.at(1.0)
     assert now.strengths.tolist() == [1.0, 0.0]
     assert now.ranges(np.array([3.0, 4.0, 0.0])) == {1: 5.0}
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import KeyingOptions, ReceiverOptions, Scenario, Transmitter, parse
 from arva_hil.emulator.build import moving_transmitters, transmitters
-from arva_hil.emulator.engine import vehicle_setups
+from arva_hil.emulator.setup import vehicle_setups
 from arva_hil.events import FrameMade
-from arva_hil.field import LocalFrame
-from arva_hil.vehicle.session import Session
+from arva_hil.model.field import LocalFrame
 from tests.receiver.test_receiver_models import PLACE, START, frames, ranges, source
 
 
@@ -73,7 +73,7 @@ def test_all_receivers_of_a_scenario_hear_the_same_pulses_and_each_its_own_noise
     ends = []
     for receiver in setup.receivers:
         of = source(receiver.scenario)
-        of.receiver.place(moving_transmitters(setup.scenario, LocalFrame(*PLACE)))  # as the engine does
+        of.there = moving_transmitters(setup.scenario, LocalFrame(*PLACE))  # as the engine does
         pulses = [one.reading.channels[0].pulse for one in frames(of, START + 12.0)]
         ends.append([(pulse.time_s, pulse.signal_na_m) for pulse in pulses if pulse])
     (front, rear) = ends

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from one_receiver import Diary, OneReceiver
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import StepClock
 from arva_hil.config import (
     MountOptions,
     NavigationError,
@@ -23,25 +24,23 @@ from arva_hil.config import (
     Transmitter,
     parse,
 )
-from arva_hil.emulator.emulated_vehicle import VehicleSetup
 from arva_hil.emulator.engine import Emulator
-from arva_hil.emulator.frame_source import ReceiverSetup
+from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.emulator.true_state import PoseError, SimulatorTruth
 from arva_hil.events import FrameMade, PoseLost, PoseMissing
-from arva_hil.field import LocalFrame, rotation
+from arva_hil.events.reasons import NoPose
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, command, dialect
-from arva_hil.observers.record import Recorder
+from arva_hil.model.field import LocalFrame, rotation
+from arva_hil.records.writing import Recorder
 from arva_hil.registry import STRATEGIES
-from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.plan import SearchPlan
+from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import BUILDERS
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.reasons import NoPose
-from arva_hil.vehicle.session import Session
+from tests.one_receiver import Diary, OneReceiver
 
 HOME = (46.0123, 7.7456, 1650.0)
 QUIET = Scenario((Transmitter(1, ned=(20.0, 5.0, 0.0)),), receiver=ReceiverOptions(noise=Noise("off"), rate_hz=5.0))
@@ -134,9 +133,9 @@ def test_when_a_simulator_stops_telling_there_is_no_pose_though_the_report_goes_
     assert bench.diary.frames[-1].reported_pose is not None
 
 
-def told(session: Session, *messages: object, at: float) -> None:
-    encoder = Encoder(1, 1)
-    session.feed(b"".join(encoder.pack(message) for message in messages), at)
+def told(session: Session, truth: SimulatorTruth, *messages: object, at: float, system: int = 1) -> None:
+    encoder = Encoder(system, 1)
+    truth.observe(session.feed(b"".join(encoder.pack(message) for message in messages), at), at)
 
 
 def heartbeat(autopilot: int) -> object:
@@ -157,8 +156,7 @@ def hil(q: Sequence[float] = (1, 0, 0, 0), lat: int = 460123000, alt: int = 1_65
 def px4() -> tuple[Session, SimulatorTruth]:
     session = Session()
     truth = SimulatorTruth(session)
-    told(session, heartbeat(dialect.MAV_AUTOPILOT_PX4), attitude(5000), at=10.0)
-    truth.hear(10.0)
+    told(session, truth, heartbeat(dialect.MAV_AUTOPILOT_PX4), attitude(5000), at=10.0)
     return session, truth
 
 
@@ -167,8 +165,7 @@ def test_px4_s_truth_has_millimetres_and_either_quaternion_and_is_stamped_when_i
 ) -> None:
     session, truth = px4
     turned = rotation.from_euler(0.1, -0.2, 2.0)
-    told(session, hil(-turned), at=10.5)
-    truth.hear(10.5)
+    told(session, truth, hil(-turned), at=10.5)
     state = truth.track.at(5.6, LocalFrame(*HOME))
     assert state is not None
     assert state.age_s == pytest.approx(0.1)
@@ -178,8 +175,7 @@ def test_px4_s_truth_has_millimetres_and_either_quaternion_and_is_stamped_when_i
 
 def test_of_a_burst_the_last_one_counts(px4: tuple[Session, SimulatorTruth]) -> None:
     session, truth = px4
-    told(session, *[hil(lat=460123000 + 100 * n, vx=0) for n in range(5)], at=10.5)
-    truth.hear(10.5)
+    told(session, truth, *[hil(lat=460123000 + 100 * n, vx=0) for n in range(5)], at=10.5)
     state = truth.track.at(5.51, LocalFrame(*HOME))
     assert state is not None
     assert state.position[0] == pytest.approx(4.45, abs=0.05)
@@ -190,15 +186,13 @@ def test_of_a_burst_the_last_one_counts(px4: tuple[Session, SimulatorTruth]) -> 
 )
 def test_a_truth_that_is_no_pose_is_refused(px4: tuple[Session, SimulatorTruth], bad: object) -> None:
     session, truth = px4
-    told(session, bad, at=10.5)
-    truth.hear(10.5)
+    told(session, truth, bad, at=10.5)
     assert (truth.refused, truth.track.newest) == (1, None)
 
 
 def test_only_the_vehicle_s_own_packets_tell_the_truth(px4: tuple[Session, SimulatorTruth]) -> None:
     session, truth = px4
-    session.feed(Encoder(2, 1).pack(hil()), 10.5)
-    truth.hear(10.5)
+    told(session, truth, hil(), at=10.5, system=2)
     assert truth.track.newest is None
 
 
@@ -289,7 +283,7 @@ def test_two_receivers_of_one_vehicle_share_its_error() -> None:
         emulator.receive("link", vehicle.poll(now), now)
         emulator.advance(now)
         for output in emulator.output():
-            emulator.written(output, True, now)
+            emulator.written(output.id, True, now)
         events = emulator.events()
         frames |= {(e.receiver, round(e.instant_s, 6)): e for e in events if isinstance(e, FrameMade) and e.pose}
     both = [(frames["slow", t], frames["quick", t]) for name, t in frames if name == "slow"]

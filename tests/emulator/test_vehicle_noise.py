@@ -8,20 +8,20 @@ import math
 import numpy as np
 import pytest
 
+from arva_hil.autopilot.following.motor_load import MotorLoad
+from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import StepClock
 from arva_hil.config import ReceiverOptions, Scenario, Transmitter, VehicleNoiseOptions, parse, to_dict
-from arva_hil.events import FrameMade, MotorsHeard, MotorsSilent
+from arva_hil.events import MotorsHeard, MotorsSilent
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.dialect import EscStatus
-from arva_hil.receiver import Look
-from arva_hil.receiver.listening import Listening
-from arva_hil.runtime.clock import StepClock
+from arva_hil.model.receiver import Look
+from arva_hil.model.receiver.listening import Listening
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.motor_load import MotorLoad
-from arva_hil.vehicle.pose_track import VehicleState
-from arva_hil.vehicle.session import Session
 from tests.one_receiver import Diary, OneReceiver
 from tests.receiver.test_receiver_models import START, Vehicle, source
 
@@ -54,10 +54,9 @@ def esc_status(index: int, *amperes: float) -> bytes:
 
 def heard(*chunks: bytes, full_a: float | None = None, apart_s: float = 0.0) -> float:
     session = Session()
-    load = MotorLoad(session, full_a)
+    load = MotorLoad("vehicle", session, full_a)
     for n, chunk in enumerate((AUTOPILOT.pack(HEARTBEAT), *chunks)):
-        session.feed(chunk, 1.0 + n * apart_s)
-        load.hear(1.0 + n * apart_s)
+        load.observe(session.feed(chunk, 1.0 + n * apart_s), 1.0 + n * apart_s)
     return load.load
 
 
@@ -108,13 +107,11 @@ def test_what_has_fallen_silent_gives_way_to_what_is_still_told() -> None:
 
 def test_a_vehicle_that_does_not_tell_its_load_is_said_once_and_so_is_that_it_tells_it() -> None:
     session = Session()
-    load = MotorLoad(session)
+    load = MotorLoad("vehicle", session)
     told: list[tuple[type[object], float]] = []
     chunks = {0: AUTOPILOT.pack(HEARTBEAT), 12: hud(40), 13: hud(60), 30: AUTOPILOT.pack(HEARTBEAT)}
     for n in range(40):
-        session.feed(chunks.get(n, b""), float(n))
-        load.hear(float(n))
-        events = session.take_events()
+        events = load.observe(session.feed(chunks.get(n, b""), float(n)), float(n))
         told += [(type(one), one.time_s) for one in events if isinstance(one, MotorsSilent | MotorsHeard)]
     assert told == [(MotorsSilent, 10.0), (MotorsHeard, 12.0), (MotorsSilent, 23.0)]
     assert load.load == 0.6
@@ -123,20 +120,19 @@ def test_a_vehicle_that_does_not_tell_its_load_is_said_once_and_so_is_that_it_te
 class Hovering(Vehicle):
     """20 m from the transmitter."""
 
-    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
-        state = VehicleState(t - START, np.zeros(3), np.zeros(3), (1.0, 0.0, 0.0, 0.0), 0.01)
-        return state, state
+    def state(self, t: float) -> VehicleState:
+        return VehicleState(t - START, np.zeros(3), np.zeros(3), (1.0, 0.0, 0.0, 0.0), 0.01)
 
 
 def spread(pole_m: float, load: float) -> float:
     """Of the field that d stands for, with a motor above the receiver, relative to the field."""
     keys = "model: pulsed, steps: cm, rate_hz: 1, start_s: 0, threshold_na_m: 0.5, noise: {kind: 'off'}"
     noise = f"mount: {{position: [0, 0, {pole_m}]}}, vehicle_noise: {{motors: [[0, 0, 0]], motor_na_m: 8}}"
-    of = source(parse(f"spec: 2\ntransmitters: [{{id: 1, ned: [0, 20, 0]}}]\nreceiver: {{{keys}, {noise}}}", "test"))
-    of.advance(START + 1000.0, Hovering(motors=load), ready=lambda t: True)
-    for output in of.outputs:
-        of.written(output, True, START + 1000.0, lost=False)
-    frames = [event for event in of.events if isinstance(event, FrameMade)]
+    of = source(
+        parse(f"spec: 2\ntransmitters: [{{id: 1, ned: [0, 20, 0]}}]\nreceiver: {{{keys}, {noise}}}", "test"),
+        Hovering(load),
+    )
+    frames = of.advance(START + 1000.0)
     field = np.array([f.frame.channels[0].d for f in frames if f.frame.channels[0].valid], float) ** -3
     return float(field.std() / field.mean())
 
@@ -159,7 +155,7 @@ def test_the_built_in_vehicle_tells_its_throttle_when_it_is_asked() -> None:
     run([Simulator([SimulatedVehicle(HOME)], [far]), emulator], clock, until=20.0)
     ids = [packet.msgid for chunk in diary.packets for packet in chunk.packets]
     assert ids.count(dialect.MAVLINK_MSG_ID_VFR_HUD) > 40
-    assert emulator.emulator.vehicles[0].load() == 0.0
+    assert emulator.emulator.vehicles[0].world.at(20.0).load == 0.0
 
 
 def test_without_vehicle_noise_nobody_is_asked_for_the_throttle() -> None:
@@ -172,12 +168,11 @@ def test_without_vehicle_noise_nobody_is_asked_for_the_throttle() -> None:
 class Accelerating(Vehicle):
     """From rest, northwards at 1 m/s² for 2 s, then on."""
 
-    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
+    def state(self, t: float) -> VehicleState:
         s = t - START
         speed, way = (s, s * s / 2) if s < 2 else (2.0, 2 * s - 2)
         velocity, level = np.array([speed, 0.0, 0.0]), (1.0, 0.0, 0.0, 0.0)
-        state = VehicleState(s, np.array([way, 0.0, -10.0]), velocity, level, 0.01)
-        return state, state
+        return VehicleState(s, np.array([way, 0.0, -10.0]), velocity, level, 0.01)
 
 
 def test_a_receiver_on_a_rope_lags_behind_swings_and_hangs_lower_than_its_vehicle() -> None:
@@ -186,12 +181,8 @@ def test_a_receiver_on_a_rope_lags_behind_swings_and_hangs_lower_than_its_vehicl
         "test",
     )
     assert parse(str(to_dict(rope)).replace("'", '"'), "test") == rope
-    of = source(rope)
-    of.advance(START + 10.0, Accelerating(), ready=lambda t: True)
-    for output in of.outputs:
-        of.written(output, True, START + 10.0, lost=False)
-    made = [event for event in of.events if isinstance(event, FrameMade)]
-    off = [(f.pose.position - Accelerating().states(START + f.instant_s)[0].position) for f in made if f.pose]  # type: ignore[union-attr]
+    made = source(rope, Accelerating()).advance(START + 10.0)
+    off = [(f.pose.position - Accelerating().state(START + f.instant_s).position) for f in made if f.pose]
     assert [float(np.linalg.norm(one)) for one in off] == pytest.approx([6.0] * len(off))
     north = [float(one[0]) for one in off]
     assert min(north[:20]) < -0.6
@@ -204,8 +195,7 @@ def test_a_rope_takes_the_receiver_out_of_the_noise(monkeypatch: pytest.MonkeyPa
     text = f"spec: 2\ntransmitters: [{{id: 1, ned: [0, 20, 0]}}]\nreceiver: {{model: pulsed, start_s: 0, {hanging}}}"
     looks: list[Look] = []
     monkeypatch.setattr(Listening, "look", lambda self, look: looks.append(look) or original(self, look))
-    of = source(parse(text, "test"))
-    of.advance(START + 3.0, Hovering(motors=1.0), ready=lambda t: True)
+    source(parse(text, "test"), Hovering(motors=1.0)).advance(START + 3.0)
     assert len(looks) > 2
     assert {look.impairment.noise_na_m for look in looks if look.impairment} == {
         1.0

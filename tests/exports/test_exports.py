@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
+import tracemalloc
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,8 +20,8 @@ from fastkml.validator import validate
 from lxml import etree
 
 from arva_hil.config import DEFAULT
-from arva_hil.field import LocalFrame
-from arva_hil.recordings import Recording, load
+from arva_hil.model.field import LocalFrame
+from arva_hil.records.reading import Recording, load
 from arva_hil.registry import EXPORTS
 from tests.records import HOME, SILENT, frames, write, write_search
 
@@ -214,3 +216,41 @@ def test_a_run_whose_datum_nobody_knows_has_no_place_on_earth_and_the_table_has_
     rows = list(csv.DictReader(io.StringIO(exported("csv", recording).decode())))
     assert (rows[12]["lat_deg"], rows[12]["north_m"]) == ("", repr(0.9 * 3))
     assert math.isfinite(float(rows[12]["d_cm"]))
+
+
+def one_wide_frame(folder: Path, count: int) -> Path:
+    """A record of a frame with 255 slots and so many with one slot."""
+    path = write(folder, 0, search=False) / "readings.csv"
+    columns = path.read_text().strip().split(",")
+    filled = dict.fromkeys(("id", "north_m", "east_m", "down_m"), "1") | {"zone": "0", "d_cm": "-1", "delta_deg": "-1"}
+    rows = [("0", "0", slot + 1) for slot in range(255)] + [("1", str(n), 1) for n in range(count)]
+    with open(path, "a") as file:
+        for seq, time_s, slot in rows:
+            cells = filled | {"seq": seq, "time_s": time_s, "slot": str(slot)}
+            file.write(",".join(cells.get(name, "") for name in columns) + "\n")
+    return folder
+
+
+@pytest.mark.parametrize("name", ["csv", "geojson", "gpx", "kml"])
+def test_memory_follows_the_file_and_slots_that_are_not_there_cost_nothing(tmp_path: Path, name: str) -> None:
+    exported(name, load(one_wide_frame(tmp_path / "small", 10)))  # whatever is imported and cached once
+    folder = one_wide_frame(tmp_path / "flight", 4000)
+    with open(os.devnull, "wb") as nowhere:
+        tracemalloc.start()
+        EXPORTS[name](load(folder), nowhere)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    assert peak < 20 * (folder / "readings.csv").stat().st_size
+
+
+def test_a_table_has_the_slots_that_the_receiver_has_shown(tmp_path: Path) -> None:
+    rows = list(csv.DictReader(exported("csv", load(one_wide_frame(tmp_path / "flight", 10))).decode().splitlines()))
+    assert [int(row["slot"]) for row in rows] == [*range(1, 256), *[1] * 10]
+
+
+def test_a_long_track_is_several_lines_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("arva_hil.records.exports.geojson._LONGEST_LINE", 10)
+    document = geojson.loads(exported("geojson", load(one_wide_frame(tmp_path / "flight", 21))))
+    lines = [f["geometry"]["coordinates"] for f in document["features"] if f["properties"]["kind"] == "track"]
+    assert [len(line) for line in lines] == [11, 11, 2]
+    assert lines[0][-1] == lines[1][0]

@@ -23,7 +23,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from arva_hil.cli.main import main
-from arva_hil.recordings import load
+from arva_hil.records.reading import load
 from arva_hil.registry import EXPORTS
 from tests.messages.oracle import plain
 from tests.records import write, write_search
@@ -155,7 +155,7 @@ def test_without_the_package_the_command_to_install_it_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(EXPORTS, "loaded", {})
-    for name in ("arva_hil.exports.mcap", "mcap.writer"):
+    for name in ("arva_hil.records.exports.mcap", "mcap.writer"):
         monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.setitem(sys.modules, "mcap", None)
     assert main(["export", str(write(tmp_path / "run", 3)), "--out", str(tmp_path / "x.mcap")]) == 2

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from arva_hil.field import Transmitters, dipole_field
+from arva_hil.model.field import Transmitters, dipole_field
 
 FULL = st.floats(-1e300, 1e300)
 NORMAL = st.floats(-1e300, 1e300, allow_subnormal=False)

@@ -6,8 +6,8 @@ import numpy as np
 import pymap3d
 import pytest
 
-from arva_hil.field import LocalFrame
-from arva_hil.field.geodesy import to_ecef
+from arva_hil.model.field import LocalFrame
+from arva_hil.model.field.geodesy import to_ecef
 
 DATUMS = [
     (46.5, 8.0, 2300.0),

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from arva_hil.field import Transmitters
-from arva_hil.field.dipole import field_of
-from arva_hil.field.medium import AIR, Medium, skin_depth_m
-from arva_hil.field.vehicle_noise import VehicleNoise
+from arva_hil.model.field import Transmitters
+from arva_hil.model.field.dipole import field_of
+from arva_hil.model.field.medium import AIR, Medium, skin_depth_m
+from arva_hil.model.field.vehicle_noise import VehicleNoise
 
 THERE = Transmitters((1, 2), [[10, 0, 2], [0, 20, -1]], [np.eye(3)] * 2, [1.0, 0.5])
 

@@ -16,7 +16,7 @@ import lupa.lua53 as lupa
 import pytest
 
 import firmware_proto
-from firmware_proto import Answer, Channel, Command, Frame, LevelChannel, Measured, VectorChannel
+from firmware_proto import Channel, Command, CommandAnswer, Frame, LevelChannel, Measured, VectorChannel
 from firmware_proto.commands import NAMES
 from firmware_proto.measured import MeasuredMessage
 
@@ -132,7 +132,7 @@ sandbox.ahrs = by_name({
          end,
       }
    end,
-}, "get_yaw_rad", "get_relative_position_D_home")
+}, "get_roll_rad", "get_pitch_rad", "get_yaw_rad", "get_relative_position_D_home")
 sandbox.vehicle = by_name({
    set_target_velaccel_NED = function(_, velocity, acceleration, ...)
       assert(acceleration:x() == 0 and acceleration:y() == 0 and acceleration:z() == 0)
@@ -221,7 +221,7 @@ class Autopilot:
         self.has_position = True
         self.home_down = 0.0  # from there
         self.origin = (473977420, 85455940)
-        self.yaw = 0.0
+        self.roll = self.pitch = self.yaw = 0.0
         self.range: float | None = None  # of the rangefinder
         self.terrain: float | None = None  # height above it
         self.failsafed = False
@@ -357,6 +357,12 @@ class Autopilot:
     def write(self, _: Any, byte: int) -> int:
         self.written.append((self.time_ms, byte))
         return 1
+
+    def get_roll_rad(self, _: Any) -> float:
+        return self.roll
+
+    def get_pitch_rad(self, _: Any) -> float:
+        return self.pitch
 
     def get_yaw_rad(self, _: Any) -> float:
         return self.yaw
@@ -505,7 +511,9 @@ def as_message(kind: int, m: Any) -> Any:
             NAMES[m.code - 1] if 1 <= m.code <= len(NAMES) else f"command-{m.code}",
             tuple(m["values"].values()),
         )
-        return Command(m.number, name, values) if kind == 16 else Answer(m.number, name, m.result, values, m.text)
+        return (
+            Command(m.number, name, values) if kind == 16 else CommandAnswer(m.number, name, m.result, values, m.text)
+        )
     channels: list[Any] = []
     for c in m.channels.values():
         who, age = (None if c.id == 255 else c.id, c.zone, c.marked), None if c.age == 65535 else c.age

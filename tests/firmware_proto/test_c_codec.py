@@ -9,10 +9,10 @@ import subprocess
 import tty
 
 import pytest
-from wire_vectors import VECTORS, as_frame, by_name, follow
 
 from firmware_proto import Channel, Frame, encode
 from tests.every import every
+from tests.firmware_proto.wire_vectors import VECTORS, as_frame, by_name, follow
 from tools.codecs.c_code import FOLDER, MESSAGES, NEVER, SOURCE, compile_c, compiler
 from tools.codecs.c_frames import ON_FRAME, CDecoder, State
 from tools.codecs.c_messages import State as MessageState

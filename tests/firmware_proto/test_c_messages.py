@@ -4,23 +4,23 @@ import ctypes
 import re
 
 import pytest
-from wire_vectors import MESSAGES, VECTORS, by_name, follow_messages
 
-from firmware_proto import Answer, Channel, Command, Frame, encode
+from firmware_proto import Channel, Command, CommandAnswer, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
 from tests.every import every
+from tests.firmware_proto.wire_vectors import MESSAGES, VECTORS, by_name, follow_messages
 from tools.codecs.c_frames import CDecoder
 from tools.codecs.c_messages import CMessageDecoder, Request, _Answer
 
 MARK = Command(7, "mark", (3,))
-DONE = Answer(7, "mark", "done")
+DONE = CommandAnswer(7, "mark", "done")
 
 
 @every("value", by_name(VECTORS["messages"]))
 def test_message(code, value):
     raw, message = bytes.fromhex(value["hex"]), MESSAGES[value["name"]]
     assert CMessageDecoder(code).feed(raw, 0.0) == [message]
-    if isinstance(message, Command | Answer):
+    if isinstance(message, Command | CommandAnswer):
         assert code.encode(message) == raw
         assert [code.encode(message, capacity) for capacity in range(len(raw))] == [b""] * len(raw)
 
@@ -44,9 +44,9 @@ def test_only_what_is_wanted_comes(code):
 
 
 WRONG = [
-    Answer(1, "mark", "done", (), "a\x01"),
-    Answer(1, "mark", "done", (), "a,b"),
-    Answer(1, "mark", "done", (1, 2, 3, 4, 5)),
+    CommandAnswer(1, "mark", "done", (), "a\x01"),
+    CommandAnswer(1, "mark", "done", (), "a,b"),
+    CommandAnswer(1, "mark", "done", (1, 2, 3, 4, 5)),
     Command(1, "mark", (1, 2, 3, 4, 5)),
 ]
 

@@ -6,13 +6,13 @@ from random import Random
 
 from hypothesis import given
 from hypothesis import strategies as st
-from lua_stubs import Autopilot, LuaDecoder, LuaMessageDecoder
-from wire_reference import FRAMES, Reference
-from wire_vectors import FRAMES as VECTOR_FRAMES
-from wire_vectors import MESSAGES, VECTORS, by_name, follow, follow_messages
 
 from firmware_proto import Channel, Decoder, Frame, encode
 from tests.every import every
+from tests.firmware_proto.lua_stubs import Autopilot, LuaDecoder, LuaMessageDecoder
+from tests.firmware_proto.wire_reference import FRAMES, Reference
+from tests.firmware_proto.wire_vectors import FRAMES as VECTOR_FRAMES
+from tests.firmware_proto.wire_vectors import MESSAGES, VECTORS, by_name, follow, follow_messages
 from tools.codecs.c_messages import python_decoder
 from tools.codecs.random_streams import SECONDS, message_streams, streams
 

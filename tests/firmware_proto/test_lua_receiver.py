@@ -5,11 +5,11 @@ import shutil
 from random import Random
 
 import pytest
-from lua_stubs import FOLDER, Autopilot, as_frame
 
-from firmware_proto import MID, Answer, Channel, Command, Decoder, Frame, encode
+from firmware_proto import MID, Channel, Command, CommandAnswer, Decoder, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
 from tests.every import every
+from tests.firmware_proto.lua_stubs import FOLDER, Autopilot, as_frame
 
 NAME = "arva_receiver"
 FOUR = (Channel(3, 2, 85, 0), Channel(1, MID, 1250, -35), Channel(2, MID, 4020, 17, True), Channel())
@@ -184,7 +184,7 @@ def test_a_pass_costs_less_than_the_scripting_engine_allows(alone, data, asking)
     assert len(frames) == sum(row["Ch"] == 1 for row in rows(autopilot, "ARVA"))
 
 
-ANSWERS = encode_answer(Answer(1, "identify", "done", (4,), "x" * 32))
+ANSWERS = encode_answer(CommandAnswer(1, "identify", "done", (4,), "x" * 32))
 
 
 def ask(autopilot, code, value=-1):
@@ -200,14 +200,14 @@ def test_a_command_is_sent_once_and_its_answer_said(autopilot):
     assert ask(autopilot, 2, 3) == encode_command(Command(1, "mark", (3,)))
     assert autopilot.params["ARVA_CMD"] == 0
     autopilot.receive(
-        encode_answer(Answer(9, "mark", "busy")) + raw(2) + encode_answer(Answer(1, "mark", "done", (3,)))
+        encode_answer(CommandAnswer(9, "mark", "busy")) + raw(2) + encode_answer(CommandAnswer(1, "mark", "done", (3,)))
     )
     autopilot.receive(raw(3))
     autopilot.run(autopilot.time_ms + 50)
     assert autopilot.said() == [PREFIX + "mark 3: done 3"]
     assert [row["Seq"] for row in rows(autopilot, "ARVA")] == [0, 1, 2, 3]
     assert ask(autopilot, 1) == encode_command(Command(2, "identify"))
-    autopilot.receive(encode_answer(Answer(2, "identify", "done", (4,), "paper 1.0 binary")))
+    autopilot.receive(encode_answer(CommandAnswer(2, "identify", "done", (4,), "paper 1.0 binary")))
     autopilot.run(autopilot.time_ms + 50)
     assert autopilot.said() == [PREFIX + "identify: done 4 paper 1.0 binary"]
 

@@ -7,13 +7,24 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from px4_stand_in import CONSTANTS, DRIVER, FOLDER, HEADERS, LAYOUT, MODULE, SIZE, STAND_IN, Px4, c_struct
-from wire_vectors import VECTORS, by_name
 
 import firmware_proto
-from firmware_proto import MID, Answer, Channel, Command, Frame, encode
+from firmware_proto import MID, Channel, Command, CommandAnswer, Frame, encode
 from firmware_proto.commands import encode_answer, encode_command
 from tests.every import every
+from tests.firmware_proto.px4_stand_in import (
+    CONSTANTS,
+    DRIVER,
+    FOLDER,
+    HEADERS,
+    LAYOUT,
+    MODULE,
+    SIZE,
+    STAND_IN,
+    Px4,
+    c_struct,
+)
+from tests.firmware_proto.wire_vectors import VECTORS, by_name
 from tests.once import once
 from tools.codecs.c_code import FOLDER as CODEC
 from tools.codecs.c_code import MESSAGES, SOURCE, compile_c, compiler
@@ -306,7 +317,7 @@ def test_start_and_stop(px4):
 
 
 def answer(number, name, result, *values, text=""):
-    return encode_answer(Answer(number, name, result, values, text))
+    return encode_answer(CommandAnswer(number, name, result, values, text))
 
 
 def test_a_command_of_the_shell_is_sent_and_its_answer_published(started):

@@ -5,10 +5,10 @@ import pytest
 from fastcrc import crc16
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from wire_reference import FRAMES, Reference, verdict
 
 from firmware_proto import MAX_FRAME_BYTES, Channel, Decoder, Frame, binary, encode, encode_nmea, encode_text
 from tests.every import every
+from tests.firmware_proto.wire_reference import FRAMES, Reference, verdict
 
 ONE = encode(Frame(1, 1, (Channel(1, 2, 300, 12),)))
 LONG_HEAD = bytes.fromhex("A4570163000010")

@@ -3,20 +3,20 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from wire_reference import FRAMES, crc
 
-from firmware_proto import Answer, Command, Decoder, NmeaDecoder, TextDecoder, encode, encode_nmea, encode_text
+from firmware_proto import Command, CommandAnswer, Decoder, NmeaDecoder, TextDecoder, encode, encode_nmea, encode_text
 from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.commands import BINARY_HOST, NAMES, RESULTS
 from firmware_proto.messages import seal
+from tests.firmware_proto.wire_reference import FRAMES, crc
 
 INT32 = st.integers(-(2**31), 2**31 - 1)
 BYTE = st.integers(0, 255)
 NAME = st.sampled_from(NAMES) | st.integers(len(NAMES) + 1, 255).map(lambda code: f"command-{code}")
 TEXT = st.text([chr(c) for c in range(32, 127) if chr(c) not in "$*,"], max_size=32)
 COMMANDS = st.builds(Command, BYTE, NAME, st.lists(INT32, max_size=4).map(tuple))
-ANSWERS = st.builds(Answer, BYTE, NAME, st.sampled_from(RESULTS), st.lists(INT32, max_size=4).map(tuple), TEXT)
-SHORT = st.builds(Answer, BYTE, NAME, st.sampled_from(RESULTS), st.lists(BYTE, max_size=1).map(tuple), TEXT)
+ANSWERS = st.builds(CommandAnswer, BYTE, NAME, st.sampled_from(RESULTS), st.lists(INT32, max_size=4).map(tuple), TEXT)
+SHORT = st.builds(CommandAnswer, BYTE, NAME, st.sampled_from(RESULTS), st.lists(BYTE, max_size=1).map(tuple), TEXT)
 FORMS = {
     "binary": (BINARY_HOST, encode, Decoder),
     "nmea": (LINE_HOST, encode_nmea, NmeaDecoder),
@@ -50,7 +50,7 @@ def test_a_command_byte_by_byte():
     assert BINARY_HOST.command(MARK).hex(" ") == "a4 57 02 08 00 10 07 02 03 00 00 00 5e 21"
     assert BINARY_HOST.command(Command(0xA4, "scan")).hex(" ").startswith("a4 57 02 04 01 11 a5 06 ")
     assert LINE_HOST.command(MARK) == b"$PARVC,7,mark,3*6B\r\n"
-    done = Answer(7, "identify", "done", (4,), "paper 1.0 nmea")
+    done = CommandAnswer(7, "identify", "done", (4,), "paper 1.0 nmea")
     assert LINE_HOST.answer(done) == b"$PARVR,7,identify,done,paper 1.0 nmea,4*32\r\n"
 
 
@@ -148,9 +148,9 @@ def test_a_command_that_does_not_fit_is_refused_by_name(command, said):
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
-        (Answer(0, "mark", "perhaps"), "result is 'perhaps', expected one of done, refused, unknown, busy"),
-        (Answer(0, "mark", "done", (), "a,b"), "text is 'a,b'"),
-        (Answer(0, "mark", "done", (), "x" * 33), "expected 32 printable"),
+        (CommandAnswer(0, "mark", "perhaps"), "result is 'perhaps', expected one of done, refused, unknown, busy"),
+        (CommandAnswer(0, "mark", "done", (), "a,b"), "text is 'a,b'"),
+        (CommandAnswer(0, "mark", "done", (), "x" * 33), "expected 32 printable"),
     ],
 )
 def test_an_answer_that_does_not_fit_is_refused_by_name(answer, said):
@@ -158,7 +158,7 @@ def test_an_answer_that_does_not_fit_is_refused_by_name(answer, said):
         with pytest.raises(ValueError, match=said):
             host.answer(answer)
     with pytest.raises(ValueError, match="a sentence of 86 bytes, expected 82 at most"):
-        LINE_HOST.answer(Answer(255, "identify", "done", (-(2**31),) * 2, "x" * 32))
+        LINE_HOST.answer(CommandAnswer(255, "identify", "done", (-(2**31),) * 2, "x" * 32))
 
 
 @pytest.mark.parametrize(
@@ -200,5 +200,7 @@ def test_a_line_that_is_no_command_is_dropped_whole(line):
 )
 def test_an_answer_that_makes_no_sense_is_dropped_though_its_crc_is_right(body):
     decoder, raw = BINARY_HOST.answers(), seal(17, body)
-    assert decoder.feed(raw + BINARY_HOST.answer(Answer(1, "scan", "done")), 0.0) == [Answer(1, "scan", "done")]
+    assert decoder.feed(raw + BINARY_HOST.answer(CommandAnswer(1, "scan", "done")), 0.0) == [
+        CommandAnswer(1, "scan", "done")
+    ]
     assert (decoder.dropped, decoder.bad_crc) == (len(raw), 0)

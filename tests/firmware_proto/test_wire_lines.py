@@ -3,13 +3,13 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from wire_reference import FRAMES
 
 from firmware_proto import Channel, Frame, NmeaDecoder, TextDecoder, encode_nmea, encode_text
 from firmware_proto.binary import BINARY
 from firmware_proto.nmea import NMEA
 from firmware_proto.text import TEXT
 from tests.every import every
+from tests.firmware_proto.wire_reference import FRAMES
 
 FORMATS = {"binary": BINARY, "nmea": NMEA, "text": TEXT}
 

@@ -5,7 +5,6 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from wire_reference import FRAMES
 
 from firmware_proto import Channel, Decoder, Frame, LevelChannel, Measured, VectorChannel, encode
 from firmware_proto.measured import (
@@ -18,6 +17,7 @@ from firmware_proto.measured import (
     vector_channel,
 )
 from firmware_proto.messages import seal
+from tests.firmware_proto.wire_reference import FRAMES
 
 AMPLITUDE = st.tuples(st.integers(-0x7FFF, 0x7FFF), st.integers(0, 16)).map(lambda one: one[0] << one[1])
 AMPLITUDES = st.tuples(AMPLITUDE, AMPLITUDE, AMPLITUDE).map(lambda three: exponent_of(*three)[1])

@@ -9,15 +9,15 @@ import pytest
 from fastcrc import crc16
 
 import firmware_proto
-from arva_hil.field import dipole_field
-from arva_hil.receiver import outputs
+from arva_hil.model.field import dipole_field
+from arva_hil.model.receiver import outputs
 from firmware_proto import (
     INNER,
     MAX_FRAME_BYTES,
     MID,
-    Answer,
     Channel,
     Command,
+    CommandAnswer,
     Decoder,
     Frame,
     Measured,
@@ -65,7 +65,7 @@ def test_worked_bytes(title, frame):
     ("title", "data"),
     [
         ("A command, byte by byte", encode_command(Command(7, "mark", (3,)))),
-        ("An answer, byte by byte", encode_answer(Answer(7, "mark", "done"))),
+        ("An answer, byte by byte", encode_answer(CommandAnswer(7, "mark", "done"))),
         ("A command with a mask, byte by byte", encode_command(Command(0xA4, "scan"))),
         ("A vector, byte by byte", encode_vector(MEASURED)[: -len(encode(MEASURED))]),
     ],
@@ -89,9 +89,9 @@ def test_commands_and_results():
 def test_commands_in_lines():
     said = [
         LINE_HOST.command(Command(7, "mark", (3,))),
-        LINE_HOST.answer(Answer(7, "mark", "done")),
+        LINE_HOST.answer(CommandAnswer(7, "mark", "done")),
         LINE_HOST.command(Command(8, "identify")),
-        LINE_HOST.answer(Answer(8, "identify", "done", (4,), "paper 1.0 nmea")),
+        LINE_HOST.answer(CommandAnswer(8, "identify", "done", (4,), "paper 1.0 nmea")),
     ]
     assert block("commands") == b"".join(said)
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from fastcrc import crc16
-from wire_vectors import FRAMES, MESSAGES, VECTORS, as_frame, by_name, follow, follow_messages
 
 from firmware_proto import (
     Channel,
@@ -22,6 +21,7 @@ from firmware_proto.command_lines import LINE_HOST
 from firmware_proto.commands import encode_answer, encode_command
 from firmware_proto.measured import encode_rssi, encode_vector
 from tests.every import every
+from tests.firmware_proto.wire_vectors import FRAMES, MESSAGES, VECTORS, as_frame, by_name, follow, follow_messages
 from tools.codecs.c_messages import python_decoder
 
 MAKE = Path(__file__).parents[2] / "tools" / "make_vectors.py"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import firmware_proto
-from firmware_proto import Answer, Channel, Command, Frame, LevelChannel, Measured, VectorChannel
+from firmware_proto import Channel, Command, CommandAnswer, Frame, LevelChannel, Measured, VectorChannel
 from firmware_proto.measured import MeasuredMessage
 
 VECTORS = json.loads((Path(firmware_proto.__file__).parent / "vectors.json").read_text(encoding="utf-8"))
@@ -27,7 +27,7 @@ def as_message(value):
     if value["type"] == "command":
         return Command(value["number"], value["command"], tuple(value["values"]))
     if value["type"] == "answer":
-        return Answer(value["number"], value["command"], value["result"], tuple(value["values"]), value["text"])
+        return CommandAnswer(value["number"], value["command"], value["result"], tuple(value["values"]), value["text"])
     kind = VectorChannel if value["type"] == "vector" else LevelChannel
     channels = tuple(kind(**c) for c in value["channels"])
     return MeasuredMessage(value["sequence"], value["status"], Measured(value["time_ms"], channels))

@@ -11,16 +11,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.generator.mavcrc import x25crc
-from simulated_px4 import HOLD, LAND, OFFBOARD, POSITION, RETURN, STREAMS, TAKE_OFF, Px4
 
+from arva_hil.autopilot.commanding.commander import Commander
+from arva_hil.autopilot.commanding.state import Phase
+from arva_hil.autopilot.following.session import Session
 from arva_hil.events.vehicles import AutopilotText
-from arva_hil.flight.commander import Commander
-from arva_hil.flight.state import Phase
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 from tests.every import every
+from tests.simulated_px4 import HOLD, LAND, OFFBOARD, POSITION, RETURN, STREAMS, TAKE_OFF, Px4
 
 HOME = (46.5, 11.35, 1800.0)
 US = 193  # our component
@@ -68,8 +68,7 @@ class Flight:
     def step(self) -> None:
         self.now += self._step
         chunk = self.vehicle.poll(self.now)
-        self.session.feed(chunk, self.now)
-        self.commander.hear(self.now)
+        self.commander.hear(self.session.feed(chunk, self.now), self.now)
         self.vehicle.feed(self.session.poll(self.now), self.now)
         told = self.commander.poll(self.now)
         self.commander.sent(self.now)
@@ -243,8 +242,7 @@ class Told:
 
     def say(self, message: Any, source: tuple[int, int] = (1, 1)) -> None:
         encoder = self._encoders.setdefault(source, Encoder(*source))
-        self.session.feed(encoder.pack(message), self.now)
-        self.commander.hear(self.now)
+        self.commander.hear(self.session.feed(encoder.pack(message), self.now), self.now)
 
     def beat(self, mode: int, *, armed: bool = False, source: tuple[int, int] = (1, 1), autopilot: int = -1) -> None:
         if source == (1, 1) and autopilot < 0:
@@ -287,6 +285,7 @@ class Told:
         self.hear(0.5)
         if phase is Phase.ARMING:
             return
+        self.hear(0.6)  # until the order to arm has left
         self.beat(self.hold, armed=True)
         self.hear(0.5)
         self.beat(self.take_off, armed=True)
@@ -425,7 +424,10 @@ def test_it_says_why_it_does_not_arm() -> None:
 def test_px4_without_a_text_says_why_by_its_status() -> None:
     flight = Flight(px4(healthy=False), arm_timeout_s=8.0)
     flight.reach(Phase.LOST)
-    assert flight.commander.why == "the vehicle does not arm: arming: TEMPORARILY_REJECTED; not healthy: 3d gyro"
+    assert (
+        flight.commander.why
+        == "the vehicle does not arm: arming: TEMPORARILY_REJECTED; not healthy: 3d gyro, rc receiver"
+    )
     flight = Flight(px4(healthy=False))
     flight.pass_s(10)
     flight.vehicle.healthy = True  # type: ignore[union-attr]
@@ -563,6 +565,7 @@ def test_hold_is_a_take_over_in_the_climb_at_any_height(height: float) -> None:
 def test_before_px4_has_said_that_it_takes_off_hold_is_the_mode_that_it_armed_in() -> None:
     told = Told(PX4)
     told.reach(Phase.ARMING)
+    told.hear(0.6)
     told.beat(HOLD, armed=True)
     assert NAV_TAKE_OFF in dict(told.commands(2.0))
     assert told.commander.phase is Phase.CLIMBING
@@ -727,8 +730,8 @@ def test_no_values_of_the_vehicle_make_it_raise(phase: Phase, said: list[tuple[i
         told.now += 0.7
         head = bytes([len(payload), 0, 0, 0, 1, 1]) + msgid.to_bytes(3, "little")
         crc = x25crc(head + payload + bytes([dialect.mavlink_map[msgid].crc_extra])).crc
-        told.session.feed(b"\xfd" + head + payload + crc.to_bytes(2, "little"), told.now)
-        told.commander.hear(told.now)
+        received = told.session.feed(b"\xfd" + head + payload + crc.to_bytes(2, "little"), told.now)
+        told.commander.hear(received, told.now)
         told.hear()
         told.session.take_events()
     if told.commander.phase in SILENT:

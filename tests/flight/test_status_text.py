@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arva_hil.flight.complaints import Complaints, unwell
+from arva_hil.autopilot.commanding.complaints import Complaints, unwell
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 
 WORDS = st.text("abc :_-", min_size=1, max_size=170).filter(lambda text: text == text.strip())

@@ -6,9 +6,9 @@ import signal
 from collections.abc import Callable, Iterator
 
 import pytest
-from links_waiting import DEADLINE_S
 
 from arva_hil.links import Link
+from tests.links.links_waiting import DEADLINE_S
 
 
 @pytest.fixture(autouse=True)

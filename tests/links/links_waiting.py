@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from arva_hil.clock import RealClock
 from arva_hil.links import Link
-from arva_hil.runtime.clock import RealClock
 
 DEADLINE_S = 60.0  # none is reached but by a mistake, however slow the machine
 

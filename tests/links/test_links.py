@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import pytest
-from links_waiting import DEADLINE_S, receive, until
 
+from arva_hil.clock import RealClock, StepClock
 from arva_hil.links import Address, Link, LinkError, open_link
 from arva_hil.links.memory import pair
 from arva_hil.links.pty import PtyLink
@@ -22,7 +22,7 @@ from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.tlog import TlogLink, tlog_record
 from arva_hil.links.udp import UdpInLink, UdpOutLink
-from arva_hil.runtime.clock import RealClock, StepClock
+from tests.links.links_waiting import DEADLINE_S, receive, until
 
 
 class Ends(NamedTuple):

@@ -15,15 +15,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from links_waiting import DEADLINE_S, receive, until
 
+from arva_hil.clock import StepClock
 from arva_hil.links import Link, LinkError
 from arva_hil.links.stdout import StdoutLink, open_stdout
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
-from arva_hil.runtime.clock import StepClock
 from tests.free_ports import free_port
+from tests.links.links_waiting import DEADLINE_S, receive, until
 
 Keep = Callable[[Link], Link]
 

@@ -18,15 +18,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from links_waiting import DEADLINE_S, receive, until
-from signal_at import signalled
 
+from arva_hil.clock import RealClock
 from arva_hil.links import Link, LinkError, pty
 from arva_hil.links.base import Absent
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.serial import open_serial
-from arva_hil.runtime.clock import RealClock
+from tests.links.links_waiting import DEADLINE_S, receive, until
+from tests.signal_at import signalled
 
 Keep = Callable[[Link], Link]
 

@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 import serial
-from links_waiting import receive, until
 
+from arva_hil.clock import RealClock, StepClock
 from arva_hil.links import Address, Link, LinkEnded, LinkError, parse, serial_ports
 from arva_hil.links.base import Absent
 from arva_hil.links.memory import MemoryLink, pair
@@ -26,8 +26,8 @@ from arva_hil.links.reconnecting import Job, ReconnectingLink, open_reconnecting
 from arva_hil.links.serial_ports import Barred, SerialOpener, stable_name
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
-from arva_hil.runtime.clock import RealClock, StepClock
 from tests.free_ports import free_port
+from tests.links.links_waiting import receive, until
 
 Keep = Callable[[Link], Link]
 

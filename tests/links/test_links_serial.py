@@ -13,16 +13,16 @@ from typing import Any
 
 import pytest
 import serial as pyserial
-from links_waiting import receive, until
 
+from arva_hil.clock import StepClock
 from arva_hil.links import Link, LinkError, open_link
 from arva_hil.links import serial as serial_module
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial, open_url
 from arva_hil.links.serial_ports import SerialPort, find_autopilot, list_ports
 from arva_hil.links.tcp_server import TcpServerLink
-from arva_hil.runtime.clock import StepClock
 from tests.every import every
+from tests.links.links_waiting import receive, until
 
 Keep = Callable[[Link], Link]
 

@@ -12,11 +12,11 @@ import pytest
 from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
+from arva_hil.clock import StepClock
 from arva_hil.links import Link, LinkEnded, LinkError
 from arva_hil.links import tlog as tlog_module
 from arva_hil.links.tlog import TlogLink, TlogReader, tlog_record
 from arva_hil.links.tlog_timeline import Record
-from arva_hil.runtime.clock import StepClock
 
 T0_US = 1_700_000_000_123_457  # an odd number of microseconds: a float of seconds does not hold it exactly
 DAY_US = 86_400_000_000

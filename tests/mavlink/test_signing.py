@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.events.vehicles import SignatureRefused, SignaturesUnchecked, VehicleFound
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing, key_of
-from arva_hil.vehicle.session import Session
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
 NOW_US = 1_700_000_000_000_000  # since 1970
@@ -73,14 +73,14 @@ def test_the_vehicle_that_has_the_key_is_followed_and_no_other() -> None:
     for key in (None, OTHER_KEY):
         session.feed(Vehicle(key).says(heartbeat()), 0.0)
         assert session.vehicle is None
-    session.feed(Vehicle().says(heartbeat()), 0.1)
+    received = session.feed(Vehicle().says(heartbeat()), 0.1)
     assert session.vehicle is not None
     before = session.counts()
     assert (before["packets_unsigned"], before["packets_forged"], before["packets_replayed"]) == (1, 1, 0)
-    assert len(session.own) == 1
+    assert len(received.own) == 1
     for key in (None, OTHER_KEY):
-        session.feed(Vehicle(key).says(heartbeat(armed=True)), 0.2)
-        assert session.own == []
+        received = session.feed(Vehicle(key).says(heartbeat(armed=True)), 0.2)
+        assert (received.own, len(received.refused)) == ([], 1)
     assert not session.vehicle.armed
     unsigned, forged, found = session.take_events()
     assert isinstance(unsigned, SignatureRefused)

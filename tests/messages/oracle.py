@@ -9,8 +9,8 @@ from typing import Any
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from arva_hil.messages.message import Message, schema
-from arva_hil.messages.types import PUBLISHED
+from arva_hil.records.ros_messages.message import Message, schema
+from arva_hil.records.ros_messages.types import PUBLISHED
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 OURS = get_typestore(Stores.EMPTY)
@@ -47,7 +47,7 @@ def float32(value: float) -> float:
 
 def messages(cls: type[Message]) -> list[type[Message]]:
     """The message and all those in it."""
-    from arva_hil.messages.message import field_types
+    from arva_hil.records.ros_messages.message import field_types
 
     found = [cls]
     for of in field_types(cls).values():

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import get_types_from_msg
 
-from arva_hil.messages.cdr import encode
-from arva_hil.messages.message import FieldType, Message, definition, field_types, schema
-from arva_hil.messages.types import PUBLISHED, Arva, ArvaData, Header, KeyValue, Point, Time
+from arva_hil.records.ros_messages.cdr import encode
+from arva_hil.records.ros_messages.message import FieldType, Message, definition, field_types, schema
+from arva_hil.records.ros_messages.types import PUBLISHED, Arva, ArvaData, Header, KeyValue, Point, Time
 from tests.every import every
 
 from .oracle import JAZZY, OURS, messages, plain, read

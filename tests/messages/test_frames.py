@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arva_hil.field import LocalFrame, rotation
-from arva_hil.messages import frames
-from arva_hil.messages.types import Point, Quaternion, Vector3
+from arva_hil.model.field import LocalFrame, rotation
+from arva_hil.records.ros_messages import frames
+from arva_hil.records.ros_messages.types import Point, Quaternion, Vector3
 
 NED_TO_ENU = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FLU_TO_FRD = np.diag([1, -1, -1])

@@ -12,12 +12,12 @@ import pytest
 from arva_hil.config import DEFAULT, Follows, Lla, Scenario, Transmitter, load
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events import DatumSet, FrameMade, PoseFound, ReceiverStatus, StatusReport, VehicleStatus
-from arva_hil.field import rotation
-from arva_hil.messages.cdr import encode
-from arva_hil.messages.names import names_of
-from arva_hil.messages.readings import RunMessages
-from arva_hil.messages.types import Publication
-from arva_hil.receiver import ChannelReading, Pose, Reading, Zone
+from arva_hil.model.field import rotation
+from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
+from arva_hil.records.ros_messages.cdr import encode
+from arva_hil.records.ros_messages.names import names_of
+from arva_hil.records.ros_messages.readings import RunMessages
+from arva_hil.records.ros_messages.types import Publication
 
 from .oracle import read
 

@@ -10,10 +10,10 @@ import pytest
 
 from arva_hil.config import DEFAULT, load
 from arva_hil.events import DatumSet
-from arva_hil.messages.readings import RunMessages
-from arva_hil.messages.recorded import messages_of
-from arva_hil.messages.types import Publication
-from arva_hil.recordings import load as load_record
+from arva_hil.records.reading import load as load_record
+from arva_hil.records.ros_messages.readings import RunMessages
+from arva_hil.records.ros_messages.recorded import messages_of
+from arva_hil.records.ros_messages.types import Publication
 from tests import records
 
 from .test_readings import by_topic

@@ -11,7 +11,7 @@ import pytest
 from arva_hil.config import DEFAULT
 from arva_hil.events import DatumSet, Event
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
-from arva_hil.messages.live import LiveMessages
+from arva_hil.records.ros_messages.live import LiveMessages
 from firmware_proto import INNER, MID, Channel, Frame
 
 from .test_readings import EPOCH_US, HOME, by_topic

@@ -6,8 +6,8 @@ import pytest
 
 from arva_hil.cli.watchers import close_all
 from arva_hil.events import Event, ObserverFailed
-from arva_hil.observers.audience import Audience
-from arva_hil.observers.console.text import Notice
+from arva_hil.events.words.text import Notice
+from arva_hil.runtime.audience import Audience
 
 
 class Unspeakable(Exception):

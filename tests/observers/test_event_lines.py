@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from arva_hil.events import DatumSet, PacketsReceived
-from arva_hil.observers.record import Recorder
-from arva_hil.observers.record import layout as module
-from arva_hil.observers.record.layout import EventLines
+from arva_hil.records.writing import Recorder
+from arva_hil.records.writing import layout as module
+from arva_hil.records.writing.layout import EventLines
 from tests.records import EPOCH_US, START_S, write
 
 

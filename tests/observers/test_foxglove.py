@@ -15,9 +15,9 @@ import pytest
 from arva_hil.cli.arguments.shared import foxglove
 from arva_hil.config import DEFAULT
 from arva_hil.events import DatumSet
-from arva_hil.messages.live import LiveMessages
 from arva_hil.observers.foxglove import FoxgloveError, FoxgloveServer
 from arva_hil.observers.web.address import HostPort
+from arva_hil.records.ros_messages.live import LiveMessages
 from tests.messages.test_readings import EPOCH_US, HOME, made
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("foxglove") is None, reason="foxglove-sdk is not installed")
@@ -104,6 +104,18 @@ def test_a_client_that_does_not_read_holds_up_nothing_and_the_end_does_not_wait_
 
         threading.Thread(target=tell_much, daemon=True).start()
         assert over.wait(60)  # with the connection still open
+
+
+def test_clients_that_fail_are_no_news(caplog: pytest.LogCaptureFixture) -> None:
+    with server() as served:
+        for _ in range(3):
+            with socket.create_connection(("127.0.0.1", served.port), timeout=10) as client:
+                client.sendall(b"nonsense\r\n\r\n")
+                client.settimeout(10)
+                with contextlib.suppress(ConnectionResetError):
+                    assert client.recv(1) in (b"", b"H")
+        FoxgloveClient(served.port)
+    assert caplog.records == []
 
 
 def test_a_host_that_is_not_ours_is_refused_with_a_cure() -> None:

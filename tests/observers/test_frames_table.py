@@ -13,10 +13,10 @@ import pytest
 
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events import FrameMade
-from arva_hil.field.rotation import from_euler, to_matrix
-from arva_hil.observers.record import Recorder, RecordLayout
-from arva_hil.receiver import ChannelReading, Reading, Zone
-from arva_hil.receiver.receiver_model import Pose
+from arva_hil.model.field.rotation import from_euler, to_matrix
+from arva_hil.model.receiver import ChannelReading, Reading, Zone
+from arva_hil.model.receiver.receiver_model import Pose
+from arva_hil.records.writing import Recorder, RecordLayout
 
 HEADER = (
     "utc,time_s,seq,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg,"

@@ -7,17 +7,17 @@ from typing import Any
 
 import pytest
 
+from arva_hil.clock import StepClock
 from arva_hil.config import DEFAULT
 from arva_hil.events import Event, StatusReport
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint, TransmitterChosen
-from arva_hil.field import LocalFrame
 from arva_hil.links import Link, memory
 from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.model.field import LocalFrame
 from arva_hil.observers.ground_station import GroundStation
-from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.estimate import Estimate
-from arva_hil.search.plan import SearchPlan
+from arva_hil.search.strategies.estimate import Estimate
+from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import HOME, ClosedLoop
 from firmware_proto import MID, Channel, Frame
 

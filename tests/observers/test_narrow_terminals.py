@@ -16,8 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.cli.terminal import show_marked, tell
+from arva_hil.events.words.text import Notice
 from arva_hil.observers.console import Printer
-from arva_hil.observers.console.text import Notice
 from arva_hil.safe_text import columns_of, wrapped
 
 LONG = "no rangefinder is heard: the height is held above the take-off point; over a slope the height is different"

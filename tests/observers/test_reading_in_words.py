@@ -2,7 +2,7 @@
 
 import pytest
 
-from arva_hil.observers.console.text import reading
+from arva_hil.events.words.text import reading
 from firmware_proto import INNER, MID, OUTER, Channel
 
 

@@ -12,15 +12,15 @@ from pathlib import Path
 
 import pytest
 
+from arva_hil.clock import StepClock
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events import FrameMade, PacketsReceived, StatusReport
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
-from arva_hil.observers.record import Recorder, RecordError, RecordLayout
-from arva_hil.observers.record import growing_files as module
-from arva_hil.receiver import ChannelReading, Reading, Zone
+from arva_hil.model.receiver import ChannelReading, Reading, Zone
+from arva_hil.records.writing import Recorder, RecordError, RecordLayout
+from arva_hil.records.writing import growing_files as module
 from arva_hil.runtime import worker_thread
-from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.worker_thread import WorkerThread
 
 NAMES = ["autopilot.tlog", "events.jsonl", "frames.bin", "frames.csv", "readings.csv", "run.json"]

@@ -21,10 +21,10 @@ import pytest
 
 from arva_hil.config import DEFAULT
 from arva_hil.events import DatumSet
-from arva_hil.messages.live import LiveMessages
-from arva_hil.messages.types import PUBLISHED
 from arva_hil.observers import ros2
 from arva_hil.observers.ros2 import Ros2Error, Ros2Publisher
+from arva_hil.records.ros_messages.live import LiveMessages
+from arva_hil.records.ros_messages.types import PUBLISHED
 from tests.messages.oracle import read
 from tests.messages.test_readings import EPOCH_US, HOME, made
 

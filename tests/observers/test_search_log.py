@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from arva_hil.observers.record import RecordError
-from arva_hil.observers.record.search_log import SearchLog
-from arva_hil.pictures.search import Track, draw_search
-from arva_hil.runtime.clock import StepClock
-from arva_hil.search.outcome import SearchStep
+from arva_hil.clock import StepClock
+from arva_hil.records.pictures.search import Track, draw_search
+from arva_hil.records.writing import RecordError
+from arva_hil.records.writing.search_log import SearchLog
+from arva_hil.search.mission.outcome import SearchStep
 
 COLUMNS = "time_s,phase,north_m,east_m,down_m,heading_deg,v_north,v_east,v_down,id,d_cm,delta_deg,zone"
 

@@ -9,11 +9,11 @@ import pytest
 
 from arva_hil import events
 from arva_hil.events import Event, searches, teams, vehicles
-from arva_hil.observers.console.event_json import NOT_NEWS, event_json, event_name
-from arva_hil.observers.console.reasons import no_pose, no_vehicle
-from arva_hil.observers.console.sentences import sentence
-from arva_hil.observers.console.text import Notice
-from arva_hil.vehicle.reasons import HeardSource, NoPose, NoVehicle, SilentStream
+from arva_hil.events.event_json import NOT_NEWS, event_json, event_name
+from arva_hil.events.reasons import HeardSource, NoPose, NoVehicle, SilentStream
+from arva_hil.events.words.reasons import no_pose, no_vehicle
+from arva_hil.events.words.sentences import sentence
+from arva_hil.events.words.text import Notice
 from tests.every import every
 
 LINK = (1.0, "autopilot", "udpin:127.0.0.1:14550")
@@ -194,6 +194,12 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "warning",
         "the battery: the vehicle hovers in GUIDED until the throttle stick is in the middle, then LOITER is ordered",
     ),
+    (
+        vehicles.ThrottleAwaited(1.0, "drone", 7, 500),
+        "warning",
+        "the pilot has moved a switch (channel 7, by 500 µs): the vehicle hovers in GUIDED until the throttle stick is "
+        "in the middle, then LOITER is ordered",
+    ),
     (searches.FromSearch(1.0, searches.DescentBegun(1.0)), "info", "search: descending to the place reported"),
     (searches.WaitingFor(1.0, "frame"), "info", "waiting for a frame from the receiver"),
     (
@@ -201,6 +207,19 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "info",
         "without set-points it lands (COM_OBL_RC_ACT 4) after 1 s (COM_OF_LOSS_T); without a radio: "
         "Return (NAV_RCL_ACT 2); without a ground station: unknown (NAV_DLL_ACT)",
+    ),
+    (
+        searches.FailsafesKnown(1.0, "px4", (("COM_OBL_RC_ACT", 0.0), ("NAV_RCL_ACT", 2.0), ("COM_RC_OVERRIDE", 3.0))),
+        "info",
+        "without set-points it goes to Position mode (COM_OBL_RC_ACT 0) after an unknown time (COM_OF_LOSS_T), and "
+        "sinks there and lands where it is, because it has no remote control; without a radio: Return (NAV_RCL_ACT 2); "
+        "without a ground station: unknown (NAV_DLL_ACT); if a stick moves: PX4 follows it, in its "
+        "auto modes and in OFFBOARD (COM_RC_OVERRIDE 3)",
+    ),
+    (
+        searches.ParameterDoubted(1.0, "GUID_TIMEOUT", 0.1, "set-points too rare"),
+        "warning",
+        "GUID_TIMEOUT is 0.1: the vehicle may stop between two set-points, which come every 0.2 s; set it to 1 to 3 s",
     ),
     (
         searches.FailsafesKnown(1.0, "ardupilot", (("FS_OPTIONS", 4.0), ("GUID_TIMEOUT", 3.0), ("FS_GCS_ENABLE", 0.0))),
@@ -267,9 +286,9 @@ SENTENCES: list[tuple[Event, str, str]] = [
         "the search did nothing for 1.5 s: first it checks who controls the vehicle",
     ),
     (
-        searches.StrategySlow(1.0, 10.04),
+        searches.StrategySlow(1.0, 10.04, 0.3),
         "warning",
-        "the strategy took 10.0 s to answer: the vehicle was not steered; a second time ends the search",
+        "the strategy has not answered for 10.0 s, 0.3 s of them without a processor: the vehicle hovers until it does",
     ),
     (searches.SearchPaused(1.0, "no frame", 2.0, 3.0), "warning", "no frame for 2 s: hovering"),
     (
@@ -343,6 +362,29 @@ SENTENCES: list[tuple[Event, str, str]] = [
     (searches.MarkLost(1.0, 3, 1), "warning", "the receiver has lost the mark of victim 1"),
     (searches.DescentBegun(1.0), "info", "descending to the place reported"),
     (searches.TooLow(1.0, 1.4, 3.0), "warning", "only 1.4 m above the ground, 3 m are wanted: climbing"),
+    (
+        searches.FenceInArea(1.0, "FENCE_RADIUS", 50.0, 70.7),
+        "warning",
+        "the area reaches 71 m from the take-off point, beyond the vehicle's fence (FENCE_RADIUS 50): the vehicle does "
+        "not fly beyond it",
+    ),
+    (
+        searches.FenceInArea(1.0, "FENCE_TOTAL", 5, 0.0),
+        "warning",
+        "the vehicle has a fence of its own shape, which is not compared with the area (FENCE_TOTAL 5): the vehicle "
+        "does not fly beyond it",
+    ),
+    (
+        searches.SetPointsNotFollowed(1.0, 5.0, 5.0, 0.13),
+        "warning",
+        "the vehicle does not follow its set-points: 0.1 m in 5 s, 5.0 m ordered: a fence or an obstacle ahead "
+        "(AVOID_ENABLE, CP_DIST), or set-points are lost on their way. It flies sideways once",
+    ),
+    (
+        searches.SensorsDisagree(1.0, "rangefinder", 8.04, "vertical speed", 3.0),
+        "warning",
+        "the rangefinder says 8.0 m, and the vertical speed 3.0 m: the search flies by the lower height",
+    ),
     (searches.HeightSource(1.0, "rangefinder"), "info", "height above the ground: from the rangefinder"),
     (
         searches.HeightSource(1.0, "terrain", 10.0),

@@ -11,11 +11,11 @@ import pytest
 
 from arva_hil.emulator.formats import frame_of
 from arva_hil.events import FrameMade, ReceiverStatus, StatusReport, VehicleStatus
-from arva_hil.observers.console import text
+from arva_hil.events.words import text
+from arva_hil.events.words.text import status_line, status_table
+from arva_hil.model.receiver import ChannelReading, Reading, Zone
+from arva_hil.model.receiver.receiver_model import Pose
 from arva_hil.observers.console.printer import Printer
-from arva_hil.observers.console.text import status_line, status_table
-from arva_hil.receiver import ChannelReading, Reading, Zone
-from arva_hil.receiver.receiver_model import Pose
 
 POSE = Pose(np.zeros(3), np.eye(3))
 NEAR = ChannelReading(2, Zone.INNER, 90, 0, 0.9)

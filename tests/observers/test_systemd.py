@@ -9,12 +9,12 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from service_manager import Manager
 
+from arva_hil.clock import Clock, StepClock
 from arva_hil.events import ReceiverStatus, StatusReport, VehicleStatus
 from arva_hil.observers.systemd import Watchdog
-from arva_hil.runtime.clock import Clock, StepClock
 from arva_hil.runtime.loop import run
+from tests.service_manager import Manager
 
 USEC = "10000000"
 

@@ -5,23 +5,31 @@ from __future__ import annotations
 import http.client
 import json
 import socket
-from collections.abc import Iterator
+import threading
+import tracemalloc
+from collections.abc import Iterable, Iterator, Mapping
 
 import pytest
 
+from arva_hil.clock import StepClock, Waitable
 from arva_hil.observers.web.address import HostPort, parse_address
 from arva_hil.observers.web.server import Server, WebError, pages
 
-BIG = b"x" * 20_000_000
+UNFINISHED = b"GET / HTTP/1.1\r\nHost: localhost\r\n"
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 
 
+def big(query: Mapping[str, str], client: int) -> bytes:
+    """A document that no buffer of the system takes whole."""
+    return b"x" * 20_000_000
+
+
 @pytest.fixture
 def server() -> Iterator[Server]:
-    sources = {"/state.json": lambda query: json.dumps(dict(query)).encode(), "/big.json": lambda query: BIG}
+    sources = {"/state.json": lambda query, client: json.dumps(dict(query)).encode(), "/big.json": big}
     server = Server(HostPort("127.0.0.1", 0), sources)
     yield server
     server.close()
@@ -43,10 +51,15 @@ def say(server: Server, data: bytes) -> bytes:
     """The answer to raw bytes, until the server hangs up."""
     with socket.create_connection(("127.0.0.1", server.address.port), timeout=10) as client:
         client.sendall(data)
-        answer = b""
-        while chunk := client.recv(65536):
-            answer += chunk
-        return answer
+        return until_closed(client)
+
+
+def until_closed(client: socket.socket) -> bytes:
+    """What comes until the server hangs up."""
+    answer = b""
+    while chunk := client.recv(65536):
+        answer += chunk
+    return answer
 
 
 def test_every_file_of_the_page_is_there_with_headers_that_let_nothing_else_in(server: Server) -> None:
@@ -164,7 +177,7 @@ def test_clients_that_say_nothing_keep_nobody_from_the_page(server: Server) -> N
 
 
 def test_a_client_that_reads_nothing_keeps_nobody_from_the_page_and_not_the_program_from_ending() -> None:
-    server = Server(HostPort("127.0.0.1", 0), {"/big.json": lambda query: BIG})
+    server = Server(HostPort("127.0.0.1", 0), {"/big.json": big})
     with socket.create_connection(("127.0.0.1", server.address.port), timeout=10) as slow:
         slow.sendall(b"GET /big.json HTTP/1.1\r\nHost: localhost\r\n\r\n")
         assert slow.recv(10) == b"HTTP/1.1 2"
@@ -172,6 +185,107 @@ def test_a_client_that_reads_nothing_keeps_nobody_from_the_page_and_not_the_prog
         server.close()
     with pytest.raises(OSError, match="refused"):
         ask(server)
+
+
+def opened(server: Server, data: bytes) -> socket.socket:
+    """A connection that has said so much, and is being served."""
+    client = socket.create_connection(("127.0.0.1", server.address.port), timeout=10)
+    client.sendall(data)
+    assert ask(server)[0].status == 200
+    return client
+
+
+def is_closed(client: socket.socket) -> bool:
+    """Whether the server hangs up within the deadline."""
+    client.settimeout(10)
+    try:
+        return client.recv(1) == b""
+    except ConnectionResetError:
+        return True
+
+
+class SetClock(StepClock):
+    """A clock that stands until the test moves it."""
+
+    def wait(self, deadline: float, links: Iterable[Waitable] = ()) -> None:
+        pass
+
+    def pass_s(self, seconds: float) -> None:
+        self._now += seconds
+
+
+def test_a_request_that_does_not_end_is_closed_however_often_something_comes() -> None:
+    clock = SetClock()
+    server = Server(HostPort("127.0.0.1", 0), {}, clock)
+    try:
+        with opened(server, UNFINISHED) as slow, opened(server, b"") as silent, opened(server, b"") as page:
+            for _ in range(3):
+                clock.pass_s(1.6)
+                slow.sendall(b"X: y\r\n")
+                page.sendall(b"HEAD / HTTP/1.1\r\nHost: localhost\r\n\r\n")
+                assert page.recv(1 << 20).startswith(b"HTTP/1.1 200 ")
+            clock.pass_s(1.6)
+            assert is_closed(slow)
+            assert is_closed(silent)
+            page.sendall(b"GET /nothing HTTP/1.1\r\nHost: localhost\r\n\r\n")
+            assert b"HTTP/1.1 404 " in until_closed(page)
+    finally:
+        server.close()
+
+
+@pytest.mark.parametrize("line", [b"X: " + b"y" * 20_000 + b"\r\n", b"X: y\r\n" * 3000])
+def test_headers_of_more_than_16_kib_are_refused_before_they_end(server: Server, line: bytes) -> None:
+    assert say(server, UNFINISHED + line).startswith(b"HTTP/1.1 431 ")
+    assert ask(server, headers={"Cookie": "c" * 16_000})[0].status == 200
+
+
+def test_unfinished_headers_on_every_connection_take_some_1_mib_and_one_thread() -> None:
+    threads = threading.active_count()
+    tracemalloc.start()
+    server = Server(HostPort("127.0.0.1", 0), {})
+    clients = []
+    try:
+        for _ in range(100):
+            clients.append(opened(server, UNFINISHED + b"X: " + b"y" * 16_000))
+        peak = tracemalloc.get_traced_memory()[1]
+        assert threading.active_count() == threads + 1
+    finally:
+        tracemalloc.stop()
+        for client in clients:
+            client.close()
+        server.close()
+    assert peak < 3 << 20
+
+
+def test_answers_that_nobody_takes_are_bounded_and_the_page_goes_on(server: Server) -> None:
+    clients = []
+    tracemalloc.start()
+    try:
+        for _ in range(12):  # each waits for 20 MB of its own
+            clients.append(opened(server, b"GET /big.json HTTP/1.1\r\nHost: localhost\r\n\r\n"))
+        assert tracemalloc.get_traced_memory()[1] < 120 << 20
+    finally:
+        tracemalloc.stop()
+        for client in clients:
+            client.close()
+
+
+def test_a_document_that_cannot_be_made_costs_its_connection_alone() -> None:
+    server = Server(HostPort("127.0.0.1", 0), {"/state.json": lambda query, client: bytes(int(query["size"]))})
+    try:
+        assert say(server, b"GET /state.json HTTP/1.1\r\nHost: localhost\r\n\r\n") == b""
+        assert ask(server)[0].status == 200
+    finally:
+        server.close()
+
+
+def test_requests_that_come_together_are_answered_one_after_another(server: Server) -> None:
+    each = "GET /state.json?since={} HTTP/1.1\r\nHost: localhost\r\n{}\r\n"
+    answer = say(server, (each.format(1, "") + each.format(2, "Connection: close\r\n")).encode())
+    assert [part.partition(b"\r\n\r\n")[2] for part in answer.split(b"HTTP/1.1 ")[1:]] == [
+        b'{"since": "1"}',
+        b'{"since": "2"}',
+    ]
 
 
 @pytest.mark.parametrize(

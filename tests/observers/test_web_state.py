@@ -23,15 +23,15 @@ from arva_hil.events.searches import (
     WaitingFor,
 )
 from arva_hil.events.vehicles import AutopilotText, VehicleFound, VehicleLost
-from arva_hil.field import rotation
-from arva_hil.field.dipole import Transmitters
+from arva_hil.model.field import rotation
+from arva_hil.model.field.dipole import Transmitters
+from arva_hil.model.field_lines import field_lines
+from arva_hil.model.receiver import ChannelReading, Look, PaperReceiver, Pose, Reading
+from arva_hil.model.receiver.paper import Antennas
 from arva_hil.observers.web.address import HostPort
-from arva_hil.observers.web.field_lines import field_lines
 from arva_hil.observers.web.history import TextHistory
 from arva_hil.observers.web.page import WebPage
 from arva_hil.observers.web.state import State
-from arva_hil.receiver import ChannelReading, Look, PaperReceiver, Pose, Reading
-from arva_hil.receiver.paper import Antennas
 from firmware_proto import Channel, Frame
 
 HOME = (46.0, 7.0, 1650.0)

@@ -13,10 +13,10 @@ import pytest
 
 from arva_hil.config import parse
 from arva_hil.events import LinkLost, PoseLost
+from arva_hil.events.event_json import event_json
+from arva_hil.events.reasons import NoPose
 from arva_hil.events.vehicles import VehicleFound
 from arva_hil.links.pty import PtyLink
-from arva_hil.observers.console.event_json import event_json
-from arva_hil.vehicle.reasons import NoPose
 from firmware_proto import INNER, MID, OUTER, Channel, Frame, encode
 
 from .pages import FENCE, ROOT

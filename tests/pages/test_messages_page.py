@@ -7,8 +7,8 @@ import re
 import yaml
 
 from arva_hil.config import DEFAULT
-from arva_hil.messages.live import LiveMessages
-from arva_hil.messages.names import MAP
+from arva_hil.records.ros_messages.live import LiveMessages
+from arva_hil.records.ros_messages.names import MAP
 
 from .pages import ROOT
 

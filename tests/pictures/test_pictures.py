@@ -17,13 +17,13 @@ from PIL import Image
 from arva_hil.config import DEFAULT, parse
 from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.pictures import over_time, run
-from arva_hil.pictures.flight_map import draw_map
-from arva_hil.pictures.over_time import draw_distance, draw_timeline
-from arva_hil.pictures.style import MOST_POINTS, thinned
-from arva_hil.pictures.timing import draw_lateness, draw_streams
-from arva_hil.recordings import load
-from arva_hil.recordings.streams import streams
+from arva_hil.records.pictures import over_time, run
+from arva_hil.records.pictures.flight_map import draw_map
+from arva_hil.records.pictures.over_time import draw_distance, draw_timeline
+from arva_hil.records.pictures.style import MOST_POINTS, thinned
+from arva_hil.records.pictures.timing import draw_lateness, draw_streams
+from arva_hil.records.reading import load
+from arva_hil.records.reading.streams import streams
 from tests.records import EPOCH_US, SILENT, frames, write, write_search
 
 COUNT = 20

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from arva_hil.campaign.range_test.data_sheet import as_dict, lines, measured, table
+from arva_hil.campaign.range_test.strips import detection, strip_width
+from arva_hil.campaign.range_test.walk import COUPLINGS, RangePlan, alone, signals, walked
 from arva_hil.config import DEFAULT, Noise, Scenario, parse
 from arva_hil.emulator.build import transmitters
-from arva_hil.field import LocalFrame
-from arva_hil.range_test.data_sheet import as_dict, lines, measured, table
-from arva_hil.range_test.strips import detection, strip_width
-from arva_hil.range_test.walk import COUPLINGS, RangePlan, alone, signals, walked
+from arva_hil.model.field import LocalFrame
 
 COAXIAL, TURNED, VERTICAL = COUPLINGS
 FLAT = RangePlan(height_m=0.0, walks=1)

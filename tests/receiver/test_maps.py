@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from arva_hil.field import Transmitters, dipole_field
-from arva_hil.field.dipole import field_of
-from arva_hil.field.medium import Medium
-from arva_hil.receiver import Antennas, Look, PaperReceiver, Pose, Zone, maps
-from arva_hil.receiver.maps import readings
+from arva_hil.model.field import Transmitters, dipole_field
+from arva_hil.model.field.dipole import field_of
+from arva_hil.model.field.medium import Medium
+from arva_hil.model.receiver import Antennas, Look, PaperReceiver, Pose, Zone, maps
+from arva_hil.model.receiver.maps import readings
 
 N = 5000
 

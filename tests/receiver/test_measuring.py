@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from arva_hil.field.keying import Keying
-from arva_hil.receiver import Answer, Zone
+from arva_hil.model.field.keying import Keying
+from arva_hil.model.receiver import Answer, Zone
 from tools.receiver.hovering import Hovering, transmitters
 
 STEADY = Keying(1.0, 0.08, 0.25, carrier_hz=12.0)

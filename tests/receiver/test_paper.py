@@ -12,13 +12,13 @@ import pytest
 import scipy
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from paper_receiver import Receiver
 from scipy.spatial.transform import Rotation
 
-from arva_hil.field import Mount, Transmitters
-from arva_hil.receiver import Antennas, ChannelReading, PaperReceiver, Reading, Zone
-from arva_hil.receiver.noise import NoiseKind, NoiseSource, noise_bound
-from arva_hil.receiver.one_look import FEW
+from arva_hil.model.field import Mount, Transmitters
+from arva_hil.model.receiver import Antennas, ChannelReading, PaperReceiver, Reading, Zone
+from arva_hil.model.receiver.noise import NoiseKind, NoiseSource, noise_bound
+from arva_hil.model.receiver.one_look import FEW
+from tests.paper_receiver import Receiver
 
 QUIET = Antennas(noise="off")
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -329,8 +329,9 @@ def test_no_channels_is_an_error() -> None:
         Receiver(transmitters(), QUIET, 0)
 
 
-def test_few_transmitters_are_read_as_many_are() -> None:
-    """In plain numbers, or as arrays. Those added are too far to be heard."""
+@pytest.mark.parametrize("noise", [0.0, 3e-3])
+def test_few_transmitters_are_read_as_many_are(noise: float) -> None:
+    """In plain numbers, or as arrays. Those added are too far to be heard. Noise [A/m] as strong as a field at 3 m."""
     rng = np.random.default_rng(11)
     near, _ = random_transmitters(rng, 6)
     away = np.full((FEW, 3), 1e6) + rng.normal(size=(FEW, 3))
@@ -341,10 +342,12 @@ def test_few_transmitters_are_read_as_many_are() -> None:
         np.concatenate((near.strengths, np.ones(FEW))),
     )
     few = Transmitters(many.ids[:6], near.positions, near.rotations, near.strengths)
-    ours, theirs = Receiver(few, QUIET, 6), Receiver(many, QUIET, 6)
+    antennas = Antennas(sensitivity=(0.9, 0.7, 0.5), noise="off")
+    ours, theirs = Receiver(few, antennas, 6), Receiver(many, antennas, 6)
     p, R = rng.normal(size=(2000, 3)) * 15, Rotation.from_quat(rng.normal(size=(2000, 4)))
     differ = 0
     for pose in zip(*ours.pose(p, wxyz(R)), strict=True):
-        a, b = ours.read(*pose), theirs.read(*pose)
+        w = noise * rng.normal(size=(6, 3))
+        a, b = ours.read(*pose, w), theirs.read(*pose, np.concatenate((w, np.zeros((FEW, 3)))))
         differ += sum(x != y for x, y in zip(bits(a), bits(b), strict=True))
     assert differ <= 3  # rounding edges

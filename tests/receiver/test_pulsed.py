@@ -8,8 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from arva_hil.field.keying import Keying
-from arva_hil.receiver import Answer, Antennas, Impairment, Look, PaperReceiver, Pose, Reading, Zone
+from arva_hil.model.field.keying import Keying
+from arva_hil.model.receiver import Answer, Antennas, Impairment, Look, PaperReceiver, Pose, Reading, Zone
+from arva_hil.model.receiver.display import Display
+from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from tools.receiver.hovering import PAPER, Hovering, transmitters
 
 STEADY = Keying(1.0, 0.08, 0.25)
@@ -278,6 +280,18 @@ def test_near_by_the_direction_is_zero_or_the_last_one() -> None:
         receiver.position = np.array([8.0, 0.0, 0.0])
         channel = receiver.read(8.0).channels[0]
         assert (channel.zone, channel.delta_deg) == (Zone.INNER, expected)
+
+
+def test_each_transmitter_has_its_own_last_direction_near_by() -> None:
+    display = Display(PulsedOptions(near_direction="frozen"), 1.0)
+    for index, (y, delta) in enumerate([(1e-4, 45), (-1e-4, -45)]):
+        far = display.shown(index, (1e-4, y, 0.0))
+        assert far
+        assert (far.zone, far.delta_deg) == (Zone.MID, delta)
+    for index, delta in enumerate([45, -45, 0]):  # the third was never far
+        close = display.shown(index, (1.0, 0.0, 0.0))
+        assert close
+        assert (close.zone, close.delta_deg) == (Zone.INNER, delta)
 
 
 def test_without_a_pose_pulses_are_missed() -> None:

@@ -9,19 +9,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.session import Session
 from arva_hil.config import MountOptions, Noise, ReceiverOptions, Scenario, Transmitter, parse_fault
 from arva_hil.emulator.build import moving_transmitters
-from arva_hil.emulator.datum import Datum
-from arva_hil.emulator.frame_source import FrameSource, ReceiverSetup
-from arva_hil.emulator.virtual_receiver import Run
+from arva_hil.emulator.emulated_vehicle import Unit, make_unit
+from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
+from arva_hil.emulator.snapshot import Snapshot
 from arva_hil.events import FrameMade
-from arva_hil.field import LocalFrame
-from arva_hil.receiver import Answer, Antennas, Look, PaperReceiver, Reading, ReceiverModel, ReceiverSettings
+from arva_hil.model.field import LocalFrame, MovingTransmitters
+from arva_hil.model.receiver import Answer, Antennas, Look, PaperReceiver, Reading, ReceiverModel, ReceiverSettings
 from arva_hil.registry import RECEIVERS
-from arva_hil.vehicle.pose_track import VehicleState
-from arva_hil.vehicle.session import Session
 
 PLACE = (46.0, 8.0, 1650.0)
 START = 12345.678  # of the run, on the driver's clock
@@ -34,7 +33,7 @@ class StrongestOfThree:
 
     inside: PaperReceiver = field(default_factory=lambda: PaperReceiver(Antennas(noise="off")))
     looks: list[Look] = field(default_factory=list)
-    commands: list[str] = field(default_factory=list)
+    commands: list[tuple[float, str]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._last: deque[Reading] = deque(maxlen=3)
@@ -56,7 +55,7 @@ class StrongestOfThree:
         return min(self._last, key=lambda reading: reading.channels[0].d_cm % 10**6, default=silent)
 
     def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
-        self.commands.append(name)
+        self.commands.append((round(time_s, 6), name))
         return Answer.DONE
 
 
@@ -64,44 +63,43 @@ class StrongestOfThree:
 class Vehicle:
     """It flies north at 2 m/s from the datum, level and heading north."""
 
-    datum: Datum = field(default_factory=lambda: Datum(Scenario((Transmitter(1, ned=(0.0, 0.0, 0.0)),))))
-    known: bool = True
     motors: float = 0.0
 
-    def load(self) -> float:
-        return self.motors
-
-    def boot(self, t: float) -> float | None:
-        return t - START
-
-    def states(self, t: float) -> tuple[VehicleState | None, VehicleState | None]:
+    def state(self, t: float) -> VehicleState:
         at = np.array([2.0 * (t - START), 0.0, 0.0])
-        state = VehicleState(t - START, at, np.array([2.0, 0.0, 0.0]), (1.0, 0.0, 0.0, 0.0), 0.01)
-        return state, state
-
-    def pose_of(self, system: int, t: float) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-        return None
-
-    def lacking(self) -> str:
-        return ""
+        return VehicleState(t - START, at, np.array([2.0, 0.0, 0.0]), (1.0, 0.0, 0.0, 0.0), 0.01)
 
 
-def source(scenario: Scenario, *, start: float = START) -> FrameSource:
+@dataclass
+class Driven:
+    """A receiver and its port, on a vehicle among transmitters."""
+
+    unit: Unit
+    there: MovingTransmitters
+    start: float
+    vehicle: Vehicle
+
+    def advance(self, until: float, *, live: bool = False) -> list[FrameMade]:
+        """The frames made until an instant."""
+        made, (receiver, port) = [], self.unit
+        while (t := receiver.next_due) <= until:
+            state = self.vehicle.state(t)
+            there = self.there.at(t - self.start)
+            seen = Snapshot(t, t - START, state, state, state.age_s, there, self.vehicle.motors, None)
+            made += [one for one in receiver.advance(seen, until if live else t) if isinstance(one, FrameMade)]
+        for frame in made:
+            port.send(frame, until)
+        return made
+
+
+def source(scenario: Scenario, vehicle: Vehicle | None = None, *, start: float = START) -> Driven:
     setup = ReceiverSetup("receiver", "port", scenario)
-    made = FrameSource("vehicle", setup, Session(), Run(start, 2.0))
-    made.receiver.place(moving_transmitters(scenario, LocalFrame(*PLACE)))
-    return made
+    unit = make_unit(VehicleSetup("vehicle", "link", Session(), scenario, [setup]), setup, start)
+    return Driven(unit, moving_transmitters(scenario, LocalFrame(*PLACE)), start, vehicle or Vehicle())
 
 
-def frames(of: FrameSource, until: float, *, live: bool = False) -> list[FrameMade]:
-    """Those made until an instant; each is taken."""
-    of.advance(until, Vehicle(), None if live else lambda t: True)
-    for output in of.outputs:
-        of.written(output, True, until, lost=False)
-    made = [event for event in of.events if isinstance(event, FrameMade)]
-    of.outputs.clear()
-    of.events.clear()
-    return made
+def frames(of: Driven, until: float, *, live: bool = False) -> list[FrameMade]:
+    return of.advance(until, live=live)
 
 
 @pytest.fixture
@@ -147,7 +145,7 @@ def test_a_look_and_a_frame_come_in_the_order_of_time_however_late_they_are_call
     toy.__post_init__()
     leaped = frames(leap, START + 5.0)
     assert ranges(stepped) == ranges(leaped)
-    assert step.next_due <= START + 5.1
+    assert step.unit.receiver.next_due <= START + 5.1
 
 
 def test_after_a_stall_looks_and_frames_of_more_than_a_second_ago_are_left_out(toy: StrongestOfThree) -> None:
@@ -159,7 +157,7 @@ def test_after_a_stall_looks_and_frames_of_more_than_a_second_ago_are_left_out(t
     assert times == sorted(times)
     assert [t for t in times if 0.55 < t < 58.9] == []
     assert [frame.instant_s for frame in made] == pytest.approx([0.5, 59.0, 59.5, 60.0])
-    assert late.counters.skipped == 116
+    assert late.unit.port.counters.skipped == 116
 
 
 def test_the_age_of_a_reading_grows_from_the_look_it_rests_on(toy: StrongestOfThree) -> None:
@@ -206,9 +204,8 @@ def test_interference_reaches_whatever_model_as_noise(toy: StrongestOfThree) -> 
 
 
 def test_a_host_s_command_reaches_the_model_through_faults_and_the_papers_takes_none(toy: StrongestOfThree) -> None:
-    faulty = source(replace(scenario("toy"), faults=(parse_fault("stuck@2-5"),))).faults
-    assert faulty
-    assert faulty.receiver.command(1.0, "search", ()) is Answer.DONE
-    assert toy.commands == ["search"]
+    faulty = source(replace(scenario("toy"), faults=(parse_fault("stuck@2-5"),))).unit.receiver
+    assert faulty.command(START + 1.0, "search", ()) is Answer.DONE
+    assert toy.commands == [(1.0, "search")]  # in the time of the run
     paper: ReceiverModel = PaperReceiver(Antennas())
     assert paper.command(1.0, "search", ()) is Answer.UNKNOWN

@@ -11,11 +11,12 @@ import pytest
 
 from arva_hil.config import DEFAULT, parse
 from arva_hil.events.searches import PlaceFound, TransmitterHeard
-from arva_hil.field import LocalFrame
-from arva_hil.observers.record.search_log import SearchLog
-from arva_hil.recordings import RecordingError, load
-from arva_hil.recordings.readings_file import read_receiver
-from arva_hil.search.outcome import SearchStep
+from arva_hil.model.field import LocalFrame
+from arva_hil.records.reading import RecordingError, load
+from arva_hil.records.reading import folder as folder_reader
+from arva_hil.records.reading.readings_file import read_receiver
+from arva_hil.records.writing.search_log import SearchLog
+from arva_hil.search.mission.outcome import SearchStep
 from tests.records import HOME, SILENT, frames, pose_at, write, write_search
 
 
@@ -33,17 +34,18 @@ def test_every_reading_is_read_back_to_the_last_digit(tmp_path: Path) -> None:
     (read,) = load(write(tmp_path / "flight", 30)).receivers
     every = frames(DEFAULT, 30)
     assert len(read) == 30
-    assert read.slots == 4
+    assert read.begins.tolist() == list(range(0, 121, 4))
     assert read.sequence.tolist() == list(range(30))
     assert read.time_s.tolist() == [made.instant_s for made in every]
     assert read.late_ms.tolist() == [made.late_s * 1e3 for made in every]
     for n, made in enumerate(every):
-        assert read.d_cm[n].tolist() == [c.d_cm for c in made.reading.channels]
-        assert read.delta_deg[n].tolist() == [c.delta_deg for c in made.reading.channels]
-        assert read.zone[n].tolist() == [int(c.zone) for c in made.reading.channels]
-        assert read.id[n].tolist() == [-1 if c.id is None else c.id for c in made.reading.channels]
+        rows = read.rows(n)
+        assert read.d_cm[rows].tolist() == [c.d_cm for c in made.reading.channels]
+        assert read.delta_deg[rows].tolist() == [c.delta_deg for c in made.reading.channels]
+        assert read.zone[rows].tolist() == [int(c.zone) for c in made.reading.channels]
+        assert read.id[rows].tolist() == [-1 if c.id is None else c.id for c in made.reading.channels]
         ranges = [np.nan if c.true_range_m is None else c.true_range_m for c in made.reading.channels]
-        np.testing.assert_array_equal(read.true_range_m[n], ranges)
+        np.testing.assert_array_equal(read.true_range_m[rows], ranges)
         if n >= SILENT:
             assert read.position[n].tolist() == pose_at(made.instant_s).position.tolist()
             assert read.attitude_deg[n].tolist() == pytest.approx([np.degrees(0.01), np.degrees(-0.02), 30])
@@ -83,7 +85,7 @@ def test_a_record_says_what_was_run_where_and_when(tmp_path: Path) -> None:
     np.testing.assert_allclose(back, receiver.position[SILENT:], atol=1e-6)
     there = read.transmitters("")
     assert there is not None
-    assert there.at(0.0, lambda system: None).positions.tolist() == [[20.0, 5.0, 0.0]]
+    assert there.at(0.0).positions.tolist() == [[20.0, 5.0, 0.0]]
 
 
 def test_events_are_on_the_clock_of_the_frames_and_the_status_is_apart(tmp_path: Path) -> None:
@@ -202,17 +204,16 @@ def test_a_line_that_is_cut_is_left_out_with_its_frame_and_said_once(tmp_path: P
     ]
 
 
-def test_a_frame_with_fewer_slots_than_others_has_empty_ones(tmp_path: Path) -> None:
+def test_a_frame_has_the_slots_that_it_had(tmp_path: Path) -> None:
     """A command may change their number."""
     folder = write(tmp_path / "flight", 5)
     lines = (folder / "readings.csv").read_text().splitlines(keepends=True)
     (folder / "readings.csv").write_text("".join(lines[:14] + lines[17:]))
     (read,) = load(folder).receivers
-    assert read.slots == 4
-    assert read.id.tolist()[3] == [1, -1, -1, -1]
-    assert read.d_cm.tolist()[3][1:] == [-1, -1, -1]
-    assert np.isnan(read.true_range_m[3, 1:]).all()
-    assert read.d_cm.tolist()[4] == [c.d_cm for c in frames(DEFAULT, 5)[4].reading.channels]
+    assert read.begins.tolist() == [0, 4, 8, 12, 13, 17]
+    assert read.id[read.rows(3)].tolist() == [1]
+    assert read.nearest_zone.tolist() == [0, 0, 0, 1, 1]
+    assert read.d_cm[read.rows(4)].tolist() == [c.d_cm for c in frames(DEFAULT, 5)[4].reading.channels]
 
 
 def test_a_slot_that_is_blank_for_the_moment_hears_nothing(tmp_path: Path) -> None:
@@ -279,6 +280,13 @@ def test_a_scenario_that_this_program_cannot_read_costs_only_what_needs_it(tmp_p
     assert "kappa_of_tomorrow" in read.notes[0]
 
 
+def test_of_too_many_rows_the_first_are_used_in_whole_frames(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("arva_hil.records.reading.readings_file._MOST_ROWS", 10)
+    read = load(write(tmp_path / "flight", 5, search=False))
+    assert len(read.receivers[0]) == 2
+    assert read.notes == (f"{read.folder}/readings.csv: only the first 10 rows are used",)
+
+
 # -- what is wrong ------------------------------------------------------------------------------------------
 
 
@@ -340,13 +348,26 @@ def test_a_json_file_that_is_none_is_named_with_its_line(tmp_path: Path, name: s
 
 
 @pytest.mark.parametrize(
-    ("line", "said"), [("nothing", "is no JSON object"), ('{"event": "x"}', "expected an object with a time_s")]
+    ("line", "said"),
+    [("nothing", "is no JSON object: Expecting value"), ('{"event": "x"}', "expected an object with a time_s")],
 )
 def test_a_wrong_event_is_named_with_its_line(tmp_path: Path, line: str, said: str) -> None:
     folder = write(tmp_path / "flight", 3)
     path = folder / "events.jsonl"
     path.write_text(f'{{"event": "x", "time_s": 1}}\n{line}\n{{"event": "x", "time_s": 1}}\n')
     assert refused(folder) == f"/events.jsonl:2: {said}"
+
+
+@pytest.mark.parametrize(("most", "notes"), [(3, 0), (2, 1)])
+def test_of_too_many_events_the_first_are_used_and_a_note_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int, notes: int
+) -> None:
+    path = write(tmp_path / "flight", 3, search=False) / "events.jsonl"
+    path.write_text("".join(f'{{"event": "e{n}", "time_s": {n}}}\n' for n in range(3)))
+    monkeypatch.setattr(folder_reader, "_MOST_EVENTS", most)
+    read = load(path.parent)
+    assert [event["event"] for event in read.events] == ["e0", "e1", "e2"][:most]
+    assert list(read.notes) == [f"{path}: only the first {most} events are used"] * notes
 
 
 def test_a_wrong_step_of_a_search_is_named_with_its_line(tmp_path: Path) -> None:
@@ -386,3 +407,25 @@ def test_a_reading_takes_less_than_a_hundred_bytes(tmp_path: Path) -> None:
     assert held
     assert each < 100
     assert json.dumps(each)
+
+
+@pytest.mark.parametrize("name", ["run.json", "search.json"])
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("1" * 5000, ":1:13: is not valid JSON: a number of 5000 digits, expected 4300 at most"),
+        ('"\\ud800"', ":1:14: is not valid JSON: half of a surrogate pair, expected a whole character"),
+    ],
+)
+def test_a_value_that_no_program_writes_is_named_by_its_place(tmp_path: Path, name: str, value: str, said: str) -> None:
+    folder = write(tmp_path / "flight", 3)
+    text = (folder / name).read_text().lstrip()
+    (folder / name).write_text(f'{{"another": {value}, ' + text.lstrip("{"))
+    assert refused(folder) == f"/{name}{said}"
+
+
+@pytest.mark.parametrize("value", ["1" * 5000, '"\\ud800"'])
+def test_such_a_value_in_the_events_is_named_by_its_line(tmp_path: Path, value: str) -> None:
+    folder = write(tmp_path / "flight", 3)
+    edited(folder / "events.jsonl", '{"event"', f'{{"another": {value}, "event"')
+    assert refused(folder).startswith("/events.jsonl:1: is no JSON object: ")

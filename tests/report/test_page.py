@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from arva_hil.config import DEFAULT, parse
-from arva_hil.recordings import Recording, load
-from arva_hil.report import page as module
-from arva_hil.report.facts import error_m, facts, merged
-from arva_hil.report.page import page
+from arva_hil.records.reading import Recording, load
+from arva_hil.records.report import page as module
+from arva_hil.records.report.facts import error_m, facts, merged
+from arva_hil.records.report.page import page
 from tests.records import SILENT, frames, write, write_search
 
 COUNT = 20

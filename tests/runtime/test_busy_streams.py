@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_receiver import Diary, OneReceiver
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import Clock, StepClock
 from arva_hil.config import parse
-from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.links.memory import MemoryLink, pair
-from arva_hil.mavlink.codec import Encoder, Packet, dialect
-from arva_hil.runtime.clock import Clock, StepClock
+from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.runtime.loop import run
-from arva_hil.vehicle.session import Session
+from tests.one_receiver import Diary, OneReceiver
 
 SECONDS = 3.0
 SCENARIO = """receiver: {rate_hz: %g}
@@ -70,7 +68,7 @@ def used_one_by_one(rate_hz: float, times: list[float]) -> Diary:
             engine.receive("autopilot", packets(said.pop()), now)
         engine.advance(now)
         for output in engine.output():
-            engine.written(output, True, now)
+            engine.written(output.id, True, now)
         for event in engine.events():
             diary.observe(event)
     return diary
@@ -100,41 +98,3 @@ def test_frames_and_records_are_the_same_as_if_each_packet_were_used_when_it_cam
     assert together.bytes == alone.bytes
     assert poses(together) == poses(alone)
     assert received(together) == received(alone)
-
-
-class EarlyClock(StepClock):
-    early_s = 0.0005
-
-
-def when_used(clock: StepClock, phase_s: float, frames: Diary) -> list[float]:
-    """When the packets of a stream of 50 Hz are used, 10 frames a second; without the first two frames' time."""
-    used, (near, far), (port, _) = list[float](), pair(), pair()
-
-    class Noting(Session):
-        def feed(self, chunk: bytes, now: float, sender: Hashable = None, *, whole: bool = False) -> Sequence[Packet]:
-            used.append(clock.now())
-            return super().feed(chunk, now, sender, whole=whole)
-
-    live = OneReceiver(parse(SCENARIO % 10, "test"), Noting(passive=True), near, port, start=0.0, observers=[frames])
-    run([Autopilot(far, [n / 50 + phase_s for n in range(150)]), live], clock, until=SECONDS)
-    return [at for at in used if at > 0.2]
-
-
-@pytest.mark.parametrize("phase_s", [0.001, 0.01, 0.017])
-def test_packets_of_a_busy_stream_are_used_together_shortly_before_each_frame(phase_s: float) -> None:
-    busy = when_used(StepClock(), phase_s, Diary())
-    assert len(busy) > 130
-    assert len(set(busy)) <= 2.9 * 10 + 1
-    assert all(0.1 - at % 0.1 < 0.0051 or at % 0.1 < 1e-6 for at in busy)
-
-
-@pytest.mark.parametrize("phase_s", [0.001, 0.01, 0.017])
-def test_on_a_clock_that_wakes_early_packets_are_used_before_the_frame_and_the_frame_is_on_time(phase_s: float) -> None:
-    on_time, frames = Diary(), Diary()
-    when_used(StepClock(), phase_s, on_time)
-    busy = when_used(EarlyClock(), phase_s, frames)
-    assert len(busy) > 130
-    assert len(set(busy)) <= 2.9 * 10 + 1
-    assert all(0.00049 < 0.1 - at % 0.1 < 0.0051 for at in busy)
-    assert frames.bytes == on_time.bytes
-    assert [frame.time_s for frame in frames.frames] == [frame.time_s for frame in on_time.frames]

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
+from arva_hil import clock
+from arva_hil.clock import RealClock, await_descriptors, punctual
 from arva_hil.links import Link, open_link
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.stdout import StdoutLink
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
-from arva_hil.runtime import clock
-from arva_hil.runtime.clock import RealClock, await_descriptors, punctual
 
 LONG_S = 60.0
 

@@ -8,22 +8,22 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from one_receiver import Diary, OneReceiver
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import Clock, StepClock
 from arva_hil.config import parse
+from arva_hil.events.words.sentences import sentence
 from arva_hil.links import Link, LinkError
 from arva_hil.links.base import Sender
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.links.serial_ports import Barred
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.observers.console.sentences import sentence
-from arva_hil.runtime.clock import Clock, StepClock
 from arva_hil.runtime.link_monitor import LinkMonitor
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 from firmware_proto import Decoder, Frame
+from tests.one_receiver import Diary, OneReceiver
 
 HOME = (46.0123, 7.7456, 1650.0)
 SCENARIO = parse("receiver: {noise: {kind: off}, rate_hz: 20}\ntransmitters: [{id: 7, ned: [20, 5, 0]}]", "test")
@@ -231,6 +231,18 @@ def test_a_packet_torn_by_the_loss_costs_nothing_of_the_next_session(bench: Benc
     assert bench.session.parser.bad_crc == 0
     assert bench.session.parser.skipped < 100
     assert bench.posed
+
+
+def test_at_the_end_of_a_run_the_last_bytes_are_used_and_what_is_due_is_done_and_told(bench: Bench) -> None:
+    clock, made = bench.clock, len(bench.diary.frames)
+    clock.wait(bench.emulator.schedule.deadline)
+    assert bench.autopilot.far
+    bench.autopilot.far.write(last := Encoder(1, 1).pack(dialect.MAVLink_statustext_message(4, b"low battery")))
+    bench.emulator._read("autopilot", clock, clock.now())
+    bench.emulator.finish(clock)
+    assert len(bench.diary.frames) == made + 1
+    assert bench.diary.packets[-1].packets[-1].raw == last
+    assert Decoder().feed(bench.port.read(), 0.0)[-1].sequence == made
 
 
 def test_what_a_consumer_says_is_read_and_forgotten(bench: Bench) -> None:

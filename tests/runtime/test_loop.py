@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 
 import pytest
 
+from arva_hil.clock import Clock, StepClock, Waitable
 from arva_hil.links import Link, memory
-from arva_hil.runtime.clock import Clock, StepClock, Waitable
 from arva_hil.runtime.loop import run
 
 

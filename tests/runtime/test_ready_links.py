@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
+from arva_hil.clock import RealClock
 from arva_hil.links import Link, memory
-from arva_hil.runtime.clock import RealClock
 from arva_hil.runtime.ready_links import ReadyLinks
 
 

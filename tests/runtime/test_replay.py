@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from arva_hil.cli.main import main
 from arva_hil.links.tlog import TlogReader, tlog_record
 from arva_hil.mavlink.codec import Encoder
-from arva_hil.observers.record import COLUMNS
+from arva_hil.records.writing import COLUMNS
 
 KAPPA = 1.542
 SCENARIO = """\

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing
 from arva_hil.runtime.signing_state import PersistentSigning, state_file
-from arva_hil.vehicle.session import Session
 
 KEY = bytes(range(32))
 NOW_US = 1_700_000_000_000_000  # since 1970

@@ -7,13 +7,13 @@ from collections import deque
 
 import numpy as np
 import pytest
-from world import PAPER, buried, fly
 
-from arva_hil.search.agreement import Evidence
-from arva_hil.search.estimate import Estimate
-from arva_hil.search.extremum import Extremum
-from arva_hil.search.flux import Flux
-from arva_hil.search.strategy import Observation, Strategy
+from arva_hil.search.strategies.agreement import Evidence
+from arva_hil.search.strategies.estimate import Estimate
+from arva_hil.search.strategies.extremum import Extremum
+from arva_hil.search.strategies.flux import Flux
+from arva_hil.search.strategies.strategy import Observation, Strategy
+from tests.search.world import PAPER, buried, fly
 
 
 def agrees(heard: list[Observation], place: tuple[float, float], height_m: float = 1.0) -> bool:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
-from test_client import BOTH, VICTIM, GoTo, World, ardupilot, px4
 
-from arva_hil.events.searches import StrategySlow
-from arva_hil.search.strategy import Observation, Position
+from arva_hil.clock import StepClock
+from arva_hil.events.searches import SearchBegun, SearchEnded, SearchHeldUp, StrategySlow
+from arva_hil.search.strategies.analysis import Analysis, AnalysisResult, Inline, Order
+from arva_hil.search.strategies.strategy import Observation, Position
+from tests.search.test_client import BOTH, VICTIM, GoTo, World, ardupilot
 
 CURE = "; mend it, and fly it in arva-hil demo first"
 EXPECTED = "expected two finite numbers, m/s north and east"
@@ -155,63 +159,113 @@ def test_what_it_raises_ends_the_search_and_says_where(
 # -- it takes its time -------------------------------------------------------------------------------------
 
 
-def slow(world: World, seconds: float, times: int = 10**6) -> None:
-    """From now on the strategy of a world takes so long for each velocity; meanwhile nothing else is done."""
-    assert world.client.mission is not None
-    strategy: Any = world.client.mission._choice.strategy
-    velocity, left = strategy.velocity, [times]
+class Late(Inline):
+    """A worker whose velocities take so long on the clock of a world."""
 
-    def slowly(time_s: float, position: Position) -> Any:
-        if left[0] > 0:
-            left[0] -= 1
-            world.clock.wait(world.clock.now() + seconds)
-        return velocity(time_s, position)
+    def __init__(self, seconds: float, strategy: Callable[[float], Any] = GoTo) -> None:
+        super().__init__(partial(strategy, 1.0))
+        self.seconds = seconds
+        self.clock = StepClock()  # until a world gives its own
+        self.busy = 0.0  # part of the time without a processor
+        self._due = -math.inf
 
-    strategy.velocity = slowly
+    def send(self, orders: Sequence[Order]) -> None:
+        super().send(orders)
+        slow = any(follow is Analysis.steer for follow, *_ in orders)
+        self._due = self.clock.now() + (self.seconds if slow else 0.05)
+
+    def receive(self) -> AnalysisResult | None:
+        return super().receive() if self.clock.now() >= self._due else None
+
+    @property
+    def starved_s(self) -> float:
+        return self.busy * self.clock.now()
 
 
-def test_one_that_takes_ten_seconds_twice_ends_it_and_it_lands() -> None:
-    world = World(ardupilot())
+def late(make: Callable[[], Any], seconds: float, **plan: Any) -> World:
+    worker = Late(seconds)
+    world = World(make(), {"worker": worker}, **plan)
+    worker.clock = world.clock
+    return world
+
+
+def flown(world: World) -> list[tuple[float, float]]:
+    """When each set-point of the search left, and its horizontal speed; they leave in time."""
+    begun, ended = (
+        next(event.time_s for event in world.events if isinstance(event, kind)) for kind in (SearchBegun, SearchEnded)
+    )
+    sent = [
+        (at, math.hypot(m.vx, m.vy))
+        for at, m in world.told
+        if m.get_type().startswith("SET_POSITION_TARGET") and begun + 0.5 <= at < ended
+    ]
+    gaps = [b[0] - a[0] for a, b in itertools.pairwise(sent)]
+    assert min(gaps) >= 0.15
+    assert max(gaps) <= 0.25
+    return sent
+
+
+@BOTH
+def test_one_that_takes_three_seconds_each_time_is_warned_of_and_finds_all_the_same(make: Callable[[], Any]) -> None:
+    world = late(make, 3.0)
+    assert world.end() == ("found", "found")
+    assert world.ned == pytest.approx((*VICTIM, 0.0), abs=0.8)
+    took = [event.took_s for event in world.events if isinstance(event, StrategySlow)]
+    assert took == pytest.approx([1.1, 2.2], abs=0.3)
+    still = [[at for at, _ in some] for is_still, some in itertools.groupby(flown(world), lambda one: one[1] < 0.01)]
+    moving = still[1::2]
+    assert len(moving) > 3
+    assert all(times[-1] - times[0] == pytest.approx(1.0, abs=0.3) for times in moving[:-1])
+    heights = [-row.down_m for row in world.rows if row.phase == "flying" and 15 < row.time_s < 25]
+    assert heights == pytest.approx([1.0] * len(heights), abs=0.2)
+
+
+@BOTH
+def test_one_that_never_answers_keeps_its_velocity_for_a_second_hovers_and_lands(make: Callable[[], Any]) -> None:
+    world = late(make, 0.0)
     world.hunt()
-    slow(world, 10.0)
+    worker: Any = world.client._flight._worker
+    worker.seconds, stuck = math.inf, world.clock.now()
     kind, how = world.end()
     assert kind == "failed"
-    took = "it took 10.0 s to answer, more than 1 s, and the vehicle was not steered meanwhile"
-    assert how == f"the strategy has failed: {took}{CURE}"
-    assert [event.took_s for event in world.events if isinstance(event, StrategySlow)] == pytest.approx([10.0, 10.0])
+    assert how.startswith("the strategy has failed: it has not answered for 10.")
+    assert how.endswith(f" s{CURE}")
+    speeds = [speed for at, speed in flown(world) if at > stuck]
+    assert sum(speed > 0.9 for speed in speeds) == pytest.approx(5, abs=2)
+    assert speeds[-40:] == [0.0] * 40
+    assert [event.took_s for event in world.events if isinstance(event, StrategySlow)][-1] > 7
     came_down(world)
 
 
-def test_one_that_takes_long_once_may_have_been_a_pause_of_the_computer() -> None:
-    world = World(ardupilot())
-    world.hunt()
-    slow(world, 2.0, times=1)
+def test_a_busy_computer_is_no_slow_strategy() -> None:
+    world = late(ardupilot, 12.0)
+    worker: Any = world.client._flight._worker
+    worker.busy = 0.9
     assert world.end() == ("found", "found")
-    assert len([event for event in world.events if isinstance(event, StrategySlow)]) == 1
+    slow = [event for event in world.events if isinstance(event, StrategySlow)]
+    assert [event.starved_s for event in slow] == pytest.approx([0.9 * event.took_s for event in slow])
+    assert len(slow) > 3
 
 
-def test_px4_does_not_wait_for_it_and_the_end_names_the_strategy() -> None:
-    """It leaves OFFBOARD by itself after a second without set-points, and is left where it is."""
-    world = World(px4())
+def test_a_pause_of_the_computer_is_no_slow_strategy() -> None:
+    world = late(ardupilot, 0.5)
     world.hunt()
-    slow(world, 10.0)
-    kind, how = world.end()
-    assert kind == "failed"
-    assert how.startswith("the mode is ")
-    assert how.endswith("; the strategy took 10.0 s to answer")
-    ended, place = world.clock.now(), world.ned
-    world.pass_s(5)
-    assert world.orders(ended + 0.01) == []
-    assert world.ned == pytest.approx(place, abs=0.5)
+    world.clock.wait(world.clock.now() + 14.0)
+    assert world.end() == ("found", "found")
+    assert [event.gap_s for event in world.events if isinstance(event, SearchHeldUp)] == pytest.approx([14.0], abs=0.3)
+    assert not [event for event in world.events if isinstance(event, StrategySlow)]
 
 
 def test_a_dry_run_notices_it_too() -> None:
-    class Slow(GoTo):
-        def velocity(self, time_s: float, position: Position) -> Any:
-            world.clock.wait(world.clock.now() + 1.5)
-            return super().velocity(time_s, position)
-
-    world = World(ardupilot(), {"dry_run": True}, strategy=Slow)
-    kind, how = world.end()
-    assert (kind, how.partition(",")[0]) == ("failed", "dry run: the strategy has failed: it took 1.5 s to answer")
+    world = late(ardupilot, math.inf, dry_run=True)
+    assert world.end()[0] == "would fly"
+    assert [event.took_s for event in world.events if isinstance(event, StrategySlow)]
     assert world.orders() == []
+
+
+def test_a_receiver_that_is_silent_is_not_taken_for_a_slow_strategy() -> None:
+    world = late(ardupilot, 0.05)
+    world.hunt()
+    world.port.says = lambda _: None
+    assert world.end() == ("failed", "no frame from the receiver for 10 s")
+    assert not [event for event in world.events if isinstance(event, StrategySlow)]

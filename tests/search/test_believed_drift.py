@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from test_drift import MOMENT, PLACE, heard
 
-from arva_hil.search import estimate
-from arva_hil.search.agreement import Evidence
-from arva_hil.search.dipole import Array
-from arva_hil.search.estimate import Estimate
-from arva_hil.search.history import NOTHING, Cause, Explanation
-from arva_hil.search.strategy import Observation
+from arva_hil.search.strategies import estimate
+from arva_hil.search.strategies.agreement import Evidence
+from arva_hil.search.strategies.dipole import Array
+from arva_hil.search.strategies.estimate import Estimate
+from arva_hil.search.strategies.history import NOTHING, Cause, Explanation
+from arva_hil.search.strategies.strategy import Observation
+from tests.search.test_drift import MOMENT, PLACE, heard
 
 DRIFT, LITTLE = Cause(drift_m=1.0), Cause(drift_m=0.3)
 TRUE, FAR = (np.array([[*place, *MOMENT]]) for place in (PLACE, PLACE + np.array([0.0, 70.0, 0.0])))

@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from world import PAPER, fly
 
-from arva_hil.search import estimate
-from arva_hil.search.agreement import Evidence
-from arva_hil.search.dipole import Array
-from arva_hil.search.estimate import Estimate
-from arva_hil.search.history import NOTHING, Cause, Explanation
-from arva_hil.search.strategy import Observation
+from arva_hil.search.strategies import estimate
+from arva_hil.search.strategies.agreement import Evidence
+from arva_hil.search.strategies.dipole import Array
+from arva_hil.search.strategies.estimate import Estimate
+from arva_hil.search.strategies.history import NOTHING, Cause, Explanation
+from arva_hil.search.strategies.strategy import Observation
+from tests.search.world import PAPER, fly
 
 NEAR = PAPER[1]  # 10 m away: the vehicle is above it within 30 s
 ENDS_S = 30 + 240 + 10

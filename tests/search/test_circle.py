@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from arva_hil.search.circle import RADIUS_M, Circle
+from arva_hil.search.strategies.circle import RADIUS_M, Circle
 
 
 @pytest.mark.parametrize("start", [(0.0, 0.0), (1.5, 0.0), (-3.0, 2.0)])

@@ -10,27 +10,27 @@ from typing import Any
 
 import numpy as np
 import pytest
-from simulated_px4 import HOLD, LAND, OFFBOARD, STREAMS, Px4
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import Clock, StepClock
 from arva_hil.events import Event
-from arva_hil.field import dipole_field, rotation
+from arva_hil.events.words.sentences import sentence
 from arva_hil.links import Link, LinkError, memory
 from arva_hil.links.reconnecting import ReconnectingLink
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.observers.console.sentences import sentence
-from arva_hil.receiver.paper import outputs
-from arva_hil.runtime.clock import Clock, StepClock
+from arva_hil.model.field import dipole_field, rotation
+from arva_hil.model.receiver.paper import outputs
 from arva_hil.runtime.loop import run
-from arva_hil.search.client import SearchClient
-from arva_hil.search.outcome import SearchStep
-from arva_hil.search.plan import SearchPlan
-from arva_hil.search.preflight import INTERRUPTED
-from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity, towards
+from arva_hil.search.flight.client import SearchClient
+from arva_hil.search.flight.preflight import INTERRUPTED
+from arva_hil.search.mission.outcome import SearchStep
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.session import Session
 from firmware_proto import INNER, MID, Channel, Decoder, Frame, encode
+from tests.simulated_px4 import HOLD, LAND, OFFBOARD, STREAMS, Px4
 
 HOME = (46.0123, 7.7456, 1650.0)
 VICTIM = (8.0, 3.0)  # north, east of home
@@ -189,7 +189,7 @@ class World:
             m
             for at, m in self.told
             if at >= since
-            and m.get_type() not in ("HEARTBEAT", "REQUEST_DATA_STREAM", "PARAM_REQUEST_READ", "TIMESYNC")
+            and m.get_type() not in ("HEARTBEAT", "REQUEST_DATA_STREAM", "PARAM_REQUEST_READ", "TIMESYNC", "TUNNEL")
             and getattr(m, "command", None) not in HARMLESS
         ]
 
@@ -431,7 +431,7 @@ def test_one_that_does_not_arm_says_why() -> None:
     kind, how = world.end()
     assert (kind, how) == (
         "failed",
-        "the vehicle does not arm: arming: TEMPORARILY_REJECTED; not healthy: 3d gyro",
+        "the vehicle does not arm: arming: TEMPORARILY_REJECTED; not healthy: 3d gyro, rc receiver",
     )
     assert world.ned[2] == 0.0
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from test_drift import MOMENT, PLACE
 
-from arva_hil.search.agreement import Evidence, beginning
-from arva_hil.search.history import NOTHING, Explanation
-from arva_hil.search.strategy import Observation
+from arva_hil.search.strategies.agreement import Evidence, beginning
+from arva_hil.search.strategies.history import NOTHING, Explanation
+from arva_hil.search.strategies.strategy import Observation
+from tests.search.test_drift import MOMENT, PLACE
 
 LOUD = 35.0**-3  # sigma of each antenna, of the reference transmitter's field at 1 m
 

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from paper_receiver import Receiver
 from scipy.spatial.transform import Rotation
 
-from arva_hil.field import Transmitters
-from arva_hil.receiver import Antennas, Zone
-from arva_hil.search.dipole import MOST, Reading, Readings, evaluate, likely_pose_error, refine, seeds
+from arva_hil.model.field import Transmitters
+from arva_hil.model.receiver import Antennas, Zone
+from arva_hil.search.strategies.dipole import MOST, DipoleReadings, Reading, evaluate, likely_pose_error, refine, seeds
+from tests.paper_receiver import Receiver
 
 KAPPA_EQ = 1.542
 
 
-def readings(rng: np.random.Generator, n: int, inner: bool = False) -> Readings:
+def readings(rng: np.random.Generator, n: int, inner: bool = False) -> DipoleReadings:
     """Anything, heard by a receiver at any attitude."""
-    o = Readings()
+    o = DipoleReadings()
     for at, R in zip(rng.uniform(-20, 20, (n, 3)), Rotation.random(n, rng).as_matrix(), strict=True):
         o.add(at, R, rng.uniform(3, 40), rng.uniform(-1.5, 1.5), inner)
     return o
@@ -43,9 +43,9 @@ def buried(seed: int) -> tuple[Receiver, np.ndarray, np.ndarray]:
     return receiver, np.array([*place, *R[:, 0] / KAPPA_EQ]), way
 
 
-def listen(receiver: Receiver, way: np.ndarray, pose_error: float = 0.0, seed: int = 0) -> Readings:
+def listen(receiver: Receiver, way: np.ndarray, pose_error: float = 0.0, seed: int = 0) -> DipoleReadings:
     rng = np.random.default_rng(seed)
-    o = Readings()
+    o = DipoleReadings()
     for at in way:
         slot = receiver.read(at, np.eye(3)).channels[0]
         told = at + rng.normal(scale=pose_error, size=3) if pose_error else at
@@ -58,7 +58,7 @@ def test_the_field_is_the_one_of_magpylib(inner: bool) -> None:
     rng = np.random.default_rng(1)
     x, n = hypotheses(rng, 4), 30
     at, R = rng.uniform(-20, 20, (n, 3)), Rotation.random(n, rng)
-    o = Readings()
+    o = DipoleReadings()
     for place, matrix in zip(at, R.as_matrix(), strict=True):
         o.add(place, matrix, 10.0, 0.0, inner)
     error = evaluate(x, o, 0.1).error.reshape(4, n + 1, 2)[:, 1:]
@@ -94,7 +94,7 @@ def test_a_receiver_that_hears_delta_turned_round_is_the_same() -> None:
     x = hypotheses(np.random.default_rng(4), 3)
     costs = []
     for delta in (0.4, 0.4 - math.pi):
-        o = Readings()
+        o = DipoleReadings()
         o.add((3.0, 2.0, -1.0), np.eye(3), 12.0, delta, False)
         costs.append(evaluate(x, o, 0.1).cost)
     assert costs[0] == pytest.approx(costs[1])
@@ -133,7 +133,7 @@ def heard(receiver: Receiver, at: np.ndarray) -> tuple[float, float]:
 @given(st.floats(0, 6.28), st.floats(4, 45), st.floats(-4, -0.5))
 def test_seeds_say_what_was_heard(bearing: float, d: float, down: float) -> None:
     at = (7.0, -3.0, down)
-    o = Readings()
+    o = DipoleReadings()
     o.add(at, np.eye(3), d, bearing, False)
     x = seeds(at, bearing, d)
     fit = evaluate(x, o, 0.1)
@@ -154,7 +154,7 @@ def test_hears_how_wrong_its_poses_are(wrong: float) -> None:
 
 
 def test_silence_speaks_against_a_transmitter_near_by_and_for_nothing() -> None:
-    o = Readings()
+    o = DipoleReadings()
     far, near = np.array([[200.0, 0, 0.5, 0.65, 0, 0]]), np.array([[12.0, 0, 0.5, 0.65, 0, 0]])
     before = [evaluate(x, o, 0.1).cost[0] for x in (far, near)]
     o.add((0.0, 0.0, -1.0), np.eye(3), -0.01, 0.0, False)
@@ -171,7 +171,7 @@ def test_one_reading_that_is_nonsense_moves_little() -> None:
 
 
 def test_keeps_the_strongest_readings_of_too_many() -> None:
-    o = Readings()
+    o = DipoleReadings()
     for d in [*np.linspace(49, 4, 100), -0.01]:
         o.add((0.0, 0.0, -1.0), np.eye(3), d, 0.0, False)
     assert len(o.said) < 101
@@ -192,7 +192,7 @@ def test_keeps_the_strongest_readings_of_too_many() -> None:
     )
 )
 def test_whatever_it_hears_it_stays_finite(said: list[tuple[float, float, float, float, float, bool]]) -> None:
-    o = Readings()
+    o = DipoleReadings()
     for north, east, down, d, delta, inner in said:
         o.add((north, east, down), np.eye(3), d, delta, inner)
     fit, damping = refine(seeds(said[0][:3], 0.3, 20.0), np.full(24, 1e-2), o, 0.1, 3)
@@ -209,7 +209,7 @@ def test_readings_added_together_are_those_added_one_by_one(count: int, gains: t
     for k in range(count):
         d, ground = (-1.0 if k % 7 == 3 else rng.uniform(1, 60)), (None if k % 3 else rng.uniform(-2, 2))
         every.append((rng.uniform(-20, 20, 3).tolist(), turns[k], d, rng.uniform(-1, 1), k % 5 == 0, 0.5 * k, ground))
-    one_by_one, together = Readings(gains), Readings(gains)
+    one_by_one, together = DipoleReadings(gains), DipoleReadings(gains)
     for reading in every:
         one_by_one.add(*reading)
     together.add_all(every)

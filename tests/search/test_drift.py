@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from arva_hil.search import dipole
-from arva_hil.search.drift import DriftFit, fitted, fitted_again
+from arva_hil.search.strategies import dipole
+from arva_hil.search.strategies.drift import DriftFit, fitted, fitted_again
 
 PLACE, MOMENT = np.array([0.0, 0.0, 1.0]), dipole.MOMENT * np.array([0.6, 0.8, 0.0])
 EVERY_S, SMOOTH_S = 2.0, 5.0
@@ -38,7 +38,7 @@ def heard(at: NDArray[np.float64]) -> tuple[float, float]:
 @pytest.mark.parametrize("seed", [0, 4, 13, 14])
 def test_a_large_drift_is_followed_from_reading_to_reading(seed: int) -> None:
     """The field is the same on both sides of a transmitter: a fit that begins anew finds the other side at times."""
-    readings, drift = dipole.Readings(), walk(seed, 2.0, 50)
+    readings, drift = dipole.DipoleReadings(), walk(seed, 2.0, 50)
     x, fits, off = np.array([[*PLACE, *MOMENT]]), list[DriftFit](), list[float]()
     for k, error in enumerate(drift):
         at = np.array([1.5 * math.cos(0.8 * k), 1.5 * math.sin(0.8 * k), -3.0])
@@ -51,7 +51,7 @@ def test_a_large_drift_is_followed_from_reading_to_reading(seed: int) -> None:
 
 
 def test_hypotheses_fitted_together_are_those_fitted_alone() -> None:
-    readings, drift = dipole.Readings(), walk(3, 0.5, 20)
+    readings, drift = dipole.DipoleReadings(), walk(3, 0.5, 20)
     for k, error in enumerate(drift):
         at = np.array([4 * math.cos(0.5 * k), 4 * math.sin(0.5 * k), -3.0])
         readings.add((at + error).tolist(), np.eye(3), *heard(at), False, EVERY_S * k)

@@ -8,16 +8,16 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from simulated_px4 import Px4
-from test_client import BOTH, VICTIM, Broken, World, ardupilot
-from test_permission import Person, truthless
-from test_take_over import airborne
 
 from arva_hil.events.searches import ConsentNeeded, CountDown, DryRunBegun, SetPointPlanned, WouldOrder
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.search.dry_run import WOULD_FLY
-from arva_hil.search.permission import Permission
+from arva_hil.search.flight.dry_run import WOULD_FLY
+from arva_hil.search.flight.permission import Permission
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from tests.search.test_client import BOTH, VICTIM, Broken, World, ardupilot
+from tests.search.test_permission import Person, truthless
+from tests.search.test_take_over import airborne
+from tests.simulated_px4 import Px4
 
 SENT = {  # all that a dry run may send
     "HEARTBEAT",

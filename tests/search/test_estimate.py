@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from world import PAPER, buried, fly
 
 from arva_hil.campaign import trial
 from arva_hil.campaign.plan import draw
 from arva_hil.config.drawn import Random
-from arva_hil.search.estimate import Estimate
-from arva_hil.search.strategy import STILL, Observation
+from arva_hil.search.strategies.estimate import Estimate
+from arva_hil.search.strategies.strategy import STILL, Observation
+from tests.search.world import PAPER, buried, fly
 
 
 def frame(time_s: float, d_cm: int, delta_deg: int = 0, north: float = 0.0, east: float = 0.0) -> Observation:

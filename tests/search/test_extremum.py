@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from world import PAPER, buried, fly
 
-from arva_hil.search.extremum import Extremum, minimum
-from arva_hil.search.strategy import STILL, Observation
+from arva_hil.search.strategies.extremum import Extremum, minimum
+from arva_hil.search.strategies.strategy import STILL, Observation
+from tests.search.world import PAPER, buried, fly
 
 
 def frame(time_s: float, d_m: float, north: float = 0.0, east: float = 0.0) -> Observation:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from test_client import World, ardupilot
 
-from arva_hil.flight.authority import BOUND_MS
+from arva_hil.autopilot.commanding.authority import BOUND_MS
 from arva_hil.simulated.arducopter import FAILSAFES
+from tests.search.test_client import World, ardupilot
 
 TAKEN = "the mode is {}: the pilot or a failsafe has taken over"
 

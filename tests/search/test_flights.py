@@ -8,18 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from arva_hil.clock import StepClock
 from arva_hil.config import parse
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, HeightSource, SearchPaused
-from arva_hil.field.mount import Mount
-from arva_hil.field.rotation import from_euler
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import dialect
+from arva_hil.model.field.mount import Mount
+from arva_hil.model.field.rotation import from_euler
 from arva_hil.registry import STRATEGIES
-from arva_hil.runtime.clock import StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission import NOT_SURE
-from arva_hil.search.plan import SearchPlan
+from arva_hil.search.mission.mission import NOT_SURE
+from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.closed_loop import ClosedLoop
 from arva_hil.simulated.messages import SENSORS
 

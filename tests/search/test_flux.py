@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from world import PAPER, buried, fly
 
-from arva_hil.search.cross import Cross, middle
-from arva_hil.search.flux import Flux
-from arva_hil.search.strategy import STILL, Observation, Velocity
+from arva_hil.search.strategies.cross import Cross, middle
+from arva_hil.search.strategies.flux import Flux
+from arva_hil.search.strategies.strategy import STILL, Observation, Velocity
+from tests.search.world import PAPER, buried, fly
 
 NORTH = np.eye(3)
 SPEED = 2.0

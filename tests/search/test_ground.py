@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from arva_hil.events.searches import HeightSource
-from arva_hil.field.quaternion import from_euler
+from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.session import Session
+from arva_hil.events.searches import HeightSource, SensorsDisagree
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.search.ground import Ground, Height
-from arva_hil.search.height import HeightKeeper
-from arva_hil.vehicle.pose_track import VehicleState
-from arva_hil.vehicle.session import Session
+from arva_hil.model.field.quaternion import from_euler
+from arva_hil.registry import STRATEGIES
+from arva_hil.search.mission.ground import Ground, Height
+from arva_hil.search.mission.height import HeightKeeper
+from arva_hil.search.strategies.plan import SearchPlan
 
 DOWN = dialect.MAV_SENSOR_ROTATION_PITCH_270
 QUAD, ARDUPILOT = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -27,7 +29,7 @@ class Vehicle:
 
     def __init__(self, *, trust_gps: bool = False) -> None:
         self.session = Session()
-        self.ground = Ground(self.session, trust_gps=trust_gps)
+        self.ground = Ground(self.session, SearchPlan(STRATEGIES["estimate"], trust_gps=trust_gps))
         self._encoder = Encoder(1, 1)
         self.arm(False)
 
@@ -36,8 +38,7 @@ class Vehicle:
         self.says(0.0, dialect.MAVLink_heartbeat_message(QUAD, ARDUPILOT, mode, 4, 4, 3))
 
     def says(self, now: float, *messages: Any) -> None:
-        self.session.feed(b"".join(map(self._encoder.pack, messages)), now)
-        self.ground.hear(now)
+        self.ground.hear(self.session.feed(b"".join(map(self._encoder.pack, messages)), now), now)
 
     def height(self, now: float, above: float, *, sinks: float = 0.0, roll: float = 0.0) -> Height:
         place, velocity = np.array([0.0, 0.0, -above]), np.array([0.0, 0.0, sinks])
@@ -127,9 +128,10 @@ def test_a_rangefinder_that_goes_leaves_the_highest_ground_it_saw(vehicle: Vehic
     vehicle.says(1.0, distance(300))
     assert vehicle.height(1.0, 8.0).metres == pytest.approx(3.0)  # the ground has risen by 5 m
     vehicle.says(1.5, distance(299))
-    assert vehicle.height(1.5, 4.0).metres == pytest.approx(2.995)
+    vehicle.says(1.5, distance(299))
+    assert vehicle.height(1.5, 7.99).metres == pytest.approx(2.99)
     vehicle.height_sources()
-    assert vehicle.height(3.0, 8.0) == Height(pytest.approx(3.0), False, ground=pytest.approx(1.005))
+    assert vehicle.height(3.0, 8.0) == Height(pytest.approx(3.0), False, ground=pytest.approx(5.0))
     assert vehicle.height_sources() == ["highest ground"]
 
 
@@ -147,13 +149,18 @@ def test_the_barometer_may_say_less_and_never_more(vehicle: Vehicle) -> None:
     assert height == Height(3.0, False)
 
 
-def test_the_barometer_is_not_followed_for_ever(vehicle: Vehicle) -> None:
+def test_a_barometer_that_says_much_less_is_flown_by_and_ends_the_search(vehicle: Vehicle) -> None:
     vehicle.says(0.0, pressure(0.0))
     vehicle.arm()
-    for n in range(500):
+    vehicle.height(0.0, 3.0)
+    for n in range(100):
         vehicle.says(n * 0.2, pressure(-50.0))
         height = vehicle.height(n * 0.2, 3.0)
-    assert height.metres == pytest.approx(-2.0, abs=0.01)
+    assert height.metres == pytest.approx(-50.0, abs=0.1)
+    assert height.still
+    assert height.doubt == "the altitude says 3.0 m, and the barometer -50.0 m"
+    (event,) = [event for event in vehicle.session.take_events() if isinstance(event, SensorsDisagree)]
+    assert (event.sensor, event.value_m, event.other) == ("altitude", 3.0, "barometer")
 
 
 def test_the_terrain_database_counts_from_the_take_off_and_may_only_say_less(vehicle: Vehicle) -> None:
@@ -182,8 +189,8 @@ def status(present: int, enabled: int | None = None, health: int | None = None) 
     return dialect.MAVLink_sys_status_message(*bits, 0, 0, -1, -1, 0, 0, 0, 0, 0, 0)
 
 
-def gps(v_acc_mm: int) -> Any:
-    return dialect.MAVLink_gps_raw_int_message(0, 3, 0, 0, 0, 0, 0, 0, 0, 9, 0, 0, v_acc_mm)
+def gps(v_acc_mm: int, metres: float = 0.0) -> Any:
+    return dialect.MAVLink_gps_raw_int_message(0, 3, 0, 0, round(metres * 1e3), 0, 0, 0, 0, 9, 0, 0, v_acc_mm)
 
 
 @pytest.mark.parametrize("words", [status(0), status(BAROMETER, 0), status(BAROMETER, health=0)])
@@ -395,3 +402,94 @@ def test_where_a_rangefinder_has_measured_the_database_is_not_followed() -> None
     slope.fly(20)
     assert slope.above >= 2.9
     assert slope.height_sources() == ["estimate", "rangefinder", "highest ground"]
+
+
+# -- sensors that lie ----------------------------------------------------------------------------------------
+
+
+def disagreements(vehicle: Vehicle) -> list[tuple[str, str]]:
+    return [(e.sensor, e.other) for e in vehicle.session.take_events() if isinstance(e, SensorsDisagree)]
+
+
+def flown(vehicle: Vehicle, seconds: float, above: Callable[[float], float], *said: Callable[[float], Any]) -> Height:
+    """The height after a hover of the reported altitude `above`, in which the sensors say something at each time."""
+    vehicle.says(0.0, pressure(0.0), gps(1000))
+    vehicle.arm()
+    for n in range(round(5 * seconds)):
+        vehicle.says(n * 0.2, *(say(n * 0.2) for say in said))
+        height = vehicle.height(n * 0.2, above(n * 0.2))
+    return height
+
+
+def test_an_altitude_that_drifts_is_not_followed_down(vehicle: Vehicle) -> None:
+    height = flown(vehicle, 100, lambda t: 3.0 + 0.05 * t, lambda t: pressure(3.0))
+    assert height.metres == pytest.approx(3.0, abs=0.01)
+    assert not height.still
+    vehicle = Vehicle()
+    height = flown(vehicle, 180, lambda t: 3.0 + 0.05 * t, lambda t: pressure(3.0))
+    assert height.doubt
+    assert disagreements(vehicle) == [("altitude", "barometer")]
+
+
+@pytest.mark.parametrize("jump", [5.0, -5.0])
+def test_an_altitude_that_jumps_moves_the_reference(vehicle: Vehicle, jump: float) -> None:
+    height = flown(vehicle, 20, lambda t: 3.0 + jump * (t > 10), lambda t: pressure(3.0))
+    assert height.metres == pytest.approx(3.0, abs=0.01)
+    assert not height.still
+    assert disagreements(vehicle) == [("altitude", "vertical speed")]
+
+
+@pytest.mark.parametrize(("metres", "lowest"), [(-20.0, -17.0), (30.0, 3.0)])
+def test_gps_is_compared_within_its_uncertainty(vehicle: Vehicle, metres: float, lowest: float) -> None:
+    height = flown(vehicle, 17, lambda t: 3.0, lambda t: pressure(3.0), lambda t: gps(1000, metres))
+    assert height.metres == pytest.approx(lowest, abs=0.01)
+    assert height.doubt
+    assert len(disagreements(vehicle)) == 2
+    assert not flown(Vehicle(), 17, lambda t: 3.0, lambda t: gps(1000, 8.0)).still
+
+
+def test_the_autopilots_clearance_may_doubt_a_rangefinder(vehicle: Vehicle) -> None:
+    height = flown(vehicle, 17, lambda t: 3.0, lambda t: distance(300), lambda t: altitude(-1.0))
+    assert not height.still
+    vehicle = Vehicle()
+    vehicle.says(0.0, pressure(0.0), distance(300), altitude(-1.0))
+    vehicle.arm()
+    vehicle.says(0.0, pressure(8.0), distance(800), altitude(2.0))
+    assert vehicle.height(0.1, 8.0).metres == 2.0
+
+
+@pytest.mark.parametrize("change", [4.0, -2.0])
+def test_ground_that_changes_in_a_hover_is_doubted_until_it_is_as_before(vehicle: Vehicle, change: float) -> None:
+    def said(t: float) -> Any:
+        return distance(round(100 * (3.0 + change * (5 < t < 12))))
+
+    during = flown(vehicle, 10, lambda t: 3.0, lambda t: pressure(3.0), said)
+    assert during.metres == pytest.approx(min(3.0, 3.0 + change), abs=0.01)
+    assert during.still
+    assert disagreements(vehicle) == [("rangefinder", "vertical speed")]
+    after = flown(Vehicle(), 18, lambda t: 3.0, lambda t: pressure(3.0), said)
+    assert not after.still
+    assert 2.4 < after.metres <= 3.0
+
+
+@pytest.mark.parametrize(("seconds", "landed"), [(0.8, False), (1.2, True)])
+def test_the_autopilots_own_report_of_a_landing_counts_after_a_second(
+    vehicle: Vehicle, seconds: float, landed: bool
+) -> None:
+    for n in range(round(10 * seconds) + 1):
+        vehicle.says(n * 0.1, dialect.MAVLink_extended_sys_state_message(0, dialect.MAV_LANDED_STATE_ON_GROUND))
+    assert vehicle.height(seconds, 3.0).landed == landed
+    assert not vehicle.height(seconds + 1.5, 3.0).landed  # the report is old
+
+
+@pytest.mark.parametrize(
+    ("ordered", "sinks", "landed"),
+    [(0.3, 0.0, True), (0.3, 0.25, False), (-0.5, 0.0, False), (0.05, 0.05, False)],
+)
+def test_a_vehicle_at_rest_that_is_ordered_to_sink_stands(
+    vehicle: Vehicle, ordered: float, sinks: float, landed: bool
+) -> None:
+    for n in range(50):
+        state = VehicleState(0, np.array([0, 0, n * 0.2 * sinks - 3]), np.array([0, 0, sinks]), (1, 0, 0, 0), 0.0)
+        height = vehicle.ground.height(n * 0.2, state, ordered)
+    assert height.landed == landed

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from arva_hil.events import Event
 from arva_hil.events.searches import TooLow
-from arva_hil.search.ground import Height
-from arva_hil.search.height import Descent, HeightKeeper
+from arva_hil.search.mission.ground import Height
+from arva_hil.search.mission.height import Descent, HeightKeeper
+from arva_hil.search.mission.range_check import Odometry, RangeCheck
 
 PLACE = (5.0, -3.0)
 
@@ -107,9 +108,9 @@ def sunk(start: tuple[float, float, float], *, measured: bool, drift: tuple[floa
     while not descent.done:
         v_n, v_e, v_d = descent.velocity(now, (north, east, down), Height(-down, measured))
         assert math.hypot(v_n, v_e) <= 1.0 + 1e-9
-        assert 0 <= v_d <= 0.5
+        assert -0.5 <= v_d <= 0.5
         if math.dist((north, east), PLACE) > 0.5:
-            assert v_d == 0
+            assert v_d <= 0
         north, east, down = north + (v_n + drift[0]) * 0.1, east + (v_e + drift[1]) * 0.1, down + v_d * 0.1
         now += 0.1
         assert now < 300
@@ -126,10 +127,58 @@ def test_it_comes_down_on_the_place_and_leaves_the_rest_to_the_landing(
     assert lowest < -down < lowest + 0.15
 
 
-def test_what_is_low_already_only_goes_to_the_place() -> None:
+def test_what_is_low_beside_the_place_climbs_and_goes_there() -> None:
     north, east, down, _ = sunk((4.0, -3.0, -1.0), measured=False)
-    assert math.dist((north, east), PLACE) < 0.2
-    assert down == -1.0
+    assert math.dist((north, east), PLACE) < 0.5
+    assert 1.0 < -down < 1.65
+
+
+@pytest.mark.parametrize(
+    ("place", "height"),
+    [
+        (PLACE, Height(0.6, True)),
+        (PLACE, Height(0.1, True)),
+        (PLACE, Height(3.0, True, landed=True)),
+        (PLACE, Height(3.0, True, doubt="the rangefinder says 8.0 m, and the vertical speed 3.0 m")),
+        ((50.0, 0.0), Height(0.29, True)),
+    ],
+)
+def test_low_on_the_ground_or_without_a_sure_height_the_autopilot_lands_at_once(
+    place: tuple[float, float], height: Height
+) -> None:
+    descent = Descent(PLACE, 1.0, 0.0, 3.0)
+    assert descent.velocity(1.0, (*place, -3.0), height) == (0.0, 0.0, 0.0)
+    assert descent.done
+
+
+def test_through_the_height_of_rest_it_comes_up_again() -> None:
+    descent = Descent(PLACE, 1.0, 0.0, 3.0)
+    *_, down = descent.velocity(1.0, (PLACE[0] + 0.3, PLACE[1], -0.8), Height(0.8, True))
+    assert down == pytest.approx(-0.2)
+    assert not descent.done
+
+
+def test_it_flies_on_only_while_the_height_is_sure() -> None:
+    keeper = HeightKeeper(3.0, ignored)
+    keeper.velocity(0.0, Height(3.0, True, still=True))
+    assert keeper.pace == 0.0
+    keeper.velocity(0.2, Height(3.0, True))
+    assert keeper.pace == 1.0
+
+
+def test_a_rangefinder_that_drifts_is_found_although_the_vehicle_could_sink_as_fast() -> None:
+    check, keeper = RangeCheck(0.9), HeightKeeper(3.0, ignored)
+    height, flown, speed = 3.0, 0.0, 0.5
+    for n in range(600):
+        time_s, climbed = 0.1 * n, height - 3.0
+        shown = height + 0.1 * time_s
+        lowest = check.height(Odometry(time_s, climbed, flown, speed, (flown, 0.0)), shown, shown, height + 0.9)
+        assert lowest is not None
+        height -= 0.1 * keeper.velocity(time_s, Height(lowest, True, still=check.still))
+        speed = 0.5 * keeper.pace
+        flown += 0.1 * speed
+        assert height > 1.5
+    assert check.deviation(60.0)
 
 
 def test_a_place_that_is_not_reached_is_not_waited_for_for_ever() -> None:

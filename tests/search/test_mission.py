@@ -21,12 +21,13 @@ from arva_hil.events.searches import (
     TransmitterFaded,
     TransmitterHeard,
 )
-from arva_hil.search.choice import NO_ID, HeardTransmitter
-from arva_hil.search.conclusion import conclusion
-from arva_hil.search.ground import Height
-from arva_hil.search.mission import FOUND, NOT_SURE, Mission
-from arva_hil.search.plan import SearchPlan
-from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity
+from arva_hil.search.mission.choice import NO_ID
+from arva_hil.search.mission.conclusion import conclusion
+from arva_hil.search.mission.ground import Height
+from arva_hil.search.mission.mission import FOUND, NOT_SURE, Mission
+from arva_hil.search.strategies.analysis import TransmitterReadings
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity
 from firmware_proto import INNER, MID, Channel, Frame
 
 LEVEL = np.eye(3)
@@ -60,7 +61,7 @@ class Scripted:
 @pytest.fixture
 def believed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Any place agrees with the readings: of a few from one place none can be told."""
-    monkeypatch.setattr(HeardTransmitter, "judged", lambda self, found, height_m: (found, True))
+    monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, True))
 
 
 @pytest.fixture
@@ -135,7 +136,7 @@ def test_the_end_of_the_strips_is_the_end_and_says_so(strategy: type[Scripted]) 
 def test_a_place_that_the_newest_readings_contradict_is_looked_for_again_and_in_the_end_not_sure(
     strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(HeardTransmitter, "contradictions", lambda self, time_s: [True] * 9)
+    monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: [True] * 9)
     m = mission(strategy)
     for n in range(3):
         assert not m.ended
@@ -152,7 +153,7 @@ def test_a_place_that_is_found_again_is_believed_whatever_the_readings_there(
     strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An antenna that is saturated there says nothing of it."""
-    monkeypatch.setattr(HeardTransmitter, "contradictions", lambda self, time_s: [True] * 9)
+    monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: [True] * 9)
     strategy.finds = Found(*AT[:2])
     m = mission(strategy)
     heard(m, beacon(5, 30), at_s=101.0)
@@ -166,7 +167,7 @@ def test_while_only_the_last_readings_contradict_a_place_it_listens(
     strategy: type[Scripted], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said = [[False] * 5 + [True], [False] * 4 + [True] * 2, [False] * 3 + [True] * 2 + [False]]
-    monkeypatch.setattr(HeardTransmitter, "contradictions", lambda self, time_s: said.pop(0))
+    monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: said.pop(0))
     strategy.finds = Found(*AT[:2])
     m = mission(strategy)
     assert heard(m, beacon(5, 30), at_s=101.0) == heard(m, beacon(5, 30), at_s=101.1) == STILL
@@ -183,7 +184,7 @@ def test_what_is_heard_near_the_ground_may_contradict_the_place_where_it_has_lan
     m = mission(strategy)
     heard(m, beacon(5, 30), at_s=101.0)
     assert m.ended == FOUND
-    monkeypatch.setattr(HeardTransmitter, "contradictions", lambda self, time_s: [True] * 9)
+    monkeypatch.setattr(TransmitterReadings, "contradictions", lambda self, time_s: [True] * 9)
     m.confirm(120.0)
     assert (m.ended, m.sure, m.found) == (NOT_SURE, False, strategy.finds)
     assert conclusion(m)[0] == "not sure"
@@ -245,7 +246,10 @@ def test_no_more_is_remembered_than_has_to_be(strategy: type[Scripted]) -> None:
     for n in range(1000):
         heard(m, *(beacon((n + k) % 250, 20) for k in range(4)), at_s=101.0 + n)
     assert len(m.heard) == 16
-    assert all(len(h.past) <= 256 for h in m.heard.values())
+    record = TransmitterReadings()
+    for n in range(1000):
+        record.add(Observation(n, AT, LEVEL, 2000, 0, False))
+    assert len(record.past) == 256
 
 
 def test_frames_without_numbers_are_of_one_transmitter_the_nearest(strategy: type[Scripted]) -> None:

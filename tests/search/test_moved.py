@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from test_drift import MOMENT, PLACE
 
-from arva_hil.search.agreement import Evidence
-from arva_hil.search.history import NOTHING
-from arva_hil.search.strategy import Observation
+from arva_hil.search.strategies.agreement import Evidence
+from arva_hil.search.strategies.history import NOTHING
+from arva_hil.search.strategies.strategy import Observation
+from tests.search.test_drift import MOMENT, PLACE
 
 MOVED_S = 40
 

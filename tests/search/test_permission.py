@@ -7,12 +7,12 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from simulated_px4 import Px4
-from test_client import BOTH, HOME, World
 
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.search.permission import Permission
+from arva_hil.search.flight.permission import Permission
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from tests.search.test_client import BOTH, HOME, World
+from tests.simulated_px4 import Px4
 
 TRUTHS = (
     dialect.MAVLINK_MSG_ID_SIMSTATE,

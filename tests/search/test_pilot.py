@@ -11,14 +11,15 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from simulated_px4 import HOLD, POSITION, Px4
-from test_client import BOTH, GUIDED_ALONE, HOME, LEFT, VICTIM, World, ardupilot, px4, without
 
-from arva_hil.flight.authority import BOUND_MS
+from arva_hil.autopilot.commanding.authority import BOUND_MS
+from arva_hil.clock import Clock
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.runtime.clock import Clock
+from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from tests.search.test_client import BOTH, GUIDED_ALONE, HOME, LEFT, VICTIM, World, ardupilot, px4, without
+from tests.simulated_px4 import HOLD, POSITION, Px4
 
 NAV_LAND, SET_MODE = dialect.MAV_CMD_NAV_LAND, dialect.MAV_CMD_DO_SET_MODE
 TAKEN = "the mode is {}: the pilot or a failsafe has taken over"
@@ -83,11 +84,12 @@ def test_after_a_pause_the_pilot_who_took_over_meanwhile_hears_nothing(
     assert world.orders(goes_on) == []
 
 
-def test_after_a_pause_that_nobody_used_the_search_goes_on() -> None:
+@pytest.mark.parametrize("seconds", [14.0, 60.0])
+def test_after_a_pause_that_nobody_used_the_search_goes_on(seconds: float) -> None:
     world = World(ardupilot())
     world.hunt()
     before = world.ned
-    stopped(world, 14.0)
+    stopped(world, seconds)
     goes_on = world.clock.now()
     assert world.end() == ("found", "found")
     assert any(text.startswith(PAUSED) for text in world.said)
@@ -124,6 +126,30 @@ def test_px4_leaves_offboard_in_a_pause_and_is_left_alone() -> None:
     assert (kind, how) == ("failed", HELD_UP.format("position", seconds))
     assert 2.0 <= float(seconds) <= 2.7
     world.pass_s(10)
+    assert world.orders(goes_on) == []
+
+
+@pytest.mark.parametrize("lost_from", [math.inf, 4.0])
+def test_after_a_pause_the_mode_is_named_that_the_vehicle_is_in(lost_from: float) -> None:
+    """PX4 leaves OFFBOARD by itself, and then somebody chooses Hold. `lost_from`: as above."""
+    world = World(px4(), take_off=5.0, height=5.0)
+    world.hunt()
+    stops = world.clock.now()
+    world._tasks.remove(world.client)
+    world.between = lambda data: data if world.clock.now() < stops + lost_from else b""
+    world.pass_s(10.0)
+    assert world.vehicle.mode == POSITION  # type: ignore[union-attr]
+    world.pilot(HOLD)
+    world.pass_s(4.1)
+    world.between = bytes
+    world._tasks.append(world.client)
+    goes_on = world.clock.now()
+    kind, how = world.end(4.0)
+    (seconds,) = re.findall(r"no set-point left for ([\d.]+) s before", how)
+    assert (kind, how) == ("failed", HELD_UP.format("hold", seconds))
+    assert 14.1 <= float(seconds) <= 14.3
+    assert [text.startswith(PAUSED) for text in world.said if "strategy" in text or "14." in text] == [True]
+    world.pass_s(5)
     assert world.orders(goes_on) == []
 
 
@@ -319,19 +345,6 @@ def test_a_throttle_stick_that_is_down_would_sink_it_in_loiter() -> None:
     vehicle._pilot.sticks = (1500, 1500, 1480, 1500)
     kind, how = world.end(2.0)
     assert (kind, how.endswith("the pilot has it, in LOITER")) == ("failed", True)
-
-
-def test_px4_gives_the_vehicle_to_the_sticks_by_itself() -> None:
-    vehicle = px4()
-    world = World(vehicle)
-    world.hunt()
-    vehicle._vehicle._pilot.sticks = (1500, 1200, 1500, 1500)
-    moved = world.clock.now()
-    assert world.end(2.0) == ("failed", "the pilot has moved a stick (channel 2, by 300 µs)")
-    ended = world.clock.now()
-    world.pass_s(10)
-    assert world.orders(ended) == []
-    assert {m.get_type() for m in world.orders(moved)} <= {"SET_POSITION_TARGET_LOCAL_NED"}
 
 
 def test_a_stick_that_moves_before_it_flies_keeps_it_on_the_ground() -> None:
@@ -569,12 +582,63 @@ def test_what_it_does_when_it_is_left_alone_is_said_before_it_arms() -> None:
         (
             px4,
             "without set-points it lands (COM_OBL_RC_ACT 4) after 1 s (COM_OF_LOSS_T); without a radio: "
-            "Return (NAV_RCL_ACT 2); without a ground station: nothing (NAV_DLL_ACT 0)",
+            "Return (NAV_RCL_ACT 2); without a ground station: nothing (NAV_DLL_ACT 0); if a stick moves: PX4 follows "
+            "it in its auto modes, not in OFFBOARD, where the search orders Hold (COM_RC_OVERRIDE 1)",
         ),
     ):
         world = World(make())  # type: ignore[operator]
         world.reach("arming")
         assert words in world.said
+
+
+@pytest.mark.parametrize(
+    ("manual", "then"),
+    [(None, ", and sinks there and lands where it is, because it has no remote control"), ((0, 0, 0, 0), "")],
+)
+def test_what_px4_does_without_set_points_depends_on_a_remote_control(manual: Any, then: str) -> None:
+    """Said before it arms, and when it is left alone."""
+    vehicle = px4()
+    vehicle.manual = manual
+    vehicle.parameters["COM_OBL_RC_ACT"] = 0
+    world = World(vehicle)
+    world.hunt()
+    does = f"it goes to Position mode (COM_OBL_RC_ACT 0) after 1 s (COM_OF_LOSS_T){then}"
+    assert any(text.startswith(f"without set-points {does};") for text in world.said)
+    world.between = without(dialect.MAVLINK_MSG_ID_HEARTBEAT, MAVLINK_MSG_ID_CURRENT_MODE)
+    kind, how = world.end(6.0)
+    assert kind == "failed"
+    assert how.endswith(f"{LEFT}: {does}")
+
+
+@pytest.mark.parametrize(
+    ("parameter", "value", "text"),
+    [
+        ("COM_RC_OVERRIDE", 2, "COM_RC_OVERRIDE is 2: without its bit 0 PX4 ignores the sticks in LAND and Hold"),
+        ("COM_RC_OVERRIDE", None, "COM_RC_OVERRIDE was not reported: without its bit 0 PX4 ignores the sticks"),
+        ("COM_OF_LOSS_T", 0.2, "COM_OF_LOSS_T is 0.2: the vehicle may stop between two set-points"),
+        ("COM_OF_LOSS_T", 60.0, "COM_OF_LOSS_T is 60: the vehicle flies on for as many seconds"),
+    ],
+)
+def test_a_parameter_that_makes_a_promise_impossible_is_named_before_it_arms(
+    parameter: str, value: float | None, text: str
+) -> None:
+    vehicle = px4()
+    vehicle.parameters.pop(parameter)
+    if value is not None:
+        vehicle.parameters[parameter] = value
+    world = World(vehicle)
+    world.reach("arming")
+    assert any(said.startswith(text) for said in world.said)
+    assert world.orders() == []
+
+
+def test_so_is_a_timeout_of_ardupilot() -> None:
+    world = World(ardupilot())
+    lie = Encoder(1, 1).pack(dialect.MAVLink_param_value_message(b"GUID_TIMEOUT", 30.0, 9, 1, 0))
+    pass_on = without(dialect.MAVLINK_MSG_ID_PARAM_VALUE)
+    world.between = lambda data: pass_on(data) + (lie if data else b"")
+    world.reach("arming")
+    assert any(said.startswith("GUID_TIMEOUT is 30: the vehicle flies on") for said in world.said)
 
 
 def test_a_vehicle_that_does_not_tell_its_parameters_is_unknown_and_armed_all_the_same() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from arva_hil.links import memory
-from arva_hil.search.reading_checks import NewFrames, StuckReadings
-from arva_hil.search.receiver_link import ReceiverLink
+from arva_hil.search.flight.receiver_link import ReceiverLink
+from arva_hil.search.mission.reading_checks import NewFrames, StuckReadings
 from firmware_proto import MID, Channel, Decoder, Frame, TextDecoder, encode
 
 

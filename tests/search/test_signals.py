@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from arva_hil.field import dipole_field, rotation
-from arva_hil.search.choice import observations
-from arva_hil.search.estimate import Estimate
-from arva_hil.search.strategy import Observation
+from arva_hil.model.field import dipole_field, rotation
+from arva_hil.search.mission.choice import observations
+from arva_hil.search.strategies.estimate import Estimate
+from arva_hil.search.strategies.strategy import Observation
 from firmware_proto import INNER, MID, Channel, Frame
 from firmware_proto.measured import VECTOR, LevelChannel, Measured, VectorChannel
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arva_hil.search.strategy import STILL
-from arva_hil.search.strips import Area, Strips
+from arva_hil.search.strategies.strategy import STILL
+from arva_hil.search.strategies.strips import Area, Strips
 
 PLACE = st.floats(-200, 200)
 WIDTH = st.floats(1, 100)

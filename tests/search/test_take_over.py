@@ -7,11 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from simulated_px4 import HOLD, POSITION, Px4
-from test_client import BOTH, World, ardupilot, px4
 
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
 from arva_hil.simulated.autopilot import Mode
+from tests.search.test_client import BOTH, World, ardupilot, px4
+from tests.simulated_px4 import HOLD, POSITION, Px4
 
 MISSION = 4 << 16 | 4 << 24
 BEFORE_S = 60.0

@@ -6,21 +6,21 @@ import math
 
 import pytest
 
+from arva_hil.clock import Clock, StepClock
 from arva_hil.config import parse
 from arva_hil.events import Event
 from arva_hil.events.teams import TeammateBack, TeammateLost
-from arva_hil.field import LocalFrame
 from arva_hil.mavlink.codec import Encoder, command, dialect
+from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
-from arva_hil.runtime.clock import Clock, StepClock
 from arva_hil.runtime.loop import run
-from arva_hil.search.mission import NOT_SURE, Mission
-from arva_hil.search.plan import SearchPlan
-from arva_hil.search.strategy import Found
-from arva_hil.search.team import Teammate
-from arva_hil.search.team_field import TeamField
-from arva_hil.search.team_news import HeardAt, News
-from arva_hil.search.team_strips import strips_of
+from arva_hil.search.mission.mission import NOT_SURE, Mission
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strategy import Found
+from arva_hil.search.team.team import Teammate
+from arva_hil.search.team.team_field import TeamField
+from arva_hil.search.team.team_news import HeardAt, News
+from arva_hil.search.team.team_strips import strips_of
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
 

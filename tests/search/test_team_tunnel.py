@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arva_hil.field import LocalFrame
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import StepClock
 from arva_hil.links import memory
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
+from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
-from arva_hil.runtime.clock import StepClock
-from arva_hil.search.client import COMPONENT, SearchClient
-from arva_hil.search.plan import SearchPlan
-from arva_hil.search.team import Teammate
-from arva_hil.search.team_field import TeamField
-from arva_hil.search.team_news import HeardAt, News
-from arva_hil.search.team_tunnel import TEAM_TYPE, TeamTunnel, decode, encode
-from arva_hil.vehicle.session import Session
+from arva_hil.search.flight.client import COMPONENT, SearchClient
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.team.team import Teammate
+from arva_hil.search.team.team_field import TeamField
+from arva_hil.search.team.team_news import HeardAt, News
+from arva_hil.search.team.team_tunnel import TEAM_TYPE, TeamTunnel, decode, encode
 from firmware_proto import Decoder
 
 HOME = (46.0123, 7.7456, 1650.0)

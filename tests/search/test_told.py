@@ -6,24 +6,24 @@ import math
 
 import numpy as np
 import pytest
-from world import PAPER, fly
 
+from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.clock import StepClock
 from arva_hil.config import DEFAULT
 from arva_hil.events import Event
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
-from arva_hil.field import LocalFrame, Mount
 from arva_hil.links import memory
-from arva_hil.runtime.clock import StepClock
+from arva_hil.model.field import LocalFrame, Mount
 from arva_hil.runtime.loop import run
-from arva_hil.search.beliefs import Beliefs
-from arva_hil.search.estimate import Estimate
-from arva_hil.search.extremum import Extremum
-from arva_hil.search.frames_told import FramesTold, take_off_point
-from arva_hil.search.plan import SearchPlan
-from arva_hil.search.strategy import Belief, Found
+from arva_hil.search.flight.frames_told import FramesTold, take_off_point
+from arva_hil.search.mission.beliefs import Beliefs
+from arva_hil.search.strategies.estimate import Estimate
+from arva_hil.search.strategies.extremum import Extremum
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strategy import Belief, Found
 from arva_hil.simulated.closed_loop import HOME, ClosedLoop
-from arva_hil.vehicle.pose_track import VehicleState
 from firmware_proto import Channel, Frame
+from tests.search.world import PAPER, fly
 
 FRAME = Frame(1, 1, (Channel(1, 1, 1234, 17),))
 
@@ -79,13 +79,10 @@ def test_beliefs_are_told_twice_a_second_at_most_and_only_by_strategies_that_hav
     told: list[Event] = []
     beliefs = Beliefs(told.append)
     for step in range(21):
-        beliefs.look(step / 10, 7, Thinker(1.0))
+        beliefs.look(step / 10, 7, Thinker(1.0).belief)
     assert [event.time_s for event in told] == [0.0, 0.5, 1.0, 1.5, 2.0]
     assert told[0] == BeliefChanged(0.0, 7, ((1.0, 2.0, 1.0),), None, (3.0, 4.0))
     beliefs.look(9.0, None, None)
-    unsaid = Thinker(1.0)
-    unsaid.said = "left, I think"
-    beliefs.look(9.0, None, unsaid)
     assert len(told) == 5
     beliefs.found(9.5, 7, Found(1.0, 2.0), False)
     assert told[5:] == [PlaceFound(9.5, 7, 1.0, 2.0, None, False)]

@@ -8,11 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from simulated_px4 import HOLD, Px4
-from test_client import BOTH, World, ardupilot
-from test_mission import AT, LEVEL, NORTH, Scripted, beacon
-from test_pilot import LOW, SYS_STATUS
-from test_pilot import says as says_of_the_battery
 
 from arva_hil.events import Event
 from arva_hil.events.searches import (
@@ -24,18 +19,23 @@ from arva_hil.events.searches import (
     VictimAgain,
     VictimNoted,
 )
-from arva_hil.field import dipole_field, rotation
-from arva_hil.receiver.paper import outputs
-from arva_hil.search.choice import HeardTransmitter
-from arva_hil.search.conclusion import conclusion
-from arva_hil.search.mission import FOUND, NOT_SURE, Mission
-from arva_hil.search.plan import SearchPlan
-from arva_hil.search.receiver_host import ReceiverHost
-from arva_hil.search.strategy import STILL, Found, Observation, Position, Velocity, towards
-from arva_hil.search.victims import Victim, probing_order
+from arva_hil.model.field import dipole_field, rotation
+from arva_hil.model.receiver.paper import outputs
+from arva_hil.search.mission.conclusion import conclusion
+from arva_hil.search.mission.mission import FOUND, NOT_SURE, Mission
+from arva_hil.search.mission.receiver_host import ReceiverHost
+from arva_hil.search.mission.victims import Victim, probing_order
+from arva_hil.search.strategies.analysis import TransmitterReadings
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
 from arva_hil.simulated.autopilot import Mode
-from firmware_proto import INNER, MID, MORE_TRANSMITTERS, Answer, Channel, Command, Frame, encode
+from firmware_proto import INNER, MID, MORE_TRANSMITTERS, Channel, Command, CommandAnswer, Frame, encode
 from firmware_proto.commands import BINARY_HOST, BUSY, DONE, IDENTIFY, MARK, REFUSED, UNKNOWN
+from tests.search.test_client import BOTH, World, ardupilot
+from tests.search.test_mission import AT, LEVEL, NORTH, Scripted, beacon
+from tests.search.test_pilot import LOW, SYS_STATUS
+from tests.search.test_pilot import says as says_of_the_battery
+from tests.simulated_px4 import HOLD, Px4
 
 
 class Receiver:
@@ -53,7 +53,7 @@ class Receiver:
             result = self.says.pop(0) if command.name == MARK and len(self.says) > 1 else self.says[0]
             result = DONE if command.name == IDENTIFY and result else result
             if result:
-                answer = Answer(command.number, command.name, result, (4,), "pulsed 1")
+                answer = CommandAnswer(command.number, command.name, result, (4,), "pulsed 1")
                 self.host.hear(BINARY_HOST.answer(answer), 0.0)
         return True
 
@@ -101,7 +101,7 @@ def marked(id_: int, d_m: float) -> Channel:
 @pytest.fixture(autouse=True)
 def agreeing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Places that are made up are believed: what is believed of places is promised elsewhere."""
-    monkeypatch.setattr(HeardTransmitter, "judged", lambda self, found, height_m: (found, True))
+    monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, True))
 
 
 # -- one after the other -----------------------------------------------------------------------------------
@@ -244,7 +244,7 @@ def test_two_who_were_heard_together_are_two_however_near() -> None:
 
 
 def test_a_place_that_is_doubted_is_looked_for_once_more_and_then_listed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(HeardTransmitter, "judged", lambda self, found, height_m: (found, False))
+    monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, False))
     rescue = Rescue(2)
     rescue.step(beacon(1, 9))
     rescue.find(beacon(1, 2))
@@ -254,7 +254,7 @@ def test_a_place_that_is_doubted_is_looked_for_once_more_and_then_listed(monkeyp
     assert [o.d_cm for o in rescue.strategy.made[-1].heard] == [900]  # nothing of before
     rescue.find(beacon(1, 2))
     assert [victim.sure for victim in rescue.mission.victims.places] == [False]
-    monkeypatch.setattr(HeardTransmitter, "judged", lambda self, found, height_m: (found, True))
+    monkeypatch.setattr(TransmitterReadings, "judged", lambda self, found, height_m: (found, True))
     for id_ in (2, 3):
         rescue.step(beacon(id_, 9))
         rescue.find(beacon(id_, 2), place=(9.0 * id_, 5.0, -1.0))
@@ -348,7 +348,7 @@ def two(vehicle: Any, **plan: Any) -> World:
         came, world.port.came = world.port.came, b""
         for command in commands.feed(came, now):
             noted.update(command.values if command.name == MARK else ())
-            out += BINARY_HOST.answer(Answer(command.number, command.name, DONE))
+            out += BINARY_HOST.answer(CommandAnswer(command.number, command.name, DONE))
         for id_, place in PLACES.items():
             field = dipole_field(np.array(truth.ned), np.array([[*place, 0.0]]), np.eye(3)[None], np.ones(1))
             (d_cm,), _, _ = outputs(field @ rotation.to_matrix(truth.quaternion), 1.542)

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from arva_hil.config import parse
 from arva_hil.emulator import build
-from arva_hil.field import LocalFrame, rotation
-from arva_hil.receiver import Look, Pose, Zone
-from arva_hil.search.strategy import Found, Observation, Position, Strategy
+from arva_hil.model.field import LocalFrame, rotation
+from arva_hil.model.receiver import Look, Pose, Zone
+from arva_hil.search.strategies.strategy import Found, Observation, Position, Strategy
 
 LAG_S = 0.3  # of the point's velocity
 STEP_S = 0.1

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from cli.far_ends import Program
-
-from arva_hil.field import LocalFrame
+from arva_hil.model.field import LocalFrame
+from tests.cli.far_ends import Program
 
 from .autopilots import HOME, Maker, Running
 from .truth import ground_m

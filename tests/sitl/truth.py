@@ -9,9 +9,9 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
+from arva_hil.clock import RealClock
 from arva_hil.links import Link, LinkError, open_link
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, command, dialect
-from arva_hil.runtime.clock import RealClock
 
 _COMPONENT: Final = 194  # beside those of emulator and search
 _SIM_STATE: Final = dialect.MAVLINK_MSG_ID_SIM_STATE  # ArduPilot's

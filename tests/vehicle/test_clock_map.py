@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arva_hil.vehicle.pose_track import ClockMap
+from arva_hil.autopilot.following.pose_track import ClockMap
 
 WINDOW_S = 1.0
 TINY = 1e-9
@@ -106,6 +106,18 @@ def test_a_vehicle_that_was_held_up_itself_is_believed_after_the_window() -> Non
     assert clock.boot(7.0) == pytest.approx(7.0 - 0.005)  # it may still be a delay
     steady(clock, 7.0, 7.6, 1.5)
     assert clock.boot(7.6) == pytest.approx(7.6 - 1.5 - 0.005)
+
+
+@pytest.mark.parametrize(("speed", "rate"), [(0.5, 1.0), (1.0, 1.0), (1.5, 1.5), (19.0, 19.0), (30.0, 20.0)])
+def test_the_rate_is_that_of_a_simulator_faster_than_real_time(speed: float, rate: float) -> None:
+    clock = ClockMap()
+    assert clock.rate == 1.0
+    for i in range(0, 201, 2):
+        clock.add(100 + 0.01 * i, 7 + speed * 0.01 * i)
+        assert clock.rate == 1.0  # 2 s are too short for measuring it
+    for i in range(202, 301, 2):
+        clock.add(100 + 0.01 * i, 7 + speed * 0.01 * i)
+        assert clock.rate == pytest.approx(rate)
 
 
 def test_silence_does_not_keep_an_old_estimate() -> None:

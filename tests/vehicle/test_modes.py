@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from arva_hil.autopilot.following.discovery import Vehicle
+from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4, modes_of
 from arva_hil.mavlink.codec import Encoder, Parser, command, dialect
-from arva_hil.vehicle.discovery import Vehicle
-from arva_hil.vehicle.modes import ARDUCOPTER, PX4, modes_of
 from tests.every import every
 
 QUADROTOR = dialect.MAV_TYPE_QUADROTOR

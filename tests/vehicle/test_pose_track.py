@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from arva_hil.field import LocalFrame
-from arva_hil.vehicle.pose_track import AttitudeSample, PoseTrack, PositionSample, VehicleState
+from arva_hil.autopilot.following.pose_track import AttitudeSample, PoseTrack, PositionSample, VehicleState
+from arva_hil.model.field import LocalFrame
 
 Vector = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.events.vehicles import OtherAutopilotIgnored
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.mavlink.signing import Signing
-from arva_hil.vehicle.session import Session
 
 QUADROTOR, GCS = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_TYPE_GCS
 PX4, NONE = dialect.MAV_AUTOPILOT_PX4, dialect.MAV_AUTOPILOT_INVALID
@@ -28,10 +28,10 @@ class Bench:
 
     def send(self, sender: Any, *messages: Any, system: int = 1) -> list[Any]:
         encoder = Encoder(system, 1)
-        packets = []
+        own = []
         for message in messages:
-            packets += self.session.feed(encoder.pack(message), self.now, sender)
-        return packets
+            own += self.session.feed(encoder.pack(message), self.now, sender).own
+        return own
 
     def wait(self, seconds: float, meanwhile: Callable[[], object] = lambda: None) -> None:
         """As the loop does, which looks ten times a second; `meanwhile` is what happens each time."""
@@ -107,7 +107,7 @@ def test_ever_new_senders_cost_no_memory_and_no_packet_of_the_vehicle(bench: Ben
     bench.session.feed(raw[20:], bench.now, HERE)
     bench.send(HERE, attitude(1200))
     assert bench.boot_ms == 1200
-    for parser in (bench.session.parser, bench.session._strangers):
+    for parser in (bench.session.parser, bench.session.reader._strangers):
         assert len(parser._rests) <= 8
 
 
@@ -143,8 +143,7 @@ def test_two_vehicles_on_one_port_are_told_apart(options: dict[str, int], follow
 def test_another_vehicle_with_the_same_ids_changes_nothing_and_is_named_once(bench: Bench) -> None:
     bench.session.take_events()
     for _ in range(3):
-        packets = bench.send(THERE, heartbeat(), position(9000), attitude(9000))
-        assert packets == bench.session.own == []
+        assert bench.send(THERE, heartbeat(), position(9000), attitude(9000)) == []
     assert bench.boot_ms == 1000
     assert bench.answered == [HERE]
     (event,) = bench.session.take_events()
@@ -161,14 +160,16 @@ def test_a_ground_station_does_not_take_the_place_of_a_vehicle_that_pauses(bench
 
 
 def test_a_restarted_simulator_comes_back_from_another_port_once_the_old_one_is_silent(bench: Bench) -> None:
+    own = []
+
     def restarted() -> None:
-        bench.send(THERE, heartbeat(), position(500), attitude(500))
+        own[:] = bench.send(THERE, heartbeat(), position(500), attitude(500))
 
     bench.wait(2.8, restarted)
     assert bench.answered == [HERE]
     bench.wait(0.5, restarted)
     assert bench.answered == [THERE]
-    assert bench.session.own
+    assert own
 
 
 def test_only_a_heartbeat_lets_another_sender_take_the_place_of_a_silent_one(bench: Bench) -> None:

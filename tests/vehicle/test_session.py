@@ -16,7 +16,9 @@ from pymavlink.generator.mavcrc import x25crc
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
+from arva_hil.events.reasons import NoPose, NoVehicle
 from arva_hil.events.vehicles import (
     ClockLeapt,
     OtherAutopilotIgnored,
@@ -26,12 +28,10 @@ from arva_hil.events.vehicles import (
     VehicleLost,
     VehicleRebooted,
 )
-from arva_hil.field import LocalFrame
+from arva_hil.events.words.reasons import no_pose, no_vehicle
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
-from arva_hil.observers.console.reasons import no_pose, no_vehicle
-from arva_hil.vehicle.reasons import NoPose, NoVehicle
-from arva_hil.vehicle.session import Session
+from arva_hil.model.field import LocalFrame
 from tests.every import every
 
 HOME = (46.5, 11.35, 1800.0)
@@ -239,10 +239,9 @@ def test_the_vehicles_own_packets_are_those_it_sent_and_is_believed_in() -> None
     mixed = b""
     for message in own:
         mixed += Encoder(1, 1).pack(message) + Encoder(1, 2).pack(message) + Encoder(1, 1).pack(heartbeat(GCS, NONE))
-    assert len(session.feed(mixed, 101.0)) == 12
-    assert [packet.raw for packet in session.own] == [Encoder(1, 1).pack(message) for message in own]
-    session.feed(b"", 101.0)
-    assert session.own == []
+    received = session.feed(mixed, 101.0)
+    assert [packet.raw for packet in received.own] == [Encoder(1, 1).pack(message) for message in own]
+    assert len(received.others) == 8
 
 
 # -- what is no pose ---------------------------------------------------------------------------------------
@@ -307,7 +306,7 @@ def test_an_unknown_message_is_counted_as_a_packet_and_changes_nothing() -> None
     before = knowledge(session, 101.0)
     count = session.parser.packets
     unknown = b"\xfd\x03\x00\x00\x00\x01\x01\x9f\x86\x01abc\x12\x34"
-    (found,) = session.feed(unknown, 101.0)
+    (found,) = session.feed(unknown, 101.0).own
     assert not found.known
     assert session.parser.packets == count + 1
     assert knowledge(session, 101.0) == before
@@ -334,7 +333,7 @@ def test_no_values_of_the_vehicle_make_it_raise(said: list[tuple[int, bytes]]) -
         now = 101.0 + i
         head = bytes([len(payload), 0, 0, 0, 1, 1]) + msgid.to_bytes(3, "little")
         crc = x25crc(head + payload + bytes([dialect.mavlink_map[msgid].crc_extra])).crc
-        assert len(session.feed(b"\xfd" + head + payload + crc.to_bytes(2, "little"), now)) == 1
+        assert len(session.feed(b"\xfd" + head + payload + crc.to_bytes(2, "little"), now).accepted) == 1
         session.poll(now)
         state = session.state_at(now, FRAME)
         assert state is None or (np.isfinite(state.position).all() and np.isfinite(state.attitude).all())
@@ -761,7 +760,7 @@ def test_a_recorded_flight_is_read_in_full(flight: Path) -> None:
     poses = set()
     seen = 0
     for record in TlogReader(flight):
-        seen += len(session.feed(record.raw, record.time_s))
+        seen += len(session.feed(record.raw, record.time_s).accepted)
         poses.add(session.track.newest)
     vehicle = session.vehicle
     assert seen == session.parser.packets == count

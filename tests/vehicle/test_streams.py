@@ -8,6 +8,9 @@ from typing import Any
 
 import pytest
 
+from arva_hil.autopilot.following.navigation import EventQueue
+from arva_hil.autopilot.following.session import Session
+from arva_hil.autopilot.following.streams import Streams
 from arva_hil.events import Event
 from arva_hil.events.vehicles import (
     StreamAskedOtherwise,
@@ -18,9 +21,6 @@ from arva_hil.events.vehicles import (
 )
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from arva_hil.vehicle.navigation import EventQueue
-from arva_hil.vehicle.session import Session
-from arva_hil.vehicle.streams import Streams
 
 HOME = (46.5, 11.35, 1800.0)
 SET_INTERVAL, REQUEST, GET_HOME = 511, 512, 410

@@ -15,17 +15,17 @@ import time
 from contextlib import closing
 from typing import Final
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import RealClock
 from arva_hil.config import parse
-from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.events import Event, FrameMade
 from arva_hil.links import open_link
 from arva_hil.links.pty import PtyLink
-from arva_hil.observers.audience import Audience
-from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
-from arva_hil.vehicle.session import Session
 
 WARM_S: Final = 2.0
 

@@ -19,16 +19,17 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import RealClock
 from arva_hil.config import Scenario, parse
-from arva_hil.emulator.engine import Emulator, vehicle_setups
+from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import vehicle_setups
 from arva_hil.links import Link, open_link
 from arva_hil.links.udp import UdpInLink
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.observers.audience import Audience
-from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
-from arva_hil.vehicle.session import Session
 from tools.bench.table import Row, ratio
 
 POSE_HZ: Final = 50
@@ -178,8 +179,8 @@ def _emulate(count: int, seconds: float, trouble: bool, far: Any, done: Any) -> 
         setups = vehicle_setups(chosen, lambda v: v.name, lambda v: Session(target_system=v.system))
         emulator = Emulator(setups, start=start, spread=True)
         for vehicle in emulator.vehicles:
-            for source in vehicle.sources:
-                ports[source.sink].start = source.schedule.deadline
+            for receiver, port in vehicle.units:
+                ports[port.link].start = receiver.schedule.deadline
         live = Live(emulator, autopilots, ports, Audience([]))
         far.send("ready")
         gc.freeze()  # as the commands do
@@ -189,7 +190,7 @@ def _emulate(count: int, seconds: float, trouble: bool, far: Any, done: Any) -> 
         cpu = time.process_time() - before
     calm = emulator.vehicles[_TROUBLED:] if trouble else emulator.vehicles
     late = [ms for vehicle in calm for ms in ports[f"{vehicle.name}/r"].late_ms]
-    counters = [source.counters for vehicle in calm for source in vehicle.sources]
+    counters = [port.counters for vehicle in calm for _, port in vehicle.units]
     made = sum(c.frames for c in counters)
     lost = sum(c.dropped + c.skipped for c in counters)
     no_pose = sum(max(0, c.no_pose - round(_WARM_S * FRAMES_HZ)) for c in counters)

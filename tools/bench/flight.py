@@ -13,11 +13,11 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from arva_hil.field import LocalFrame
+from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.runtime.clock import RealClock
+from arva_hil.model.field import LocalFrame
 
 POSES_HZ: Final = 50.0
 _AUTOPILOT: Final = Encoder(1, 1)

@@ -14,16 +14,16 @@ from typing import Any, Final
 
 import numpy as np
 
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import RealClock
 from arva_hil.config import parse
-from arva_hil.emulator.emulated_vehicle import one_vehicle
 from arva_hil.emulator.engine import Emulator
+from arva_hil.emulator.setup import one_vehicle
 from arva_hil.links import open_link
 from arva_hil.links.pty import PtyLink
-from arva_hil.observers.audience import Audience
-from arva_hil.runtime.clock import RealClock
+from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
-from arva_hil.vehicle.session import Session
 from tools.bench.flight import Motion, origin
 from tools.bench.table import Row
 

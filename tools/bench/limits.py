@@ -11,19 +11,19 @@ from typing import Final
 
 import numpy as np
 
+from arva_hil.autopilot.following.session import Session
 from arva_hil.emulator.formats import frame_of
-from arva_hil.field import Transmitters
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
-from arva_hil.receiver import Antennas, Look, PaperReceiver, Pose
-from arva_hil.receiver.maps import readings
-from arva_hil.vehicle.session import Session
+from arva_hil.model.field import Transmitters
+from arva_hil.model.receiver import Antennas, Look, PaperReceiver, Pose
+from arva_hil.model.receiver.maps import readings
 from firmware_proto import encode
 from tools.bench.table import Row, ratio
 from tools.bench.timing import COMMAND, cpu_of, cpu_of_command
 
 _TIMES: Final = 5_000
-_TOGETHER: Final = 20_000  # readings; and 16 records, as in a replay
+_TOGETHER: Final = 20_000  # readings
 _BAUD: Final = 115_200
 _NO_REACH: Final = math.inf  # these rows tell a limit, and promise nothing
 
@@ -77,9 +77,10 @@ def _packets(flight: Path) -> tuple[float, float, int]:
 
     def take(use: bool) -> None:
         session = Session(passive=True)
-        for at in range(0, len(records), 16):
-            for n, packets in enumerate(session.reader.read_records(records[at : at + 16]), at):
-                if use:
-                    session.hear_record(packets, n * 1e-3)
+        for n, raw in enumerate(records):
+            if use:
+                session.feed(raw, n * 1e-3, whole=True)
+            else:
+                session.reader.feed(raw, n * 1e-3, whole=True)
 
     return 1e6 * cpu_of(lambda: take(True)), 1e6 * cpu_of(lambda: take(False)), len(records)

@@ -6,7 +6,7 @@ import ctypes
 from pathlib import Path
 from typing import Any
 
-from firmware_proto import Answer, Command, LevelChannel, Measured, VectorChannel
+from firmware_proto import Command, CommandAnswer, LevelChannel, Measured, VectorChannel
 from firmware_proto.commands import ANSWER, ANSWER_KIND, COMMAND, COMMAND_KIND, NAMES, RESULTS
 from firmware_proto.measured import LEVEL_KIND, LEVELS, VECTOR_KIND, VECTORS, MeasuredMessage
 from firmware_proto.messages import Kind, MessageDecoder
@@ -68,10 +68,10 @@ class CMessages:
         self.library.arva_answer_encode.restype = ctypes.c_size_t
         self.library.arva_message_decoder_feed.restype = ctypes.c_size_t
 
-    def encode(self, message: Command | Answer, capacity: int = 255) -> bytes:
+    def encode(self, message: Command | CommandAnswer, capacity: int = 255) -> bytes:
         """Empty when it is refused."""
         raw: Any
-        if isinstance(message, Answer):
+        if isinstance(message, CommandAnswer):
             raw = _Answer(message.number, code_of(message.name), RESULTS.index(message.result), len(message.values))
             raw.text = message.text.encode()
             function = self.library.arva_answer_encode
@@ -110,7 +110,7 @@ class CMessageDecoder(Decoding):
         elif got[1]:
             values, result = tuple(answer.values[: answer.count]), RESULTS[answer.result]
             text = answer.text.decode()
-            self._came.append(Answer(answer.number, name_of(answer.code), result, values, text))
+            self._came.append(CommandAnswer(answer.number, name_of(answer.code), result, values, text))
         else:
             channels = tuple(self._pulse(message, k) for k in range(measured.n))
             assert not library.arva_pulse_get(message, ctypes.c_size_t(measured.n), ctypes.byref(_Pulse()))

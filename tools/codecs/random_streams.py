@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from random import Random
 
-from firmware_proto import INNER, MAX_CHANNELS, Answer, Channel, Command, Frame, encode
+from firmware_proto import INNER, MAX_CHANNELS, Channel, Command, CommandAnswer, Frame, encode
 from firmware_proto.commands import MAX_TEXT, MAX_VALUES, NAMES, RESULTS, encode_answer, encode_command
 from firmware_proto.messages import seal
 
@@ -64,7 +64,7 @@ def message(random: Random) -> bytes:
         return encode_command(Command(number, name, values))
     if kind == 17:
         text = "".join(random.choice("aZ 0~._-") for _ in range(random.randint(0, MAX_TEXT)))
-        return encode_answer(Answer(number, name, random.choice(RESULTS), values, text))
+        return encode_answer(CommandAnswer(number, name, random.choice(RESULTS), values, text))
     n = random.choice((1, 1, 2, 4, random.randint(1, MAX_CHANNELS)))
     body = bytearray(random.randbytes(2) + bytes([n]) + random.randbytes(4))
     for _ in range(n):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 from arva_hil import registry
-from firmware_proto import Answer, Command
+from firmware_proto import Command, CommandAnswer
 from firmware_proto.commands import NAMES, RESULTS
 from firmware_proto.messages import StreamDecoder
 from tools.fuzz.script import Script, fed, scripted
@@ -42,7 +42,7 @@ def fuzz(data: bytes) -> None:
 
 def seeds() -> Iterator[bytes]:
     asked = [Command(k, name, values) for k, name in enumerate(NAMES) for values in ((), (k,), (-(2**31), 0xA4, 1, 2))]
-    answers = [Answer(k, name, RESULTS[k % 4], (k,), "a text" * (k % 3)) for k, name in enumerate(NAMES)]
+    answers = [CommandAnswer(k, name, RESULTS[k % 4], (k,), "a text" * (k % 3)) for k, name in enumerate(NAMES)]
     for kind in range(4):
         write: Callable[[Any], bytes] = _HOSTS[kind // 2].command if kind % 2 == 0 else _HOSTS[kind // 2].answer
         every: list[Any] = list(asked if kind % 2 == 0 else answers)

@@ -1,11 +1,12 @@
-"""Coverage-guided fuzzing of what reads from outside: scenario files, the autopilot's MAVLink, frames, commands, logs.
+"""Coverage-guided fuzzing of what reads from outside: scenario files, MAVLink, frames, commands, logs, news of a team.
 
-    python -m tools.fuzz.python loader|session|decoder|commands|log [--seconds 600] [--seed N] [--corpus DIR]
+    python -m tools.fuzz.python loader|session|decoder|commands|log|team [--seconds 600] [--seed N] [--corpus DIR]
+    python -m tools.fuzz.python TARGET --runs 10000            damaged seeds, the same each time, without atheris
     python -m tools.fuzz.python TARGET --reproduce FILE        one input, without atheris
 
-Needs atheris: pip install 'arva-hil[fuzz]'. What is tried and what has to hold: the target's module. It begins with
-configs/, tests/data, tests/broken and vectors.json, and with what is in `--corpus`, which grows. The first finding ends
-the run: its input is left in the current folder. Exit 0 when nothing was found, 1 when something was.
+Coverage needs atheris: pip install 'arva-hil[fuzz]'. What is tried and what has to hold: the target's module. It begins
+with configs/, tests/data, tests/broken and vectors.json, and with what is in `--corpus`, which grows. The first finding
+ends the run: its input is left in the current folder. Exit 0 when nothing was found, 1 when something was.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import itertools
 import os
 import random
 import re
@@ -21,6 +23,7 @@ import sys
 import tempfile
 import time
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -32,6 +35,7 @@ TARGETS = {  # modules of this folder: the longest input, in bytes, and the pack
     "decoder": (2048, ["arva_hil", "firmware_proto"]),
     "commands": (1024, ["firmware_proto"]),
     "log": (4096, ["arva_hil.links"]),
+    "team": (1024, ["arva_hil.search", "arva_hil.mavlink"]),
 }
 SLOWEST_S = 20  # of one input
 LARGEST_MB = 2048
@@ -41,6 +45,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("target", choices=TARGETS)
     parser.add_argument("--seconds", type=int, default=600, help="default 600")
+    parser.add_argument("--runs", type=int)
     parser.add_argument("--seed", type=int, default=457)
     parser.add_argument("--corpus", type=Path, metavar="DIR")
     parser.add_argument("--reproduce", type=Path, metavar="FILE")
@@ -50,6 +55,8 @@ def main() -> int:
         parser.error(f"unrecognized arguments: {' '.join(rest)}")
     if options.reproduce:
         return reproduce(options.target, options.reproduce)
+    if options.runs:
+        return run_damaged(options.target, options.runs, options.seed)
     if importlib.util.find_spec("atheris") is None:
         print("atheris is not installed: pip install 'arva-hil[fuzz]' (or pip install atheris)", file=sys.stderr)
         return 2
@@ -70,6 +77,32 @@ def reproduce(target: str, path: Path) -> int:
         return 1
     print(f"{path}: passes")
     return 0
+
+
+def run_damaged(target: str, runs: int, seed: int) -> int:
+    """Try the seeds, then damaged ones. The first finding is written to the current folder."""
+    every = list(module(target).seeds())
+    for number, data in enumerate(itertools.chain(every, damaged(every, runs, seed))):
+        try:
+            module(target).fuzz(data)
+        except Exception:
+            path = Path(f"crash-{target}-{seed}-{number}")
+            path.write_bytes(data)
+            return reproduce(target, path)
+    print(f"{target}: {len(every) + runs} runs, seed {seed}, 0 findings")
+    return 0
+
+
+def damaged(seeds: list[bytes], count: int, seed: int) -> Iterator[bytes]:
+    """Yield seeds with a few bytes changed, and with words exchanged; the same ones each time."""
+    r = random.Random(seed)
+    words = [word.encode() for word in dictionary()]
+    for _ in range(count):
+        data = bytearray(r.choice(seeds))
+        for _ in range(r.randint(1, 8)):
+            at = r.randrange(len(data) + 1)
+            data[at : at + r.randrange(2)] = r.choice((b"", r.randbytes(1), r.randbytes(4), bytes(data[at : at + 20])))
+        yield reworded(bytes(data), words, r) if r.random() < 0.3 else bytes(data)
 
 
 def fuzz(options: argparse.Namespace) -> int:
@@ -114,7 +147,7 @@ def fuzz(options: argparse.Namespace) -> int:
 def child(target: str, arguments: list[str]) -> int:
     import atheris
 
-    import arva_hil.receiver  # noqa: F401 - before it could be instrumented: atheris keeps every array that is compared
+    import arva_hil.model.receiver  # noqa: F401 - before it could be instrumented: atheris keeps every array that is compared
 
     with atheris.instrument_imports(include=TARGETS[target][1]):
         body = module(target).fuzz

@@ -9,12 +9,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from arva_hil.field import LocalFrame
+from arva_hil.autopilot.following.session import Session
+from arva_hil.events.words.reasons import no_pose, no_vehicle
+from arva_hil.events.words.sentences import sentence
 from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
-from arva_hil.observers.console.reasons import no_pose, no_vehicle
-from arva_hil.observers.console.sentences import sentence
-from arva_hil.vehicle.session import Session
+from arva_hil.model.field import LocalFrame
 from tools.fuzz.packets import packet
 from tools.fuzz.script import ROOT, Script
 
@@ -174,9 +174,10 @@ class Bench:
     def _feed(self, chunk: bytes) -> None:
         session, twin = self._sides
         chunk, self._wire = self._wire + chunk, b""
-        packets = session.feed(chunk, self._now)
+        packets = session.reader.feed(chunk, self._now)
+        session.receive(packets, self._now)
         self._fed += len(chunk)
-        for p in packets:
+        for p in packets.every:
             self._in_packets += len(p.raw)
             session.parser.decode(p)
             if session.vehicle and (p.system, p.component) == (session.vehicle.system, session.vehicle.component):
@@ -184,7 +185,9 @@ class Bench:
 
     def _alone(self, twin: Session, p: Packet) -> Sequence[Packet]:
         twin.parser.cut()
-        return twin.feed(p.raw, self._now)
+        packets = twin.reader.feed(p.raw, self._now)
+        twin.receive(packets, self._now)
+        return packets.every
 
     # what has to hold
 

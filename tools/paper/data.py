@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from arva_hil.field import Transmitters, dipole_field
-from arva_hil.field.rotation import from_euler, to_matrix
-from arva_hil.receiver import Antennas, Zone, maps
+from arva_hil.model.field import Transmitters, dipole_field
+from arva_hil.model.field.rotation import from_euler, to_matrix
+from arva_hil.model.receiver import Antennas, Zone, maps
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]

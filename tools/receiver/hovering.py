@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.config import Noise, ReceiverOptions
-from arva_hil.field import Transmitters
-from arva_hil.field.keying import Keying
-from arva_hil.receiver import Impairment, Look, Pose, Reading, ReceiverModel
+from arva_hil.model.field import Transmitters
+from arva_hil.model.field.keying import Keying
+from arva_hil.model.receiver import Impairment, Look, Pose, Reading, ReceiverModel
 from arva_hil.registry import RECEIVERS
 
 PAPER = {"threshold_na_m": 6.168, "start_s": 0.0, "steps": "cm"}

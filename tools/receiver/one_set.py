@@ -9,11 +9,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from arva_hil.field import dipole_field
-from arva_hil.field.medium import Medium
-from arva_hil.receiver.display import Display
-from arva_hil.receiver.listening import NoiseDraws
-from arva_hil.receiver.pulsed_options import PulsedOptions
+from arva_hil.model.field import dipole_field
+from arva_hil.model.field.medium import Medium
+from arva_hil.model.receiver.display import Display
+from arva_hil.model.receiver.listening import NoiseDraws
+from arva_hil.model.receiver.pulsed_options import PulsedOptions
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from arva_hil.field.keying import KEYING_CLASSES, Keying, KeyingClass, draw_keying
-from arva_hil.receiver import Answer
+from arva_hil.model.field.keying import KEYING_CLASSES, Keying, KeyingClass, draw_keying
+from arva_hil.model.receiver import Answer
 from tools.receiver.hovering import Hovering, transmitters
 
 Array = NDArray[np.float64]

@@ -17,19 +17,20 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
-from arva_hil.field import LocalFrame
-from arva_hil.flight.authority import BOUND_MS
+from arva_hil.autopilot.commanding.authority import BOUND_MS
 from arva_hil.mavlink.codec import dialect
-from tools.sitl.relay import orders, tells_mode
+from arva_hil.model.field import LocalFrame
+from tools.sitl.relay import orders, orders_landing, tells_mode
 from tools.sitl.simulator import HOME, Simulator, wait
 
 Buried = dict[int, list[float]]  # transmitters: NED from home, by id
 
 TOUCHED_M: Final = 0.05
+APART_S: Final = 0.4  # between two set-points
 LEAST_M: Final = 0.3  # what hovers is higher
 BEGINS: Final = "the search begins"
-ENDS: Final = "descending to|; landing|; hovering|taken over|pilot has"
-SILENCE: Final = ("climb", "search", "end", "pause", "sticks", "throttle")  # is due in these
+ENDS: Final = r"descending to|; landing|\| landing \||; hovering|taken over|pilot has"
+SILENCE: Final = ("climb", "search", "end", "pause", "sticks", "throttle", "joystick")  # is due in these
 
 
 class Program:
@@ -137,7 +138,8 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
         flight.outcome, flight.how = outcome["outcome"], outcome["how"]
         found = outcome["victims"] or ([outcome["found"] | {"id": outcome["id"]}] if outcome["found"] else [])
         flight.reported_m = max((off(*one["lat_lon"], {one["id"]: buried[one["id"]]}) for one in found), default=None)
-    begun, ended = search.said(BEGINS), min(search.said(ENDS) or math.inf, acted or math.inf)
+    landing = next((n.time_s for n in relay.notes if n.up and orders_landing(n.message)), math.inf)
+    begun, ended = search.said(BEGINS), min(search.said(ENDS) or math.inf, acted or math.inf, landing)
     flight.time_s = (search.lines[-1][0] if search.lines else 0.0) - search.began
     flight.disarmed = not relay.armed
     heights = dict(zip(places, simulator.heights(places), strict=True))
@@ -159,8 +161,11 @@ def judge(flight: Flight, simulator: Simulator, search: Program, acted: float | 
     times = [n.time_s for n in relay.notes if n.up and type(n.message).id == target]
     flight.apart_s = max((b - a for a, b in pairwise(times)), default=0.0)
     low = flight.lowest_m is not None and flight.lowest_m < flight.height_m / 2
-    if flight.kind == "anywhere":
-        flight.good = flight.code == 0 and flight.disarmed and not low
+    if flight.kind in ("anywhere", "busy"):
+        flight.good = flight.code == 0 and flight.disarmed and not low and flight.apart_s <= APART_S
+        return
+    if flight.kind in ("lie", "fence"):
+        flight.good = flight.code in (0, 1) and flight.disarmed and not low
         return
     if acted is None:
         return

@@ -6,7 +6,7 @@ import contextlib
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
@@ -14,6 +14,7 @@ from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
 
 SPACING_M: Final = 30  # TERRAIN_SPACING
 PER_DEGREE_M: Final = 111_318.8  # of latitude, ArduPilot's
+_LAND: Final = (9, 0), (4, 6)  # modes of ArduCopter and PX4
 ORDERS: Final = (
     dialect.MAV_CMD_COMPONENT_ARM_DISARM,
     dialect.MAV_CMD_DO_SET_MODE,
@@ -58,7 +59,8 @@ class Relay:
         self.ready = False  # ArduPilot knows its place
         self.slope: Slope | None = None  # the ground, for ArduPilot
         self.surveyed = False  # it has all of the ground that it wants
-        self._up, self._down = Parser(), Parser()
+        self.lie: Callable[[Any], None] | None = None  # changes a message on its way to the search
+        self._up, self._down, self._lied = Parser(), Parser(), Parser()
         self._pilot = Encoder(255, 190)
         self._ended = threading.Event()
 
@@ -71,6 +73,22 @@ class Relay:
 
     def _to_vehicle(self, data: bytes) -> None:
         raise NotImplementedError
+
+    def _changed(self, data: bytes) -> bytes:
+        """The bytes for the search, with the lie in them."""
+        if self.lie is None:
+            return data
+        chunks = []
+        for packet in self._lied.feed(data):
+            message = self._lied.decode(packet)
+            if message is None or packet.component != 1:
+                chunks.append(packet.raw)
+                continue
+            self.lie(message)
+            encoder = Encoder(packet.system, packet.component)
+            encoder._codec.seq = packet.raw[4]
+            chunks.append(encoder.pack(message))
+        return b"".join(chunks)
 
     def _note(self, data: bytes, up: bool) -> None:
         now, parser = time.monotonic(), self._up if up else self._down
@@ -124,7 +142,7 @@ class TcpRelay(Relay):
             while self._vehicle and (data := self._vehicle.recv(65536)):
                 if self._search:
                     with contextlib.suppress(OSError):  # it has ended
-                        self._search.sendall(data)
+                        self._search.sendall(self._changed(data))
                 self._note(data, up=False)
 
     def _pump(self) -> None:
@@ -169,7 +187,7 @@ class UdpRelay(Relay):
             with contextlib.suppress(OSError):
                 data, self._vehicle = self._outer.recvfrom(65536)
                 with contextlib.suppress(OSError):
-                    self._inner.sendto(data, self._search)
+                    self._inner.sendto(self._changed(data), self._search)
                 self._note(data, up=False)
 
     def _pump(self) -> None:
@@ -193,16 +211,15 @@ class UdpRelay(Relay):
 
 
 class Hands:
-    """On the sticks, which are sent five times a second."""
+    """On the sticks, whose message is sent five times a second."""
 
-    def __init__(self, relay: Relay, pulses: list[int]) -> None:
-        self.pulses = pulses
-        self._relay = relay
+    def __init__(self, relay: Relay, message: Callable[[], Any]) -> None:
+        self._relay, self._message = relay, message
         threading.Thread(target=self._hold, daemon=True).start()
 
     def _hold(self) -> None:
         while not self._relay._ended.wait(0.2):
-            self._relay.say(dialect.MAVLink_rc_channels_override_message(1, 1, *self.pulses, 0, 0, 0, 0))
+            self._relay.say(self._message())
 
 
 def tells_mode(message: Any) -> int | None:
@@ -214,3 +231,10 @@ def orders(message: Any) -> bool:
     """It moves the vehicle, or would."""
     target = type(message).id == dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
     return target or getattr(message, "command", None) in ORDERS
+
+
+def orders_landing(message: Any) -> bool:
+    """Return True for the orders that land it: NAV_LAND, and the modes that land."""
+    order = getattr(message, "command", None)
+    mode = order == dialect.MAV_CMD_DO_SET_MODE and (int(message.param2), int(message.param3))
+    return order == dialect.MAV_CMD_NAV_LAND or mode in _LAND

@@ -56,7 +56,7 @@ class Simulator:
         self.slope = slope
         self.copter = binary.name == "arducopter"
         self.system = 1 if self.copter else PX4 + 1
-        self.weather = Weather(seed) if self.copter and kind == "anywhere" else None
+        self.weather = Weather(seed) if self.copter and kind in ("anywhere", "busy") else None
         self.pilots, self.still = (5, 4) if self.copter else (3 << 24 | 4 << 16, 3 << 24 | 4 << 16)
         self._log = (folder / "autopilot.log").open("wb")
         self._folder, self._binary = folder, binary
@@ -69,6 +69,7 @@ class Simulator:
             own.write_text(
                 f"TERRAIN_ENABLE {int(slope != 0)}\nTERRAIN_SPACING {SPACING_M}\n"
                 f"RNGFND1_TYPE {100 * rangefinder}\nRNGFND1_ORIENT 25\n"
+                + ("FENCE_ENABLE 1\nFENCE_TYPE 2\nFENCE_RADIUS 10\nFENCE_ACTION 0\n" if kind == "fence" else "")
             )
             self._start(
                 *(binary, f"-I{COPTER}", "--model", "quad", "--serial0", "tcp:0", "--speedup", SPEEDUP),
@@ -83,6 +84,8 @@ class Simulator:
         else:
             self.relay = UdpRelay(14540 + PX4)
             others = {name: value for name, value in os.environ.items() if name.startswith("PX4_PARAM_")}
+            if kind == "fence":
+                others |= {"PX4_PARAM_GF_MAX_HOR_DIST": "10", "PX4_PARAM_GF_ACTION": "1"}
             etc = binary.parents[1] / "etc"
             self._start(
                 *(binary, "-i", PX4, "-d", "-w", folder, etc),

@@ -16,9 +16,9 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from arva_hil.clock import RealClock
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink
-from arva_hil.runtime.clock import RealClock
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Decoder
 

@@ -1,4 +1,4 @@
-"""What each command takes: a function for each, whose docstring is its description. Importing these is quick."""
+"""The options of each command: one function a command; its docstring is the description. Importing them is quick."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands take that work on files: each function adds a command's options."""
+"""Options of the commands that work on files: each function adds those of one command."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import re
 
 from arva_hil.cli.arguments.shared import add_duration
 from arva_hil.cli.options import CommandParser, kind, number, whole
+from arva_hil.config.ranges import LARGEST_SEED
 from arva_hil.observers.web.address import HostPort, parse_address
-from arva_hil.ranges import LARGEST_SEED
 from arva_hil.registry import EXPORTS
 
 SHELLS = ("bash", "zsh", "fish")

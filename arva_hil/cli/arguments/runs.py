@@ -1,4 +1,4 @@
-"""What the commands take that run something or look at links: each function adds a command's options."""
+"""Options of the commands that run something or examine links: each function adds those of one command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands take that search: each function adds a command's options."""
+"""Options of the commands that search: each function adds those of one command."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _MOST_VICTIMS = 16
 def search(parser: CommandParser) -> None:
     """Search for the victim: read the receiver's port, fly the vehicle to the transmitter, and land there.
 
-    The vehicle arms, takes off, searches and lands by itself. The pilot can take it back at any time, with the mode
-    switch or by moving a stick: the search then gives no more orders. After Ctrl-C the vehicle hovers; a landing that
-    has begun goes on.
+    The vehicle arms, takes off, searches and lands by itself. The pilot can take it back at any time. With the mode
+    switch: the search gives no more orders. By moving a stick: the vehicle stops, the search orders LOITER (PX4: Hold)
+    once, and nothing after that. After Ctrl-C the vehicle hovers; a landing that has begun goes on.
     If the receiver is unplugged, the vehicle hovers and the search looks for the receiver. If the autopilot's link is
     lost before arming, the search looks for it; if it is lost later, the vehicle is left to its own failsafe.
     A simulator says that it is one. Any other vehicle is armed only if somebody types yes at the terminal, or with
@@ -125,7 +125,8 @@ def add_plan(parser: CommandParser) -> None:
         strip_width,
         40.0,
     )
-    parser.option("--patience S", "if no frames come, hover this long, then end", seconds, 10.0)
+    silent = "if no frames come or the strategy does not answer, hover this long, then end"
+    parser.option("--patience S", silent, seconds, 10.0)
     parser.option("--limit S", "end the search after this long", seconds, 900.0)
 
 

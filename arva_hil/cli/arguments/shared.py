@@ -7,8 +7,8 @@ from collections.abc import Collection
 from typing import TYPE_CHECKING, Final
 
 from arva_hil.cli.options import DEFAULT_AUTOPILOT, CommandParser, kind, link, number, whole
+from arva_hil.config.ranges import FRAMES_HZ, LARGEST_SEED
 from arva_hil.observers.web.address import HostPort, parse_address
-from arva_hil.ranges import FRAMES_HZ, LARGEST_SEED
 from arva_hil.registry import FORMATS, OBSERVERS
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def add_signing(parser: CommandParser) -> None:
 
 
 def add_max_age(parser: CommandParser) -> None:
-    """How old a pose may be."""
+    """Add the option for the greatest age of a pose."""
     parser.option("--max-age S", "do not use older poses", number(0.05, 60, " of s"), 2.0)
 
 

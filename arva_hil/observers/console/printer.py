@@ -10,14 +10,14 @@ from functools import partial
 from typing import Final, TextIO
 
 from arva_hil.events import Event, FrameMade, HeartbeatMissing, StatusReport
+from arva_hil.events.event_json import event_json
+from arva_hil.events.reasons import NoVehicle
+from arva_hil.events.words import text
+from arva_hil.events.words.sentences import sentence
+from arva_hil.events.words.text import BETWEEN, Notice, fit, status_line, status_table
 from arva_hil.links import Link, LinkError
-from arva_hil.observers.console import text
-from arva_hil.observers.console.event_json import event_json
-from arva_hil.observers.console.sentences import sentence
-from arva_hil.observers.console.text import BETWEEN, Notice, fit, status_line, status_table
 from arva_hil.runtime.worker_thread import WorkerThread
 from arva_hil.safe_text import columns_of, is_screen, one_line, wrapped
-from arva_hil.vehicle.reasons import NoVehicle
 
 _PLAIN_S: Final = 5.0  # between status lines if the stream is no terminal
 _CLEAR: Final = "\r\x1b[K"

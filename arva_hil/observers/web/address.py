@@ -1,4 +1,4 @@
-"""Where the page is served: HOST:PORT, and what of it may be left out. Imports nothing slow."""
+"""The address of the page: HOST:PORT, and its optional parts. Imports nothing slow."""
 
 from __future__ import annotations
 

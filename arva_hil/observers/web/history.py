@@ -40,7 +40,7 @@ class TextHistory:
             del self._versions[:surplus]
 
     def since(self, version: int) -> list[str] | None:
-        """What came after `version`; None if some of it is not there any more."""
+        """Return the lines after `version`; None if some of them are gone."""
         first = bisect.bisect_right(self._versions, version)
         return None if first == 0 and self._passed else self._recent[first:]
 

@@ -8,11 +8,11 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Final
 
+from arva_hil.clock import RealClock
 from arva_hil.events import BytesSent, Event, PacketsReceived
 from arva_hil.observers.web.address import HostPort
 from arva_hil.observers.web.server import Server
 from arva_hil.observers.web.state import State
-from arva_hil.runtime.clock import RealClock
 
 _UPDATE_S: Final = 0.1  # while somebody looks
 _IDLE_S: Final = 0.5
@@ -36,7 +36,7 @@ class WebPage:
         self._lock = threading.Lock()  # of the state; the loop never takes it
         self._closing = threading.Event()
         self._clock = RealClock()
-        self._asked_s: dict[int, float] = {}  # by the thread of the connection
+        self._asked_s: dict[int, float] = {}  # by the number of the connection
         self._drawn_s = -_FIELD_S
         self._server = Server(address, {"/state.json": self._state_json, "/field.json": self._field_json})
         self.address = self._server.address
@@ -67,14 +67,14 @@ class WebPage:
     def _looking(self) -> set[int]:
         """The connections that have asked of late."""
         now = self._clock.now()
-        return {thread for thread, asked_s in tuple(self._asked_s.items()) if now - asked_s < _LOOKING_S}
+        return {client for client, asked_s in tuple(self._asked_s.items()) if now - asked_s < _LOOKING_S}
 
     def _work(self) -> None:
         while not self._closing.wait(_UPDATE_S if self._looking() else _IDLE_S):
             with self._lock:
                 self._update()
-                for thread in self._asked_s.keys() - self._looking():
-                    del self._asked_s[thread]
+                for client in self._asked_s.keys() - self._looking():
+                    del self._asked_s[client]
 
     def _update(self) -> None:
         batch = list[Event]()
@@ -91,11 +91,11 @@ class WebPage:
             self._drawn_s = now
             self.state.draw_field()
 
-    def _state_json(self, query: Mapping[str, str]) -> bytes:
+    def _state_json(self, query: Mapping[str, str], client: int) -> bytes:
         since = query.get("since", "")
         with self._lock:
-            self._asked_s[threading.get_ident()] = self._clock.now()
+            self._asked_s[client] = self._clock.now()
             return self.state.document(int(since) if since.isdecimal() and len(since) < 16 else 0)
 
-    def _field_json(self, query: Mapping[str, str]) -> bytes:
+    def _field_json(self, query: Mapping[str, str], client: int) -> bytes:
         return self.state.field()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from arva_hil.field import LocalFrame
+from arva_hil.model.field import LocalFrame
 
 Offset = tuple[float, float, float]  # NED, metres
 
@@ -25,5 +25,5 @@ class Places:
         self._offsets[name] = (north, east, down)
 
     def offset(self, name: str) -> Offset:
-        """Where the origin of `name` is in the map."""
+        """Return the place of the origin of `name` in the map."""
         return self._offsets.get(name, HERE)

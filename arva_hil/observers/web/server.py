@@ -1,23 +1,24 @@
 """The page's HTTP server: GET and HEAD of a few names, for browsers that asked this very host.
 
 The names of files are those of `page/`, read once. Nothing that a client sends chooses a file or changes anything.
+One thread serves all connections and pauses after each step, so that an attack cannot delay the loop.
 """
 
 from __future__ import annotations
 
 import contextlib
-import ipaddress
+import selectors
 import socket
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any, Final, NamedTuple
-from urllib.parse import parse_qs, urlsplit
+from typing import Final, NamedTuple
 
+from arva_hil.clock import Clock, RealClock
 from arva_hil.errors import ArvaError
 from arva_hil.observers.web.address import HostPort
+from arva_hil.observers.web.request import MOST_HEAD, Refused, Request, parse_request
 
 TRIED: Final = 20  # ports, from the one wanted on
 
@@ -39,9 +40,13 @@ _HEADERS: Final = (
     "Cross-Origin-Resource-Policy: same-origin\r\n"
     "Cross-Origin-Opener-Policy: same-origin\r\n"
 )
-_TIMEOUT_S: Final = 5.0  # for a request to come, and for an answer to be taken
-_MOST_CLIENTS: Final = 64  # connections; one more, and the oldest is closed
-_LONGEST_QUERY: Final = 200
+_TIMEOUT_S: Final = 5.0  # for a whole request to come, and for a whole answer to be taken
+_MOST_CLIENTS: Final = 64  # connections
+_MOST_ANSWERS: Final = 1 << 26  # bytes of answers that wait to be taken
+_RECEIVE_BUFFER: Final = MOST_HEAD  # bytes of a connection that the system keeps
+_PAUSE_S: Final = 0.0005  # after each step, for the loop
+_POLL_S: Final = 0.05  # between checks of deadlines
+_TAKEN: Final = {98, 48, 10048}  # EADDRINUSE of Linux, macOS and Windows
 
 
 class WebError(ArvaError):
@@ -49,14 +54,14 @@ class WebError(ArvaError):
 
 
 class Content(NamedTuple):
-    """What a name stands for."""
+    """The content behind a name."""
 
     type: str
     body: bytes
 
 
-Source = Callable[[Mapping[str, str]], bytes]
-"""Makes the JSON of one name, by the query of the request."""
+Source = Callable[[Mapping[str, str], int], bytes]
+"""Makes the JSON of one name, by the query of the request and the number of its connection."""
 
 
 def pages() -> dict[str, Content]:
@@ -71,29 +76,168 @@ def pages() -> dict[str, Content]:
     return found
 
 
+class _Connection:
+    """One client: the bytes of its next request, and what is left of the answer to its last one."""
+
+    def __init__(self, client: socket.socket, due_s: float) -> None:
+        self.socket = client
+        self.due_s = due_s  # the end of the request, or of the answer
+        self.asked = bytearray()
+        self.rest: list[bytes] = []
+        self.sent = 0  # of the first of them
+        self.is_last = False  # it ends after this answer
+        self.is_over = False  # what comes now is dropped, so that the last answer arrives
+
+
 class Server:
-    """Serves until it is closed, in threads of its own that never keep the program from ending.
+    """Serves until it is closed, in a thread of its own that never keeps the program from ending.
 
     `sources`: what makes the JSON of each name. Port 0 is any free one. If the port is taken, the next free one is
     used; `address` says which. Raises WebError if none of them is free, or the host is not one of this computer.
+
+    Each request and each answer has `_TIMEOUT_S` as a whole. Of too many connections, or of those with too many bytes
+    of answers, the one ends whose deadline is next.
     """
 
-    def __init__(self, wanted: HostPort, sources: Mapping[str, Source]) -> None:
-        self._server = _open(wanted)
-        self._server.files = pages()
-        self._server.sources = sources
-        self._server.host = wanted.host.lower()
-        self.address = HostPort(wanted.host, self._server.server_address[1])
-        threading.Thread(target=self._server.serve_forever, name="web", args=(0.05,), daemon=True).start()
+    def __init__(self, wanted: HostPort, sources: Mapping[str, Source], clock: Clock | None = None) -> None:
+        self._listener = _open(wanted)
+        self._sources = sources
+        self._clock = clock or RealClock()
+        self._files = pages()
+        self.address = HostPort(wanted.host, self._listener.getsockname()[1])
+        self._open: dict[_Connection, int] = {}  # and their numbers
+        self._count = 0  # of connections so far
+        self._closing = threading.Event()
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        self._thread = threading.Thread(target=self._serve, name="web", daemon=True)
+        self._thread.start()
 
     def close(self) -> None:
         """Take no more connections and close those there are."""
-        self._server.shutdown()
-        self._server.server_close()
-        self._server.forget_all()
+        self._closing.set()
+        self._thread.join(1.0)
+
+    def _serve(self) -> None:
+        while not self._closing.is_set():
+            for key, _ in self._selector.select(_POLL_S):
+                self._step(key.data)
+                self._clock.wait(self._clock.now() + _PAUSE_S)
+            for late in [one for one in self._open if one.due_s < self._clock.now()]:
+                self._drop(late)
+        for connection in list(self._open):
+            self._drop(connection)
+        self._selector.close()
+        self._listener.close()
+
+    def _step(self, connection: _Connection | None) -> None:
+        """Do one thing for a connection, or accept one. A client that is gone or too slow is no news."""
+        try:
+            if connection is None:
+                self._accept()
+            elif connection.rest:
+                self._send(connection)
+            elif connection in self._open:
+                self._receive(connection)
+        except BlockingIOError:
+            pass
+        except Exception:  # also of a document that cannot be made
+            self._drop(connection)
+
+    def _accept(self) -> None:
+        client, _ = self._listener.accept()
+        client.setblocking(False)
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if len(self._open) >= _MOST_CLIENTS:
+            self._drop(min(self._open, key=lambda one: one.due_s))
+        connection = _Connection(client, self._clock.now() + _TIMEOUT_S)
+        self._count += 1
+        self._open[connection] = self._count
+        self._selector.register(client, selectors.EVENT_READ, connection)
+
+    def _drop(self, connection: _Connection | None) -> None:
+        if connection is not None and self._open.pop(connection, 0):
+            self._selector.unregister(connection.socket)
+            connection.rest.clear()
+            connection.socket.close()
+
+    def _receive(self, connection: _Connection) -> None:
+        data = connection.socket.recv(MOST_HEAD + 1 - len(connection.asked))
+        if not data:
+            self._drop(connection)
+        elif not connection.is_over:
+            connection.asked += data
+            self._answer(connection)
+
+    def _answer(self, connection: _Connection) -> None:
+        """Answer the request, if it is whole."""
+        end = connection.asked.find(b"\r\n\r\n")
+        if end < 0 and len(connection.asked) <= MOST_HEAD:
+            return
+        request: Request | None = None
+        try:
+            request = parse_request(connection.asked, end)
+            del connection.asked[: end + 4]
+            request.refuse_others(self.address.host, connection.socket.getsockname()[0])
+            status, content = HTTPStatus.OK, self._content(request, self._open[connection])
+        except Refused as refusal:
+            status, content = refusal.status, Content(_PLAIN, f"{refusal}\n".encode("ascii"))
+        connection.is_last = request is None or request.is_last or status is not HTTPStatus.OK
+        body = [] if not content.body or (request and request.method == "HEAD") else [content.body]
+        connection.rest = [_head(status, content, connection.is_last), *body]
+        self._turn(connection, selectors.EVENT_WRITE)
+        self._bound_answers()
+
+    def _content(self, request: Request, number: int) -> Content:
+        if (source := self._sources.get(request.path)) is not None:
+            return Content(_JSON, source(request.query, number))
+        if (page := self._files.get(request.path)) is not None:
+            return page
+        raise Refused(HTTPStatus.NOT_FOUND, "there is nothing of this name")
+
+    def _send(self, connection: _Connection) -> None:
+        connection.sent += connection.socket.send(memoryview(connection.rest[0])[connection.sent :])
+        if connection.sent < len(connection.rest[0]):
+            return
+        del connection.rest[0]
+        connection.sent = 0
+        if connection.rest:
+            return
+        self._turn(connection, selectors.EVENT_READ)
+        if connection.is_last:
+            connection.socket.shutdown(socket.SHUT_WR)
+            connection.is_over = True
+            connection.asked.clear()
+        else:
+            self._answer(connection)
+
+    def _turn(self, connection: _Connection, what: int) -> None:
+        """Wait for the next request, or for the answer to be taken; from now on it has the whole time."""
+        connection.due_s = self._clock.now() + _TIMEOUT_S
+        self._selector.modify(connection.socket, what, connection)
+
+    def _bound_answers(self) -> None:
+        """Drop connections until the answers that wait are small enough. One that several wait for counts once."""
+        waiting = sorted((one for one in self._open if one.rest), key=lambda one: one.due_s)
+        while len(waiting) > 1 and _size(waiting) > _MOST_ANSWERS:
+            self._drop(waiting.pop(0))
 
 
-def _open(wanted: HostPort) -> _HttpServer:
+def _size(waiting: Iterable[_Connection]) -> int:
+    """Bytes of the answers that connections wait for."""
+    return sum(map(len, {id(part): part for one in waiting for part in one.rest}.values()))
+
+
+def _head(status: HTTPStatus, answer: Content, is_last: bool) -> bytes:
+    allow = "Allow: GET, HEAD\r\n" if status == HTTPStatus.METHOD_NOT_ALLOWED else ""
+    closing = "Connection: close\r\n" if is_last else ""
+    return (
+        f"HTTP/1.1 {status.value} {status.phrase}\r\nContent-Type: {answer.type}\r\n"
+        f"Content-Length: {len(answer.body)}\r\n{allow}{closing}{_HEADERS}\r\n"
+    ).encode("ascii")
+
+
+def _open(wanted: HostPort) -> socket.socket:
     try:
         family, _, _, _, place = socket.getaddrinfo(
             wanted.host, wanted.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
@@ -104,165 +248,24 @@ def _open(wanted: HostPort) -> _HttpServer:
     ports = range(wanted.port, min(wanted.port + TRIED, 65536)) if wanted.port else [0]
     for port in ports:
         try:
-            return _HttpServer(family, (place[0], port, *place[2:]))
-        except PermissionError as error:
-            last = error
+            return _listener(family, (str(place[0]), port))
         except OSError as error:
             last = error
-            if error.errno not in _TAKEN:
+            if error.errno not in _TAKEN and not isinstance(error, PermissionError):
                 break
     why = last.strerror if last else "no port"
     raise WebError(f"{wanted}: the page cannot be served: {why}; give another HOST:PORT, or --web off") from None
 
 
-_TAKEN: Final = {98, 48, 10048}  # EADDRINUSE of Linux, macOS and Windows
-
-
-class _HttpServer(ThreadingHTTPServer):
-    """A listening socket, and the connections that are open, the oldest first."""
-
-    daemon_threads = True
-    block_on_close = False
-    request_queue_size = 64
-    files: Mapping[str, Content]
-    sources: Mapping[str, Source]
-    host: str
-
-    def __init__(self, family: int, place: tuple[Any, ...]) -> None:
-        self.address_family = family
-        self._open: dict[socket.socket, None] = {}
-        self._lock = threading.Lock()
-        super().__init__(place[:2], _Handler)
-
-    def server_bind(self) -> None:
-        """Bind, without asking a name server for the host's name as the standard one does."""
-        if self.address_family == socket.AF_INET6:
-            self.socket.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        socket.socket.setsockopt(self.socket, socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        self.socket.bind(self.server_address)
-        self.server_address = self.socket.getsockname()
-        self.server_name, self.server_port = str(self.server_address[0]), int(self.server_address[1])
-
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Begin a connection. If there are too many, the oldest ends."""
-        with self._lock:
-            self._open[request] = None
-            surplus = next(iter(self._open)) if len(self._open) > _MOST_CLIENTS else None
-            if surplus is not None:
-                del self._open[surplus]
-        if surplus is not None:
-            _end(surplus)
-        super().process_request(request, client_address)
-
-    def shutdown_request(self, request: Any) -> None:
-        """A connection has ended."""
-        with self._lock:
-            self._open.pop(request, None)
-        super().shutdown_request(request)
-
-    def forget_all(self) -> None:
-        """End all connections."""
-        with self._lock:
-            every = list(self._open)
-            self._open.clear()
-        for request in every:
-            _end(request)
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that is gone or too slow is no news."""
-
-
-def _end(connection: socket.socket) -> None:
-    with contextlib.suppress(OSError):
-        connection.shutdown(socket.SHUT_RDWR)
-
-
-class _Handler(BaseHTTPRequestHandler):
-    """Answers the requests of one connection."""
-
-    server: _HttpServer
-    protocol_version = "HTTP/1.1"
-    timeout = _TIMEOUT_S
-    disable_nagle_algorithm = True
-
-    def do_GET(self) -> None:
-        """Answer, or refuse."""
-        if self.headers.get("Content-Length", "0") != "0" or "Transfer-Encoding" in self.headers:
-            self.close_connection = True  # a body would be taken for the next request
-        if (refusal := self._refusal()) is not None:
-            self.send_error(*refusal)
-            return
-        try:
-            path, query = self._asked()
-        except ValueError:
-            self.send_error(HTTPStatus.BAD_REQUEST)
-            return
-        if (source := self.server.sources.get(path)) is not None:
-            self._answer(HTTPStatus.OK, Content(_JSON, source(query)))
-        elif (page := self.server.files.get(path)) is not None:
-            self._answer(HTTPStatus.OK, page)
-        else:
-            self.send_error(HTTPStatus.NOT_FOUND, "there is nothing of this name")
-
-    def do_HEAD(self) -> None:
-        """The same without a body."""
-        self.do_GET()
-
-    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """Refuse in plain text. A method that is not GET or HEAD is one that is not allowed."""
-        self.close_connection = True
-        status = HTTPStatus(code)
-        if status == HTTPStatus.NOT_IMPLEMENTED:
-            status, message = HTTPStatus.METHOD_NOT_ALLOWED, "only GET and HEAD"
-        words = status.phrase if status is HTTPStatus.BAD_REQUEST else message or status.phrase
-        self._answer(status, Content(_PLAIN, f"{words}\n".encode("ascii", "replace")))
-
-    def log_message(self, format: str, *args: Any) -> None:
-        """Nothing is printed."""
-
-    def _asked(self) -> tuple[str, dict[str, str]]:
-        """The path and the values of the query. Raises ValueError for what is none."""
-        parts = urlsplit(self.path)
-        every = parse_qs(parts.query[:_LONGEST_QUERY], max_num_fields=4) if parts.query else {}
-        return parts.path, {name: values[0] for name, values in every.items()}
-
-    def _refusal(self) -> tuple[HTTPStatus, str] | None:
-        """Why this is no request of our own page: a page elsewhere, whose host name leads here or that calls us."""
-        hosts = self.headers.get_all("Host") or []
-        if len(hosts) != 1 or not self._is_ours(hosts[0]):
-            return (
-                HTTPStatus.FORBIDDEN,
-                "this host name is not served here: use the address that the program has printed",
-            )
-        origins = self.headers.get_all("Origin") or []
-        if any(origin.lower() != f"http://{hosts[0].lower()}" for origin in origins):
-            return HTTPStatus.FORBIDDEN, "only the page of this address may ask"
-        return None
-
-    def _is_ours(self, host: str) -> bool:
-        """Whether a Host header names this server: localhost, as it was bound, or the address that was connected to."""
-        name = host.lower()
-        if name.endswith("]") or ":" not in name:
-            port = "80"
-        else:
-            name, _, port = name.rpartition(":")
-        if not port.isdecimal():
-            return False
-        name = name.removeprefix("[").removesuffix("]")
-        if name in ("localhost", self.server.host):
-            return True
-        try:
-            here = ipaddress.ip_address(self.connection.getsockname()[0])
-            return ipaddress.ip_address(name) == here
-        except (ValueError, OSError):
-            return False
-
-    def _answer(self, status: HTTPStatus, answer: Content) -> None:
-        """Send it in one piece."""
-        allow = "Allow: GET, HEAD\r\n" if status == HTTPStatus.METHOD_NOT_ALLOWED else ""
-        closing = "Connection: close\r\n" if self.close_connection else ""
-        head = (
-            f"HTTP/1.1 {status.value} {status.phrase}\r\nContent-Type: {answer.type}\r\n"
-            f"Content-Length: {len(answer.body)}\r\n{allow}{closing}{_HEADERS}\r\n"
-        ).encode("ascii")
-        self.wfile.write(head if self.command == "HEAD" else head + answer.body)
+def _listener(family: int, place: tuple[str, int]) -> socket.socket:
+    with contextlib.ExitStack() as stack:
+        listener = stack.enter_context(socket.socket(family, socket.SOCK_STREAM))
+        if family == socket.AF_INET6:
+            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        listener.bind(place)
+        listener.listen(_MOST_CLIENTS)
+        listener.setblocking(False)
+        stack.pop_all()
+        return listener

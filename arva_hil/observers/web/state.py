@@ -1,4 +1,4 @@
-"""What the page knows of a run, of bounded size: events in, JSON documents out."""
+"""The page's state of a run, of bounded size: events in, JSON documents out."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
 from arva_hil.events.searches import FrameHeard, FromSearch
-from arva_hil.observers.console.sentences import sentence
-from arva_hil.observers.console.text import Notice
+from arva_hil.events.words.sentences import sentence
+from arva_hil.events.words.text import Notice
 from arva_hil.observers.web import jsons
 from arva_hil.observers.web.health import Health
 from arva_hil.observers.web.history import TextHistory

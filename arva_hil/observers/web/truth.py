@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 
 from arva_hil.events import StatusReport
-from arva_hil.field.dipole import Transmitters
+from arva_hil.model.field.dipole import Transmitters
+from arva_hil.model.field_lines import MOST, field_lines
 from arva_hil.observers.web import jsons
-from arva_hil.observers.web.field_lines import MOST, field_lines
 from arva_hil.observers.web.places import Places
 
 _MOST_TRANSMITTERS: Final = 256

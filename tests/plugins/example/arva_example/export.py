@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import BinaryIO
 
-from arva_hil.recordings import Recording
+from arva_hil import Recording
 
 
 def write(recording: Recording, out: BinaryIO) -> None:

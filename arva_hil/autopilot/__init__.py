@@ -1,0 +1,1 @@
+"""The autopilot: following it, and commanding it."""

@@ -1,0 +1,105 @@
+"""The authority over the vehicle: the mode that was ordered, and the mode that it reports.
+
+`BOUND_MS` is promised: after a report of a mode that was not ordered has reached this computer, an order leaves within
+that time or not at all. Three rules ensure it. Before every order the link is read until it is empty (the search
+client does so). An order that arms or changes the mode is sent only immediately after a report of the mode, so a pilot
+who switches after that report overrides the order, except while both are on their way. After a gap, in which this
+program did not run, earlier reports do not count: the vehicle gets a TIMESYNC with a number of ours, and only reports
+that come after its answer are used.
+"""
+
+from __future__ import annotations
+
+import math
+import secrets
+from typing import Any, Final
+
+from arva_hil.mavlink.codec import dialect
+from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
+
+BOUND_MS: Final = 100
+_AT_ONCE_S: Final = 0.02  # an order is sent within this time after a report was read,
+_WAITED_S: Final = 0.25  # if the report had not waited to be read for longer than this
+SILENT_S: Final = 2.5  # without a report of the mode: it is not known any more who controls the vehicle
+_ASK_AGAIN_S: Final = 0.3
+
+MODE_WANTED: Final = {dialect.MAVLINK_MSG_ID_HEARTBEAT: 10.0, MAVLINK_MSG_ID_CURRENT_MODE: 10.0}
+"""The messages that report the mode, and their rates [Hz]. ArduCopter sends the first, PX4 the second."""
+
+
+class Authority:
+    """Remembers the mode wanted, the modes that our orders may cause, and the mode reported last.
+
+    Times are seconds on the caller's clock. `mode` is -1 before the first report, `wanted` before the first order.
+    """
+
+    def __init__(self) -> None:
+        self.mode = -1
+        self.wanted = -1
+        self._ours: frozenset[int] = frozenset()  # empty: every mode may be
+        self._news_s = -math.inf  # the last report came after this time,
+        self._read_s = -math.inf  # and was read at this time
+        self._since = -math.inf  # since when a report is awaited
+        self._question = 0  # the number of the unanswered TIMESYNC
+        self._next_question = -math.inf
+
+    def want(self, mode: int, *, ours: bool = True) -> None:
+        """This mode is ordered from now on. Without `ours` the vehicle may be in any mode until it is in this one."""
+        self.wanted = mode
+        if ours:
+            self._ours |= {mode}
+
+    def borrow(self) -> None:
+        """The present mode was set by somebody who hands the vehicle over. It may stay in this mode for now."""
+        self._ours = frozenset({self.mode})
+
+    @property
+    def in_mode(self) -> bool:
+        """True if the vehicle is in the mode that is wanted."""
+        return self.mode == self.wanted
+
+    @property
+    def usurped(self) -> bool:
+        """True if the vehicle is in a mode that our orders do not cause."""
+        return bool(self._ours) and self.mode not in self._ours
+
+    def hear(self, mode: int, since: float, now: float) -> None:
+        """A report of the mode, which came after `since` and is read `now`."""
+        self.mode = mode
+        if not self._question:
+            self._news_s, self._read_s = since, now
+        if self.in_mode:
+            self._ours = frozenset({mode})
+
+    def hear_answer(self, message: Any) -> None:
+        """The vehicle sent a TIMESYNC."""
+        if self._question and message.tc1 and message.ts1 == self._question:
+            self._question = 0
+
+    def doubt(self, now: float) -> None:
+        """There was a gap: earlier reports do not count any more, and no order is sent before a later one."""
+        self._question = secrets.randbits(62) | 1
+        self._next_question = self._since = now
+        self._news_s = -math.inf
+
+    def question(self, now: float) -> Any | None:
+        """The TIMESYNC to send now, if any. Call `asked` after it was sent."""
+        if not self._question or now < self._next_question:
+            return None
+        return dialect.MAVLink_timesync_message(0, self._question)
+
+    def asked(self, now: float) -> None:
+        self._next_question = now + _ASK_AGAIN_S
+
+    @property
+    def settled(self) -> bool:
+        """True if the reports count: the authority over the vehicle is known."""
+        return self._news_s > -math.inf
+
+    def fresh(self, now: float) -> bool:
+        """Return True if the mode was reported just now, so that an order may be sent."""
+        return now - self._read_s <= _AT_ONCE_S and now - self._news_s <= _WAITED_S
+
+    def silent(self, now: float) -> bool:
+        """Return True if no report came for so long that the authority over the vehicle is unknown."""
+        return now - max(self._news_s, self._since) > SILENT_S

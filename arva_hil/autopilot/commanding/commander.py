@@ -1,0 +1,284 @@
+"""Flies a vehicle by orders: arm, take off, follow velocities, land. Messages in, messages out.
+
+Autopilots lose commands, acknowledge commands that they do not carry out, and refuse without an answer. So an order is
+repeated until the heartbeat or the height shows that it is carried out. The pilot always wins: `authority.py` says when
+an order may be sent; the sticks (`sticks.py`) and the battery (`complaints.py`) end our control too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+from arva_hil.autopilot.commanding import authority
+from arva_hil.autopilot.commanding.state import RISEN_M, FlightState, Phase
+from arva_hil.autopilot.following.discovery import Vehicle
+from arva_hil.autopilot.following.modes import modes_of
+from arva_hil.autopilot.following.received import Received
+from arva_hil.autopilot.following.session import Session
+from arva_hil.events.vehicles import ArmingTried, AutopilotText, ThrottleAwaited
+from arva_hil.mavlink.codec import command, dialect
+from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
+
+_REPEAT_S: Final = 1.0
+_ARM_AGAIN_S: Final = 3.0  # each refused try is a message on every ground station
+_TAKE_OFF_AGAIN_S: Final = 5.0  # if it is acknowledged, but the vehicle is still on the ground
+_FLOWING_S: Final = 1.0  # of set-points, before PX4 is ordered to follow them
+_STOPPED_S: Final = 0.5  # of set-points with velocity 0, before none are sent any more
+_OWN_MODE_S: Final = 0.3  # after a stick: ArduPilot reads a mode switch after 0.2 s, and reports its mode at 10 Hz
+_PX4_YIELDS_S: Final = 5.0  # for Hold, which waits for no throttle
+_STILL: Final = (0.0, 0.0, 0.0)
+_ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
+
+
+class Commander(FlightState):
+    """Remembers the last order to one vehicle. `take_off_m`: height of the take-off. `held_back`: why it
+    may not be armed now, "" if it may."""
+
+    def __init__(self, session: Session, *, take_off_m: float, arm_timeout_s: float = 60.0) -> None:
+        super().__init__(session, take_off_m)
+        self.held_back = ""
+        self._arm_timeout_s = arm_timeout_s
+        self._velocity = _STILL
+        self._tries = 0  # to arm
+        self._heard_since = 0.0  # the messages heard now came after this time
+        self._offered: list[Callable[[float], None]] = []  # called after the present messages were sent
+
+    @property
+    def _vehicle(self) -> Vehicle:
+        assert self._session.vehicle is not None
+        return self._session.vehicle
+
+    def launch(self, now: float) -> None:
+        """Arm, take off, then follow velocities with the heading kept.
+
+        There must be a vehicle with a pose. Raises ValueError if it cannot be flown by velocities.
+        """
+        self._modes = modes_of(self._vehicle)
+        self.sticks.mark()
+        self._enter(Phase.ARMING, now, self._modes.hold, self._arm_timeout_s)
+
+    def take_over(self, now: float) -> None:
+        """Follow velocities from the place where it hovers, armed, in a mode of somebody else. The heading is kept.
+
+        The origin is below that place, at the height of home. If it does not follow, it is left in that mode. Raises
+        ValueError for a vehicle that cannot be flown by velocities.
+        """
+        self._modes = modes_of(self._vehicle)
+        place, home = self._session.track.last_position, self._session.home
+        if place is None or home is None or self.authority.mode == -1 or not self._turn(now, place):
+            raise ValueError("its pose, its home or its mode is not known")
+        self.origin = place._replace(alt=home[2])
+        self.sticks.mark()
+        self._borrowing = True
+        self.authority.borrow()
+        self._enter(Phase.FLYING, now, self._modes.steer)
+        self._next_order = now + _FLOWING_S
+
+    def steer(self, velocity: tuple[float, float, float]) -> None:
+        """Fly with this velocity [m/s, NED] until the next call."""
+        self._velocity = velocity
+
+    def land(self, now: float, why: str = "") -> None:
+        """Land here; before the take-off: disarm. `why`: the reason, if it is not the normal end."""
+        self._stop(now, why, Phase.LANDING, self._modes.land)
+
+    def hold(self, now: float, why: str = "") -> None:
+        """Hover here for the pilot; before the take-off: disarm. A landing goes on."""
+        self._stop(now, why, Phase.HOLDING, self._modes.hold)
+
+    def _stop(self, now: float, why: str, phase: Phase, mode: int) -> None:
+        if self._leave_alone(why) or self.phase not in (Phase.ARMING, Phase.CLIMBING, Phase.FLYING):
+            return
+        self.why = why
+        if self.phase is Phase.ARMING:
+            phase, mode = Phase.DISARMING, self._modes.hold
+        self._enter(phase, now, mode)
+
+    def poll(self, now: float) -> bytes:
+        """The messages to send now; the same until `sent`. The link must have been read until it was empty."""
+        self._offered = []
+        if self.phase.active:
+            self._advance(now)
+        if not self.phase.active:
+            return b""
+        question = self.authority.question(now)
+        messages = [question] if question else []
+        if question:
+            self._offered.append(self.authority.asked)
+        if self.authority.settled and not self.authority.usurped and not self._session.doubtful:
+            messages += self._due(now)
+        return b"".join(map(self._session.encoder.pack, messages))
+
+    def sent(self, now: float) -> None:
+        """The messages of the last `poll` were sent."""
+        for remember in self._offered:
+            remember(now)
+        self._offered = []
+
+    def _advance(self, now: float) -> None:
+        """Change to the next phase if this one has ended, or has taken too long."""
+        late, in_mode = now - self._since, self.authority.in_mode
+        self._borrowing = self._borrowing and not in_mode
+        if self.authority.silent(now):
+            self._lose(f"the vehicle has not said its mode for {authority.SILENT_S:g} s")
+        elif not self.authority.settled:
+            pass  # who controls the vehicle is asked first
+        elif self.phase is Phase.CLIMBING and self._climbed:
+            self._enter(Phase.FLYING, now, self._modes.steer)
+            self._next_order = now + max(0.0, _FLOWING_S - late)
+        elif self.phase is Phase.HOLDING and in_mode and late > _STOPPED_S:
+            self.phase = Phase.ENDED
+        elif self.phase is Phase.YIELDING and late > _STOPPED_S and not (self._modes.px4 or self.sticks.known):
+            self._lose("no radio is heard by which the pilot could have it")
+        elif late > self._limit_s and not (self.phase is Phase.FLYING and in_mode):
+            held_back = self.phase is Phase.ARMING and self.held_back
+            reasons = held_back or self._reasons() or "it says nothing of why"
+            why = f"the vehicle does not {self.phase.to_do}: {reasons}"
+            if self.phase in (Phase.CLIMBING, Phase.FLYING):
+                self.land(now, why)
+            else:
+                self._lose(why)
+
+    def _due(self, now: float) -> list[Any]:
+        """Set-points, which have an effect in one mode only, and orders, which may change the mode."""
+        messages = []
+        if not self._steered:
+            self._pace.rest()
+        elif self._pace.due(now):
+            self._offered.append(self._pace.left)
+            velocity = self._velocity if self.phase is Phase.FLYING else _STILL
+            messages.append(self._modes.to_steer(self._vehicle, velocity, self._yaw))
+        if now >= self._next_order:
+            order, again = self._order()
+            if order is None:
+                self._next_order = now + again
+            elif self.authority.fresh(now):
+                self._offered.append(partial(self._ordered, order, again))
+                messages.append(order)
+        return messages
+
+    def _ordered(self, order: Any, again: float, now: float) -> None:
+        self._next_order = now + again
+        self._ordered_s = min(self._ordered_s, now)
+        if self.phase is Phase.ARMING and order.command == _ARM:
+            self._tries += 1
+            refused = self._complaints.refused_order, self._complaints.refused_result
+            self._news.emit(ArmingTried(now, self._news.name, self._tries, _ARM_AGAIN_S, *refused))
+
+    def _order(self) -> tuple[Any | None, float]:
+        """The order that is not carried out yet, None if there is none, and the time [s] until it is repeated."""
+        vehicle, modes = self._vehicle, self._modes
+        to = vehicle.system, vehicle.component
+        if self.phase is Phase.CLIMBING:
+            assert self.origin is not None
+            risen = self.height > RISEN_M
+            return None if risen else modes.to_take_off(vehicle, self._take_off_m, self.origin.alt), _REPEAT_S
+        if self.phase is Phase.DISARMING:
+            return command(*to, _ARM, 0), _REPEAT_S
+        if self.phase is Phase.ARMING and self.authority.in_mode:
+            return (command(*to, _ARM, 1), _ARM_AGAIN_S) if not self.held_back else (None, 0.0)
+        waits = self.phase is Phase.YIELDING and not (modes.px4 or self.sticks.throttle_in_middle)
+        if self.authority.in_mode or waits:
+            return None, 0.0
+        if self.phase is Phase.LANDING:
+            return command(*to, dialect.MAV_CMD_NAV_LAND), _REPEAT_S
+        return modes.to_set(vehicle, self.authority.wanted), _REPEAT_S
+
+    def hear(self, received: Received, now: float, since: float | None = None) -> None:
+        """Use what the session received. It came after `since`, the time at which the link was last
+        read until it was empty; default: now."""
+        self._heard_since = now if since is None else since
+        for msgid, message in received.messages(_HEARD):
+            _HEARD[msgid](self, message, now)
+
+    def _on_heartbeat(self, message: Any, now: float) -> None:
+        if message.autopilot != self._vehicle.autopilot:
+            return
+        self.authority.hear(message.custom_mode, self._heard_since, now)
+        armed = bool(message.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+        if not self.phase.active:
+            return
+        # an order to arm may have been on its way
+        disarmed = self.phase is Phase.DISARMING and now - self._ordered_s > _STOPPED_S
+        if (self.phase is Phase.LANDING or disarmed) and not armed:
+            self.phase = Phase.ENDED
+        elif self.phase is Phase.DISARMING:
+            self._watch_mode(now)
+        elif self.phase is Phase.ARMING and armed and not (self.authority.in_mode and self._tries):
+            self._lose(f"somebody else has armed it, in {self._modes.name(message.custom_mode)}", handed_over=True)
+        elif self.phase is not Phase.ARMING and not armed:
+            disarmed_in = f"it was disarmed; the mode is {self._modes.name(message.custom_mode)}"
+            self._lose("; ".join(filter(None, [disarmed_in, self._reasons()])))
+        else:
+            self._watch_mode(now)
+            if self.phase is Phase.ARMING:
+                self._stand(armed, now)
+
+    def _on_current_mode(self, message: Any, now: float) -> None:
+        """The present mode; the intended mode is not used.
+
+        PX4 changes its mode when it disarms after a landing. The heartbeat shows that this was not the pilot.
+        """
+        self.authority.hear(message.custom_mode, self._heard_since, now)
+        if self.phase.active and self.phase is not Phase.LANDING:
+            self._watch_mode(now)
+
+    def _on_timesync(self, message: Any, now: float) -> None:
+        self.authority.hear_answer(message)
+
+    def _on_ack(self, message: Any, now: float) -> None:
+        taken = self._session.answers_us(message) and self._complaints.hear_ack(message)
+        if taken and self.phase is Phase.CLIMBING and message.command == dialect.MAV_CMD_NAV_TAKEOFF:
+            self._next_order = now + _TAKE_OFF_AGAIN_S
+
+    def _on_text(self, message: Any, now: float) -> None:
+        if text := self._complaints.hear_text(message):
+            self._news.emit(AutopilotText(now, self._news.name, text))
+
+    def _on_status(self, message: Any, now: float) -> None:
+        self._complaints.hear_status(message)
+        self.sticks.hear(message)
+        self._on_battery(message, now)
+
+    def _on_battery(self, message: Any, now: float) -> None:
+        self.battery.hear(message, now)
+        self._watch_pilot(now)
+
+    def _on_sticks(self, message: Any, now: float) -> None:
+        self.sticks.hear(message, flown=self.phase is not Phase.ARMING)
+        self._watch_pilot(now)
+
+    def _watch_pilot(self, now: float) -> None:
+        """After a stick was moved, or with a low battery, give the vehicle to the pilot.
+
+        Set-points have velocity 0 at once. The mode is ordered a little later, because the autopilot may give the
+        vehicle to the sticks by itself, or be about to report the mode of a switch.
+        """
+        moved, px4 = self.sticks.moved, self._modes.px4
+        if not (why := moved or self.battery.why(now)) or self._leave_alone(why):
+            return
+        flown, steered = self.phase in (Phase.CLIMBING, Phase.FLYING), moved and self._steered
+        on_the_ground = self.authority.mode == self._modes.hold  # PX4 is still in the mode in which it armed
+        if self.phase is Phase.ARMING or (px4 and flown and (on_the_ground or not moved)):
+            self.hold(now, why)
+        elif (flown or steered) and self.authority.wanted != self._modes.yields:
+            self.why = why
+            self._enter(Phase.YIELDING, now, self._modes.yields, _PX4_YIELDS_S if px4 else None)
+            self._next_order = now + _OWN_MODE_S
+            if not (px4 or self.sticks.throttle_in_middle):
+                self._news.emit(ThrottleAwaited(now, self._news.name, self.sticks.channel, self.sticks.by_us))
+
+
+_HEARD: Final = {
+    dialect.MAVLINK_MSG_ID_HEARTBEAT: Commander._on_heartbeat,
+    MAVLINK_MSG_ID_CURRENT_MODE: Commander._on_current_mode,
+    dialect.MAVLINK_MSG_ID_TIMESYNC: Commander._on_timesync,
+    dialect.MAVLINK_MSG_ID_COMMAND_ACK: Commander._on_ack,
+    dialect.MAVLINK_MSG_ID_STATUSTEXT: Commander._on_text,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: Commander._on_status,
+    dialect.MAVLINK_MSG_ID_BATTERY_STATUS: Commander._on_battery,
+    dialect.MAVLINK_MSG_ID_RC_CHANNELS: Commander._on_sticks,
+    dialect.MAVLINK_MSG_ID_MANUAL_CONTROL: Commander._on_sticks,
+}

@@ -1,0 +1,133 @@
+"""A vehicle's complaints against an order: refusals, texts, unhealthy sensors, low batteries.
+
+ArduPilot reports a battery that it has not measured yet as UNHEALTHY (for 0.1 s after its start), and a battery whose
+failsafe has triggered as LOW or CRITICAL until it is restarted, also if that failsafe only warns.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from arva_hil.mavlink.codec import RESULTS, dialect
+
+_CHUNK: Final = 50  # characters; a shorter chunk is the last one
+_MOST_OPEN: Final = 8
+_MOST_RECENT: Final = 4
+
+
+def unwell(message: Any) -> list[str]:
+    """The sensors that are enabled and not healthy; on a link without a ground station PX4 gives no other reason."""
+    bits = message.onboard_control_sensors_enabled & ~message.onboard_control_sensors_health
+    sensors = dialect.enums["MAV_SYS_STATUS_SENSOR"]
+    names = [sensors[1 << n].name for n in range(32) if bits >> n & 1 and 1 << n in sensors]
+    return [name.removeprefix("MAV_SYS_STATUS_").removeprefix("SENSOR_").replace("_", " ").lower() for name in names]
+
+
+_ORDERS: Final = {
+    dialect.MAV_CMD_COMPONENT_ARM_DISARM: "arming",
+    dialect.MAV_CMD_DO_SET_MODE: "setting the mode",
+    dialect.MAV_CMD_NAV_TAKEOFF: "take-off",
+    dialect.MAV_CMD_NAV_LAND: "landing",
+}
+
+
+class Complaints:
+    """Remembers the refusal of the last order, the last few different texts, and the sensors that are not healthy.
+
+    The chunks of several texts may be mixed; "…" stands for a lost chunk.
+    """
+
+    def __init__(self) -> None:
+        self.refused_order = self.refused_result = ""
+        self.recent: list[str] = []
+        self._open: dict[int, list[str]] = {}  # chunks by the text's id
+        self._unwell: list[str] = []
+
+    def hear_ack(self, message: Any) -> bool:
+        """Use an acknowledgement for us. Returns whether an order was accepted."""
+        if message.command not in _ORDERS:
+            return False
+        if message.result in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_IN_PROGRESS):
+            return True
+        self.refused_order = _ORDERS[message.command]
+        self.refused_result = RESULTS.get(message.result, f"result {message.result}").removeprefix("MAV_RESULT_")
+        return False
+
+    def hear_text(self, message: Any) -> str:
+        """Use a STATUSTEXT. Returns the text that it completes if it is a new warning, otherwise ""."""
+        if message.severity > dialect.MAV_SEVERITY_WARNING:
+            return ""
+        parts = self._open.pop(message.id, [])
+        if message.chunk_seq == 0:
+            parts = []
+        elif message.chunk_seq > len(parts):
+            parts.append("…")
+        parts.append(message.text)
+        if message.id and len(message.text) == _CHUNK:
+            if len(self._open) >= _MOST_OPEN:
+                self._open.clear()
+            self._open[message.id] = parts
+            return ""
+        text = "".join(parts).strip()
+        if not text or text in self.recent:
+            return ""
+        self.recent = [*self.recent[1 - _MOST_RECENT :], text]
+        return text
+
+    def hear_status(self, message: Any) -> None:
+        self._unwell = unwell(message)
+
+    def begin(self, *, keep_texts: bool) -> None:
+        """A new order begins. `keep_texts`: earlier texts may explain why it is refused."""
+        self.refused_order = self.refused_result = ""
+        if not keep_texts:
+            self.recent.clear()
+
+    def why(self, *, status: bool = False) -> str:
+        """All reasons, for a person. `status`: with the sensors that are not healthy."""
+        said = f"not healthy: {', '.join(self._unwell)}" if status and self._unwell else ""
+        answer = f"{self.refused_order}: {self.refused_result}" if self.refused_order else ""
+        return "; ".join(filter(None, [answer, *self.recent, said]))
+
+
+_LAST_S: Final = 5.0  # that a report is valid: the vehicle may have been restarted, or be another one
+_BATTERY: Final = dialect.MAV_SYS_STATUS_SENSOR_BATTERY
+_LOW: Final = {
+    dialect.MAV_BATTERY_CHARGE_STATE_LOW,
+    dialect.MAV_BATTERY_CHARGE_STATE_CRITICAL,
+    dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY,
+    dialect.MAV_BATTERY_CHARGE_STATE_FAILED,
+}
+_LOW_WORD: Final = "low battery"
+_ILL_WORD: Final = "the battery is not healthy"
+
+BATTERY_WANTED: Final = {dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0, dialect.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0}
+"""The messages to request, and their rates [Hz]."""
+
+
+class Battery:
+    """Remembers the last report of each battery and of all together. Times are seconds on the caller's clock."""
+
+    def __init__(self) -> None:
+        self._said: dict[int, tuple[float, str]] = {}  # by battery id; -1: all together
+
+    def hear(self, message: Any, now: float) -> None:
+        """Use a SYS_STATUS or a BATTERY_STATUS."""
+        if type(message).id == dialect.MAVLINK_MSG_ID_BATTERY_STATUS:  # `message.id` is a field of it
+            state = message.charge_state
+            ill = state == dialect.MAV_BATTERY_CHARGE_STATE_UNHEALTHY
+            word = _ILL_WORD if ill else ""
+            self._said[message.id] = now, _LOW_WORD if state in _LOW else word
+        else:
+            known = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled & _BATTERY
+            ill = bool(known & ~message.onboard_control_sensors_health)
+            self._said[-1] = now, _ILL_WORD if ill else ""
+
+    def why(self, now: float) -> str:
+        """The reason against flying, for a person; "" if there is none."""
+        words = {word for at, word in self._said.values() if now - at < _LAST_S}
+        return next((word for word in (_LOW_WORD, _ILL_WORD) if word in words), "")
+
+    def low(self, now: float) -> bool:
+        """Return True if a battery is known to be low, not only unknown or not healthy."""
+        return self.why(now) == _LOW_WORD

@@ -1,0 +1,141 @@
+"""The questions to a vehicle before a search: the parameters of its failsafes and fence, and whether it is simulated.
+
+The failsafes say what the vehicle does if a search ends without orders. With default parameters it hovers, armed.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from typing import Any, Final, Literal
+
+from arva_hil.autopilot.commanding.fence import FENCE_PARAMETERS
+from arva_hil.autopilot.following.discovery import Vehicle
+from arva_hil.autopilot.following.session import Session
+from arva_hil.mavlink.codec import Packet, command, dialect
+from arva_hil.model.field import LocalFrame
+
+_AGAIN_S: Final = 0.5
+_TRIES: Final = 4
+_ARDUPILOT: Final = ("FS_THR_ENABLE", "FS_GCS_ENABLE", "FS_OPTIONS", "GUID_TIMEOUT", "RCMAP_THROTTLE")
+_PX4: Final = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T", "NAV_RCL_ACT", "NAV_DLL_ACT", "COM_RC_OVERRIDE")
+_SET_POINTS_S: Final = {"GUID_TIMEOUT": (0.5, 5.0), "COM_OF_LOSS_T": (0.5, 5.0)}  # set-points come every 0.2 s
+_IN_AUTO: Final = 1  # of COM_RC_OVERRIDE: in the auto modes PX4 follows a stick that moves
+_INTEGERS: Final = {  # MAV_PARAM_TYPE → struct: PX4 copies the bytes of an integer into the float
+    dialect.MAV_PARAM_TYPE_UINT8: "<Bxxx",
+    dialect.MAV_PARAM_TYPE_INT8: "<bxxx",
+    dialect.MAV_PARAM_TYPE_UINT16: "<Hxx",
+    dialect.MAV_PARAM_TYPE_INT16: "<hxx",
+    dialect.MAV_PARAM_TYPE_UINT32: "<I",
+    dialect.MAV_PARAM_TYPE_INT32: "<i",
+}
+
+
+Doubt = Literal["set-points too rare", "flies on", "sticks ignored"]
+
+
+class Failsafes:
+    """Remembers the answers of one vehicle. `values`: value by parameter, as far as known; `px4`: it is a PX4."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, float] = {}
+        self.px4 = False
+        self._names: tuple[str, ...] = ()
+        self._tries = 0
+        self._next = -math.inf
+
+    def poll(self, now: float, vehicle: Vehicle) -> list[Any]:
+        """The requests to send now."""
+        self.px4 = vehicle.autopilot == dialect.MAV_AUTOPILOT_PX4
+        self._names = (_PX4 if self.px4 else _ARDUPILOT) + FENCE_PARAMETERS[self.px4]
+        if now < self._next:
+            return []
+        self._next = now + _AGAIN_S
+        if self.done:
+            return []
+        self._tries += 1
+        to = vehicle.system, vehicle.component
+        lacking = [name for name in self._names if name not in self.values] if self._tries <= _TRIES else []
+        return [dialect.MAVLink_param_request_read_message(*to, name.encode(), -1) for name in lacking]
+
+    def hear(self, message: Any) -> None:
+        """The vehicle sent a PARAM_VALUE."""
+        layout = _INTEGERS.get(message.param_type) if self.px4 else None
+        raw = struct.pack("<f", message.param_value)
+        value = struct.unpack(layout, raw)[0] if layout else message.param_value
+        if message.param_id in self._names and math.isfinite(value):
+            self.values[message.param_id] = value
+
+    @property
+    def done(self) -> bool:
+        """True if all parameters are known, or were requested often enough."""
+        return self._tries > _TRIES or (bool(self._names) and all(name in self.values for name in self._names))
+
+    def doubts(self) -> list[tuple[str, float | None, Doubt]]:
+        """The parameters that make a promise of the search impossible: name, value (None: not reported), and how."""
+        found: list[tuple[str, float | None, Doubt]] = []
+        for name, (low, high) in _SET_POINTS_S.items():
+            value = self.values.get(name, low)
+            if not low <= value <= high:
+                found.append((name, value, "flies on" if value > high else "set-points too rare"))
+        sticks = self.values.get("COM_RC_OVERRIDE")
+        if self.px4 and not int(sticks or 0) & _IN_AUTO:
+            found.append(("COM_RC_OVERRIDE", sticks, "sticks ignored"))
+        return found
+
+
+_ASK_S: Final = 1.0
+_NEAR_M: Final = 200.0  # horizontally, from the estimate to the truth; farther away it belongs to another vehicle
+_ASKED: Final = {  # by MAV_AUTOPILOT
+    dialect.MAV_AUTOPILOT_ARDUPILOTMEGA: dialect.MAVLINK_MSG_ID_SIMSTATE,
+    dialect.MAV_AUTOPILOT_PX4: dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
+}
+_PLACES: Final = {  # the fields of latitude and longitude, degrees · 1e7
+    dialect.MAVLINK_MSG_ID_SIMSTATE: ("lat", "lng"),
+    dialect.MAVLINK_MSG_ID_SIM_STATE: ("lat_int", "lon_int"),
+    dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: ("lat", "lon"),
+}
+
+
+class SimulatorCheck:
+    """Requests the true pose of the session's vehicle once a second. `answer`: the message that it answered with.
+
+    ArduPilot's simulator has SIMSTATE, PX4's HIL_STATE_QUATERNION. On a flight controller ArduPilot denies the request,
+    and PX4 has nothing to send. Only the vehicle's own packets count, and only a place near its reported position.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self.answer = ""  # the name of the message
+        self._session = session
+        self._next = 0.0
+
+    def forget(self) -> None:
+        """Forget the answer: it may be another vehicle now."""
+        self.answer = ""
+
+    def hear(self, packets: Sequence[Packet]) -> None:
+        """Use packets of the vehicle."""
+        if self.answer:
+            return
+        for packet in packets:
+            if packet.msgid in _PLACES and (message := self._session.parser.decode(packet)) is not None:
+                lat, lon = (getattr(message, name) * 1e-7 for name in _PLACES[packet.msgid])
+                if self._is_near(lat, lon):
+                    self.answer = message.get_type()
+
+    def poll(self, now: float) -> bytes:
+        """The request, if it is due."""
+        vehicle = self._session.vehicle
+        if vehicle is None or self.answer or now < self._next or vehicle.autopilot not in _ASKED:
+            return b""
+        self._next = now + _ASK_S
+        ask = command(vehicle.system, vehicle.component, dialect.MAV_CMD_REQUEST_MESSAGE, _ASKED[vehicle.autopilot])
+        return self._session.encoder.pack(ask)
+
+    def _is_near(self, lat: float, lon: float) -> bool:
+        place = self._session.track.last_position
+        if place is None:
+            return False
+        north, east, _ = LocalFrame(place.lat, place.lon, place.alt).ned(lat, lon, place.alt)
+        return math.hypot(north, east) < _NEAR_M

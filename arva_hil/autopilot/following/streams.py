@@ -1,0 +1,199 @@
+"""Requests the streams that a pose needs, measures their rates, and requests them again if they are too slow."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple
+
+from arva_hil.autopilot.following.navigation import EventQueue
+from arva_hil.events.vehicles import StreamAskedOtherwise, StreamRateLowered
+from arva_hil.mavlink.codec import RESULTS, command, dialect
+
+_MEASURE_S: Final = 2.0  # the window of a rate
+_JUDGE_S: Final = 1.0  # a rate is judged after this time,
+_SILENT_S: Final = 0.3  # or after this time if nothing came
+_LOOK_S: Final = 0.2  # after it was fast enough, at least
+_MOST_SEEN: Final = 1024
+_ENOUGH: Final = 0.7  # of the rate requested; a slower stream is requested again
+_ACK_S: Final = 1.0
+_AGAIN_S: Final = (2.0, 4.0, 8.0, 16.0, 30.0)
+_PATIENCE: Final = 3  # requests with one command without effect, before the other command is tried
+_SLOWEST_HZ: Final = 4.0
+
+_SET_INTERVAL: Final = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+_POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+_ATTITUDES: Final = (dialect.MAVLINK_MSG_ID_ATTITUDE, dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION)
+
+
+class StreamRequest(NamedTuple):
+    """A request. `command`: "" before the first one; `result`: MAVLink's name of the answer, "" while there is none."""
+
+    command: str = ""
+    hz: float = 0.0
+    result: str = ""
+
+
+@dataclass
+class Stream:
+    """One stream: what was received, and how it was requested."""
+
+    name: str
+    ids: tuple[int, ...]  # the message ids that can be used; the first one is requested
+    group: int  # the MAV_DATA_STREAM it belongs to
+    want_hz: float
+    asked: StreamRequest = field(default_factory=StreamRequest)  # the last one that was answered or timed out
+    promised: bool = False  # the vehicle accepted a request
+    seen: dict[int, deque[float]] = field(default_factory=dict)  # the latest times at which each id came
+    tries: int = 0  # requests since it was fast enough
+    by_group: bool = False
+    anew: bool = False  # to be requested even if it is fast enough
+    next_ask: float = 0.0
+    needed: bool = True  # if not, it is requested only a few times
+    refused: bool = False
+
+    def __post_init__(self) -> None:
+        self.seen = {msgid: deque(maxlen=_MOST_SEEN) for msgid in self.ids}
+
+    def rate(self, now: float, since: float) -> float:
+        """The present rate [Hz] of the fastest of its message ids."""
+        oldest = now - _MEASURE_S
+        for times in self.seen.values():
+            while times and times[0] < oldest:
+                times.popleft()
+        span = _MEASURE_S if now - since > _MEASURE_S else max(now - since, 0.1)
+        return max(map(len, self.seen.values())) / span
+
+    def fast_until(self, now: float, since: float) -> float:
+        """Until when [s] a stream that is fast enough `now` stays so, even if nothing more comes."""
+        newest = max(self.seen.values(), key=len)
+        enough = math.ceil(_ENOUGH * self.want_hz * _MEASURE_S)
+        return newest[-enough] + _MEASURE_S if now - since > _MEASURE_S and enough <= len(newest) else now
+
+
+class Streams:
+    """Remembers the streams of one vehicle, the requests for them, and the answers.
+
+    A stream is requested with SET_MESSAGE_INTERVAL, one request at a time because its acknowledgement does not name the
+    message. A denied rate is halved. If the command is unknown or has no effect, REQUEST_DATA_STREAM is used. Streams
+    that are fast enough already are not requested. `extras`: message id → Hz of optional streams. `news`: for events.
+    """
+
+    def __init__(self, rate_hz: float, now: float, extras: Mapping[int, float], news: EventQueue) -> None:
+        self._since = now
+        self._news = news
+        self._pending: tuple[Stream, float] | None = None
+        self._home_next = now
+        self._home_asks = 0
+        self._next_ask = 0.0  # when to check the next stream
+        self.home_wanted = True
+        self.wanted = [
+            Stream("GLOBAL_POSITION_INT", (_POSITION,), dialect.MAV_DATA_STREAM_POSITION, rate_hz),
+            Stream("ATTITUDE", _ATTITUDES, dialect.MAV_DATA_STREAM_EXTRA1, rate_hz),
+        ]
+        self.extras: list[Stream] = []
+        self._seen: dict[int, deque[float]] = {}
+        self.want(extras)
+
+    def want(self, extras: Mapping[int, float]) -> None:
+        """Request these streams too: message id → Hz."""
+        for msgid, rate_hz in extras.items():
+            self.extras.append(Stream(f"message {msgid}", (msgid,), 0, rate_hz, needed=False))
+        self._all, self._next_ask = self.wanted + self.extras, 0.0
+        self._seen = {msgid: times for stream in self._all for msgid, times in stream.seen.items()}
+        self.extra_ids = frozenset(stream.ids[0] for stream in self.extras)
+
+    def note(self, msgid: int, now: float) -> None:
+        """A message of a stream came from the vehicle."""
+        self._seen[msgid].append(now)
+
+    def rates(self, now: float) -> dict[str, float]:
+        """Measured rates [Hz] by message name."""
+        return {stream.name: stream.rate(now, self._since) for stream in self.wanted}
+
+    def renew(self, now: float) -> None:
+        """Request all streams again, with the commands that have worked: the vehicle may have forgotten them."""
+        self._since = now
+        self._pending, self._next_ask = None, 0.0
+        self._home_next = now
+        self._home_asks = 0
+        for stream in self._all:
+            for times in stream.seen.values():
+                times.clear()
+            stream.tries, stream.next_ask, stream.anew, stream.refused = 0, 0.0, True, False
+
+    def poll(self, now: float, system: int, component: int) -> list[Any]:
+        """The requests that are due, as messages."""
+        messages = []
+        if self.home_wanted and now >= self._home_next:
+            messages.append(self._ask_home(system, component))
+            self._home_next = now + _AGAIN_S[0]
+        if self._pending and now - self._pending[1] > _ACK_S:
+            stream, _ = self._pending
+            stream.asked = StreamRequest("SET_MESSAGE_INTERVAL", stream.want_hz)
+            self._pending = None
+        if self._pending or now < self._next_ask:
+            return messages
+        for stream in self._all:
+            if self._pending:
+                return messages  # the other streams once it is answered
+            if now < stream.next_ask or stream.refused:
+                continue
+            if stream.anew or self._too_slow(stream, now):
+                messages.append(self._ask(stream, now, system, component))
+            else:
+                stream.tries, stream.next_ask = 0, max(stream.fast_until(now, self._since), now + _LOOK_S)
+        if not self._pending:
+            self._next_ask = min([stream.next_ask for stream in self._all if not stream.refused])
+        return messages
+
+    def acknowledged(self, command: int, result: int, now: float) -> None:
+        """A COMMAND_ACK of the vehicle for us came."""
+        if command != _SET_INTERVAL or not self._pending or result == dialect.MAV_RESULT_IN_PROGRESS:
+            return
+        stream, _ = self._pending
+        self._pending, self._next_ask = None, 0.0
+        if not stream.needed:
+            stream.refused = stream.refused or result != dialect.MAV_RESULT_ACCEPTED
+            return
+        stream.asked = StreamRequest("SET_MESSAGE_INTERVAL", stream.want_hz, RESULTS.get(result, f"result {result}"))
+        stream.promised = stream.promised or result == dialect.MAV_RESULT_ACCEPTED
+        if result == dialect.MAV_RESULT_DENIED and stream.want_hz > _SLOWEST_HZ:
+            stream.want_hz = max(stream.want_hz / 2, _SLOWEST_HZ)
+            stream.tries, stream.next_ask = 0, 0.0
+            self._news.emit(StreamRateLowered(now, self._news.name, stream.name, *stream.asked, stream.want_hz))
+        elif result not in (dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_TEMPORARILY_REJECTED):
+            self._change_kind(stream, now)
+
+    def _too_slow(self, stream: Stream, now: float) -> bool:
+        rate = stream.rate(now, self._since)
+        return rate < _ENOUGH * stream.want_hz and now - self._since >= (_JUDGE_S if rate else _SILENT_S)
+
+    def _ask(self, stream: Stream, now: float, system: int, component: int) -> Any:
+        if stream.tries and stream.tries % _PATIENCE == 0 and stream.needed:
+            self._change_kind(stream, now)
+        stream.next_ask = now + _AGAIN_S[min(stream.tries, len(_AGAIN_S) - 1)]
+        stream.tries += 1
+        stream.anew = False
+        stream.refused = not stream.needed and stream.tries >= _PATIENCE  # this is the last time
+        if stream.by_group:
+            stream.asked = StreamRequest("REQUEST_DATA_STREAM", stream.want_hz)
+            every_hz = round(stream.want_hz)
+            return dialect.MAVLink_request_data_stream_message(system, component, stream.group, every_hz, 1)
+        self._pending = (stream, now)
+        return command(system, component, _SET_INTERVAL, stream.ids[0], 1e6 / stream.want_hz)
+
+    def _ask_home(self, system: int, component: int) -> Any:
+        """Request the home position with REQUEST_MESSAGE and the older GET_HOME_POSITION, in turn."""
+        self._home_asks += 1
+        if not self._home_asks % 2:
+            return command(system, component, dialect.MAV_CMD_GET_HOME_POSITION)
+        return command(system, component, dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HOME_POSITION)
+
+    def _change_kind(self, stream: Stream, now: float) -> None:
+        stream.by_group = not stream.by_group
+        if stream.by_group and stream.tries <= _PATIENCE:  # only once
+            self._news.emit(StreamAskedOtherwise(now, self._news.name, stream.name, *stream.asked, stream.want_hz))
+        stream.next_ask = 0.0

@@ -1,0 +1,143 @@
+"""One walk of a range test: a receiver that is carried straight towards a transmitter.
+
+The transmitter lies at the origin; the receiver comes from the north, at one height. Places NED, metres.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.config import Scenario, Transmitter
+from arva_hil.emulator.build import receiver, transmitters, vehicle_noise
+from arva_hil.model.field import LocalFrame, rotation
+from arva_hil.model.receiver import Impairment, Look, Pose
+
+Floats = NDArray[np.float64]
+
+HOVER_LOAD: Final = 0.5  # of the motors, 0…1
+_HERE: Final = LocalFrame(0.0, 0.0, 0.0)
+_START: Final = math.nextafter(0.0, -1.0)  # no look is earlier
+
+
+class Coupling(NamedTuple):
+    """The attitude of transmitter and receiver to each other; degrees."""
+
+    name: str
+    about: str
+    transmitter: tuple[float, float, float]  # roll, pitch, yaw; the dipole is its x axis
+    receiver_yaw: float
+
+
+COUPLINGS: Final = (
+    Coupling("coaxial", "dipole and receiver's x axis along the path", (0.0, 0.0, 0.0), 180.0),
+    Coupling("90°", "the same, receiver turned by 90°", (0.0, 0.0, 0.0), 90.0),
+    Coupling("vertical", "dipole upright", (0.0, 90.0, 0.0), 180.0),
+)
+
+
+@dataclass(frozen=True)
+class RangePlan:
+    """The plan of a walk. `stable_s`: a signal is stable if there is no gap in it for so long."""
+
+    height_m: float = 3.0  # of the receiver above the transmitter
+    speed_m_s: float = 1.0
+    stable_s: float = 10.0
+    walks: int = 10  # in each coupling
+    start_m: float = 120.0  # doubled while the signal is stable from the start on
+    farthest_m: float = 2000.0
+    passes: int = 0  # flights along search strips of each width, to see how many hear the transmitter
+
+
+class Walk(NamedTuple):
+    """The result of one walk, frame by frame (N,). `first_m`, `stable_m`: see `signals`."""
+
+    range_m: Floats  # true distance between transmitter and receiver
+    d_m: Floats  # of the nearest channel that hears; NaN where none does
+    first_m: float | None
+    stable_m: float | None
+
+
+def walked(scenario: Scenario, coupling: Coupling, plan: RangePlan, number: int, *, motors: bool) -> Walk:
+    """Walk `number`, with a seed of its own, by the scenario's receiver and its first transmitter.
+
+    `motors`: with the noise of the scenario's vehicle, hovering.
+    """
+    start_m = plan.start_m
+    while True:
+        range_m, d_m = _walk(scenario, coupling, plan, number, start_m, motors)
+        first_m, stable_m = signals(range_m, d_m, plan.stable_s * scenario.receiver.rate_hz)
+        if stable_m is None or stable_m < 0.9 * start_m or start_m >= plan.farthest_m:
+            return Walk(range_m, d_m, first_m, stable_m)
+        start_m = min(2 * start_m, plan.farthest_m)
+
+
+def signals(range_m: Floats, d_m: Floats, stable_frames: float) -> tuple[float | None, float | None]:
+    """Return the distances of the first signal and of the first stable signal, metres; None: there was none.
+
+    A stable one is the first frame that hears and after which every frame does so, for `stable_frames` frames. Single
+    signals from farther away do not count, as testers have it.
+    """
+    heard = np.isfinite(d_m)
+    if not heard.any():
+        return None, None
+    count = math.floor(stable_frames) + 1
+    sums = np.cumsum(np.concatenate([[0], heard]))
+    whole = np.flatnonzero(sums[count:] - sums[:-count] == count) if len(heard) >= count else np.zeros(0, int)
+    return float(range_m[heard.argmax()]), float(range_m[whole[0]]) if len(whole) else None
+
+
+def _walk(
+    scenario: Scenario, coupling: Coupling, plan: RangePlan, number: int, start_m: float, motors: bool
+) -> tuple[Floats, Floats]:
+    """True range and d of each frame."""
+
+    def place(time_s: float) -> tuple[float, float, float]:
+        return max(start_m - plan.speed_m_s * time_s, 0.0), 0.0, -plan.height_m
+
+    one, heading = alone(scenario, coupling.transmitter, number), math.radians(coupling.receiver_yaw)
+    rows = list(frames(one, place, heading, start_m / plan.speed_m_s, motors=motors))
+    return np.array([range_m for range_m, _ in rows]), np.array([d_m for _, d_m in rows])
+
+
+def frames(
+    one: Scenario, place: Callable[[float], tuple[float, float, float]], heading: float, span_s: float, *, motors: bool
+) -> Iterator[tuple[float, float]]:
+    """True range and d of each frame of a receiver that is carried past its transmitter, which lies at the origin.
+
+    `place`: NED, metres, by the time; `heading`: radians.
+    """
+    model, there, noise = receiver(one), transmitters(one, _HERE), vehicle_noise(one)
+    impairment = None
+    if motors and noise is not None:
+        impairment = Impairment(noise_na_m=noise.sigma_na_m(one.receiver.mount.position, HOVER_LOAD))
+    turned = rotation.to_matrix(rotation.from_euler(0.0, 0.0, heading))
+    period_s, before_s = 1 / one.receiver.rate_hz, _START
+    for frame in range(math.floor(span_s / period_s) + 1):
+        frame_s = frame * period_s
+        while before_s < frame_s and (look_s := model.next_look(before_s, frame_s)) <= frame_s:
+            if not look_s > before_s:
+                raise ValueError(f"the receiver's model looks at {look_s:g} s, not later than {before_s:g} s")
+            model.look(Look(look_s, Pose(np.array(place(look_s)), turned), there, impairment=impairment))
+            before_s = look_s
+        heard = [channel.d_cm for channel in model.show(frame_s).channels if channel.zone]
+        yield float(np.linalg.norm(place(frame_s))), min(heard) / 100 if heard else math.nan
+
+
+def alone(scenario: Scenario, attitude: tuple[float, float, float], number: int) -> Scenario:
+    """The scenario with its first transmitter alone, at the origin, and the seed of a walk. `attitude`: degrees."""
+    first: Transmitter = replace(
+        scenario.transmitters[0],
+        ned=(0.0, 0.0, 0.0),
+        lla=None,
+        path=None,
+        follows=None,
+        depth_m=None,
+        attitude=attitude,
+    )
+    return replace(scenario, transmitters=(first,), faults=(), terrain=None, seed=(scenario.seed + number) % 2**32)

@@ -1,0 +1,1 @@
+"""The checks of `arva-hil doctor`: `examination` measures both links, `diagnosis` says what the figures mean."""

@@ -1,0 +1,283 @@
+"""Turns measurements of the autopilot's link into findings with cures. Pure functions.
+
+`arva-hil doctor` makes the measurements. Parameters: https://ardupilot.org/copter/docs/parameters.html,
+https://docs.px4.io/main/en/advanced_config/parameter_reference.html
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from arva_hil.cli.diagnosis.values import Finding, Source, StreamRate, Traffic
+
+ENOUGH: Final = 0.7  # of the rate asked for; below it the session asks again
+MAX_AGE_S: Final = 2.0  # of a pose, as `run` has it
+_BAD_SHARE: Final = 0.02  # of packets with bad checksums, above which there is a note
+_LATE_S: Final = 0.2  # there is a note too if poses come this much later than the quickest
+_SLOW_HEARTBEAT_HZ: Final = 0.6
+_PRINTABLE: Final = frozenset(range(32, 127)) | {9, 10, 13}
+_NO_LINK: Final = frozenset(("link", "port", "bytes", "packets", "baud", "signing", "heartbeat"))
+
+_SERIAL_CURE: Final = (
+    "ArduPilot: SERIALn_PROTOCOL 2, SERIALn_BAUD; PX4: MAV_n_CONFIG names the port, SER_*_BAUD, on USB SYS_USB_AUTO 2"
+)
+_SIGNING_CURE: Final = "ArduPilot: in MAVProxy signing setup KEY, signing remove KEY; PX4: v1.16 does not sign"
+_STREAM_CURE: Final = {
+    "GLOBAL_POSITION_INT": "ArduPilot: SRn_POSITION (from 4.7 on MAVn_POSITION); "
+    "PX4: MAV_n_MODE 2 (onboard), MAV_n_RATE, or mavlink stream -d DEVICE -s GLOBAL_POSITION_INT -r 50",
+    "ATTITUDE": "ArduPilot: SRn_EXTRA1 (from 4.7 on MAVn_EXTRA1); "
+    "PX4: MAV_n_MODE 2 (onboard), MAV_n_RATE, or mavlink stream -d DEVICE -s ATTITUDE -r 50",
+}
+_FIX_CURE: Final = (
+    "wait for GPS under an open sky, a minute when cold, indoors forever; ArduPilot: GPS1_TYPE, in SITL 10 s after "
+    "boot; PX4: GPS_1_CONFIG, EKF2_GPS_CTRL, listener vehicle_gps_position"
+)
+_SILENT_CURE: Final = {
+    "serial": f"is it powered, is RX connected to TX, does the cable have data lines? {_SERIAL_CURE}",
+    "udpin": "ArduPilot: SITL sends here with --serial1 udpclient:HOST:PORT, MAVProxy with --out HOST:PORT; "
+    "PX4: SITL sends to 14550 and 14540, each to the first program that answered, and to 14030 at 8 Hz: take a free "
+    "port, restart SITL, or let the ground station forward (QGroundControl: to udpin:127.0.0.1:14445)",
+    "udpout": "does the autopilot listen there? ArduPilot: NET_Pn_TYPE UDP server; PX4: MAV_n_UDP_PRT, SITL 18570",
+    "tcp": "ArduPilot: each port has one client, perhaps another program, or SERIALn_PROTOCOL is not 2 (MAVLink 2); "
+    "SITL has tcp:127.0.0.1:5760, 5762 and 5763; PX4: speaks UDP, not TCP",
+    "tcpin": "no client sends anything; ArduPilot: NET_Pn_TYPE TCP client, in SITL --serial1 tcpclient:HOST:PORT; "
+    "PX4: speaks UDP, not TCP",
+    "pty": "give the path of this pty to the autopilot's program; ArduPilot: SITL --serial1 uart:PATH",
+    "tlog": "is it a MAVLink telemetry log?",
+}
+_NOT_TAKEN: Final = (
+    "ArduPilot: a port has one client: take another one, SITL has tcp:127.0.0.1:5760, 5762 and 5763; PX4: speaks UDP, "
+    "not TCP"
+)
+_TAKEN: Final = (
+    "is it a MAVLink port? ArduPilot: SERIALn_PROTOCOL 2, in SITL SERIAL0 is 5760, SERIAL1 5762, SERIAL2 5763; "
+    "PX4: speaks UDP, not TCP"
+)
+_OTHER_PROTOCOLS: Final = (  # the bytes of a protocol → its name
+    (rb"\xa4\x57\x01", "frames of a receiver, as arva-hil sends them: is this the other port?"),
+    (rb"\xb5\x62[\x01\x02\x0a]", "u-blox: a GPS receiver"),
+    (rb"\$G[A-Z]{4},", "NMEA: a GPS receiver"),
+    (rb"nsh>", "PX4's shell"),
+)
+
+
+def rate(times: Iterable[float], now: float, window_s: float = 2.0) -> float:
+    """Messages per second in the last `window_s` [s]; 0 if there are fewer than two."""
+    recent = [t for t in times if t > now - window_s]
+    return (len(recent) - 1) / (now - recent[0]) if len(recent) > 1 and now > recent[0] else 0.0
+
+
+def silence(kind: str, seconds: float, *, refused: bool = False, accepted: bool | None = None) -> Finding:
+    """No byte came. `accepted`: whether a TCP server has accepted the connection; None if that is not known."""
+    found = f"nothing was heard in {seconds:.1f} s"
+    if refused:
+        found += ": nobody listens there"
+    if accepted is False:
+        return Finding(
+            "bytes", "fail", f"{found}: the connection is not accepted, because another client has the port", _NOT_TAKEN
+        )
+    if accepted:
+        return Finding("bytes", "fail", f"{found}: the connection is accepted, but nothing is sent on it", _TAKEN)
+    return Finding("bytes", "fail", found, _SILENT_CURE.get(kind, _SERIAL_CURE))
+
+
+def garbage(kind: str, size: int, sample: bytes) -> Finding:
+    """Bytes came, but no packet. `sample`: the first bytes."""
+    found = f"none in {size} bytes"
+    for mark, who in _OTHER_PROTOCOLS:
+        if re.search(mark, sample):
+            return Finding("packets", "fail", f"{found}, but {who}", _SERIAL_CURE)
+    if sample and sum(byte in _PRINTABLE for byte in sample) > 0.9 * len(sample):
+        begins = " ".join(sample.decode("ascii", "replace").split())[:60]
+        return Finding("packets", "fail", f"{found}, but plain text: {begins!r}", _SERIAL_CURE)
+    cure = _SERIAL_CURE if kind in ("serial", "pyserial") else f"does the sender send MAVLink? {_SERIAL_CURE}"
+    return Finding("packets", "fail", found, cure)
+
+
+def baud(device: str, tried: Sequence[int], found: int | None) -> Finding:
+    """The first rate of `tried` brought bytes without packets. `found`: the rate that brought packets, or None."""
+    if found is None:
+        rates = ", ".join(map(str, tried))
+        return Finding(
+            "baud", "fail", f"no MAVLink at {rates}", f"the port's protocol is probably not MAVLink: {_SERIAL_CURE}"
+        )
+    return Finding("baud", "fail", f"{found} brings packets, {tried[0]} does not", f"--autopilot {device},{found}")
+
+
+def packets(t: Traffic) -> Finding:
+    """Judge the number of packets, their MAVLink version, and the number of bad checksums."""
+    versions = {0: "MAVLink 2", t.packets: "MAVLink 1"}.get(t.old, f"MAVLink 2, {t.old} of them MAVLink 1")
+    found = f"{t.packets} in {t.seconds:.1f} s, {t.size / 1000 / t.seconds:.1f} kB/s, {versions}"
+    share = t.bad / (t.bad + t.packets)
+    found += f", {share:.1%} bad checksums" if t.bad else ", no bad checksums"
+    if t.bad > 2 and share > _BAD_SHARE:
+        cure = "bytes are damaged: use a shorter cable, a lower baud rate or flow control (ArduPilot: BRD_SERn_RTSCTS"
+        return Finding("packets", "note", found, cure + "; PX4: MAV_n_FLOW_CTRL)")
+    return Finding("packets", "ok", found)
+
+
+def signing(t: Traffic) -> Finding:
+    """Judge whether the vehicle signs, and whether with the key that was given."""
+    if t.refused is None:
+        if not t.signed:
+            return Finding("signing", "ok", "not signed")
+        found = f"{t.signed} of {t.packets} packets are signed: the vehicle may refuse unsigned requests"
+        return Finding("signing", "note", found, f"--signing-key FILE, or clear the vehicle's key; {_SIGNING_CURE}")
+    good = t.packets - sum(t.refused.values())
+    why = ", ".join(f"{count} {name}" for name, count in t.refused.items() if count)
+    if not good:
+        cure = f"give the vehicle the same key, or leave out --signing-key; {_SIGNING_CURE}"
+        return Finding("signing", "fail", f"every packet is ignored: {why}", cure)
+    if why:
+        found = f"{good} of {t.packets} packets are signed with the key; ignored: {why}"
+        return Finding("signing", "note", found, "who else sends on this link?")
+    return Finding("signing", "ok", f"all {good} packets are signed with the key")
+
+
+def other_senders(count: int, first: str) -> Finding | None:
+    """Datagrams of other senders than the vehicle at a UDP port; None if there are none."""
+    if not count:
+        return None
+    found = f"{count} datagrams of other senders are ignored; the first was from {first}"
+    return Finding("strangers", "note", found, "only the vehicle's address is listened to")
+
+
+def heartbeat(
+    sources: Sequence[Source], followed: tuple[int, int] | None, target: tuple[int | None, int | None]
+) -> Finding:
+    """Judge the senders of heartbeats. `followed`, `target`: system and component followed and asked for."""
+    pilots = [s for s in sources if s.pilot]
+    heard = ", ".join(map(str, sources))
+    if not sources:
+        cure = "a program that forwards this link must forward HEARTBEAT too; " + _SERIAL_CURE
+        return Finding("heartbeat", "fail", "none from anybody", cure)
+    if not pilots:
+        cure = (
+            "forward the vehicle here (MAVProxy: output add HOST:PORT; QGroundControl: Application Settings, MAVLink, "
+            "forwarding), or use another port of the vehicle (ArduPilot: SITL tcp:127.0.0.1:5762; "
+            "PX4: SITL udpin:127.0.0.1:14540)"
+        )
+        return Finding("heartbeat", "fail", f"none from an autopilot, only {heard}", cure)
+    if followed is None:
+        asked = "/".join("any" if n is None else str(n) for n in (target[0], target[1] or 1))
+        return Finding("heartbeat", "fail", f"none from {asked}, but {heard}", _choose(pilots))
+    mine = next((s for s in pilots if (s.system, s.component) == followed), pilots[0])
+    rest = [str(s) for s in sources if s is not mine]
+    found = f"{mine} is followed" + (f"; also {', '.join(rest)}" if rest else "")
+    if len(pilots) > 1 and target[0] is None:
+        return Finding("heartbeat", "note", found, f"it was the first one heard; choose with {_choose(pilots)}")
+    if mine.hz is not None and mine.hz < _SLOW_HEARTBEAT_HZ:
+        return Finding("heartbeat", "note", found, "one a second is usual: the link loses packets or is too slow")
+    return Finding("heartbeat", "ok", found)
+
+
+def target(sources: Sequence[Source]) -> dict[str, str | None]:
+    """The options that choose an autopilot that was heard; N if there are several."""
+    pilots = [s for s in sources if s.pilot]
+    if len(pilots) != 1:
+        return {"target_system": "N", "target_component": None} if pilots else {}
+    component = str(pilots[0].component) if pilots[0].component != 1 else None
+    return {"target_system": str(pilots[0].system), "target_component": component}
+
+
+def _choose(pilots: Sequence[Source]) -> str:
+    """The options that name each of the autopilots."""
+    component = {s: f" --target-component {s.component}" if s.component != 1 else "" for s in pilots}
+    return " or ".join(f"--target-system {s.system}{component[s]}" for s in pilots)
+
+
+def stream(s: StreamRate) -> Finding:
+    """Judge whether a pose message comes, and at the rate that was asked for."""
+    said = f" ({s.said})" if s.said else ""
+    cure = "" if s.recorded else _STREAM_CURE.get(s.name, "")
+    if not s.count:
+        if s.promised and s.name == "GLOBAL_POSITION_INT":
+            cure = f"the vehicle accepted to send it: PX4 sends no position before it has one; {cure}"
+        return Finding(s.name, "fail", f"none came{said}", cure)
+    if not s.hz:
+        return Finding(s.name, "fail", f"{s.count} came, none in the last 2 s{said}", cure)
+    found = f"{s.hz:.1f} Hz, {s.wanted_hz:g} were asked for"
+    if s.recorded:
+        return Finding(s.name, "ok", f"{s.hz:.1f} Hz, as recorded")
+    if slow := slowest([s]):
+        return Finding(s.name, "note", found + said, f"--stream-rate {slow}, or a faster link; {cure}")
+    return Finding(s.name, "ok", found)
+
+
+def slowest(streams: Sequence[StreamRate]) -> int | None:
+    """The rate to ask for [Hz] if a stream is much slower than asked; None if all are fast enough."""
+    slow = [s.hz for s in streams if s.hz and not s.recorded and s.hz < ENOUGH * s.wanted_hz]
+    return max(1, round(min(slow))) if slow else None
+
+
+def position(place: tuple[float, float, float] | None, zeros: int, refused: int, fix: str = "") -> Finding:
+    """Judge whether the vehicle knows its position: degrees, degrees, metres AMSL. `zeros`, `refused`: messages with no
+    position, with an impossible one; `fix`: what GPS_RAW_INT says, if it comes.
+    """
+    fix = fix and f", {fix}"
+    if place:
+        return Finding("position", "ok", _lla(place) + fix)
+    if zeros:
+        return Finding("position", "fail", f"all zeros in {zeros} messages: no GPS fix yet{fix}", _FIX_CURE)
+    if refused:
+        found = f"out of range in {refused} messages{fix}"
+        return Finding("position", "fail", found, "is the estimator healthy? reboot the autopilot")
+    return Finding("position", "fail", f"unknown: no GLOBAL_POSITION_INT came{fix}", _FIX_CURE)
+
+
+def home(place: tuple[float, float, float] | None, *, armed: bool) -> Finding:
+    """Judge whether the vehicle's home is known, for `datum: home`."""
+    state = "armed" if armed else "not armed"
+    if place:
+        return Finding("home", "ok", f"{_lla(place)}, {state}")
+    cure = (
+        "`run` takes the first valid position after 5 s; wait for the estimator to settle (ArduPilot: 20 s after boot; "
+        "PX4: commander check), or give a datum in the scenario"
+    )
+    return Finding("home", "note", f"not known yet, {state}", cure)
+
+
+def pose(age_s: float | None) -> Finding:
+    """Judge whether a frame made now would have a pose. `age_s`: the age of its older part [s], None without a pose."""
+    if age_s is None:
+        return Finding("pose", "fail", "none: position and attitude are both needed", "see the lines above")
+    if age_s > MAX_AGE_S:
+        return Finding("pose", "fail", f"{age_s:.1f} s old, too old to be used", "the streams have stopped, see above")
+    return Finding("pose", "ok", f"there is one, {1e3 * age_s:.0f} ms old")
+
+
+def clock(lags_s: Sequence[float], reboots: int) -> Finding:
+    """Judge the delay of pose messages by their boot time. `lags_s`: how much later than the quickest message [s]."""
+    if reboots:
+        cure = "is the power good, also on USB? `run` continues with a new session"
+        return Finding("clock", "note", f"boot time went back {reboots} ×: the vehicle has rebooted", cure)
+    if not lags_s:
+        return Finding("clock", "note", "no boot time came", "see the lines above")
+    late = sorted(lags_s)[int(0.95 * (len(lags_s) - 1))]
+    found = f"messages come up to {1e3 * max(lags_s):.0f} ms later than the quickest, 95 % within {1e3 * late:.0f} ms"
+    if late > _LATE_S:
+        return Finding("clock", "note", found, "the link or the machine is overloaded: --stream-rate 10, a higher baud")
+    return Finding("clock", "ok", found)
+
+
+def _lla(place: tuple[float, float, float]) -> str:
+    return "{:.7f}, {:.7f}, {:.1f} m AMSL".format(*place)
+
+
+def exit_code(findings: Sequence[Finding]) -> int:
+    """0: it can run; 3: no link or no heartbeat; 1: no valid pose, or frames cannot be sent."""
+    failed = {finding.check for finding in findings if finding.state == "fail"}
+    if failed & _NO_LINK:
+        return 3
+    return 1 if failed else 0
+
+
+def verdict(findings: Sequence[Finding], command: str) -> Finding:
+    """Judge whether a run is possible, and give the command for it."""
+    failed = dict.fromkeys(finding.check for finding in findings if finding.state == "fail")
+    if not failed:
+        return Finding("verdict", "ok", f"it can run: {command}")
+    found = f"it cannot run yet, because of: {', '.join(failed)}"
+    return Finding("verdict", "fail", found, f"cure the first of them; then: {command}")

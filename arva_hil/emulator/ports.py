@@ -1,0 +1,205 @@
+"""The port of one receiver: from a frame to bytes with the scenario's faults, the host's commands, and all counters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from arva_hil.emulator.host_commands import HostCommands
+from arva_hil.events import BytesSent, CommandAnswered, Event, FrameMade, FramesLate, FramesRefused, FramesTaken
+from firmware_proto import Frame
+
+if TYPE_CHECKING:
+    from arva_hil.emulator.faults.plan import Faults  # slow to import, and most runs have none
+
+
+_LATE_S: Final = 0.05  # a frame that is made later than this is late
+_OFTEN: Final = 10  # late frames more than others, until there is an event
+
+
+class Output(NamedTuple):
+    """Bytes to write, from the time `due` [s] on. Then the driver calls `Emulator.written` with the `id`."""
+
+    id: int
+    link: str
+    data: bytes
+    due: float
+
+
+class Parcel(NamedTuple):
+    """Bytes for a port, and what to report when they are written."""
+
+    data: bytes
+    due: float
+    whole: bool = True
+    """The frame in them is undamaged."""
+    made: FrameMade | None = None
+    """The frame that is sent when they are accepted."""
+    answer: CommandAnswered | None = None
+    """They are this answer to a command, not a frame."""
+
+
+@dataclass
+class Counters:
+    """The results of all frames: frames + duplicated = delivered + damaged + withheld + dropped + waiting."""
+
+    frames: int = 0
+    duplicated: int = 0  # copies that a fault added
+    delivered: int = 0  # sent, undamaged
+    damaged: int = 0  # sent, but changed by a fault
+    withheld: int = 0  # not sent because of a fault
+    dropped: int = 0  # the link did not accept it
+    waiting: int = 0  # delayed by a fault, not sent yet
+    no_pose: int = 0  # without a signal because the pose was unknown or too old
+    skipped: int = 0  # not made because the loop was blocked for more than a second
+    latest_s: float = 0.0  # the worst lateness
+
+
+class LateWatch:
+    """Remembers how many frames were late lately. `vehicle`, `receiver`: names for events."""
+
+    def __init__(self, vehicle: str, receiver: str) -> None:
+        self._about = vehicle, receiver
+        self._late = 0  # late frames minus those in time
+        self._reported = False
+
+    def check(self, late_s: float, now: float) -> list[Event]:
+        """Return an event if most frames are late, and the next one only after as many were in time."""
+        self._late = min(self._late + 1, _OFTEN) if late_s > _LATE_S else max(self._late - 1, 0)
+        often, reported = self._late == _OFTEN, self._reported
+        self._reported = often or (reported and self._late > 0)
+        return [FramesLate(now, *self._about, late_s)] if often and not reported else []
+
+
+class Port:
+    """Remembers what was sent, and what waits because of faults or commands.
+
+    `vehicle`, `name`: names for events. `link`: to which the bytes go. `encode`: the bytes of a frame at an instant of
+    the vehicle's clock [ms]; b"" if nobody can get them.
+    """
+
+    def __init__(
+        self,
+        vehicle: str,
+        name: str,
+        link: str,
+        encode: Callable[[Frame, int], bytes],
+        faults: Faults | None,
+        commands: HostCommands | None,
+    ) -> None:
+        self.name = name
+        self.link = link
+        self.counters = Counters()
+        self.last: FrameMade | None = None
+        self.commands = commands
+        self._about = vehicle, name
+        self._encode = encode
+        self._faults = faults
+        self._refused = False
+        self._next_number = 0
+        self._late_watch = LateWatch(vehicle, name)
+
+    @property
+    def next_due(self) -> float:
+        """The time of the next bytes that a fault has delayed."""
+        return self._faults.outbox.next_due if self._faults else math.inf
+
+    def send(self, made: FrameMade, t: float) -> tuple[list[Parcel], list[Event]]:
+        """Encode the frame of the instant `t`, with faults. Returns the bytes, and the events.
+
+        The frame itself is an event here only if no bytes go out for it, otherwise when they are written.
+        """
+        events = self._late_watch.check(made.late_s, made.time_s)
+        self._count(made)
+        boot_ms = 0 if made.boot_s is None else max(0, round(made.boot_s * 1e3)) % 2**32
+        if self.commands:
+            self.commands.channels = len(made.frame.channels)
+        if self._faults:
+            parcels, unsent = self._send_with_faults(self._faults, made, t, boot_ms)
+        else:
+            data = self._encode(made.frame, boot_ms)
+            parcels = [Parcel(data, t, made=made)] if data else []
+            unsent = None if data else replace(made, sent=False)
+            self.counters.dropped += not data
+        if unsent is not None:
+            self.last = unsent
+            events.append(unsent)
+        return parcels, events
+
+    def release(self, until: float) -> list[Parcel]:
+        """Return the bytes that faults have delayed until then."""
+        parcels: list[Parcel] = []
+        if self._faults:
+            outbox = self._faults.outbox
+            while (due := outbox.next_due) <= until and (queued := outbox.take(until)):
+                self.counters.waiting = len(outbox)
+                data = self._encode(queued.frame, queued.boot_ms) if queued.data is None else queued.data
+                if data:
+                    parcels.append(Parcel(data, due, queued.whole))
+                else:
+                    self.counters.dropped += 1
+        return parcels
+
+    def answer(self, now: float, next_frame: float) -> tuple[list[Parcel], Sequence[Event]]:
+        """Execute the commands that came, after all that is due until `now`; answer if no frame is due soon."""
+        if not self.commands or not self.commands.heard:
+            return [], ()
+        events = self.commands.advance(now)
+        answers = self.commands.answers(now, min(next_frame, self.next_due))
+        return [Parcel(data, now, answer=answer) for data, answer in answers], events
+
+    def written(self, parcel: Parcel, accepted: bool, now: float, *, quiet: bool) -> list[Event]:
+        """Count bytes that were written. `accepted`: the link has taken all of them.
+
+        `quiet`: that they are refused needs no event, because the link is lost or there is no vehicle yet.
+        """
+        if parcel.answer is not None:
+            assert self.commands is not None
+            self.commands.counters.answers_dropped += not accepted
+            return [parcel.answer if accepted else replace(parcel.answer, sent=False)]
+        counters, about = self.counters, (now, *self._about)
+        events: list[Event] = []
+        counters.dropped += not accepted
+        counters.delivered += accepted and parcel.whole
+        counters.damaged += accepted and not parcel.whole
+        if self._refused == accepted and not quiet:
+            self._refused = not accepted
+            events.append(FramesTaken(*about, counters.dropped) if accepted else FramesRefused(*about))
+        if accepted:
+            events.append(BytesSent(*about, parcel.data))
+        if parcel.made is not None:
+            self.last = parcel.made if accepted else replace(parcel.made, sent=False)
+            events.append(self.last)
+        return events
+
+    def fault_counts(self) -> dict[str, dict[str, int]]:
+        """Return for each fault by name how many frames and how many bytes it changed."""
+        return self._faults.counts() if self._faults else {}
+
+    def _count(self, made: FrameMade) -> None:
+        counters = self.counters
+        counters.frames += 1
+        counters.no_pose += made.pose is None
+        counters.skipped += made.number - self._next_number
+        counters.latest_s = max(counters.latest_s, made.late_s)
+        self._next_number = made.number + 1
+
+    def _send_with_faults(
+        self, faults: Faults, made: FrameMade, t: float, boot_ms: int
+    ) -> tuple[list[Parcel], FrameMade | None]:
+        """Return the bytes to write now; the frame, if none of them are for it."""
+        faults.begin(made.number, made.instant_s)
+        before = self.release(t)
+        frame, copies = faults.send(made.frame, t, boot_ms, self._encode)
+        counters = self.counters
+        counters.withheld += not copies
+        counters.duplicated += max(0, copies - 1)
+        counters.waiting = len(faults.outbox)
+        parcels = self.release(t)
+        made = replace(made, frame=frame, sent=copies > 0, faults=faults.met)
+        if parcels:
+            parcels[-1] = parcels[-1]._replace(made=made)
+            return before + parcels, None
+        return before, made

@@ -1,0 +1,112 @@
+"""The world of one vehicle: what its receivers need to know of it, of its surroundings and of the transmitters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from arva_hil.autopilot.following.motor_load import MotorLoad
+from arva_hil.autopilot.following.received import Received
+from arva_hil.emulator.datum import MOVE_DATUM, Datum
+from arva_hil.emulator.followed_system import FollowedSystem
+from arva_hil.emulator.placed_transmitters import PlacedTransmitters
+from arva_hil.emulator.setup import VehicleSetup
+from arva_hil.emulator.snapshot import Snapshot
+from arva_hil.emulator.true_state import SimulatorTruth, true_state
+from arva_hil.events import DatumSet, Event, FrameMade, TooFar
+from arva_hil.events.reasons import NoPose
+
+
+class VehicleWorld:
+    """Remembers one vehicle's datum, its true state, its motors' load, and the transmitters around it.
+
+    `followed`: the systems that transmitters follow. `max_age_s`: an older pose is not used. `start`: of the run.
+    """
+
+    def __init__(
+        self, setup: VehicleSetup, followed: Mapping[int, FollowedSystem], *, start: float, max_age_s: float
+    ) -> None:
+        scenario, session = setup.scenario, setup.session
+        self.datum = Datum(scenario, start)
+        self._name = setup.name
+        self._session = session
+        self._truth = true_state(scenario, session, start)
+        self._motors = _motors(setup)
+        self._transmitters = PlacedTransmitters(setup.name, scenario, session)
+        parts: list[SimulatorTruth | MotorLoad | PlacedTransmitters | None] = [self._motors]
+        if isinstance(self._truth, SimulatorTruth):
+            parts.append(self._truth)
+        if scenario.terrain == "autopilot":
+            parts.append(self._transmitters)
+        self._observing = [part for part in parts if part]
+        self._followed = followed
+        self._max_age_s = max_age_s
+        self._start = start
+        if self.datum.frame:
+            self._transmitters.place(self.datum.frame)
+
+    def update(self, received: Received, now: float) -> list[Event]:
+        """Use what the session received at `now`."""
+        events: list[Event] = []
+        for part in self._observing:
+            events += part.observe(received, now)
+        for packet in received.own:
+            if packet.msgid in MOVE_DATUM:
+                return events + self._move(now)
+        return events
+
+    def at(self, t: float) -> Snapshot:
+        """Return the vehicle and the transmitters at `t`."""
+        session, frame = self._session, self.datum.frame
+        boot_s = session.navigation.clock.boot(t)
+        pose = reported = None
+        if frame is not None:
+            reported = session.navigation.track.at(boot_s, frame)
+            pose = self._truth.at(t, frame, reported)
+        age_s = pose.age_s if pose else None
+        if pose and pose.age_s > self._max_age_s:
+            pose = None
+        if reported and reported.age_s > self._max_age_s:
+            reported = None
+        carriers = {}
+        for system in self._transmitters.present.systems:
+            if frame is not None and (carrier := self._followed[system].pose(t, frame)):
+                carriers[system] = carrier
+        there = self._transmitters.present.at(t - self._start, carriers)
+        load = self._motors.load if self._motors else 0.0
+        return Snapshot(t, boot_s, pose, reported, age_s, there, load, None if pose else self._lacking())
+
+    def is_known(self, t: float) -> bool:
+        """Return True if no later message can change the snapshot at `t`."""
+        return self._truth.known_at(t) and all(system.is_known(t) for system in self._followed.values())
+
+    def poll(self, now: float) -> tuple[bytes, list[Event]]:
+        """Return the messages to the autopilot to send now, and the events."""
+        requests, events = self._transmitters.poll(now)
+        return self._session.poll(now) + requests, [*self._session.take_events(), *events]
+
+    def check_distance(self, made: FrameMade) -> list[Event]:
+        """Return an event if a receiver is too far from all transmitters: once for each datum."""
+        if made.pose is None or not (far := self.datum.far(made.pose.position, made.reading)):
+            return []
+        return [TooFar(made.time_s, made.vehicle, made.receiver, *far, self.datum.fixed)]
+
+    def _move(self, now: float) -> list[Event]:
+        """Move the datum if necessary."""
+        if not self.datum.update(self._session, now):
+            return []
+        assert self.datum.frame is not None
+        self._transmitters.place(self.datum.frame)
+        change = self.datum.changes[-1]
+        return [DatumSet(now, self._name, *change.lat_lon_alt, change.why)]
+
+    def _lacking(self) -> NoPose:
+        if self.datum.frame is None and self._session.track.newest is not None:
+            return NoPose("no home")
+        return self._truth.lacking() or self._session.why_no_pose()
+
+
+def _motors(setup: VehicleSetup) -> MotorLoad | None:
+    """Return the load of the motors; None if no receiver needs it."""
+    noises = [noise for receiver in setup.receivers if (noise := receiver.scenario.receiver.vehicle_noise)]
+    full_a = next((noise.full_current_a for noise in noises if noise.full_current_a), None)
+    return MotorLoad(setup.name, setup.session, full_a) if noises else None

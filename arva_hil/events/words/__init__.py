@@ -1,0 +1,1 @@
+"""Events and reasons as English sentences."""

@@ -1,0 +1,240 @@
+"""Events in words. No other module makes sentences of events."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from arva_hil import events
+from arva_hil.events import Event, searches, teams, vehicles
+from arva_hil.events.words.reasons import failsafes, no_pose, no_vehicle, request
+from arva_hil.events.words.text import Level, Notice
+
+
+def sentence(event: Event, *, named: bool = False) -> Notice | None:
+    """An event for a person; None if a person is told nothing. `named`: with the vehicle's or receiver's name."""
+    if isinstance(event, searches.FromSearch):
+        told = sentence(event.event)
+        return told and Notice(told.level, f"{event.vehicle or 'search'}: {told.text}")
+    form = _SENTENCES.get(type(event), "")
+    if not form or (isinstance(event, events.HeartbeatMissing) and not named):  # with one vehicle it ends the run
+        return None
+    form = form if isinstance(form, str) else form(event)
+    levels: tuple[Level, ...] = "warning", "error"
+    level: Level = next((level for level in levels if form.startswith(f"{level}: ")), "info")
+    text = _FORMATTER.vformat(form.removeprefix(f"{level}: "), (), {"event": event, **vars(event)})
+    return Notice(level, f"{_name(event)}: {text}" if named and _name(event) else text)
+
+
+def _name(event: Event) -> str:
+    if isinstance(event, events.ReceiverEvent):
+        return f"{event.vehicle}/{event.receiver}"
+    return event.vehicle if isinstance(event, events.VehicleEvent) else ""
+
+
+class _Formatter(string.Formatter):
+    """`{field:yes|no}`: one of two texts, by whether the field is true; `{field:kind}`: by a function of _IN_WORDS."""
+
+    def format_field(self, value: Any, spec: str) -> str:
+        yes, either, no = spec.rpartition("|")
+        if either:
+            return yes if value else no
+        return _IN_WORDS[spec](value) if spec in _IN_WORDS else str(super().format_field(value, spec))
+
+
+_FORMATTER: Final = _Formatter()
+_WAITING: Final = {
+    "link": "the autopilot's link",
+    "autopilot": "an autopilot",
+    "frame": "a frame from the receiver",
+    "pose": "a pose",
+    "hover": "a hover",
+    "battery": "the battery: the vehicle reports it as not healthy, or has not measured it yet",
+}
+_INTERRUPTED: Final = {
+    "arming": "the vehicle is disarmed",
+    "disarming": "the vehicle is disarmed",
+    "landing": "the vehicle lands; the mode switch stops it",
+    "yielding": "the pilot gets the vehicle",
+}
+_DATUM_CURES: Final = {
+    True: "correct `datum` and `transmitters` in the scenario, or use `datum: home`",
+    False: "the datum is the vehicle's home, and is read again after landing and disarming: set home there, or give "
+    "a place in the scenario, `datum: {lat: …, lon: …, alt: …}`",
+}
+_STICKS: Final = 4  # of the channels
+_IN_WORDS: Final[Mapping[str, Callable[[Any], str]]] = {
+    "control": lambda channel: "stick" if channel <= _STICKS else "switch",
+    "datum_cure": _DATUM_CURES.__getitem__,
+    "failsafes": lambda e: failsafes(dict(e.parameters), e.autopilot == "px4", e.remote),
+    "interrupted": lambda phase: _INTERRUPTED.get(phase, "the vehicle stays hovering"),
+    "km": lambda metres: f"{metres / 1e3:.1f} km",
+    "ms": lambda seconds: f"{1e3 * seconds:.0f} ms",
+    "no_pose": no_pose,
+    "no_vehicle": no_vehicle,
+    "number": lambda id_: "without a number" if id_ is None else str(id_),
+    "of": lambda wanted: "" if wanted is None else f" of {wanted}",
+    "request": lambda e: request(e.command, e.asked_hz, e.result),
+    "reported": lambda value: "was not reported" if value is None else f"is {value:g}",
+    "values": lambda values: "".join(f" {value}" for value in values),
+    "waiting": _WAITING.__getitem__,
+}
+_NOTED: Final = (
+    "victim {number}{wanted:of}: transmitter {transmitter:number} at {north_m:z.1f} m north, {east_m:z.1f} m east of "
+    "the take-off point{sure:|, not sure}, {marked:marked by the receiver|noted, not marked}"
+)
+_LEFT: Final = "; {left} more heard{more:, and more than it shows|}"
+_HEIGHTS: Final = {
+    "rangefinder": "height above the ground: from the rangefinder",
+    "highest ground": "warning: the rangefinder gives no usable values: the height is held above the highest ground "
+    "that it measured",
+    "estimate": "warning: no rangefinder is heard: the height is held above the take-off point; over a slope the "
+    "height above the ground is different",
+    "terrain": "the autopilot's terrain data say that the ground falls: the search follows it, {margin_m:g} m "
+    "higher than asked",
+    "doubtful terrain": "warning: the autopilot's terrain data do not agree with its position, and are ignored: the "
+    "height is held above the take-off point",
+    "GPS": "warning: no rangefinder and no barometer: the height comes from GPS alone; "
+    "{margin_m:{margin_m:g} m are added (--trust-height: none)|nothing is added (--trust-height)} to the height held",
+}
+_PAUSES: Final = {
+    "no frame": "warning: no frame for {limit_s:g} s: hovering",
+    "same readings": "warning: the readings did not change over {moved_m:g} m of flight: hovering",
+}
+_RESUMED: Final = {
+    "no frame": "frames are back: the search goes on",
+    "same readings": "the readings change again: the search goes on",
+}
+_SIGNATURES: Final = {
+    "unsigned": "warning: unsigned packets are ignored, the first from {system}/{component}: does it have the key "
+    "(SETUP_SIGNING)?",
+    "forged": "warning: packets signed with another key are ignored, the first from {system}/{component}",
+    "replayed": "warning: packets with old time stamps are ignored, the first from {system}/{component}: replayed, or "
+    "its clock is behind",
+}
+_POSE_LOST: Final = {  # by whether there was one before
+    True: "warning: no pose: frames say no signal until there is one (the newest is {age_s:.1f} s old)",
+    False: "warning: no pose: frames say no signal until there is one ({lacking:no_pose})",
+}
+_NO_GROUND: Final = {  # by whether the autopilot is asked for it
+    True: "warning: the ground is not known at these transmitters, which are silent:{ids:values}. The autopilot has "
+    "not told it yet: its terrain data must be switched on and there",
+    False: "warning: the ground is not known at these transmitters, which are silent:{ids:values}. {terrain} has no "
+    "height there or at the datum: is it of this place?",
+}
+_DOUBTS: Final = {
+    "set-points too rare": "warning: {parameter} {value:reported}: the vehicle may stop between two set-points, which "
+    "come every 0.2 s; set it to 1 to 3 s",
+    "flies on": "warning: {parameter} {value:reported}: the vehicle flies on for as many seconds if set-points stop; "
+    "set it to 1 to 3 s",
+    "sticks ignored": "warning: {parameter} {value:reported}: without its bit 0 PX4 ignores the sticks in LAND and "
+    "Hold; set the bit, or take over with the mode switch",
+}
+_SENTENCES: Final[Mapping[type[Event], str | Callable[[Any], str]]] = {  # or what chooses one of several
+    events.ObserverFailed: "error: {observer} has failed and is switched off: {error}",
+    events.LinkLost: "warning: {reason}",
+    events.LinkBlocked: "warning: {reason}",
+    events.LinkThere: "{address}: is open",
+    events.LinkBack: "{address}: back{away_s: after {away_s:.1f} s|}",
+    events.StrangersIgnored: "{address}: other senders than its peer are ignored; the first was {stranger}",
+    events.LogLayout: "{log}: it has {layout:{layout}|no time stamps: times come from the vehicles' boot times}",
+    events.LogClockSet: "warning: {log}: the clock of its computer was set during the recording: the vehicles' clocks "
+    "are used instead",
+    events.FollowedSystemSilent: "warning: system {system} {was_heard:is not heard any more|was never heard}: "
+    "transmitters that follow it are silent until its GLOBAL_POSITION_INT and ATTITUDE come on one of the links",
+    events.FollowedSystemHeard: "system {system} is heard: transmitters follow it",
+    events.FramesLate: "warning: its frames are late, by {late_s:ms} now: this machine has too much to do; serve fewer "
+    "vehicles, or lower rate_hz",
+    events.FramesRefused: "warning: nobody takes the frames: they are dropped until somebody reads them",
+    events.CommandReceived: "command {number} of the host: {name}{values:values}",
+    events.CommandAnswered: "command {number} answered: {result}{text: {text}|}{values:values}"
+    "{sent:|, which nobody took}",
+    events.FramesTaken: "frames are taken; {dropped} were dropped so far",
+    events.PoseFound: "there is a pose: readings are real from here on",
+    events.PoseLost: lambda e: _POSE_LOST[e.age_s is not None],
+    events.PoseMissing: "warning: still no pose, frames say no signal: {lacking:no_pose}",
+    events.TooFar: "warning: the vehicle is {from_datum_m:km} from the datum and {nearest_m:km} from the nearest "
+    "transmitter, too far to hear it: {fixed:datum_cure}",
+    events.DatumSet: "datum: {lat:.7f}, {lon:.7f}, {alt:.2f} m AMSL{reason: ({reason})|}",
+    events.GroundMissing: lambda e: _NO_GROUND[e.terrain == "autopilot"],
+    events.GroundFound: "the autopilot has told where the ground is: no transmitter waits for it",
+    events.MotorsSilent: "warning: the vehicle does not tell how hard its motors work (VFR_HUD, BATTERY_STATUS): their "
+    "noise stays that of {load:.0%} load",
+    events.MotorsHeard: "the vehicle tells how hard its motors work",
+    events.HeartbeatMissing: "warning: {heard:no_vehicle}",
+    vehicles.VehicleFound: "vehicle {label}, MAVLink {version}{signed:, signed|}",
+    vehicles.SignaturesUnchecked: "warning: its packets are signed. They are not checked, and it may refuse unsigned "
+    "requests: use --signing-key FILE",
+    vehicles.VehicleLost: "warning: no heartbeat from vehicle {label} for {silent_s:g} s",
+    vehicles.VehicleBack: "vehicle {label} is back",
+    vehicles.VehicleRebooted: "warning: vehicle {label} has rebooted: a new session",
+    vehicles.OtherAutopilotIgnored: "another autopilot {system}/{component} on this link is ignored; "
+    "{same_ids:it has the same ids as this one: give it others|choose one with --target-system}",
+    vehicles.SignatureRefused: lambda e: _SIGNATURES[e.verdict],
+    vehicles.ClockLeapt: "the vehicle's clock is ahead by {ahead_s:.0f} s: earlier packets came late",
+    vehicles.PositionJumped: "warning: the vehicle's position has jumped by {by_m:.0f} m",
+    vehicles.StreamRateLowered: "warning: {stream}: {event:request}; asking for {next_hz:g} Hz",
+    vehicles.StreamAskedOtherwise: "warning: {stream} is slower than the {wanted_hz:g} Hz wanted ({event:request}); "
+    "trying REQUEST_DATA_STREAM",
+    vehicles.AutopilotText: "warning: the autopilot says: {text}",
+    vehicles.ArmingTried: "arming, try {number}; next try in {again_s:g} s"
+    "{refused_order:; the last one was refused: {refused_order}: {refused_result}|}",
+    vehicles.ThrottleAwaited: "warning: {channel:the pilot has moved a {channel:control} (channel {channel}, by "
+    "{by_us} µs)|the battery}: the vehicle hovers in GUIDED until the throttle stick is in the middle, then LOITER is "
+    "ordered",
+    searches.WaitingFor: "waiting for {what:waiting}",
+    searches.FailsafesKnown: "{event:failsafes}",
+    searches.ParameterDoubted: lambda e: _DOUBTS[e.doubt],
+    searches.FenceInArea: "warning: {reach_m:the area reaches {reach_m:.0f} m from the take-off point, beyond the "
+    "vehicle's fence|the vehicle has a fence of its own shape, which is not compared with the area} ({parameter} "
+    "{value:g}): the vehicle does not fly beyond it",
+    searches.SimulatorRecognized: "{label} is a simulator: it answers with {message}",
+    searches.ArmingAllowed: "warning: {label} is not known to be a simulator; --yes allows the flight",
+    searches.ConsentNeeded: "warning: {label} is not known to be a simulator: before it flies, "
+    "{asked:you would have to type yes here|it would need --yes, because nobody can be asked here}",
+    searches.DryRunBegun: "dry run: all is ready. {label} would be {take_over:taken over in the air|launched}"
+    "{countdown_s: after a count-down of {countdown_s:g} s|}, by these orders:",
+    searches.WouldOrder: "  {order}: {what}",
+    searches.SetPointPlanned: "  SET_POSITION_TARGET_LOCAL_NED: {v_north:z.2f} m/s north, {v_east:z.2f} m/s east, "
+    "{v_down:z.2f} m/s down, heading {heading_deg:z.0f}°, {rate_hz:g} times a second",
+    searches.CountDown: "{take_over:taking over|arming} in {left_s} s",
+    searches.Launched: "{take_over:taking over|arming} {label}",
+    searches.SearchBegun: "{height_m:.1f} m high: the search begins",
+    searches.SearchEnded: "{how}; {landing:landing|hovering}",
+    searches.SearchInterrupted: "interrupted: {phase:interrupted}",
+    searches.SearchHeldUp: "warning: the search did nothing for {gap_s:.1f} s: first it checks who controls the "
+    "vehicle",
+    searches.StrategySlow: "warning: the strategy has not answered for {took_s:.1f} s, {starved_s:.1f} s of them "
+    "without a processor: the vehicle hovers until it does",
+    searches.SearchPaused: lambda e: _PAUSES[e.reason],
+    searches.SearchResumed: lambda e: _RESUMED[e.reason],
+    searches.ReceiverGone: "warning: the receiver is gone: {error}",
+    searches.OwnMarkHeard: "error: the autopilot hears what --gcs shows, and may fly away from it: nothing is "
+    "shown now",
+    searches.TransmitterHeard: "transmitter {transmitter:number} is heard, {distance_m:.1f} m away, at "
+    "{north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
+    searches.TransmitterChosen: "going for transmitter {transmitter:number}, {distance_m:.1f} m away",
+    searches.TransmitterFaded: "warning: transmitter {transmitter:number} is {hardly:hardly heard|not heard any more}: "
+    "back to the search strips",
+    searches.TransmitterLeft: "transmitter {transmitter:number} is left to another search",
+    teams.TeammateLost: "warning: the search of vehicle {number} is not heard any more: this one stays {apart_m:g} "
+    "m from where it was, {north_m:z.1f} m north, {east_m:z.1f} m east of the take-off point",
+    teams.TeammateBack: "the place of vehicle {number} is known again",
+    searches.VictimNoted: lambda e: _NOTED + ("" if e.left is None else _LEFT),
+    searches.VictimAgain: "warning: this is victim {number} again, as transmitter {transmitter:number}: {apart_m:.1f} "
+    "m from the place noted",
+    searches.PlaceDoubted: "warning: the readings of transmitter {transmitter:number} do not agree with the place: the "
+    "search looks for it once more",
+    searches.ReceiverKnown: "the receiver is {text}",
+    searches.MarksNotTaken: "warning: the receiver cannot mark transmitters ({answer}): victims are only noted",
+    searches.MarkLost: "warning: the receiver has lost the mark of victim {number}",
+    searches.DescentBegun: "descending to the place reported",
+    searches.TooLow: "warning: only {height_m:.1f} m above the ground, {wanted_m:g} m are wanted: climbing",
+    searches.SetPointsNotFollowed: "warning: the vehicle does not follow its set-points: {flown_m:.1f} m in "
+    "{seconds:.0f} s, {ordered_m:.1f} m ordered: a fence or an obstacle ahead (AVOID_ENABLE, CP_DIST), or set-points "
+    "are lost on their way. It flies sideways once",
+    searches.SensorsDisagree: "warning: the {sensor} says {value_m:.1f} m, and the {other} {other_m:.1f} m: the search "
+    "flies by the lower height",
+    searches.HeightSource: lambda e: _HEIGHTS[e.source],
+}

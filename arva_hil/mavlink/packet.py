@@ -1,0 +1,17 @@
+"""A packet of MAVLink, as it was received."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Packet(NamedTuple):
+    """One complete packet as it was received. Its checksum is verified if the dialect knows the message id."""
+
+    raw: bytes
+    version: int  # 1 or 2
+    signed: bool
+    system: int
+    component: int
+    msgid: int
+    known: bool  # the dialect can decode it

@@ -1,0 +1,1 @@
+"""The model: fields of transmitters, and receivers."""

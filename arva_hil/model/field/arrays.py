@@ -1,0 +1,43 @@
+"""Checks arguments that are arrays. Accepts lists of numbers; refuses anything else, with the argument's name."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+_FLOAT: Final = np.dtype(np.float64)  # each such array has this object
+
+
+def floats(name: str, value: ArrayLike, *shape: int | None) -> Array:
+    """`value` as an array of floats whose last dimensions are `shape`; None in it means any length.
+
+    Raises ValueError with the argument's name, what was found, and what was expected.
+    """
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        short = text if len(text := repr(value)) <= 60 else text[:59] + "…"
+        raise ValueError(f"{name}: {short}, expected numbers{_said(shape)}") from None
+    last = array.shape[max(0, array.ndim - len(shape)) :]
+    if len(last) != len(shape) or any(n not in (have, None) for have, n in zip(last, shape, strict=True)):
+        raise ValueError(f"{name}: the shape {array.shape}, expected numbers{_said(shape)}")
+    return array
+
+
+def vector(name: str, value: ArrayLike, *shape: int) -> Array:
+    """`value` as an array of floats of exactly this shape. Raises ValueError as `floats`."""
+    if isinstance(value, np.ndarray) and value.shape == shape and value.dtype is _FLOAT:
+        return value
+    array = floats(name, value)
+    if array.shape != shape:
+        raise ValueError(f"{name}: the shape {array.shape}, expected {shape}")
+    return array
+
+
+def _said(shape: tuple[int | None, ...]) -> str:
+    sizes = ", ".join("M" if n is None else str(n) for n in shape)
+    return f" of the shape (..., {sizes})" if shape else ""

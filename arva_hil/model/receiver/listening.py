@@ -1,0 +1,160 @@
+"""The common part of receivers that listen to pulses: the ends of pulses, and their signals at the antennas."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Final, Self
+
+import numpy as np
+
+from arva_hil.model.field.dipole import Transmitters
+from arva_hil.model.field.keying import KEYING_CLASSES, Keying, draw_keying
+from arva_hil.model.field.medium import AIR
+from arva_hil.model.field.pulse_timeline import PulseTimeline, SentPulse
+from arva_hil.model.receiver.display import Display
+from arva_hil.model.receiver.noise import noise_bound
+from arva_hil.model.receiver.one_look import FEW, signals
+from arva_hil.model.receiver.pulsed_options import PulsedOptions
+from arva_hil.model.receiver.receiver_model import Impairment, Look, ReceiverSettings
+from arva_hil.model.receiver.separation import Signals, Vector
+
+_IDLE_S: Final = 1.0  # the longest time between two looks
+_FLOOR_RANGE_M: Final = 80.0  # the specified noise is the reference transmitter's field at this distance
+_BATCH: Final = 256
+_SOUND: Final = Impairment()
+_SILENCE: Final = [(0.0, 0.0, 0.0)]  # no noise
+
+
+class NoiseDraws:
+    """Draws normal numbers for three antennas, from a seed. Remembers its generator."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+        self._drawn: list[list[float]] = []
+
+    def draw(self, sigma: float) -> Vector:
+        """The next three, with this standard deviation."""
+        if not self._drawn:
+            self._drawn = self._rng.standard_normal((_BATCH, 3)).tolist()
+        x, y, z = self._drawn.pop()
+        return sigma * x, sigma * y, sigma * z
+
+
+class Listening:
+    """Remembers the transmitters' next pulses, the newest look, and the noise. Signals are in units of the reference
+    transmitter's field. Three numbers are drawn for each pulse, also if it is not heard.
+
+    `interference`: the noise of the newest pulse is above the specified noise.
+    """
+
+    def __init__(self, settings: ReceiverSettings, options: PulsedOptions, seed: int) -> None:
+        off = settings.noise.kind == "off"
+        self.keyings: tuple[Keying, ...] = ()
+        self.interference = False
+        self._options = options
+        self._scale_na_m = options.scale_na_m
+        self._sigma_na_m = 0.0 if off else options.sigma_na_m(settings.noise.floor_range_m)
+        self._limit_na_m = noise_bound((1.0,), _FLOOR_RANGE_M) * self._scale_na_m
+        self._draws = NoiseDraws(seed)
+        self._given: tuple[Keying, ...] | None = None
+        self._timeline = PulseTimeline((), 0.0)
+        self._look: Look | None = None
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """The ids of the transmitters, by index."""
+        return self._look.transmitters.ids if self._look else ()
+
+    def ranges(self) -> dict[int, float]:
+        """The true distances [m] at the newest look, by id."""
+        look = self._look
+        return look.transmitters.ranges(look.pose.position) if look and look.pose else {}
+
+    def next_look(self, after_s: float) -> float:
+        """The time at which a pulse ends."""
+        if self._look is None:
+            return max(0.0, math.nextafter(after_s, math.inf))
+        return self._timeline.next_end(after_s, after_s + _IDLE_S)
+
+    def look(self, look: Look) -> bool:
+        """Use a look. Returns whether its transmitters are new."""
+        self._look = look
+        if look.transmitters.keyings == self._given:
+            return False
+        self._given = look.transmitters.keyings
+        self.keyings = self._given or _keyings(look.transmitters)
+        self._timeline = PulseTimeline(self.keyings, look.time_s)
+        return True
+
+    def pulses(self) -> list[SentPulse]:
+        """The pulses that have ended since the last look."""
+        assert self._look is not None
+        return list(self._timeline.take(self._look.time_s))
+
+    def signals(self) -> Signals | None:
+        """The signal of a transmitter's full pulse at the antennas, by its index; None without a pose."""
+        look = self._look
+        if look is None or look.pose is None:
+            return None
+        (a, b, c), (x, y, z) = self._options.gains, (look.impairment or _SOUND).gains
+        a, b, c = a * x, b * y, c * z
+        there, position, rotation = look.transmitters, look.pose.position, look.pose.rotation
+        if len(there.ids) <= FEW and there.medium is AIR:
+            point, turn = position.tolist(), rotation.tolist()
+
+            def signal(index: int) -> Vector:
+                ((_, (x, y, z)),) = signals(point, turn, (1.0, 1.0, 1.0), [there.dipoles[index]], _SILENCE)
+                return x * a, y * b, z * c
+
+            return signal
+        every = [(x * a, y * b, z * c) for x, y, z in (there.field_at(position) @ rotation).tolist()]
+        return every.__getitem__
+
+    def noise(self, sender: int) -> Vector:
+        """The noise of the next pulse: the receiver's own, or interference."""
+        look = self._look
+        assert look is not None
+        sigma_na_m = math.hypot(self._sigma_na_m, (look.impairment or _SOUND).noise_na_m)
+        own = self._draws.draw(sigma_na_m / self._scale_na_m)
+        if look.noise is None or look.pose is None:
+            self.interference = 3 * sigma_na_m > self._limit_na_m * (1 + 1e-9)
+            return own
+        x, y, z = (look.noise[sender] @ look.pose.rotation).tolist()
+        self.interference = math.hypot(x, y, z) * self._scale_na_m > self._limit_na_m
+        return x, y, z
+
+    def limited(self, signal: Vector) -> Vector:
+        """A signal, limited by the saturation of the antennas."""
+        assert self._look is not None
+        limit_na_m = (self._look.impairment or _SOUND).saturation_na_m
+        if self._options.saturation_na_m is not None:
+            limit_na_m = min(limit_na_m, self._options.saturation_na_m)
+        limit = limit_na_m / self._scale_na_m
+        if max(map(abs, signal)) <= limit:
+            return signal
+        x, y, z = (max(-limit, min(limit, value)) for value in signal)
+        return x, y, z
+
+
+class ListeningReceiver:
+    """The common part of the `ReceiverModel`s that listen to pulses: they look at the end of each pulse."""
+
+    Options: ClassVar[type[PulsedOptions]] = PulsedOptions
+
+    def __init__(self, settings: ReceiverSettings, options: PulsedOptions, seed: int) -> None:
+        self._options = options
+        self._display = Display(options, settings.kappa_eq)
+        self._listening = Listening(settings, options, seed)
+
+    @classmethod
+    def from_settings(cls, settings: ReceiverSettings, seed: int) -> Self:
+        return cls(settings, settings.options, seed)
+
+    def next_look(self, after_s: float, frame_s: float) -> float:
+        """See `ReceiverModel`: when a pulse ends."""
+        return self._listening.next_look(after_s)
+
+
+def _keyings(there: Transmitters) -> tuple[Keying, ...]:
+    """The keyings of transmitters without one: those of modern sets."""
+    return tuple(draw_keying(KEYING_CLASSES["modern"], 0, id_) for id_ in there.ids)

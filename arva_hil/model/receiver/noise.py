@@ -1,0 +1,78 @@
+"""The noise of the paper's receiver (eq. 5): its bound, its draws, and a source of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, Literal
+
+import numpy as np
+
+from arva_hil.model.field.arrays import Array
+
+NoiseKind = Literal["uniform", "gaussian", "off"]
+
+_AHEAD: Final = 256  # drawn at a time
+
+
+def noise_bound(sensitivity: Sequence[float], floor_range_m: float) -> float:
+    """The largest ‖w‖ (eq. 5), for the reference transmitter: κ‖m‖ = 1."""
+    return 1 / (2 * math.pi * max(sensitivity) * floor_range_m**3)
+
+
+def draw_noise(rng: np.random.Generator, m: int, kind: NoiseKind, bound: float) -> Array:
+    """Noise w (m, 3) in NED, from 3 doubles for each of the m in any case; `off` is 0 and draws none."""
+    if kind == "off":
+        return np.zeros((m, 3))
+    return np.ascontiguousarray(noise_of(rng.random((m, 3)).T, kind, bound).T)
+
+
+def noise_of(u: Array, kind: NoiseKind, bound: float) -> Array:
+    """Noise w (3, N) in NED from u (3, N) in [0, 1) (z, azimuth, magnitude): uniform on the sphere, ‖w‖ ≤ bound.
+
+    Magnitude: `uniform` in [0, bound]; `gaussian` is |N(0, bound/3)|, limited to the bound.
+    """
+    z, magnitude = 2 * u[0] - 1, u[2]
+    if kind == "gaussian":
+        from statistics import NormalDist  # slow to import
+
+        inverse = NormalDist().inv_cdf
+        magnitude = np.array([min(1.0, -inverse(tail / 2) / 3) for tail in (1 - magnitude).tolist()])
+    size = bound * magnitude
+    across = np.sqrt(1 - z * z) * size
+    half = np.tan(np.pi * u[1])  # of half the azimuth: much faster than its cosine and sine
+    more = 2 * across / (1 + half * half)  # across · (1 + cosine)
+    w = np.empty(u.shape)
+    np.subtract(more, across, out=w[0])
+    np.multiply(half, more, out=w[1])
+    np.multiply(z, size, out=w[2])
+    return w
+
+
+class NoiseSource:
+    """Draws noise of one kind, up to a bound, from a seed. Remembers its random generator, and noise drawn in advance.
+
+    Many draws at once need hardly more time than one, and give the same numbers.
+    """
+
+    def __init__(self, kind: NoiseKind, bound: float, seed: int) -> None:
+        self._kind = kind
+        self._bound = bound
+        self._rng = np.random.Generator(np.random.PCG64(seed))
+        self._ahead: list[list[float]] = []
+
+    def draw(self, m: int) -> Array:
+        """The next (m, 3), NED: see `draw_noise`."""
+        if m <= max(_AHEAD, len(self._ahead)):
+            return np.array(self.draw_few(m)).reshape(m, 3)
+        first = np.array(self._ahead).reshape(-1, 3)
+        self._ahead = []
+        return np.concatenate((first, draw_noise(self._rng, m - len(first), self._kind, self._bound)))
+
+    def draw_few(self, m: int) -> list[list[float]]:
+        """`draw` as plain numbers."""
+        if m > len(self._ahead):
+            self._ahead += draw_noise(self._rng, max(m, _AHEAD), self._kind, self._bound).tolist()
+        drawn = self._ahead[:m]
+        del self._ahead[:m]
+        return drawn

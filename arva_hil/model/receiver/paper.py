@@ -1,0 +1,239 @@
+"""The paper's receiver: antennas and noise (eq. 3, 4, 5), output values (eq. 6, 7, 8), and slots."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Self, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from arva_hil.model.field.arrays import Array
+from arva_hil.model.field.medium import AIR
+from arva_hil.model.receiver.noise import NoiseKind, NoiseSource, noise_bound
+from arva_hil.model.receiver.one_look import FEW, near, output, signals
+from arva_hil.model.receiver.reading import ChannelReading, Reading, Zone
+from arva_hil.model.receiver.receiver_model import Answer, Commands, Impairment, Look, Pose, ReceiverSettings, obey
+
+Ints = NDArray[np.int64]
+
+INNER_M: Final = 3.0
+MID_M: Final = 50.0
+_FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
+_REFERENCE_NA_M: Final = 2e6 * math.pi  # of a field of 1, if the reference transmitter has 1 µA/m on its axis at 10 m
+_Heard = tuple[int, int, int, int]  # d in cm, id, δ in degrees, zone; sorted like slots
+
+
+@dataclass(frozen=True)
+class Antennas:
+    """The properties of a receiver's antennas. Raises ValueError if a value is out of range."""
+
+    sensitivity: tuple[float, float, float] = (1.0, 0.8, 0.6)  # diagonal of Q; the paper gives none
+    kappa_eq: float = 1.542  # mean of √(1 + 3cos²θ) over a circle
+    floor_range_m: float = _FLOOR_RANGE_M  # the noise is at most the reference transmitter's field from there
+    noise: NoiseKind = "uniform"
+
+    def __post_init__(self) -> None:
+        try:
+            every = [float(q) for q in self.sensitivity]
+        except (TypeError, ValueError):
+            every = []
+        if len(every) != 3 or not all(0 < q <= 1 for q in every):
+            raise ValueError(f"sensitivity {self.sensitivity}: expected three values in (0, 1]")
+        if not 0 < self.kappa_eq < math.inf:
+            raise ValueError(f"kappa_eq {self.kappa_eq}: expected above 0")
+        if not 0 < self.floor_range_m < math.inf:
+            raise ValueError(f"floor_range_m {self.floor_range_m}: expected above 0")
+        if self.noise not in get_args(NoiseKind):
+            raise ValueError(f"noise {self.noise!r}: expected one of {', '.join(get_args(NoiseKind))}")
+
+
+def receive(h: Array, R_r: Array, Q: Array, w: Array) -> Array:
+    """The signal at the antennas (eq. 3): h_r = R_rᵀ h + Q R_rᵀ w, (..., M, 3) in the receiver's frame.
+
+    h and w (..., M, 3) in NED, R_r (..., 3, 3) receiver → NED, Q (3,) the diagonal.
+    """
+    return h @ R_r + Q * (w @ R_r)
+
+
+def outputs(h_r: ArrayLike, kappa_eq: float, inner_m: float = INNER_M, mid_m: float = MID_M) -> tuple[Ints, Ints, Ints]:
+    """(d in cm, δ in degrees, `Zone`), each (...), from the signal at the antennas (..., 3) (eq. 6, 7, 8).
+
+    OUTER gives (−1, −1). h_x = 0 gives δ = ±89 with the sign of h_y. In the inner zone L_xy h_r may be 0.
+    `inner_m`, `mid_m`: the largest d of those zones.
+    """
+    h_r = np.asarray(h_r, float)
+    x, y, z = h_r[..., 0], h_r[..., 1], h_r[..., 2]
+    flat = np.hypot(x, y)
+    d_full, d_xy = distance(np.hypot(flat, z), kappa_eq), distance(flat, kappa_eq)
+    inner = d_full <= inner_m
+    d = np.where(inner, d_full, d_xy)
+    heard = d <= mid_m
+    d_cm = np.where(heard, rounded(100 * d), -1)
+    delta = rounded(np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x))))
+    delta_deg = np.where(heard & ~inner, np.minimum(np.maximum(delta, -89), 89), inner - 1)
+    return d_cm.astype(np.int64), delta_deg.astype(np.int64), inner.astype(np.int64) + heard
+
+
+def distance(h: Array, kappa_eq: float) -> Array:
+    """d [m] of a field's magnitude (...) (eq. 6, 8). If h is 0, a finite distance beyond every zone."""
+    return math.cbrt(kappa_eq / (4 * math.pi)) / np.cbrt(np.maximum(h, 1e-200))
+
+
+def rounded(x: Array) -> Array:
+    """Rounds to whole numbers, half away from zero, exactly."""
+    whole = np.trunc(x)
+    return whole + np.trunc(2 * (x - whole))
+
+
+class PaperReceiver:
+    """The receiver of the paper, a `ReceiverModel`. It looks once for each frame, at the frame's instant.
+
+    Remembers its random generator and its last reading. `channels`: the number of slots. `no_signal`: (d, δ) of an
+    empty slot. Noise is drawn for every transmitter in each look: it depends only on seed and number of the look.
+
+    Commands: `mark ID` hides a transmitter that it hears, `unmark ID` shows it again, `unmark` all; `select ID` shows
+    only this one as long as it is heard, `select` all; `channels N` sets the number of slots, 1…16; `restart` undoes
+    all of this.
+    """
+
+    def __init__(
+        self, antennas: Antennas, channels: int = 4, no_signal: tuple[int, int] = (-1, -1), seed: int = 0
+    ) -> None:
+        if channels < 1:
+            raise ValueError(f"{channels} channels: expected 1 or more")
+        self._kappa_eq = antennas.kappa_eq
+        self._scale = math.cbrt(antennas.kappa_eq / (4 * math.pi))
+        self._near = near(antennas.kappa_eq, INNER_M)
+        self._sensitivity = antennas.sensitivity
+        self._q = np.array(antennas.sensitivity)
+        bound = noise_bound(antennas.sensitivity, antennas.floor_range_m)
+        self._limit = noise_bound(antennas.sensitivity, _FLOOR_RANGE_M)
+        self._may_interfere = bound > self._limit
+        self._nothing = (None, Zone.OUTER, *no_signal)  # of an empty slot
+        self._channels = channels
+        self._noise = NoiseSource(antennas.noise, bound, seed)
+        self._beside = np.random.Generator(np.random.PCG64([seed, 1]))  # for noise that is not the receiver's own
+        self._heard: list[_Heard] = []  # at the last look
+        self._start()
+
+    @classmethod
+    def from_settings(cls, settings: ReceiverSettings, seed: int) -> Self:
+        """See `ReceiverModel`."""
+        noise = settings.noise
+        antennas = Antennas(settings.sensitivity, settings.kappa_eq, noise.floor_range_m, noise.kind)
+        return cls(antennas, settings.channels, settings.no_signal, seed)
+
+    def next_look(self, after_s: float, frame_s: float) -> float:
+        """See `ReceiverModel`: when a frame is due."""
+        return frame_s
+
+    def look(self, look: Look) -> None:
+        """See `ReceiverModel`. Without a pose every slot is empty, but the noise is drawn too."""
+        own = self._noise.draw_few(len(look.transmitters.ids))
+        w = own if look.noise is None else look.noise.tolist()
+        may_interfere = self._may_interfere or look.noise is not None
+        interference = may_interfere and bool((np.linalg.norm(w, axis=1) > self._limit).any())
+        if look.pose is None:
+            self._heard = []
+            self._reading = Reading(self._empty, interference, False)
+            return
+        heard, ranges = self._hear(look, look.pose, w)
+        heard.sort()
+        self._heard = heard
+        if self._marked or self._selected is not None:
+            heard = self._wanted(heard)
+        shown = [
+            ChannelReading(id_, zone, d_cm, delta_deg, ranges.pop(id_, None))
+            for d_cm, id_, delta_deg, zone in heard[: len(self._empty)]
+        ]
+        if free := len(self._empty) - len(shown):
+            hidden = sorted(ranges.values())[:free]
+            shown += [ChannelReading(*self._nothing, metres) for metres in hidden]
+            shown += self._empty[len(shown) :]
+        self._reading = Reading(tuple(shown), interference, len(heard) > len(shown))
+
+    def show(self, time_s: float) -> Reading:
+        """See `ReceiverModel`."""
+        return self._reading
+
+    def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
+        """See `ReceiverModel`."""
+        commands: Commands = {
+            "mark": (range(1, 2), self._mark),
+            "unmark": (range(2), self._unmark),
+            "select": (range(2), self._select),
+            "channels": (range(1, 2), self._set_channels),
+            "restart": (range(1), self._start),
+        }
+        return obey(commands, name, values)
+
+    def _hear(self, look: Look, pose: Pose, w: list[list[float]]) -> tuple[list[_Heard], dict[int, float]]:
+        """The transmitters that it hears, and the true ranges of all transmitters by id."""
+        t = look.transmitters
+        if len(t.ids) > FEW or t.medium is not AIR or look.impairment is not None:
+            h_r = receive(t.field_at(pose.position), pose.rotation, self._q, np.array(w))
+            if look.impairment is not None:
+                h_r = self._impaired(h_r, look.impairment)
+            columns = (column.tolist() for column in outputs(h_r, self._kappa_eq))
+            every = zip(t.ids, *columns, strict=True)
+            return [(d_cm, id_, delta, zone) for id_, d_cm, delta, zone in every if zone], t.ranges(pose.position)
+        heard, ranges = [], {}
+        there = signals(pose.position.tolist(), pose.rotation.tolist(), self._sensitivity, t.dipoles, w)
+        for id_, (metres, signal) in zip(t.ids, there, strict=True):
+            if id_ not in t.unplaced:
+                ranges[id_] = metres
+            if one := output(signal, self._scale, self._near, INNER_M, MID_M):
+                d_cm, delta, zone = one
+                heard.append((d_cm, id_, delta, zone))
+        return heard, ranges
+
+    def _impaired(self, h_r: Array, wrong: Impairment) -> Array:
+        noise = self._beside.standard_normal(h_r.shape) * (wrong.noise_na_m / _REFERENCE_NA_M)
+        limit = wrong.saturation_na_m / _REFERENCE_NA_M
+        limited: Array = np.clip(h_r * wrong.gains + noise, -limit, limit)
+        return limited
+
+    def _start(self) -> None:
+        self._marked: set[int] = set()
+        self._selected: int | None = None
+        self._empty = self._empty_slots(self._channels)
+        self._reading = Reading(self._empty, False, False)
+
+    def _empty_slots(self, count: int) -> tuple[ChannelReading, ...]:
+        return (ChannelReading(*self._nothing, None),) * count
+
+    def _wanted(self, heard: list[_Heard]) -> list[_Heard]:
+        """The transmitters to show: those that are not marked, or only the selected one."""
+        shown = [one for one in heard if one[1] not in self._marked]
+        return [one for one in shown if one[1] == self._selected] or shown
+
+    def _hears(self, id_: int | None) -> bool:
+        return any(id_ == heard for _, heard, _, _ in self._heard)
+
+    def _mark(self, id_: int) -> bool:
+        if not self._hears(id_):
+            return False
+        self._marked.add(id_)
+        self._selected = None if self._selected == id_ else self._selected
+        return True
+
+    def _unmark(self, id_: int | None = None) -> bool:
+        if id_ is not None and id_ not in self._marked:
+            return False
+        self._marked -= {id_} if id_ is not None else set(self._marked)
+        return True
+
+    def _select(self, id_: int | None = None) -> bool:
+        if id_ is not None and (id_ in self._marked or not self._hears(id_)):
+            return False
+        self._selected = id_
+        return True
+
+    def _set_channels(self, count: int) -> bool:
+        if not 1 <= count <= 16:
+            return False
+        self._empty = self._empty_slots(count)
+        return True

@@ -1,0 +1,76 @@
+"""The keys of receivers that listen to pulses, and the sizes of signals that follow from them.
+
+Sources of the defaults: docs/explanation/pulsed.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal
+
+from annotated_types import Ge, Gt, Le
+
+from arva_hil.model.receiver.paper import distance
+
+_REFERENCE_M: Final = 10.0  # the norm's distance
+_NA_PER_UA: Final = 1e3
+
+Frames = Literal["rate", "pulses"]
+Steps = Literal["digits", "cm"]
+NearDirection = Literal["zero", "frozen"]
+
+
+@dataclass(frozen=True)
+class PulsedOptions:
+    """The keys of `model: pulsed` besides those of every receiver. Raises ValueError for contradictory values."""
+
+    reference_ua_m: Annotated[
+        float, Gt(0), Le(1000), "field on the axis of the transmitter of strength 1, at 10 m [µA/m]"
+    ] = 1.0
+    noise_na_m: Annotated[
+        float | None, Ge(0), "standard deviation of each antenna and pulse [nA/m]; without it from noise.floor_range_m"
+    ] = None
+    threshold_na_m: Annotated[float, Gt(0), "a weaker pulse is not heard [nA/m]"] = 2.25
+    antennas: Annotated[Literal[1, 2, 3], "x alone, x and y, or z near by too"] = 3
+    third_within_m: Annotated[float, Ge(0), "the third antenna counts up to this distance [m]"] = 3.0
+    gains: Annotated[tuple[float, float, float], "of the antennas x, y and z; 0 is a dead one"] = (1.0, 1.0, 1.0)
+    saturation_na_m: Annotated[float | None, Gt(0), "no antenna says more [nA/m]"] = None
+    start_s: Annotated[float, Ge(0), "from switching on until it listens [s]"] = 3.0
+    steps: Annotated[Steps, "of d: digits is 0.1 m below 10 m, then 1 m, up to 99 m; or cm, up to 327.67 m"] = "digits"
+    lowest_m: Annotated[float, Ge(0), Le(99), "the lowest d [m]"] = 0.0
+    directions: Annotated[int, Ge(0), Le(180), "so many arrows from −90° to 90°; 0: whole degrees"] = 0
+    near_direction: Annotated[NearDirection, "δ where the third antenna counts: 0, or the last one"] = "zero"
+    frames: Annotated[Frames, "at rate_hz, or one a pulse that is heard and at least rate_hz"] = "rate"
+    mark_within_m: Annotated[float, Ge(0), "a transmitter farther away cannot be marked [m]"] = 6.0
+    self_test_m: Annotated[
+        float | None, Gt(0), "its self-test fails when it starts nearer to a transmitter, or beside electronics [m]"
+    ] = None
+    revert_s: Annotated[float | None, Gt(0), "without motion for so long it sends instead of searching [s]"] = None
+
+    def __post_init__(self) -> None:
+        if not all(0 <= gain <= 1 for gain in self.gains) or not any(self.gains):
+            raise ValueError(f"gains {list(self.gains)}: expected three values in [0, 1], at least one above 0")
+        if self.saturation_na_m is not None and self.saturation_na_m <= self.threshold_na_m:
+            raise ValueError(
+                f"saturation_na_m {self.saturation_na_m:g}: expected above threshold_na_m ({self.threshold_na_m:g})"
+            )
+
+    @property
+    def scale_na_m(self) -> float:
+        """The field [nA/m] that is 1 in units of the reference transmitter (1 / 2π on its axis at 1 m)."""
+        return self.reference_ua_m * _NA_PER_UA * 2 * math.pi * _REFERENCE_M**3
+
+    def sigma_na_m(self, floor_range_m: float) -> float:
+        """The noise of each antenna: `noise_na_m`, or a third of the reference transmitter's field at that range.
+
+        The paper's noise has a uniform magnitude up to that field, and any direction. So the root mean square of a
+        component is a third of that field.
+        """
+        if self.noise_na_m is not None:
+            return self.noise_na_m
+        return self.reference_ua_m * _NA_PER_UA * (_REFERENCE_M / floor_range_m) ** 3 / 3
+
+    def range_m(self, kappa_eq: float) -> float:
+        """The d [m] of a signal at the threshold."""
+        return float(distance(self.threshold_na_m / self.scale_na_m, kappa_eq))  # type: ignore[arg-type]

@@ -1,0 +1,148 @@
+"""The protocol of receiver models: when they look, what they show, and commands of their host.
+
+Times are seconds from the start of the run; poses and places NED, metres, from the datum.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Literal, Protocol
+
+from arva_hil.model.field.arrays import Array, vector
+from arva_hil.model.field.dipole import Transmitters
+from arva_hil.model.receiver.reading import Reading
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """The receiver's own pose, mount included: position (3,) NED [m] from the datum, rotation (3, 3) receiver → NED.
+
+    Lists are accepted as arrays. Raises ValueError for another shape.
+    """
+
+    position: Array
+    rotation: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", vector("position", self.position, 3))
+        object.__setattr__(self, "rotation", vector("rotation", self.rotation, 3, 3))
+
+
+@dataclass(frozen=True, slots=True)
+class Impairment:
+    """The faults of a receiver and of its surroundings at an instant.
+
+    `gains`: of the antennas x, y, z; `saturation_na_m`: the largest signal of an antenna; `noise_na_m`: the standard
+    deviation of noise from near the receiver, at each antenna [nA/m].
+    """
+
+    gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    saturation_na_m: float = math.inf
+    noise_na_m: float = 0.0
+
+    def also(self, other: Impairment) -> Impairment:
+        """The sum of two impairments."""
+        x, y, z = (one * more for one, more in zip(self.gains, other.gains, strict=True))
+        return Impairment(
+            (x, y, z),
+            min(self.saturation_na_m, other.saturation_na_m),
+            math.hypot(self.noise_na_m, other.noise_na_m),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """The input of a receiver at one instant.
+
+    `pose`: the receiver's own, None if it is unknown. `transmitters`: at this instant; always the same number in the
+    same order. `noise` (M, 3), NED: added to the field of each instead of the receiver's own noise, during
+    interference; the receiver draws its own noise too. `impairment`: None if nothing is wrong.
+    """
+
+    time_s: float
+    pose: Pose | None
+    transmitters: Transmitters
+    noise: Array | None = None
+    impairment: Impairment | None = None
+
+
+class Answer(Enum):
+    """The answer of a receiver to a command."""
+
+    DONE = "done"
+    REFUSED = "refused"  # it knows the command, and cannot do it now or not with these values
+    UNKNOWN = "unknown"
+
+
+Commands = Mapping[str, tuple[range, Callable[..., bool | None]]]
+"""Commands by name: how many values each may have, and a function of these values as integers, False for a refusal."""
+
+
+def obey(commands: Commands, name: str, values: Sequence[float]) -> Answer:
+    """Handle a command. It is refused too if it has another number of values, or one that is not whole."""
+    if name not in commands:
+        return Answer.UNKNOWN
+    counts, do = commands[name]
+    if len(values) not in counts or not all(float(value).is_integer() for value in values):
+        return Answer.REFUSED
+    return Answer.REFUSED if do(*map(int, values)) is False else Answer.DONE
+
+
+class NoiseSettings(Protocol):
+    """The noise of a scenario's receiver. `kind`: uniform, gaussian or off. `floor_range_m`: it is at most as strong as
+    the reference transmitter is from there."""
+
+    @property
+    def kind(self) -> Literal["uniform", "gaussian", "off"]: ...
+    @property
+    def floor_range_m(self) -> float: ...
+
+
+class ReceiverSettings(Protocol):
+    """The settings of a receiver in the scenario, for its model.
+
+    `channels`: slots; `rate_hz`: of the frames; `kappa_eq`, `sensitivity`, `noise`: see `Antennas`; `no_signal`:
+    (d, δ) of an empty slot; `options`: the model's own keys, an `Options` of it, None if it has none.
+    """
+
+    @property
+    def channels(self) -> int: ...
+    @property
+    def rate_hz(self) -> float: ...
+    @property
+    def kappa_eq(self) -> float: ...
+    @property
+    def sensitivity(self) -> tuple[float, float, float]: ...
+    @property
+    def noise(self) -> NoiseSettings: ...
+    @property
+    def no_signal(self) -> tuple[int, int]: ...
+    @property
+    def options(self) -> Any: ...
+
+
+class ReceiverModel(Protocol):
+    """One receiver. It knows no vehicle, no frames and no faults. Times of calls never go back.
+
+    `model:` in a scenario names a class of such objects. The class has a class method
+    `from_settings(settings: ReceiverSettings, seed: int)`, which makes one; the same seed gives the same noise.
+    If the model has keys of its own, the class has a class `Options`: a frozen dataclass whose fields are those keys.
+    """
+
+    def next_look(self, after_s: float, frame_s: float) -> float:
+        """The first instant after `after_s` at which it looks. `frame_s`: the instant of the next frame.
+
+        A look at the instant of a frame comes before that frame. Called after each look and each frame.
+        """
+
+    def look(self, look: Look) -> bool | None:
+        """Hear the transmitters at one instant. True asks for a frame of this instant, before the next one is due."""
+
+    def show(self, time_s: float) -> Reading:
+        """The reading at an instant, not before the newest look. Before the first look every slot is empty."""
+
+    def command(self, time_s: float, name: str, values: Sequence[float]) -> Answer:
+        """Handle a command of the host at `time_s`. `values` have the units that PROTOCOL.md gives for the command."""

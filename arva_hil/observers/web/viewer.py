@@ -1,0 +1,244 @@
+"""A record on the page: what there was to see at any time of the run."""
+
+from __future__ import annotations
+
+import bisect
+import contextlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.events import DatumSet, Event, ReceiverStatus, StatusReport, VehicleStatus
+from arva_hil.events.event_json import event_of
+from arva_hil.events.searches import FromSearch, PlaceFound, TakeOffPoint, WaitingFor
+from arva_hil.events.words.text import Level, Notice
+from arva_hil.model.field import LocalFrame
+from arva_hil.observers.web import jsons
+from arva_hil.observers.web.health import Health
+from arva_hil.observers.web.places import Places
+from arva_hil.observers.web.search_view import SearchView
+from arva_hil.observers.web.state import Key, State
+from arva_hil.records.reading import RecordedReceiver, RecordedSearch, Recording
+from arva_hil.records.reading.receivers import NO_ID
+from arva_hil.records.reading.values import mapping, number, text
+
+_THINNED: Final = 3000  # readings that stand for all of them
+_NEWEST: Final = 100  # before the time shown, that are all there
+ONE: Final = ("vehicle", "receiver")  # the names in a run of one receiver
+
+
+class RecordedState(State):
+    """The state of a recorded run at a time of its clock. `show` sets that time; any order will do.
+
+    Remembers the time shown, and the JSON texts of some readings of every receiver.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        scenario = recording.run.scenario if recording.run else None
+        super().__init__(
+            "view",
+            recording.title,
+            known=bool(recording.receivers) and scenario is not None,
+            kappa_eq=scenario.receiver.kappa_eq if scenario else 1.0,
+            faults=[str(fault) for fault in scenario.faults] if scenario else (),
+            named=len(recording.receivers) > 1,
+        )
+        self.span_s = recording.span_s
+        self._recording = recording
+        self._shown_s = -math.inf
+        self._notices: dict[int, Notice] = {}  # of events, by their identity
+        self._news = sorted(self._recorded_events(), key=lambda event: event.time_s)
+        self._told = 0  # of those
+        self._status = sorted(((number(s.get("time_s")) or 0.0, i) for i, s in enumerate(recording.status)))
+        self._place(-math.inf)
+        self._columns: dict[Key, _ReadingTexts | _StepTexts] = {}
+        for receiver in recording.receivers:
+            self._columns[_key(receiver)] = _ReadingTexts(receiver, self._offsets(receiver))
+        if not recording.receivers and recording.search:
+            self._columns["vehicle", "receiver"] = _StepTexts(recording.search)
+
+    def document(self, since: int = 0) -> bytes:
+        """See `State`; always everything, unless nothing has changed."""
+        return super().document(since if since == self.version else 0)
+
+    def show(self, time_s: float) -> None:
+        """Show the state at a time, seconds from the start of the run."""
+        time_s = min(max(time_s, self.span_s[0]), self.span_s[1]) if math.isfinite(time_s) else self.span_s[1]
+        if time_s == self._shown_s:
+            return
+        if time_s < self._shown_s:
+            self.forget()
+            self._told = 0
+        self._shown_s = time_s
+        self._place(time_s)
+        now = bisect.bisect_right(self._news, time_s, key=lambda event: event.time_s)
+        self.update([*self._news[self._told : now], *self._report(time_s)])
+        self._told = now
+        for key, column in self._columns.items():
+            self.put(key, *column.until(time_s))
+        self.head = {"span": list(self.span_s), "at": time_s}
+        self.draw_field()
+
+    def notice_of(self, event: Event) -> Notice | None:
+        """See `State`: as it was told in the run."""
+        return self._notices.get(id(event))
+
+    def _recorded_events(self) -> Iterator[Event]:
+        """Yield the recorded events. Those that cannot be restored are notices with their recorded text."""
+        recording, kinds = self._recording, set()
+        for said in recording.events:
+            event = _event(said)
+            notice = mapping(said.get("notice"))
+            if event is None:
+                event = Event(number(said.get("time_s")) or 0.0)
+            if words := text(notice.get("text")):
+                level: Level = "error" if notice.get("level") == "error" else "info"
+                self._notices[id(event)] = Notice("warning" if notice.get("level") == "warning" else level, words)
+            kinds.add(type(event.event) if isinstance(event, FromSearch) else type(event))
+            yield event
+        search = recording.search
+        if search is None:
+            return
+        if TakeOffPoint not in kinds and search.origin is not None:
+            yield TakeOffPoint(-math.inf, *search.origin)
+        if PlaceFound not in kinds and (found := search.found) is not None:
+            flown = search.time_s[search.flying]
+            end_s = search.start_s + float(flown[-1]) if len(flown) else 0.0
+            sure = search.outcome.get("outcome") == "found"
+            target = None if search.target == NO_ID else search.target
+            yield PlaceFound(end_s, target, found.north, found.east, found.covariance, sure)
+
+    def _place(self, time_s: float) -> None:
+        """Put every vehicle's datum of that time on the map."""
+        for vehicle in dict.fromkeys(receiver.vehicle for receiver in self._recording.receivers):
+            if (datum := self._recording.datum_at(vehicle, time_s)) is not None:
+                self.places.put(vehicle or ONE[0], datum.lat, datum.lon, datum.alt)
+
+    def _offsets(self, receiver: RecordedReceiver) -> NDArray[np.float64]:
+        """(N, 3) of the datum of each reading in the map, NED, metres."""
+        datums = self._recording.datums.get(receiver.vehicle, ())
+        if not datums or self.places.origin is None:
+            return np.zeros((len(receiver), 3))
+        origin = LocalFrame(*self.places.origin)
+        every = np.array([origin.ned(datum.lat, datum.lon, datum.alt) for datum in datums])
+        at = np.searchsorted([datum.time_s for datum in datums], receiver.time_s, side="right") - 1
+        offsets: NDArray[np.float64] = every[np.maximum(at, 0)]
+        return offsets
+
+    def _report(self, time_s: float) -> Iterator[Event]:
+        """The newest status, with where the transmitters were."""
+        at = bisect.bisect_right(self._status, time_s, key=lambda pair: pair[0])
+        said = self._recording.status[self._status[at - 1][1]] if at else {}
+        of = {text(one.get("name")): one for one in _objects(said.get("vehicles"))}
+        names: dict[str, list[str]] = {}
+        for receiver in self._recording.receivers:
+            names.setdefault(receiver.vehicle, []).append(receiver.receiver)
+        vehicles = []
+        for vehicle, receivers in names.items():
+            one = of.get(vehicle or ONE[0], {})
+            counts = {text(r.get("name")): r for r in _objects(one.get("receivers"))}
+            moving = self._recording.transmitters(vehicle, time_s)
+            there = moving.at(max(0.0, time_s)) if moving else None
+            every = []
+            for name in (receiver or ONE[1] for receiver in receivers):
+                frames, dropped = (int(number(counts.get(name, {}).get(what)) or 0) for what in ("frames", "dropped"))
+                every.append(ReceiverStatus(name, None, frames, dropped, there))
+            rates = {text(key): number(hz) or 0.0 for key, hz in mapping(one.get("rates")).items()}
+            vehicles.append(VehicleStatus(vehicle or ONE[0], text(one.get("label")), rates, every))
+        if vehicles:
+            yield StatusReport(time_s, vehicles)
+
+
+class _ReadingTexts:
+    """The readings of one receiver as JSON texts: some of all, made once, and the newest, made when they are asked for.
+
+    `offsets` (N, 3): of the datum in the map.
+    """
+
+    def __init__(self, receiver: RecordedReceiver, offsets: NDArray[np.float64]) -> None:
+        self._receiver = receiver
+        self._places = receiver.position + offsets
+        self._some = _some(len(receiver))
+        self._made = [self._text(i) for i in self._some]
+
+    def until(self, time_s: float) -> tuple[int, list[str], Sequence[str], float | None]:
+        """Return the number of readings, texts for them, faults, and the down coordinate of the newest."""
+        receiver = self._receiver
+        count = int(np.searchsorted(receiver.time_s, time_s, side="right"))
+        first = max(0, count - _NEWEST)
+        texts = self._made[: bisect.bisect_left(self._some, first)] + [self._text(i) for i in range(first, count)]
+        if not count:
+            return 0, texts, (), None
+        down_m = float(self._places[count - 1, 2])
+        faults = receiver.fault_sets[int(receiver.fault_set[count - 1])]
+        return count, texts, faults, down_m if math.isfinite(down_m) else None
+
+    def _text(self, i: int) -> str:
+        r = self._receiver
+        columns = (r.id, r.zone, r.d_cm, r.delta_deg, r.true_range_m)
+        slots = [
+            f"[{'null' if id_ == NO_ID else id_},{zone},{d},{delta},{jsons.number(true, 2)}]"
+            for id_, zone, d, delta, true in zip(*(column[r.rows(i)].tolist() for column in columns), strict=True)
+        ]
+        return jsons.point(
+            float(r.time_s[i]),
+            self._places[i].tolist(),
+            float(r.attitude_deg[i, 2]),
+            float(r.pose_age_ms[i]),
+            float(r.late_ms[i]),
+            f"[{','.join(slots)}]",
+            int(r.sequence[i]),
+        )
+
+
+class _StepTexts:
+    """The steps of a search alone in which a frame came, as JSON texts."""
+
+    def __init__(self, search: RecordedSearch) -> None:
+        heard = np.flatnonzero(np.isfinite(search.d_cm))
+        chosen = [int(heard[i]) for i in _some(len(heard))]
+        self._times = [float(search.time_s[i]) for i in chosen]
+        self._made = [self._text(search, i) for i in chosen]
+
+    def until(self, time_s: float) -> tuple[int, list[str], Sequence[str], float | None]:
+        """See `_ReadingTexts`."""
+        count = bisect.bisect_right(self._times, time_s)
+        return count, self._made[:count], (), None
+
+    @staticmethod
+    def _text(search: RecordedSearch, i: int) -> str:
+        values = (search.id[i], search.zone[i], search.d_cm[i], search.delta_deg[i])
+        slot = ",".join(jsons.number(float(value), 0) for value in values)
+        place, heading = search.position[i].tolist(), float(search.heading_deg[i])
+        return jsons.point(float(search.time_s[i]), place, heading, None, None, f"[[{slot},null]]", i)
+
+
+def _some(count: int) -> list[int]:
+    """The numbers of at most `_THINNED` of so many things, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, _THINNED)).astype(int)).tolist() if count else []
+
+
+def _key(receiver: RecordedReceiver) -> Key:
+    return (receiver.vehicle, receiver.receiver) if receiver.receiver else ONE
+
+
+def _objects(value: object) -> list[Mapping[str, Any]]:
+    return [mapping(one) for one in value] if isinstance(value, list) else []
+
+
+def _event(said: Mapping[str, Any]) -> Event | None:
+    """An event of a record, None for one that is not known or is none of these. Datums are in the record itself."""
+    with contextlib.suppress(Exception):  # a value in it may be of any type
+        event = event_of(said)
+        if event is not None and not isinstance(event, DatumSet):
+            search, health = SearchView(Places()), Health({}, {})
+            told = event.event if isinstance(event, FromSearch) else event
+            for one in (WaitingFor(0.0, "pose"), told):
+                search.observe(one)
+                health.observe(one)
+            jsons.dump([search.document(), health.vehicles(), health.links()])
+            return event
+    return None

@@ -1,0 +1,1 @@
+"""Records of runs: writing, reading, and all that is made of them."""

@@ -1,0 +1,147 @@
+"""The places of things on Earth: the tracks, transmitters and places of a record, for maps.
+
+Latitude and longitude are WGS-84 degrees, altitudes metres above mean sea level.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise, starmap
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.clock import utc
+from arva_hil.model.field import LocalFrame
+from arva_hil.records.reading import RecordedReceiver, Recording
+from arva_hil.records.reading.search import RecordedPlace, RecordedSearch
+
+Floats = NDArray[np.float64]
+Lla = tuple[float, float, float]
+
+_BATCH: Final = 4096  # rows
+PROBABILITY: Final = 0.95  # that the transmitter is inside the ellipse
+
+
+class FlightTrack(NamedTuple):
+    """The track of one receiver, or of the search. Only instants with a place: N of them.
+
+    `rows`: their numbers among the frames or steps. `gaps` (N,): whether the place is missing just before.
+    """
+
+    name: str
+    receiver: RecordedReceiver | None  # None: the search's own track
+    rows: NDArray[np.int64]
+    time_s: Floats
+    lla: Floats  # (N, 3)
+    gaps: NDArray[np.bool_]
+
+    def heard_m(self) -> Floats:
+        """(N,) d of the nearest transmitter heard, m; NaN where none is."""
+        if self.receiver is None:
+            return np.full(len(self.rows), np.nan)
+        nearest = self.receiver.begins[self.rows]
+        return np.where(self.receiver.zone[nearest] > 0, self.receiver.d_cm[nearest] / 100, np.nan)
+
+    def parts(self) -> Iterator[range]:
+        """The pieces without gaps, as ranges of 0…N - 1."""
+        begins = [*np.flatnonzero(self.gaps).tolist(), len(self.rows)]
+        return starmap(range, pairwise([0, *begins]))
+
+
+class Landmark(NamedTuple):
+    """A point with a name. `kind`: found or transmitter. `outline`: around it, (latitude, longitude), closed."""
+
+    kind: str
+    name: str
+    about: str
+    lla: Lla
+    outline: Sequence[tuple[float, float]] = ()
+
+
+def moment(recording: Recording, time_s: float) -> str:
+    """A time of the run in UTC, ISO 8601. 1970 if nobody knows when it was."""
+    try:
+        return utc(round(((recording.start_utc_s or 0.0) + time_s) * 1e6))
+    except (ValueError, OverflowError, OSError):
+        return utc(0)
+
+
+def plain_rows(values: NDArray[Any]) -> Iterator[Any]:
+    """The rows of an array in Python's numbers, made a few at a time."""
+    for first in range(0, len(values), _BATCH):
+        yield from values[first : first + _BATCH].tolist()
+
+
+def tracks(recording: Recording) -> list[FlightTrack]:
+    """The track of each receiver, and that of the search, as far as their places on Earth are known."""
+    found = []
+    for receiver in recording.receivers:
+        lla = recording.lla(receiver.vehicle, receiver.time_s, receiver.position)
+        if lla is not None:
+            found.append(_track(receiver.name or "receiver", receiver, receiver.time_s, lla))
+    if (search := recording.search) and search.origin:
+        lla = np.stack(LocalFrame(*search.origin).lla(np.nan_to_num(search.position)), axis=-1)
+        lla[~np.isfinite(search.position).all(axis=1)] = np.nan
+        found.append(_track("search", None, search.time_s + search.start_s, lla))
+    return [track for track in found if len(track.rows)]
+
+
+def marks(recording: Recording) -> list[Landmark]:
+    """The place found with its ellipse, and where the transmitters truly were at the end."""
+    return [*_found(recording), *_transmitters(recording)]
+
+
+def _track(name: str, receiver: RecordedReceiver | None, time_s: Floats, lla: Floats) -> FlightTrack:
+    there = np.isfinite(lla).all(axis=1) & np.isfinite(time_s)
+    rows = np.flatnonzero(there)
+    return FlightTrack(name, receiver, rows, time_s[rows], lla[rows], np.diff(rows, prepend=rows[:1]) > 1)
+
+
+def _found(recording: Recording) -> Iterator[Landmark]:
+    search = recording.search
+    if search is None:
+        return
+    count, last = len(search.victims), (search.found,) if search.found else ()
+    for number, found in enumerate(search.victims or last, 1):
+        if found.lat_lon is not None:
+            order = f"{number} of {count} in the order of probing; " if count else ""
+            yield _place_found(search, found, found.lat_lon, order + ("" if found.sure else "not sure; ") * bool(count))
+
+
+def _place_found(search: RecordedSearch, found: RecordedPlace, lat_lon: tuple[float, float], order: str) -> Landmark:
+    down = found.down or 0.0
+    alt = search.origin[2] - down if search.origin else 0.0
+    there = LocalFrame(*lat_lon, alt)
+    outline = [(north - found.north, east - found.east, 0.0) for north, east in found.outline(PROBABILITY)]
+    edge = np.stack(there.lla(outline), axis=-1)[:, :2].tolist() if outline else []
+    about = f"{order}{search.how}; no uncertainty is known"
+    if ellipse := found.ellipse(PROBABILITY):
+        major, minor, bearing = ellipse
+        about = (
+            f"{order}{search.how}; {PROBABILITY:.0%} inside an ellipse of {major:.2f} m × {minor:.2f} m (semi-axes), "
+            f"long axis {math.degrees(bearing) % 180:.0f}°"
+        )
+    id_ = found.id if search.victims else search.target
+    name = "place found" if id_ is None else f"place found: transmitter {id_}"
+    return Landmark("found", name, about, (*lat_lon, alt), [(lat, lon) for lat, lon in edge])
+
+
+def _transmitters(recording: Recording) -> Iterator[Landmark]:
+    end_s = recording.span_s[1]
+    for vehicle in dict.fromkeys(receiver.vehicle for receiver in recording.receivers):
+        moving = recording.transmitters(vehicle, end_s)
+        if moving is None or recording.datum_at(vehicle, end_s) is None:
+            continue
+        there = moving.at(end_s)
+        lla = recording.lla(vehicle, np.full(len(there.ids), end_s), there.positions)
+        assert lla is not None
+        for id_, strength, place in zip(there.ids, there.strengths.tolist(), lla.tolist(), strict=True):
+            if id_ not in there.unplaced:
+                of = f" (datum of {vehicle})" if vehicle else ""
+                about = f"true place at the end of the run, strength {strength:g}"
+                yield Landmark("transmitter", f"transmitter {id_}{of}", about, (place[0], place[1], place[2]))
+        if recording.run and recording.run.scenario and recording.run.scenario.datum != "home":
+            return  # the same for every vehicle

@@ -1,0 +1,142 @@
+"""The flight seen from above, over the flux lines and lines of equal d of the transmitters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from arva_hil.model.field import Transmitters
+from arva_hil.model.field_lines import field_lines
+from arva_hil.records.pictures.style import BLUE, GREEN, GREY, ORANGE, PALE, RED, thinned
+from arva_hil.records.reading import RecordedReceiver, Recording
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_ZONES: Final = {0: ("not heard", GREY, "."), 1: ("mid zone", BLUE, "o"), 2: ("inner zone", RED, "s")}
+_MARGIN_M: Final = 5.0
+_HEIGHT_M: Final = 3.0  # of the flux lines' plane, if no height is known
+
+
+def draw_map(axes: Axes, recording: Recording, receiver: RecordedReceiver | None) -> None:
+    """North up, metres from the datum, or from the take-off point for the log of a search alone."""
+    seen: list[np.ndarray[Any, Any]] = []
+    vehicle = receiver.vehicle if receiver is not None else ""
+    if receiver is not None:
+        seen += _draw_track(axes, receiver)
+    seen += _draw_search(axes, recording, vehicle)
+    transmitters = None
+    moving = recording.transmitters(vehicle, recording.span_s[1]) if receiver is not None else None
+    if moving is not None:
+        transmitters = moving.at(recording.span_s[1])
+        seen += _draw_transmitters(axes, transmitters)
+    _frame(axes, seen)
+    if transmitters is not None and receiver is not None:
+        heights = receiver.position[:, 2]
+        down_m = float(np.nanmedian(heights)) if np.isfinite(heights).any() else -_HEIGHT_M
+        _draw_field(axes, transmitters, down_m, _kappa(recording))
+    of = "the datum" if receiver is not None else "the take-off point"
+    axes.set(xlabel=f"east of {of}, m", ylabel="north, m", title="Flight over flux lines and lines of equal d")
+    axes.set_aspect("equal")
+    _, labels = axes.get_legend_handles_labels()
+    if labels:
+        axes.legend(loc="best")
+
+
+def _draw_track(axes: Axes, receiver: RecordedReceiver) -> list[Any]:
+    there = np.isfinite(receiver.position[:, :2]).all(axis=1)
+    rows = np.flatnonzero(there)
+    rows = rows[thinned(len(rows))]
+    if not len(rows):
+        return []
+    north, east = receiver.position[rows, 0], receiver.position[rows, 1]
+    axes.plot(east, north, color=BLUE, lw=1.0, alpha=0.6, zorder=3)
+    zone = receiver.nearest_zone[rows]
+    for number, (label, colour, marker) in _ZONES.items():
+        here = zone == number
+        if here.any():
+            size = 3.5 if len(rows) < 500 else 1.5
+            axes.plot(east[here], north[here], marker, ms=size, color=colour, label=label, zorder=4, ls="none")
+    return [np.stack([east, north], axis=1)]
+
+
+def _draw_search(axes: Axes, recording: Recording, vehicle: str) -> list[Any]:
+    """Draw the path that the search estimates, and the place that it reports with its ellipse."""
+    search = recording.search
+    if search is None:
+        return []
+    rows = np.flatnonzero(np.isfinite(search.position).all(axis=1))
+    rows = rows[thinned(len(rows))]
+    steps = search.position[rows]
+    moved = recording.of_search(steps, vehicle) if recording.receivers else steps
+    seen = []
+    if moved is not None and len(rows):
+        label = "search: its own position" if recording.receivers else "flown"
+        axes.plot(moved[:, 1], moved[:, 0], color=ORANGE, lw=1.2, ls=(0, (4, 2)), label=label, zorder=3)
+        seen.append(moved[:, 1::-1])
+    if (found := search.found) is not None:
+        edge = np.array([(north, east, 0.0) for north, east in [(found.north, found.east), *found.outline()]])
+        places = recording.of_search(edge, vehicle) if recording.receivers else edge
+        if places is not None:
+            axes.plot(*places[0, 1::-1], "x", ms=9, mew=2, color=RED, label="place found, 95 % ellipse", zorder=6)
+            axes.plot(places[1:, 1], places[1:, 0], color=RED, lw=1.2, zorder=6)
+            seen.append(places[:1, 1::-1])
+    return seen
+
+
+def _draw_transmitters(axes: Axes, transmitters: Transmitters) -> list[Any]:
+    seen: list[Any] = []
+    for n, id_ in enumerate(transmitters.ids):
+        place = transmitters.positions[n]
+        if id_ in transmitters.unplaced or not np.isfinite(place).all():
+            continue
+        along = transmitters.rotations[n, :2, 0] * 2.0
+        label = "transmitter and its dipole" if not seen else None
+        axes.plot(place[1], place[0], "*", ms=13, color=GREEN, mec="white", zorder=5, label=label)
+        axes.plot(
+            [place[1] - along[1], place[1] + along[1]],
+            [place[0] - along[0], place[0] + along[0]],
+            color=GREEN,
+            lw=2,
+            zorder=5,
+        )
+        axes.annotate(str(id_), (place[1], place[0]), (7, 6), textcoords="offset points", color=GREEN, zorder=7)
+        seen.append(place[None, 1::-1])
+    return seen
+
+
+def _draw_field(axes: Axes, transmitters: Transmitters, down_m: float, kappa_eq: float) -> None:
+    """Under all else, without moving the frame."""
+    axes.set_autoscale_on(False)
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    middle, half = np.array([(south + north) / 2, (west + east) / 2]), (north - south) / 2
+    for lines in field_lines(transmitters, down_m, kappa_eq):
+        for flat in lines["flux"]:
+            line = np.reshape(flat, (-1, 2))
+            axes.plot(line[:, 1], line[:, 0], color=PALE, lw=0.7, zorder=1)
+        for d, flat in lines["equal_d"]:
+            line = np.reshape(flat, (-1, 2))
+            axes.plot(line[:, 1], line[:, 0], color=GREY, lw=0.6, ls=":", zorder=2)
+            inside = line[(np.abs(line - middle) < 0.94 * half).all(axis=1)]
+            if len(inside):
+                north, east = inside[len(inside) // 3]
+                axes.text(east, north, f"{d:g} m", fontsize=7, color=GREY, ha="center", va="center", zorder=2)
+        if lines["inner"]:
+            line = np.reshape(lines["inner"], (-1, 2))
+            axes.plot(line[:, 1], line[:, 0], color=RED, lw=0.8, ls="--", zorder=2)
+
+
+def _frame(axes: Axes, seen: list[Any]) -> None:
+    """Set the limits of the map: all that is drawn with a margin; 20 m if it is empty."""
+    points = np.concatenate(seen) if seen else np.array([[-20.0, -20.0], [20.0, 20.0]])
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = _MARGIN_M + 0.55 * float((high - low).max())
+    east, north = ((low + high) / 2).tolist()
+    axes.set_xlim(east - half, east + half)
+    axes.set_ylim(north - half, north + half)
+
+
+def _kappa(recording: Recording) -> float:
+    scenario = recording.run.scenario if recording.run else None
+    return scenario.receiver.kappa_eq if scenario else 1.542

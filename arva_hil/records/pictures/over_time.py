@@ -1,0 +1,166 @@
+"""Pictures over time: d beside the true range, and a timeline of zones, poses, faults and phases."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.records.pictures.style import BLUE, GREEN, GREY, ORANGE, PALE, PALETTE, PINK, RED, SKY, thinned
+from arva_hil.records.reading import RecordedReceiver, Recording
+from arva_hil.safe_text import one_line
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Floats = NDArray[np.float64]
+
+_MOST_IDS: Final = 8
+_MOST_FAULTS: Final = 8
+_BINS: Final = 1500  # a state that lasts shorter is drawn this part of the time long
+_PHASES: Final = {"arming": PALE, "climbing": SKY, "flying": PINK, "landing": ORANGE}
+
+
+def draw_distance(axes: Axes, recording: Recording, receiver: RecordedReceiver | None) -> None:
+    """d of each transmitter as points, its true range as a line, over the time of the frames."""
+    axes.set(xlabel="time from the start of the run, s", ylabel="m", title="d that was read, and the true range")
+    if receiver is None:
+        _draw_search_distance(axes, recording)
+        return
+    for n, id_ in enumerate(_ids(recording, receiver)):
+        colour = PALETTE[n % len(PALETTE)]
+        rows = thinned(len(receiver))
+        ranges = true_range(recording, receiver, id_, rows)
+        axes.plot(receiver.time_s[rows], ranges, color=colour, lw=1.0, label=f"transmitter {id_}: true range")
+        d_m, _, zone, _ = receiver.of_transmitter(id_)
+        for in_zone, marker, words in ((1, "o", "d, mid zone"), (2, "s", "d, inner zone")):
+            here = np.flatnonzero(zone == in_zone)
+            here = here[thinned(len(here))]
+            if len(here):
+                size = 3 if len(here) < 500 else 1.2
+                label = words if n == 0 else None
+                axes.plot(receiver.time_s[here], d_m[here], marker, ms=size, color=colour, ls="none", label=label)
+    for begin_s, end_s in _spans(receiver.time_s, receiver.fault_set > 0, _end_s(receiver)):
+        axes.axvspan(begin_s, end_s, color=PALE, alpha=0.5, lw=0, zorder=0)
+    if receiver.faults:
+        axes.plot([], [], color=PALE, lw=6, alpha=0.5, label="a fault on")
+    axes.set_ylim(bottom=0)
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(loc="best")
+
+
+def true_range(recording: Recording, receiver: RecordedReceiver, id_: int, rows: NDArray[np.int64]) -> Floats:
+    """Return the true range of the transmitter at some frames, m: from a slot, else by the scenario; NaN if unknown."""
+    ranges = receiver.of_transmitter(id_)[3][rows]
+    for n in np.flatnonzero(np.isnan(ranges)):
+        row = rows[n]
+        moving = recording.transmitters(receiver.vehicle, float(receiver.time_s[row]))
+        if moving is None:
+            break
+        now = moving.at(float(receiver.time_s[row]))
+        ranges[n] = now.ranges(receiver.position[row]).get(id_, np.nan)
+    return ranges
+
+
+class Lane(NamedTuple):
+    """One row of the timeline. `spans`: begin and end [s], colour."""
+
+    label: str
+    spans: Sequence[tuple[float, float, str]]
+
+
+def draw_timeline(axes: Axes, recording: Recording, receiver: RecordedReceiver | None) -> None:
+    """A row for the pose, one for the zone of the nearest transmitter, one for each fault, one for the search."""
+    lanes = list(_lanes(recording, receiver)) or [Lane("no frame", [])]
+    for row, lane in enumerate(lanes):
+        for begin_s, end_s, colour in lane.spans:
+            axes.broken_barh([(begin_s, end_s - begin_s)], (row - 0.38, 0.76), color=colour, lw=0)
+    axes.set_yticks(range(len(lanes)), [lane.label for lane in lanes])
+    axes.set_ylim(len(lanes) - 0.5, -0.5)
+    axes.grid(visible=False, axis="y")
+    begin_s, end_s = recording.span_s
+    axes.set_xlim(begin_s, max(end_s, begin_s + 1))
+    axes.set(xlabel="time from the start of the run, s", title="Timeline")
+    keys = list(_legend(lanes))
+    for colour, label in keys:
+        axes.plot([], [], color=colour, lw=6, label=label)
+    if keys:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.22), ncols=4)
+
+
+def _lanes(recording: Recording, receiver: RecordedReceiver | None) -> Iterator[Lane]:
+    if receiver is not None and len(receiver):
+        end_s, time_s = _end_s(receiver), receiver.time_s
+        has_pose = np.asarray(np.isfinite(receiver.position).all(axis=1))
+        yield Lane("pose", [(a, b, GREEN) for a, b in _spans(time_s, has_pose, end_s)])
+        zone = receiver.nearest_zone
+        spans = [
+            (a, b, colour) for number, colour in ((1, BLUE), (2, RED)) for a, b in _spans(time_s, zone == number, end_s)
+        ]
+        yield Lane("zone", spans)
+        for name in receiver.faults[:_MOST_FAULTS]:
+            struck = _spans(time_s, receiver.with_fault(name), end_s)
+            yield Lane(one_line(name), [(a, b, ORANGE) for a, b in struck])
+    if (search := recording.search) and len(search.time_s):
+        yield Lane("search", list(_phases(search.time_s + search.start_s, search.phase)))
+
+
+def _phases(time_s: Floats, phases: Sequence[str]) -> Iterator[tuple[float, float, str]]:
+    names = list(dict.fromkeys(phases))
+    number = np.array([names.index(phase) for phase in phases])
+    begins = [0, *(np.flatnonzero(np.diff(number)) + 1).tolist(), len(number) - 1]
+    for a, b in pairwise(begins):
+        yield float(time_s[a]), float(time_s[b]), _PHASES.get(phases[a], GREY)
+
+
+def _legend(lanes: Sequence[Lane]) -> Iterator[tuple[str, str]]:
+    labels = {lane.label for lane in lanes}
+    if "zone" in labels:
+        yield from ((GREEN, "pose known"), (BLUE, "mid zone"), (RED, "inner zone"))
+    if "search" in labels:
+        yield from ((SKY, "climbing"), (PINK, "flying"), (ORANGE, "landing, or a fault"))
+    elif len(labels) > 2:
+        yield (ORANGE, "fault")
+
+
+def _spans(time_s: Floats, on: NDArray[np.bool_], end_s: float) -> list[tuple[float, float]]:
+    """Return the spans of time in which something was on, from frame to frame; a bounded number of them."""
+    if not on.any():
+        return []
+    if len(on) > _BINS:
+        edges = np.linspace(0, len(on), _BINS + 1).astype(int)[:-1]
+        on, time_s = np.logical_or.reduceat(on, edges), time_s[edges]
+    steps = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(int), [0]])))
+    times = np.append(time_s, end_s)
+    return [(float(times[a]), float(times[b])) for a, b in steps.reshape(-1, 2)]
+
+
+def _end_s(receiver: RecordedReceiver) -> float:
+    """Return the time at which the frame after the last one would have been due."""
+    if len(receiver) < 2:
+        return float(receiver.time_s[-1]) + 1.0 if len(receiver) else 1.0
+    return float(receiver.time_s[-1] + np.median(np.diff(receiver.time_s)))
+
+
+def _ids(recording: Recording, receiver: RecordedReceiver) -> list[int]:
+    """The transmitters to show: those of the scenario, then what else was heard; not too many."""
+    scenario = recording.run.scenario if recording.run else None
+    every = [transmitter.id for transmitter in scenario.transmitters] if scenario else []
+    heard = set(receiver.ids)
+    ordered = [id_ for id_ in every if id_ in heard] + sorted(heard - set(every)) + [i for i in every if i not in heard]
+    return ordered[:_MOST_IDS]
+
+
+def _draw_search_distance(axes: Axes, recording: Recording) -> None:
+    search = recording.search
+    if search is None:
+        return
+    here = np.flatnonzero(search.d_cm > 0)
+    here = here[thinned(len(here))]
+    axes.plot(search.time_s[here], search.d_cm[here] / 100, "o", ms=3, color=BLUE, ls="none", label="d")
+    axes.set(xlabel="time from the start of the search, s")
+    axes.set_ylim(bottom=0)
+    axes.legend(loc="best")

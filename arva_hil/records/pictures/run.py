@@ -1,0 +1,70 @@
+"""The pictures of a run: each by itself, or all on one sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from arva_hil.records.pictures.flight_map import draw_map
+from arva_hil.records.pictures.over_time import draw_distance, draw_timeline
+from arva_hil.records.pictures.style import Format, figure, saved, styled
+from arva_hil.records.pictures.timing import draw_lateness, draw_streams
+from arva_hil.records.reading import RecordedReceiver, Recording
+from arva_hil.records.reading.streams import streams
+from arva_hil.safe_text import one_line
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Draw = Callable[["Axes"], None]
+
+NAMES: Final = ("map", "distance", "timeline", "lateness", "streams")
+_SIZES: Final = {"map": (6.2, 5.6), "distance": (6.2, 3.8), "timeline": (6.2, 2.6)}
+_USUAL: Final = (6.2, 3.2)
+
+
+def pictures(recording: Recording, format: Format, *, transparent: bool = False) -> Iterator[tuple[str, str, bytes]]:
+    """(receiver, picture, file) of each receiver of a record; the log of a search alone has one without a name.
+
+    Raises ModuleNotFoundError without matplotlib, RecordingError for a log that cannot be read.
+    """
+    with styled():
+        for receiver, draws in _each(recording):
+            for name, draw in draws.items():
+                made = figure(*_SIZES.get(name, _USUAL))
+                draw(made.add_subplot())
+                yield receiver, name, saved(made, format, transparent=transparent)
+
+
+def sheets(recording: Recording, format: Format) -> Iterator[tuple[str, bytes]]:
+    """(receiver, file) of each receiver: all its pictures on one sheet. Raises as `pictures` does."""
+    with styled():
+        for receiver, draws in _each(recording):
+            made = figure(13.0, 9.5)
+            places = made.subplot_mosaic(_mosaic(list(draws)), height_ratios=[1.0, 0.62, 0.75])
+            for name, draw in draws.items():
+                draw(places[name])
+            made.suptitle(" · ".join(filter(None, [one_line(recording.title), receiver])), fontsize=12)
+            yield receiver, saved(made, format)
+
+
+def _each(recording: Recording) -> Iterator[tuple[str, dict[str, Draw]]]:
+    for receiver in recording.receivers or (None,):
+        yield receiver.name if receiver is not None else "", dict(_draws(recording, receiver))
+
+
+def _draws(recording: Recording, receiver: RecordedReceiver | None) -> Iterator[tuple[str, Draw]]:
+    """The pictures that there is something for."""
+    yield "map", partial(draw_map, recording=recording, receiver=receiver)
+    yield "distance", partial(draw_distance, recording=recording, receiver=receiver)
+    yield "timeline", partial(draw_timeline, recording=recording, receiver=receiver)
+    if receiver is not None:
+        yield "lateness", partial(draw_lateness, receiver=receiver)
+        yield "streams", partial(draw_streams, streams=streams(recording, receiver.vehicle))
+
+
+def _mosaic(names: Sequence[str]) -> Any:
+    if "streams" in names:
+        return [["map", "distance"], ["map", "timeline"], ["lateness", "streams"]]
+    return [["map", "distance"], ["map", "timeline"], ["map", "timeline"]]

@@ -1,0 +1,147 @@
+"""Reads the folder of a record."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from arva_hil.config import Lla, ScenarioError, parse
+from arva_hil.emulator.setup import receivers_of
+from arva_hil.records.reading.lines import Lines, RecordingError, json_object, strict_json, table
+from arva_hil.records.reading.readings_file import read_receiver
+from arva_hil.records.reading.recording import RecordedDatum, RecordedRun, Recording
+from arva_hil.records.reading.search import read_search
+from arva_hil.records.reading.values import mapping, number, seconds_of, text, triple
+from arva_hil.records.writing.layout import EVENTS, READINGS, RUN, VERSION, RecordLayout
+from arva_hil.records.writing.search_log import NEWS, TRACK
+
+_MOST_EVENTS: Final = 200_000
+_YEAR_2001_S: Final = 978_307_200.0  # before it, a clock was stepped and not read
+
+
+def is_record(folder: Path) -> bool:
+    """Return True if the folder has a record of a run or a search. It may be broken."""
+    return (folder / RUN).exists() or (folder / TRACK).exists()
+
+
+def load(folder: Path) -> Recording:
+    """Read a record. Raises RecordingError: it is none, it is one of a newer version, or a line is wrong.
+
+    A last line that is cut is not used, and `notes` says so.
+    """
+    has_run, has_search = (folder / RUN).exists(), (folder / TRACK).exists()
+    if not has_run and not has_search:
+        found = f"there is no {RUN} and no {TRACK} in it" if folder.is_dir() else "is not a folder"
+        raise RecordingError(
+            folder, f"{found if folder.exists() else 'no such folder'}; name one that --record has written"
+        )
+    if not has_run:
+        search, notes = read_search(folder, None)
+        news, more = _events(folder / NEWS)
+        started = search.started_utc_s if search else None
+        return Recording(folder, None, (), search, tuple(news), (), started, started, {}, tuple(notes + more))
+    run, notes = _run(folder / RUN)
+    names = receivers_of(run.scenario) if run.scenario else _receivers_there(folder)
+    layout, receivers = RecordLayout(tuple(names)), []
+    for vehicle, receiver in names if len(names) > 1 else [("", "")]:
+        read, more = read_receiver(folder / layout.of_receiver(vehicle, receiver, READINGS), vehicle, receiver)
+        receivers.append(read)
+        notes += more
+    events, more = _events(folder / EVENTS)
+    notes += more
+    first = next((event for event in events if event.get("event") == "first_frame"), {})
+    start_s = number(first.get("time_s")) or 0.0
+    events = [{**event, "time_s": event["time_s"] - start_s} for event in events]
+    start_utc_s = seconds_of(text(first.get("utc"))) or _start_utc_s(folder / layout.tables[0])
+    search, more = read_search(folder, start_utc_s)
+    news, of_news = _events(folder / NEWS)
+    notes += of_news
+    events += [{**event, "time_s": event["time_s"] + (search.start_s if search else 0.0)} for event in news]
+    events.sort(key=lambda event: event["time_s"])
+    return Recording(
+        folder,
+        run,
+        tuple(receivers),
+        search,
+        tuple(event for event in events if event.get("event") != "status"),
+        tuple(event for event in events if event.get("event") == "status"),
+        start_utc_s if start_utc_s and start_utc_s > _YEAR_2001_S else seconds_of(run.started),
+        start_utc_s,
+        {receiver.vehicle: _datums(run, receiver.vehicle, events) for receiver in receivers},
+        tuple(notes + more),
+    )
+
+
+def _run(path: Path) -> tuple[RecordedRun, list[str]]:
+    said = json_object(path)
+    version = said.get("record", 1)
+    if not isinstance(version, int) or version > VERSION:
+        newer = f"record: {version!r:.20} is newer than this program, which reads up to {VERSION}: update arva-hil"
+        raise RecordingError(path, newer)
+    notes = [] if said.get("ended") is not None else [f"{path}: the run goes on, or was killed: no counters are there"]
+    try:
+        return RecordedRun(said, parse(json.dumps(said.get("scenario")), f"{path}: scenario")), notes
+    except ScenarioError as error:
+        return RecordedRun(said, None), [*notes, f"the scenario cannot be read: {error.problems[0]}"]
+
+
+def _receivers_there(folder: Path) -> list[tuple[str, str]]:
+    """The names of several receivers by their folders, for a record whose scenario cannot be read."""
+    return sorted((path.parts[-3], path.parts[-2]) for path in folder.glob(f"*/*/{READINGS}"))
+
+
+def _events(path: Path) -> tuple[list[dict[str, Any]], list[str]]:
+    """All events with a time, and notes. Old records have none."""
+    if not path.exists():
+        return [], []
+    lines, events = Lines(path), list[dict[str, Any]]()
+    for line in lines:
+        if len(events) == _MOST_EVENTS:
+            return events, [f"{path}: only the first {_MOST_EVENTS} events are used"]
+        try:
+            event = strict_json(line)
+        except (ValueError, RecursionError) as error:
+            raise lines.error(f"is no JSON object: {getattr(error, 'msg', error)}") from None
+        time_s = number(event.get("time_s")) if isinstance(event, dict) else None
+        if time_s is None:
+            raise lines.error("expected an object with a time_s")
+        events.append({**event, "time_s": time_s})
+    return events, lines.note
+
+
+def _start_utc_s(path: Path) -> float | None:
+    """The frames' time 0 in seconds since 1970, from the first row of frames.csv; None if it does not say."""
+    if not path.exists():
+        return None
+    columns, rows = table(Lines(path), ("utc", "time_s"))
+    row = next(rows, None)
+    try:
+        utc_s = seconds_of(row[columns["utc"]]) if row else None
+        return None if row is None or utc_s is None else utc_s - float(row[columns["time_s"]])
+    except ValueError:
+        return None
+
+
+def _datums(run: RecordedRun, vehicle: str, events: list[dict[str, Any]]) -> tuple[RecordedDatum, ...]:
+    """The datums of a vehicle: by run.json, else by the events of a run that was killed, else the scenario's."""
+    found = list(_changes(run.vehicle(vehicle)))
+    if not found:
+        of_vehicle = [event for event in events if event.get("event") == "datum_set"]
+        for event in of_vehicle:
+            place = triple([event.get(name) for name in ("lat", "lon", "alt")])
+            if place and (not vehicle or event.get("vehicle") == vehicle):
+                found.append(RecordedDatum(event["time_s"], *place))
+    if not found and run.scenario and isinstance(run.scenario.datum, Lla):
+        fixed = run.scenario.datum
+        found.append(RecordedDatum(0.0, fixed.lat, fixed.lon, fixed.alt))
+    return tuple(sorted(found))
+
+
+def _changes(said: Mapping[str, Any]) -> Iterator[RecordedDatum]:
+    changes = said.get("datums")
+    for change in changes if isinstance(changes, list) else []:
+        place, time_s = triple(mapping(change).get("lat_lon_alt")), number(mapping(change).get("time_s"))
+        if place and time_s is not None:
+            yield RecordedDatum(time_s, *place)

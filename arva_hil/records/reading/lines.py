@@ -1,0 +1,136 @@
+"""Reads a record's text files line by line, in little memory, and says where a mistake is.
+
+A program that was killed, or a full disk, leaves a last line that is cut. It is not used, and a note says so.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import stat
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from arva_hil.errors import ArvaError
+from arva_hil.safe_text import one_line
+
+_LONGEST_LINE: Final = 1 << 16  # bytes
+_LARGEST_OBJECT: Final = 1 << 24  # bytes
+_DIGITS: Final = re.compile("[0-9]+")
+_ESCAPE: Final = re.compile(r"\\(?:ud[89ab]..\\ud[c-f]..|(?P<half>ud[89a-f]..)|.)", re.IGNORECASE | re.DOTALL)
+
+
+class RecordingError(ArvaError):
+    """A record cannot be read. `str()` says which file and line, what is wrong there, and what was expected."""
+
+    def __init__(self, where: str | Path, found: str) -> None:
+        super().__init__(one_line(f"{where}: {found}"))
+
+
+class Lines:
+    """Iterates over the whole lines of a file. `number` is that of the newest, from 1; `torn`: the last one was cut."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.number = 0
+        self.torn = False
+
+    def __iter__(self) -> Iterator[str]:
+        refuse_no_file(self.path)
+        try:
+            with open(self.path, "rb") as file:
+                while line := file.readline(_LONGEST_LINE):
+                    if not line.endswith(b"\n"):
+                        if len(line) >= _LONGEST_LINE:
+                            self.number += 1
+                            raise self.error(f"a line longer than {_LONGEST_LINE} bytes: this is no file of a record")
+                        self.torn = True
+                        return
+                    self.number += 1
+                    yield line.decode("utf-8", "replace")
+        except OSError as error:
+            raise RecordingError(self.path, f"cannot be read: {error.strerror}") from None
+
+    def error(self, found: str) -> RecordingError:
+        """An error at the newest line."""
+        return RecordingError(f"{self.path}:{self.number}", found)
+
+    @property
+    def note(self) -> list[str]:
+        """The notes on a file whose last line is cut, to be written once."""
+        return [f"{self.path}: the last line is cut, what is before it is used"] if self.torn else []
+
+
+def table(lines: Lines, needed: Sequence[str]) -> tuple[dict[str, int], Iterator[list[str]]]:
+    """The columns of a CSV file by name, and its rows. Raises RecordingError if one of `needed` is missing.
+
+    Other columns may be there in any order. An empty file has no columns.
+    """
+    rows = csv.reader(iter(lines))
+    header = next(rows, None)
+    if header is None:
+        return {}, iter(())
+    if missing := [name for name in needed if name not in header]:
+        raise lines.error(f"no column {', '.join(missing)}: this is no table of a record, or an older one")
+    return {name: at for at, name in enumerate(header)}, _rows(lines, rows, len(header))
+
+
+def _rows(lines: Lines, rows: Iterator[list[str]], width: int) -> Iterator[list[str]]:
+    try:
+        for row in rows:
+            if len(row) != width:
+                raise lines.error(f"{len(row)} cells, expected {width}")
+            yield row
+    except csv.Error as error:
+        raise lines.error(f"is no line of CSV: {error}") from None
+
+
+def json_object(path: Path) -> dict[str, Any]:
+    """The object in a JSON file. Raises RecordingError."""
+    refuse_no_file(path)
+    try:
+        with open(path, "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            data = file.read(min(size, _LARGEST_OBJECT))
+    except OSError as error:
+        raise RecordingError(path, f"cannot be read: {error.strerror}") from None
+    if size > _LARGEST_OBJECT:
+        raise RecordingError(path, f"is larger than {_LARGEST_OBJECT} bytes: this is no file of a record")
+    try:
+        value = strict_json(data.decode("utf-8-sig"))
+    except json.JSONDecodeError as error:
+        raise RecordingError(f"{path}:{error.lineno}:{error.colno}", f"is not valid JSON: {error.msg}") from None
+    except (UnicodeDecodeError, RecursionError) as error:
+        raise RecordingError(path, f"is not valid JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise RecordingError(f"{path}:1", f"expected a JSON object, found {type(value).__name__}")
+    return value
+
+
+def strict_json(text: str) -> Any:
+    """Parse JSON. Raises JSONDecodeError, also for what Python accepts or rejects without a place."""
+    for escape in _ESCAPE.finditer(text) if "\\" in text else ():
+        if escape["half"]:
+            raise json.JSONDecodeError("half of a surrogate pair, expected a whole character", text, escape.start())
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        raise
+    except ValueError:  # of int(), which has a limit
+        digits = max(_DIGITS.finditer(text), key=lambda found: len(found[0]))
+        wrong = f"a number of {len(digits[0])} digits, expected {sys.get_int_max_str_digits()} at most"
+        raise json.JSONDecodeError(wrong, text, digits.start()) from None
+
+
+def refuse_no_file(path: Path) -> None:
+    """Raise RecordingError if there is no file of that name, or it is none that ends, as a pipe."""
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError) as error:
+        raise RecordingError(path, f"cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not stat.S_ISREG(mode):
+        raise RecordingError(path, "is a folder, expected a file" if stat.S_ISDIR(mode) else "is not a regular file")

@@ -1,0 +1,174 @@
+"""One record as a whole: its run, receivers, search and events, and where on Earth it was."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from arva_hil.config import Scenario
+from arva_hil.emulator.build import moving_transmitters
+from arva_hil.model.field import LocalFrame, MovingTransmitters
+from arva_hil.records.reading.receivers import RecordedReceiver
+from arva_hil.records.reading.search import RecordedSearch
+from arva_hil.records.reading.values import mapping, number, text
+from arva_hil.records.writing.layout import FILES
+from arva_hil.records.writing.search_log import SEARCH_FILES
+
+Floats = NDArray[np.float64]
+Event = Mapping[str, Any]
+
+
+class RecordedDatum(NamedTuple):
+    """The origin of the positions from `time_s` of the run on: degrees, degrees, metres AMSL."""
+
+    time_s: float
+    lat: float
+    lon: float
+    alt: float
+
+    @property
+    def frame(self) -> LocalFrame:
+        """NED from there."""
+        return LocalFrame(self.lat, self.lon, self.alt)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedRun:
+    """The content of run.json. `scenario` is None if this program cannot read it, e.g. for lack of a plug-in.
+
+    `json`: the whole file. `ended`: how the run ended, "" if it was killed.
+    """
+
+    json: Mapping[str, Any]
+    scenario: Scenario | None
+
+    @property
+    def ended(self) -> str:
+        return text(self.json.get("ended"))
+
+    @property
+    def started(self) -> str:
+        """The time of the computer at the start, UTC, ISO 8601."""
+        return text(self.json.get("started"))
+
+    @property
+    def seed(self) -> int | None:
+        seed = number(self.json.get("seed"))
+        return None if seed is None else int(seed)
+
+    @property
+    def versions(self) -> Mapping[str, Any]:
+        return mapping(self.json.get("versions"))
+
+    @property
+    def counters(self) -> Mapping[str, Any]:
+        """The counters of the run, without those of several vehicles; empty if it was killed."""
+        return mapping(self.json.get("counters"))
+
+    def vehicle(self, name: str) -> Mapping[str, Any]:
+        """Return the entry of one vehicle; `name` is "" in a record of one receiver."""
+        return mapping(mapping(self.json.get("vehicles")).get(name)) if name else self.json
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A record. `run` is None for the log of a search alone, which has no receivers.
+
+    `events`: the objects of events.jsonl, their `time_s` on the clock of the frames, which is 0 at the start of the
+    run; without the status. `status`: those of the status. `start_utc_s`: that instant in seconds since 1970, None if
+    it is not known; `log_start_s`: the same by the clock of the logs, which a demo may have stepped from 1970 on.
+    `datums`: by vehicle ("" in a record of one receiver), as they changed. `notes`: what of the files is not used, for
+    a person.
+    """
+
+    folder: Path
+    run: RecordedRun | None
+    receivers: tuple[RecordedReceiver, ...]
+    search: RecordedSearch | None
+    events: tuple[Event, ...]
+    status: tuple[Event, ...]
+    start_utc_s: float | None
+    log_start_s: float | None
+    datums: Mapping[str, tuple[RecordedDatum, ...]]
+    notes: tuple[str, ...]
+
+    @cached_property
+    def _placed(self) -> dict[RecordedDatum, MovingTransmitters]:
+        """The transmitters as they were asked for."""
+        return {}
+
+    @property
+    def title(self) -> str:
+        """The folder's name, for a person."""
+        return self.folder.resolve().name or str(self.folder)
+
+    @property
+    def files(self) -> list[str]:
+        """The names of its files in the folder."""
+        names = [path.relative_to(self.folder) for path in (*self.folder.glob("*"), *self.folder.glob("*/*/*"))]
+        return [str(name) for name in names if name.name in (*FILES, *SEARCH_FILES) or name.suffix == ".tlog"]
+
+    @cached_property
+    def span_s(self) -> tuple[float, float]:
+        """Times of the first and the last frame or step, on the clock of the frames; (0, 0) without any."""
+        ends = [receiver.time_s[[0, -1]] for receiver in self.receivers if len(receiver)]
+        if not ends and self.search and len(self.search.time_s):
+            ends = [self.search.time_s[[0, -1]] + self.search.start_s]
+        every = np.concatenate(ends) if ends else np.zeros(1)
+        return float(np.nanmin(every)), float(np.nanmax(every))
+
+    def datum_at(self, vehicle: str, time_s: float) -> RecordedDatum | None:
+        """The datum at a time, None if it is not known."""
+        datums = self.datums.get(vehicle, ())
+        return next((datum for datum in reversed(datums) if datum.time_s <= time_s), datums[0] if datums else None)
+
+    def lla(self, vehicle: str, time_s: ArrayLike, positions: ArrayLike) -> Floats | None:
+        """WGS-84 latitude, longitude in degrees, altitude in metres AMSL (N, 3) of positions NED (N, 3) at times (N,).
+
+        None if no datum is known. NaN stays NaN.
+        """
+        times, ned = np.asarray(time_s, float), np.asarray(positions, float)
+        datums = self.datums.get(vehicle, ())
+        if not datums:
+            return None
+        which = np.maximum(np.searchsorted([datum.time_s for datum in datums], times, side="right") - 1, 0)
+        result = np.full(ned.shape, np.nan)
+        for number_, datum in enumerate(datums):
+            here = (which == number_) & np.isfinite(ned).all(axis=-1)
+            if here.any():
+                result[here] = np.stack(datum.frame.lla(ned[here]), axis=-1)
+        return result
+
+    def transmitters(self, vehicle: str, time_s: float = 0.0) -> MovingTransmitters | None:
+        """The scenario's transmitters, NED from the vehicle's datum at that time.
+
+        None without a scenario, or without a datum that they need.
+        """
+        scenario = self.run.scenario if self.run else None
+        datum = self.datum_at(vehicle, time_s)
+        if scenario is None:
+            return None
+        if datum is None:
+            if any(transmitter.lla for transmitter in scenario.transmitters):
+                return None
+            datum = RecordedDatum(0.0, 0.0, 0.0, 0.0)
+        if datum not in self._placed:
+            self._placed[datum] = moving_transmitters(scenario, datum.frame)
+        return self._placed[datum]
+
+    def of_search(self, ned: ArrayLike, vehicle: str = "") -> Floats | None:
+        """Places of the search (..., 3), NED from its take-off point, as NED from the vehicle's datum.
+
+        None if one of the two is not known.
+        """
+        datum = self.datum_at(vehicle, self.search.start_s + float(self.search.time_s[-1])) if self.search else None
+        if self.search is None or self.search.origin is None or datum is None:
+            return None
+        moved: Floats = datum.frame.ned(*LocalFrame(*self.search.origin).lla(ned))
+        return moved

@@ -1,0 +1,171 @@
+"""The log of a search: its track, and the place that it reports."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.records.reading.lines import Lines, json_object, table
+from arva_hil.records.reading.values import mapping, number, pair, seconds_of, text, triple
+from arva_hil.records.writing.search_log import OUTCOME, TRACK
+
+Floats = NDArray[np.float64]
+
+_NUMBERS: Final = "time_s north_m east_m down_m heading_deg v_north v_east v_down id d_cm delta_deg zone".split()
+_MOST_PHASES: Final = 64
+
+
+@dataclass(frozen=True)
+class RecordedPlace:
+    """The place that a search reports, metres from the take-off point, NED; `lat_lon` in degrees, None if not known.
+
+    `covariance`: of north and east, m² (nn, ne, ee); None: the strategy does not say how sure it is. `id`: of the
+    transmitter, None if it is not known; `sure`: the readings agree with the place.
+    """
+
+    north: float
+    east: float
+    down: float | None
+    covariance: tuple[float, float, float] | None
+    lat_lon: tuple[float, float] | None
+    id: int | None = None
+    sure: bool = True
+
+    def ellipse(self, probability: float = 0.95) -> tuple[float, float, float] | None:
+        """Semi-major and semi-minor axis [m], and the major one's bearing from north [rad], of the area in which the
+        transmitter is with this probability, if the errors are normal. None without a covariance.
+        """
+        if self.covariance is None:
+            return None
+        nn, ne, ee = self.covariance
+        values, vectors = np.linalg.eigh([[nn, ne], [ne, ee]])
+        size = math.sqrt(-2 * math.log(1 - probability))
+        minor, major = (size * math.sqrt(max(float(value), 0.0)) for value in values)
+        return major, minor, math.atan2(vectors[1, 1], vectors[0, 1])
+
+    def outline(self, probability: float = 0.95, points: int = 48) -> list[tuple[float, float]]:
+        """That area's edge as (north, east), metres from the take-off point, closed; empty without a covariance."""
+        if (ellipse := self.ellipse(probability)) is None:
+            return []
+        major, minor, bearing = ellipse
+        cos, sin = math.cos(bearing), math.sin(bearing)
+        edge = []
+        for angle in (2 * math.pi * n / points for n in range(points)):
+            along, across = major * math.cos(angle), minor * math.sin(angle)
+            edge.append((self.north + along * cos - across * sin, self.east + along * sin + across * cos))
+        return [*edge, edge[0]]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedSearch:
+    """One search: K steps of its flight, metres from the take-off point, NED. What is empty is NaN.
+
+    `outcome`: search.json as it is, empty if the search was killed. `found`: the place reported. `origin`: the take-off
+    point, degrees, degrees, metres AMSL; None in old logs and without a take-off. `started_utc_s`: the time 0 of the
+    steps in seconds since 1970, None in old logs. `start_s`: the same on the clock of the run in this folder, 0 without
+    one.
+    """
+
+    time_s: Floats  # (K,)
+    phase: tuple[str, ...]  # (K,)
+    position: Floats  # (K, 3)
+    heading_deg: Floats  # (K,)
+    velocity: Floats  # (K, 3) ordered, m/s
+    id: Floats  # (K,) of the transmitter searched for, where a frame came
+    d_cm: Floats  # (K,)
+    delta_deg: Floats  # (K,)
+    zone: Floats  # (K,)
+    outcome: Mapping[str, Any]
+    found: RecordedPlace | None
+    origin: tuple[float, float, float] | None
+    started_utc_s: float | None
+    start_s: float
+
+    @property
+    def how(self) -> str:
+        """The reason why the search ended; "" if it has not."""
+        return text(self.outcome.get("how"))
+
+    @cached_property
+    def victims(self) -> tuple[RecordedPlace, ...]:
+        """The places of a search for several, in the order of probing."""
+        every = self.outcome.get("victims")
+        places = (_place(one, mapping(one)) for one in every) if isinstance(every, list) else ()
+        return tuple(place for place in places if place)
+
+    @property
+    def target(self) -> int | None:
+        """The id of the transmitter searched for."""
+        value = self.outcome.get("id")
+        return value if isinstance(value, int) else None
+
+    @property
+    def flying(self) -> NDArray[np.bool_]:
+        """(K,) whether it searched then: after the take-off, before the landing."""
+        return np.array([phase == "flying" for phase in self.phase], bool)
+
+
+def read_search(folder: Path, start_utc_s: float | None) -> tuple[RecordedSearch | None, list[str]]:
+    """The search in a folder, None if there is none, and notes. Raises RecordingError.
+
+    `start_utc_s`: the run's time 0 in seconds since 1970, None if it is not known.
+    """
+    if not (folder / TRACK).exists():
+        return None, []
+    lines = Lines(folder / TRACK)
+    columns, rows = table(lines, ("phase", *_NUMBERS))
+    cells, phases, names = array("d"), array("b"), dict[str, int]()
+    at = [columns[name] for name in _NUMBERS] if columns else []
+    for row in rows:
+        for cell in [row[n] for n in at]:
+            try:
+                cells.append(float(cell) if cell else math.nan)
+            except ValueError:
+                raise lines.error(f"{cell[:40]!r}, expected a number") from None
+        phase = row[columns["phase"]]
+        if phase not in names and len(names) >= _MOST_PHASES:
+            raise lines.error(f"more than {_MOST_PHASES} kinds of phases")
+        phases.append(names.setdefault(phase, len(names)))
+    outcome = json_object(folder / OUTCOME) if (folder / OUTCOME).exists() else {}
+    values = np.frombuffer(cells, float).reshape(-1, len(_NUMBERS)) if cells else np.zeros((0, len(_NUMBERS)))
+    values = np.where(np.isinf(values), np.nan, values)
+    every = list(names)
+    started_s = seconds_of(text(outcome.get("started")))
+    return RecordedSearch(
+        values[:, 0],
+        tuple(every[n] for n in phases),
+        values[:, 1:4],
+        values[:, 4],
+        values[:, 5:8],
+        values[:, 8],
+        values[:, 9],
+        values[:, 10],
+        values[:, 11],
+        outcome,
+        _place(outcome.get("found"), {"id": outcome.get("id"), "sure": outcome.get("outcome") != "not sure"}),
+        triple(outcome.get("origin")),
+        started_s,
+        0.0 if started_s is None or start_utc_s is None else started_s - start_utc_s,
+    ), lines.note
+
+
+def _place(value: object, about: Mapping[str, Any]) -> RecordedPlace | None:
+    """A place in search.json, None if there is none; `about`: whose it is, and whether it is sure."""
+    found = mapping(value)
+    north, east = number(found.get("north")), number(found.get("east"))
+    if north is None or east is None:
+        return None
+    down, covariance = number(found.get("down")), triple(found.get("covariance"))
+    id_ = about.get("id")
+    whose = id_ if isinstance(id_, int) and id_ >= 0 else None
+    return RecordedPlace(
+        north, east, down, covariance, pair(found.get("lat_lon")), whose, about.get("sure") is not False
+    )

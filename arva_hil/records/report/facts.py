@@ -1,0 +1,233 @@
+"""The facts of a run, as labels and values under headings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.config import Scenario
+from arva_hil.records.reading import RecordedReceiver, Recording
+from arva_hil.records.reading.streams import streams
+from arva_hil.records.reading.values import mapping, number
+from arva_hil.safe_text import one_line
+
+Facts = Mapping[str, Mapping[str, str]]  # heading → label → value
+
+_MOST_STREAMS: Final = 8
+_MOST_IDS: Final = 8
+_MOST: Final = 200  # values of one kind
+
+
+def facts(recording: Recording) -> Facts:
+    """Everything that is known of a run. Raises RecordingError for a log of packets that cannot be read."""
+    found: dict[str, dict[str, str]] = {"What was run": dict(_run(recording))}
+    if recording.search:
+        found["What the search found"] = dict(_search(recording))
+    for receiver in recording.receivers:
+        of = f" of {receiver.name}" if receiver.name else ""
+        found[f"Frames{of}"] = dict(_frames(receiver))
+    for vehicle in dict.fromkeys(receiver.vehicle for receiver in recording.receivers):
+        of = f" of {vehicle}" if vehicle else ""
+        rates = {one.name: f"{one.mean_hz:.3g} Hz" for one in streams(recording, vehicle)[:_MOST_STREAMS]}
+        found[f"Rates of the streams{of}"] = rates
+    if recording.run:
+        found["Faults"] = dict(_faults(recording))
+        found["Counters"] = dict(_counters(recording.run.json))
+    return {heading: rows for heading, rows in found.items() if rows}
+
+
+def _run(recording: Recording) -> Iterator[tuple[str, str]]:
+    run = recording.run
+    begin_s, end_s = recording.span_s
+    if run is not None:
+        yield "ended", _ended(run.json)
+        yield "started", run.started
+    yield "length", f"{end_s - begin_s:.1f} s"
+    if run is None:
+        return
+    yield "scenario", one_line(run.json.get("scenario_source", ""))
+    if run.scenario:
+        yield from _scenario(run.scenario)
+    if run.seed is not None:
+        yield "seed", str(run.seed)
+    yield "autopilot", ", ".join(_autopilots(recording)) or "none was found"
+    command = run.json.get("command")
+    if isinstance(command, list):
+        yield "command", one_line(" ".join(map(str, command[:_MOST])))
+    versions = [f"{name} {value}" for name, value in list(run.versions.items())[:_MOST]]
+    yield "versions", one_line(", ".join(versions))
+
+
+def _scenario(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    for transmitter in scenario.transmitters[:_MOST_IDS]:
+        where = "moving"
+        if transmitter.ned is not None:
+            north, east, down = transmitter.ned
+            where = f"{north:g} m north, {east:g} m east, {down:g} m down of the datum"
+        elif transmitter.lla is not None:
+            where = f"{transmitter.lla.lat:.7f}, {transmitter.lla.lon:.7f}, {transmitter.lla.alt:g} m AMSL"
+        yield f"transmitter {transmitter.id}", f"{where}; strength {transmitter.strength:g}"
+    receiver = scenario.receiver
+    yield (
+        "receiver",
+        f"{receiver.model}, {receiver.rate_hz:g} Hz, {receiver.channels} slots, noise {receiver.noise.kind}",
+    )
+    yield "format", scenario.output_format
+    if scenario.faults:
+        yield "faults planned", "; ".join(str(fault) for fault in scenario.faults[:_MOST])
+
+
+def _autopilots(recording: Recording) -> list[str]:
+    """The labels of the vehicles found."""
+    labels = [event.get("label") for event in recording.events if event.get("event") == "vehicle_found"]
+    return list(dict.fromkeys(one_line(label) for label in labels if isinstance(label, str)))[:_MOST]
+
+
+def _search(recording: Recording) -> Iterator[tuple[str, str]]:
+    search = recording.search
+    assert search is not None
+    said = search.outcome
+    yield "ended", one_line(search.how) or "not: it goes on, or was killed"
+    found = search.found
+    if found is not None:
+        who = "" if search.target is None else f"transmitter {search.target}: "
+        yield "place", f"{who}{found.north:z.2f} m north, {found.east:z.2f} m east of the take-off point"
+        if found.lat_lon:
+            yield "latitude, longitude", f"{found.lat_lon[0]:.7f}, {found.lat_lon[1]:.7f}"
+        if ellipse := found.ellipse():
+            major, minor, bearing = ellipse
+            yield "95 % inside", f"{major:.2f} m × {minor:.2f} m, long axis {math.degrees(bearing) % 180:.0f}°"
+        else:
+            yield "95 % inside", "the strategy does not say how sure it is"
+    error = error_m(recording)
+    if error is not None:
+        yield "error", f"{error:.2f} m from the transmitter, horizontally"
+    for label, name, form in (
+        ("time", "time_s", "{:.0f} s"),
+        ("path", "path_m", "{:.0f} m"),
+        ("frames", "frames", "{:g}"),
+    ):
+        if (value := number(said.get(name))) is not None:
+            yield label, form.format(value)
+    others = said.get("others")
+    for other in others[:_MOST_IDS] if isinstance(others, list) else []:
+        nearest = number(mapping(other).get("nearest_m"))
+        if nearest is not None:
+            yield f"heard, not found: {one_line(mapping(other).get('id'))}", f"{nearest:.1f} m away at the nearest"
+
+
+def _frames(receiver: RecordedReceiver) -> Iterator[tuple[str, str]]:
+    count = len(receiver)
+    yield "frames", str(count)
+    if not count:
+        return
+    span_s = float(receiver.time_s[-1] - receiver.time_s[0])
+    if count > 1 and span_s > 0:
+        yield "rate", f"{(count - 1) / span_s:.3g} Hz"
+    yield "lateness", _percentiles(receiver.late_ms, "ms")
+    yield "age of the pose", _percentiles(receiver.pose_age_ms, "ms")
+    blind = int((~np.isfinite(receiver.position).all(axis=1)).sum())
+    yield "without a pose", f"{blind} ({blind / count:.1%})"
+    for id_ in receiver.ids[:_MOST_IDS]:
+        d_m, _, zone, range_m = receiver.of_transmitter(id_)
+        off = d_m - range_m
+        off = off[np.isfinite(off)]
+        words = f"in {(zone > 0).mean():.1%} of the frames"
+        if len(off):
+            words += (
+                f"; d − true range: median {np.median(off):+.2f} m, 90 % within {np.percentile(abs(off), 90):.2f} m"
+            )
+        yield f"transmitter {id_} heard", words
+
+
+def _percentiles(values: NDArray[np.float64], unit: str) -> str:
+    """Median, 90 %, 99 % and worst."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return "not recorded"
+    return " / ".join(_plain(value, 3) for value in np.percentile(known, [50, 90, 99, 100])) + f" {unit}"
+
+
+def _faults(recording: Recording) -> Iterator[tuple[str, str]]:
+    for receiver in recording.receivers:
+        of = f"{receiver.name}: " if receiver.name else ""
+        for name in receiver.faults[:_MOST]:
+            struck = int(receiver.with_fault(name).sum())
+            yield of + one_line(name), f"{struck} frames ({struck / len(receiver):.1%})"
+
+
+def _counters(said: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The counters that are not 0, those of vehicles and receivers with their names."""
+    yield from _numbers("", mapping(said.get("counters")))
+    for vehicle, of_vehicle in list(mapping(said.get("vehicles")).items())[:_MOST]:
+        yield from _numbers(f"{vehicle}: ", mapping(mapping(of_vehicle).get("counters")))
+        for receiver, counters in list(mapping(mapping(of_vehicle).get("receivers")).items())[:_MOST]:
+            yield from _numbers(f"{vehicle}/{receiver}: ", mapping(counters))
+
+
+def _numbers(prefix: str, counters: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for name, value in list(counters.items())[:_MOST]:
+        if (count := number(value)) is not None and (shown := _plain(count, 6)) != "0":
+            unit = " s" if name.endswith("_s") else ""
+            label = "worst lateness" if name == "latest_s" else name.removesuffix("_s").replace("_", " ")
+            yield one_line(prefix + label), shown + unit
+
+
+def _plain(value: float, digits: int) -> str:
+    """A number with so many digits behind the point at most."""
+    return f"{value:.{digits}f}".rstrip("0").rstrip(".")
+
+
+def _ended(said: Mapping[str, Any]) -> str:
+    how, code = said.get("ended"), said.get("exit_code")
+    return "not: it goes on, or was killed" if how is None else one_line(f"{how} (exit code {code})")
+
+
+def merged(every: Sequence[Facts]) -> list[tuple[str, list[tuple[str, list[str]]]]]:
+    """The facts of several runs beside each other: "" where one has no such fact."""
+    result = []
+    for heading in _union(facts_ for facts_ in every):
+        rows = [one.get(heading, {}) for one in every]
+        result.append((heading, [(label, [row.get(label, "") for row in rows]) for label in _union(rows)]))
+    return result
+
+
+def _union(every: Iterable[Mapping[str, Any]]) -> list[str]:
+    """The keys of all, in their order; those that only later ones have go behind the key before them."""
+    keys: list[str] = []
+    for one in every:
+        at = 0
+        for key in one:
+            if key in keys:
+                at = keys.index(key) + 1
+            else:
+                keys.insert(at, key)
+                at += 1
+    return keys
+
+
+def error_m(recording: Recording) -> float | None:
+    """Return the horizontal error of the place found [m]; None if the transmitter searched for is not known.
+
+    Without an id in the frames: from the nearest transmitter.
+    """
+    search = recording.search
+    if search is None or search.found is None or not recording.receivers:
+        return None
+    vehicle = recording.receivers[0].vehicle
+    place = recording.of_search([search.found.north, search.found.east, search.found.down or 0.0], vehicle)
+    end_s = recording.span_s[1]
+    moving = recording.transmitters(vehicle, end_s)
+    if place is None or moving is None:
+        return None
+    there = moving.at(end_s)
+    away = {
+        id_: math.dist(place[:2].tolist(), position[:2])
+        for id_, position in zip(there.ids, there.positions.tolist(), strict=True)
+        if id_ not in there.unplaced
+    }
+    return away[search.target] if search.target in away else min(away.values(), default=None)

@@ -1,0 +1,114 @@
+"""The report's page: facts, pictures and events of one run, or of several beside each other."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, NamedTuple
+
+from arva_hil.records.pictures.run import pictures
+from arva_hil.records.reading import Recording
+from arva_hil.records.reading.values import mapping, text
+from arva_hil.records.report.facts import error_m, facts, merged
+from arva_hil.records.report.html import render
+from arva_hil.safe_text import one_line
+
+_MOST_EVENTS: Final = 200
+_CAPTIONS: Final = {
+    "map": "the flight from above",
+    "distance": "d over time",
+    "timeline": "timeline",
+    "lateness": "lateness of the frames",
+    "streams": "rates of the streams",
+}
+
+
+class Happened(NamedTuple):
+    """One event, for a person."""
+
+    time_s: float
+    level: str
+    text: str
+
+
+class Told(NamedTuple):
+    """The contents of the page about one run, apart from its facts."""
+
+    name: str
+    when: str
+    verdict: str
+    notes: Sequence[str]
+    events: Sequence[Happened]
+    more_events: int
+
+
+def page(recordings: Sequence[Recording]) -> str:
+    """The page. Without matplotlib it has no pictures. Raises RecordingError."""
+    names = _names(recordings)
+    told = [_told(name, recording) for name, recording in zip(names, recordings, strict=True)]
+    return render(
+        "arva_hil.records.report",
+        "run.html",
+        title=" and ".join(names) if len(names) <= 2 else f"{len(names)} runs",
+        runs=told,
+        sections=merged([facts(recording) for recording in recordings]),
+        pictures=_pictures(names, recordings),
+        differ=lambda values: len(set(values)) > 1,
+    )
+
+
+def _names(recordings: Sequence[Recording]) -> list[str]:
+    """The folders' names; with their parents if two are the same."""
+    names = [one_line(recording.title) for recording in recordings]
+    if len(set(names)) < len(names):
+        names = [one_line(recording.folder) for recording in recordings]
+    return names
+
+
+def _told(name: str, recording: Recording) -> Told:
+    happened = [one for event in recording.events if (one := _happened(event))]
+    when = recording.run.started if recording.run else ""
+    more = max(0, len(happened) - _MOST_EVENTS)
+    return Told(name, when, _verdict(recording), recording.notes, happened[:_MOST_EVENTS], more)
+
+
+def _verdict(recording: Recording) -> str:
+    """The run in one sentence."""
+    words = []
+    search = recording.search
+    if search is not None:
+        words.append(f"the search ended: {one_line(search.how)}" if search.how else "the search has not ended")
+        if (error := error_m(recording)) is not None:
+            words.append(f"{error:.2f} m from the transmitter")
+    if recording.run is not None:
+        words.append(
+            f"the run ended: {one_line(recording.run.ended)}" if recording.run.ended else "the run has not ended"
+        )
+        words.append(f"{sum(map(len, recording.receivers))} frames")
+    return ", ".join(words)
+
+
+def _happened(event: Any) -> Happened | None:
+    """An event as the console told it; None for one that it does not tell."""
+    notice = mapping(event.get("notice"))
+    said, level = text(notice.get("text")), text(notice.get("level"))
+    if not said:
+        return None
+    by = "search: " if event.get("by") == "search" and not said.startswith("search: ") else ""
+    return Happened(event["time_s"], level if level in ("warning", "error") else "info", by + one_line(said))
+
+
+def _pictures(names: Sequence[str], recordings: Sequence[Recording]) -> list[tuple[str, str]] | None:
+    """(caption, SVG in base64), pictures of one kind beside each other; None without matplotlib."""
+    try:
+        drawn = [list(pictures(recording, "svg", transparent=True)) for recording in recordings]
+    except ModuleNotFoundError:
+        return None
+    found: list[tuple[int, str, str]] = []
+    order = list(_CAPTIONS)
+    for name, every in zip(names, drawn, strict=True):
+        for receiver, kind, svg in every:
+            of: Iterable[str] = filter(None, [name if len(names) > 1 else "", receiver, _CAPTIONS[kind]])
+            found.append((order.index(kind), ": ".join(of), base64.b64encode(svg).decode()))
+    found.sort(key=lambda one: one[0])
+    return [(caption, svg) for _, caption, svg in found]

@@ -1,0 +1,93 @@
+"""Shapes for 3D views such as RViz and Foxglove: transmitters, their dipoles, the field at a receiver, a search."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from arva_hil.records.ros_messages.types import (
+    ORIGIN,
+    UNTURNED,
+    ColorRGBA,
+    Header,
+    Marker,
+    Point,
+    Pose,
+    Quaternion,
+    Vector3,
+)
+
+FIELD: Final = "field"  # the namespace of the field's arrows
+
+_ARROW: Final = 0
+_SPHERE: Final = 2
+_CYLINDER: Final = 3
+_ADD: Final = 0
+_DELETE: Final = 2
+_AT_ORIGIN: Final = Pose(ORIGIN, UNTURNED)
+_COLOURS: Final = (  # of Okabe and Ito: colour-blind people can distinguish them
+    (0.90, 0.62, 0.00),
+    (0.34, 0.71, 0.91),
+    (0.00, 0.62, 0.45),
+    (0.94, 0.89, 0.26),
+    (0.00, 0.45, 0.70),
+    (0.84, 0.37, 0.00),
+    (0.80, 0.47, 0.65),
+)
+_DIPOLE_M: Final = 2.0  # the length in the drawing
+_FIELD_M: Final = 1.0
+_CHI_95: Final = math.sqrt(-2 * math.log(1 - 0.95))  # sigmas to the edge of the area with a probability of 95 %
+
+
+def colour(id_: int, opacity: float = 1.0) -> ColorRGBA:
+    """The colour of a transmitter."""
+    return ColorRGBA(*_COLOURS[id_ % len(_COLOURS)], opacity)
+
+
+def transmitter(header: Header, id_: int, pose: Pose) -> tuple[Marker, Marker]:
+    """A sphere for a transmitter, and an arrow for its dipole."""
+    shaft = Vector3(_DIPOLE_M, 0.08, 0.08)
+    return (
+        Marker(header, "transmitters", id_, _SPHERE, _ADD, pose, Vector3(0.4, 0.4, 0.4), colour(id_)),
+        Marker(header, "dipoles", id_, _ARROW, _ADD, pose, shaft, colour(id_)),
+    )
+
+
+def field(header: Header, slot: int, id_: int, direction: Vector3) -> Marker:
+    """An arrow of constant length from the receiver along the field of a slot's transmitter. `header`: of the
+    receiver's frame.
+    """
+    share = _FIELD_M / math.hypot(direction.x, direction.y, direction.z)
+    tip = Point(direction.x * share, direction.y * share, direction.z * share)
+    thick = Vector3(0.05, 0.1, 0.0)  # shaft and head
+    return Marker(header, FIELD, slot, _ARROW, _ADD, _AT_ORIGIN, thick, colour(id_), points=(ORIGIN, tip))
+
+
+def is_direction(vector: Vector3) -> bool:
+    """Return True if a vector has a direction."""
+    return 0 < math.hypot(vector.x, vector.y, vector.z) < math.inf
+
+
+def sphere(header: Header, ns: str, id_: int, at: Point, size_m: float, opacity: float = 1.0) -> Marker:
+    """A sphere, in the colour of a search."""
+    size = Vector3(size_m, size_m, size_m)
+    return Marker(header, ns, id_, _SPHERE, _ADD, Pose(at, UNTURNED), size, colour(6, opacity))
+
+
+def ellipse(header: Header, ns: str, at: Point, covariance: tuple[float, float, float]) -> Marker:
+    """The area with a probability of 95 % for the transmitter. `covariance`: of north and east [m²], (nn, ne, ee)."""
+    nn, ne, ee = covariance
+    mean, half = (nn + ee) / 2, math.hypot((nn - ee) / 2, ne)
+    long, short = (2 * _CHI_95 * math.sqrt(max(variance, 0.0)) for variance in (mean + half, mean - half))
+    bearing = math.atan2(2 * ne, nn - ee) / 2  # of the long axis, clockwise from north
+    yaw = math.pi / 2 - bearing  # anticlockwise from east
+    turned = Quaternion(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+    size = Vector3(max(long, 0.01), max(short, 0.01), 0.02)
+    return Marker(header, ns, 0, _CYLINDER, _ADD, Pose(at, turned), size, colour(6, 0.4))
+
+
+def removed(header: Header, ns: str, ids: Sequence[int]) -> list[Marker]:
+    """Markers that delete others."""
+    size = Vector3(1.0, 1.0, 1.0)
+    return [Marker(header, ns, id_, _SPHERE, _DELETE, _AT_ORIGIN, size, colour(0)) for id_ in ids]

@@ -1,0 +1,188 @@
+"""The messages of a run: readings, poses, transmitters and diagnostics.
+
+They are made from the events of a live run, or from the rows of a record. Both give the same messages.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from arva_hil.config import Lla, Scenario
+from arva_hil.emulator.build import moving_transmitters
+from arva_hil.emulator.setup import receivers_of
+from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
+from arva_hil.model.field import LocalFrame, MovingTransmitters, Transmitters
+from arva_hil.model.field.arrays import Array
+from arva_hil.model.field.dipole import field_of
+from arva_hil.model.receiver import Pose
+from arva_hil.model.receiver.reading import ChannelReading
+from arva_hil.records.ros_messages import frames, markers
+from arva_hil.records.ros_messages import types as ros
+from arva_hil.records.ros_messages.diagnostics import diagnostics
+from arva_hil.records.ros_messages.message import Message
+from arva_hil.records.ros_messages.names import DIAGNOSTICS, MAP, TF, names_of
+from arva_hil.records.ros_messages.types import Publication, header, stamp_of
+
+_EMPTY: Final = -1  # the id of an empty slot
+_NOWHERE: Final = ros.Vector3(0.0, 0.0, 0.0)
+_SHAPES_S: Final = 0.2  # shortest time between two drawings of the shapes
+_STATUS_S: Final = 1.0
+_FIX: Final = ros.NavSatStatus(0, 1)  # a fix, of GPS
+_UNKNOWN: Final = (0.0,) * 9
+
+
+class Taken(NamedTuple):
+    """One reading. `stamp_ns`: its instant, since 1970; `instant_s`: the same from the start of the run; `pose`: the
+    receiver's true one; `reported`: from its vehicle's report; None: not known.
+    """
+
+    vehicle: str
+    receiver: str
+    stamp_ns: int
+    instant_s: float
+    pose: Pose | None
+    reported: Pose | None
+    channels: Sequence[ChannelReading]
+
+
+class RunMessages:
+    """Makes the messages of one run. Remembers each vehicle's datum and transmitters, and the times of publications.
+
+    `scenario`: None if it is not known; then no transmitter is known. `epoch_us`: microseconds since 1970 at the loop's
+    time 0. `receivers`: (vehicle, receiver); default: the scenario's. Transmitters that follow a vehicle are not drawn,
+    and have no field here.
+    """
+
+    def __init__(
+        self, scenario: Scenario | None, epoch_us: int, receivers: Sequence[tuple[str, str]] | None = None
+    ) -> None:
+        self._scenario = scenario
+        self._epoch_us = epoch_us
+        of_scenario = receivers_of(scenario) if scenario else []
+        self._names = names_of(of_scenario if receivers is None else receivers)
+        self._datums: dict[str, LocalFrame] = {}
+        self._there: dict[str, MovingTransmitters] = {}
+        self._shaped: dict[tuple[str, str], int] = {}  # when, ns
+        self._arrows: dict[tuple[str, str], frozenset[int]] = {}  # the slots that have one
+        self._next_status_ns = 0
+        if scenario and isinstance(fixed := scenario.datum, Lla):
+            for vehicle, _ in self._names:
+                self.place(vehicle, (fixed.lat, fixed.lon, fixed.alt))
+
+    def of_event(self, event: Event) -> list[Publication]:
+        """The messages of an event of a live run. Most events have none."""
+        if isinstance(event, FrameMade):
+            stamp = stamp_of(self._epoch_us, event.time_s - event.late_s)
+            poses = event.pose, event.reported_pose
+            return self.of_reading(
+                Taken(event.vehicle, event.receiver, stamp, event.instant_s, *poses, event.reading.channels)
+            )
+        if isinstance(event, DatumSet):
+            self.place(event.vehicle, (event.lat, event.lon, event.alt))
+        if isinstance(event, StatusReport):
+            return self._of_status(event)
+        return []
+
+    def place(self, vehicle: str, lla: tuple[float, float, float]) -> None:
+        """The vehicle's datum: degrees, degrees, metres AMSL."""
+        self._datums[vehicle] = own = LocalFrame(*lla)
+        if self._scenario:
+            self._there[vehicle] = moving_transmitters(self._scenario, own)
+
+    @property
+    def world(self) -> LocalFrame | None:
+        """The datum of the frame `map`: the one of the first vehicle with a datum."""
+        return next(iter(self._datums.values()), None)
+
+    def of_reading(self, taken: Taken) -> list[Publication]:
+        """The messages of one reading."""
+        key, stamp = (taken.vehicle, taken.receiver), taken.stamp_ns
+        if (names := self._names.get(key)) is None:
+            return []
+        there = self._transmitters(taken)
+        directions = _directions(taken.pose, there)
+        own, world = header(stamp, names.frame), header(stamp, names.map)
+        slots = [_slot(channel, directions) for channel in taken.channels]
+        made = [Publication(names.arva, stamp, ros.Arva(own, slots))]
+        transforms = []
+        if taken.pose is not None:
+            pose = frames.pose(taken.pose.position, taken.pose.rotation)
+            made.append(Publication(names.pose, stamp, ros.PoseStamped(world, pose)))
+            transforms.append(ros.TransformStamped(world, names.frame, frames.transform(pose)))
+            if datum := self._datums.get(taken.vehicle):
+                lat, lon, alt = map(float, datum.lla(taken.pose.position))
+                made.append(Publication(names.fix, stamp, ros.NavSatFix(own, _FIX, lat, lon, alt, _UNKNOWN, 0)))
+        if taken.reported is not None and taken.reported is not taken.pose:
+            reported = frames.pose(taken.reported.position, taken.reported.rotation)
+            made.append(Publication(names.reported_pose, stamp, ros.PoseStamped(world, reported)))
+        if self._may_draw(key, stamp):
+            if names.map != MAP and self.world and (datum := self._datums.get(taken.vehicle)):
+                there_is = frames.between(self.world, datum)
+                transforms.append(ros.TransformStamped(header(stamp, MAP), names.map, there_is))
+            shapes = self._arrows_of(key, own, slots)
+            for id_, place, rotation in _placed(there):
+                pose = frames.pose(place, rotation)
+                shapes += markers.transmitter(world, id_, pose)
+                transforms.append(ros.TransformStamped(world, f"{names.transmitter}{id_}", frames.transform(pose)))
+            made.append(Publication(names.visualization, stamp, ros.MarkerArray(shapes)))
+        if transforms:
+            made.insert(0, Publication(TF, stamp, ros.TFMessage(transforms)))
+        return made
+
+    @property
+    def topics(self) -> dict[str, type[Message]]:
+        """All possible topics, with their message types."""
+        topics: dict[str, type[Message]] = {TF: ros.TFMessage, DIAGNOSTICS: ros.DiagnosticArray}
+        for names in self._names.values():
+            topics |= {names.arva: ros.Arva, names.pose: ros.PoseStamped, names.fix: ros.NavSatFix}
+            topics |= {names.reported_pose: ros.PoseStamped, names.visualization: ros.MarkerArray}
+        return topics
+
+    def _of_status(self, report: StatusReport) -> list[Publication]:
+        stamp = stamp_of(self._epoch_us, report.time_s)
+        if stamp < self._next_status_ns:
+            return []
+        self._next_status_ns = stamp + round(_STATUS_S * 1e9)
+        return [Publication(DIAGNOSTICS, stamp, diagnostics(report, header(stamp, "")))]
+
+    def _transmitters(self, taken: Taken) -> Transmitters | None:
+        there = self._there.get(taken.vehicle)
+        return None if there is None else there.at(taken.instant_s)
+
+    def _arrows_of(self, key: tuple[str, str], own: ros.Header, slots: Sequence[ros.ArvaData]) -> list[ros.Marker]:
+        """An arrow for each slot with a direction. Other arrows are removed."""
+        shown = {n: slot for n, slot in enumerate(slots, 1) if markers.is_direction(slot.direction)}
+        gone = sorted(self._arrows.get(key, frozenset()) - shown.keys())
+        self._arrows[key] = frozenset(shown)
+        arrows = [markers.field(own, n, slot.id, slot.direction) for n, slot in shown.items()]
+        return arrows + markers.removed(own, markers.FIELD, gone)
+
+    def _may_draw(self, key: tuple[str, str], stamp_ns: int) -> bool:
+        if abs(stamp_ns - self._shaped.get(key, -(2**63))) < _SHAPES_S * 1e9:
+            return False
+        self._shaped[key] = stamp_ns
+        return True
+
+
+def _placed(there: Transmitters | None) -> list[tuple[int, Array, Array]]:
+    """Id, place NED and rotation of each transmitter with a known place."""
+    if there is None:
+        return []
+    every = zip(there.ids, there.positions, there.rotations, strict=True)
+    return [one for one in every if one[0] not in there.unplaced]
+
+
+def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, ros.Vector3]:
+    """The field at the receiver by transmitter id, FLU."""
+    if pose is None or there is None or not there.ids:
+        return {}
+    field = field_of(pose.position, there.positions, there.rotations, there.strengths) @ pose.rotation
+    every = zip(there.ids, field.tolist(), strict=True)
+    return {id_: frames.body_vector(frd) for id_, frd in every if id_ not in there.unplaced}
+
+
+def _slot(channel: ChannelReading, directions: dict[int, ros.Vector3]) -> ros.ArvaData:
+    id_ = _EMPTY if channel.id is None else channel.id
+    direction = directions.get(id_, _NOWHERE) if channel.zone else _NOWHERE  # a blank slot hears nothing now
+    return ros.ArvaData(id_, float(channel.d_cm), direction, channel.delta_deg, int(channel.zone))

@@ -1,0 +1,139 @@
+"""The messages of a search: frames heard, poses, beliefs, and the place found.
+
+The frame `takeoff` is ENU with its origin at the take-off point.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+from arva_hil.events import Event
+from arva_hil.events.searches import BeliefChanged, FrameHeard, PlaceFound, TakeOffPoint
+from arva_hil.model.field import LocalFrame, rotation
+from arva_hil.records.ros_messages import frames, markers
+from arva_hil.records.ros_messages import types as ros
+from arva_hil.records.ros_messages.message import Message
+from arva_hil.records.ros_messages.names import MAP, TF
+from arva_hil.records.ros_messages.types import Publication, header, stamp_of
+from firmware_proto import MID, Channel
+
+TAKE_OFF: Final = "takeoff"
+RECEIVER: Final = "search_receiver"
+ARVA: Final = "/search/arva"
+POSE: Final = "/search/pose"
+FIX: Final = "/search/fix"
+FOUND: Final = "/search/found"
+VISUALIZATION: Final = "/search/visualization"
+TOPICS: Final[Mapping[str, type[Message]]] = {
+    TF: ros.TFMessage,
+    ARVA: ros.Arva,
+    POSE: ros.PoseStamped,
+    FIX: ros.NavSatFix,
+    FOUND: ros.NavSatFix,
+    VISUALIZATION: ros.MarkerArray,
+}
+
+_EMPTY, _NO_ID = -1, -2
+_AGAIN_S: Final = 1.0  # the place found is published again, for later subscribers
+_HEIGHT_VARIANCE: Final = 1e4  # m²: for an unknown height
+_HYPOTHESIS_M: Final = 1.5  # the size of a hypothesis with a share of 1
+_FOUND_M: Final = 0.6
+
+
+class SearchMessages:
+    """Makes the messages of a search's events. Remembers the take-off point, the shapes, and the place found.
+
+    `epoch_us`: microseconds since 1970 at the loop's time 0.
+    """
+
+    def __init__(self, epoch_us: int) -> None:
+        self._epoch_us = epoch_us
+        self._origin: LocalFrame | None = None
+        self._drawn = 0  # hypotheses
+        self._found: PlaceFound | None = None
+        self._told_s = -math.inf
+
+    def of_event(self, event: Event, world: LocalFrame | None = None) -> list[Publication]:
+        """The messages of one event. Most events have none. `world`: the datum of the frame `map`, if there is one."""
+        stamp = stamp_of(self._epoch_us, event.time_s)
+        if isinstance(event, TakeOffPoint):
+            self._origin = LocalFrame(event.lat, event.lon, event.alt)
+        elif isinstance(event, FrameHeard):
+            told = self._heard(event, stamp, world)
+            return told + (self._again(event.time_s, stamp) if self._found else [])
+        elif isinstance(event, BeliefChanged):
+            return [self._shapes(stamp, self._believed(event, header(stamp, TAKE_OFF)))]
+        elif isinstance(event, PlaceFound):
+            self._found = event
+            return self._again(event.time_s, stamp)
+        return []
+
+    def _heard(self, event: FrameHeard, stamp: int, world: LocalFrame | None) -> list[Publication]:
+        own, ground = header(stamp, RECEIVER), header(stamp, TAKE_OFF)
+        made = [Publication(ARVA, stamp, ros.Arva(own, [_slot(channel) for channel in event.frame.channels]))]
+        transforms = []
+        if event.position is not None and event.heading_deg is not None:
+            level = rotation.to_matrix(rotation.from_euler(0.0, 0.0, math.radians(event.heading_deg)))
+            pose = frames.pose(event.position, level)
+            made.append(Publication(POSE, stamp, ros.PoseStamped(ground, pose)))
+            transforms.append(ros.TransformStamped(ground, RECEIVER, frames.transform(pose)))
+            if self._origin:
+                made.append(Publication(FIX, stamp, self._fix(own, event.position, None)))
+        if world and self._origin:
+            there = frames.between(world, self._origin)
+            transforms.append(ros.TransformStamped(header(stamp, MAP), TAKE_OFF, there))
+        return [Publication(TF, stamp, ros.TFMessage(transforms)), *made] if transforms else made
+
+    def _believed(self, event: BeliefChanged, ground: ros.Header) -> list[ros.Marker]:
+        every = event.hypotheses
+        shapes = [
+            markers.sphere(ground, "hypotheses", n, frames.point((north, east, 0.0)), _HYPOTHESIS_M * share**0.5, 0.6)
+            for n, (north, east, share) in enumerate(every)
+        ]
+        shapes += markers.removed(ground, "hypotheses", range(len(every), self._drawn))
+        self._drawn = len(every)
+        if event.covariance is not None and every:
+            north, east = (sum(one[axis] * one[2] for one in every) for axis in (0, 1))
+            shapes.append(markers.ellipse(ground, "95 %", frames.point((north, east, 0.0)), event.covariance))
+        if event.goal is not None:
+            shapes.append(markers.sphere(ground, "goal", 0, frames.point((*event.goal, 0.0)), 0.3))
+        return shapes
+
+    def _again(self, now: float, stamp: int) -> list[Publication]:
+        """The place found, at most once a second."""
+        found = self._found
+        if found is None or now - self._told_s < _AGAIN_S:
+            return []
+        self._told_s = now
+        ground, place = header(stamp, TAKE_OFF), (found.north_m, found.east_m, 0.0)
+        shapes = [markers.sphere(ground, "found", 0, frames.point(place), _FOUND_M)]
+        if found.covariance is not None:
+            shapes.append(markers.ellipse(ground, "95 %", frames.point(place), found.covariance))
+        made = [self._shapes(stamp, shapes)]
+        if self._origin:
+            made.append(Publication(FOUND, stamp, self._fix(ground, place, found.covariance)))
+        return made
+
+    def _shapes(self, stamp: int, shapes: list[ros.Marker]) -> Publication:
+        return Publication(VISUALIZATION, stamp, ros.MarkerArray(shapes))
+
+    def _fix(
+        self, of: ros.Header, place: tuple[float, float, float], covariance: tuple[float, float, float] | None
+    ) -> ros.NavSatFix:
+        assert self._origin is not None
+        lat, lon, alt = map(float, self._origin.lla(place))
+        nn, ne, ee = covariance or (0.0, 0.0, 0.0)
+        known = (ee, ne, 0.0, ne, nn, 0.0, 0.0, 0.0, _HEIGHT_VARIANCE if covariance else 0.0)
+        return ros.NavSatFix(of, ros.NavSatStatus(0, 1), lat, lon, alt, known, 3 if covariance else 0)
+
+
+def _slot(channel: Channel) -> ros.ArvaData:
+    """A slot of a frame. Its direction is that of δ, with length 1."""
+    id_ = _NO_ID if channel.id is None else channel.id
+    id_ = id_ if channel.valid else _EMPTY
+    delta = math.radians(channel.delta)
+    known = channel.valid and channel.zone == MID
+    direction = ros.Vector3(math.cos(delta), -math.sin(delta), 0.0) if known else ros.Vector3(0.0, 0.0, 0.0)
+    return ros.ArvaData(id_, float(channel.d), direction, channel.delta, int(channel.zone))

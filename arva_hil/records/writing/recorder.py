@@ -1,0 +1,94 @@
+"""The record of a run: packets, frames, readings with their poses, and how it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from arva_hil.clock import Clock
+from arva_hil.events import BytesSent, Event, FrameMade, PacketsReceived, StatusReport
+from arva_hil.links.tlog import tlog_record
+from arva_hil.mavlink.codec import dialect
+from arva_hil.records.writing import layout as names
+from arva_hil.records.writing.growing_files import GrowingFiles, RecordError, refuse_old
+from arva_hil.records.writing.layout import EventLines, RecordLayout
+
+NOT_ENDED: Final[Mapping[str, Any]] = {"ended": None, "exit_code": None}  # in run.json until the run ends
+_BATCH_BYTES: Final = 1 << 16
+
+
+class Recorder(GrowingFiles):
+    """Writes `autopilot.tlog`, `frames.bin`, `frames.csv`, `readings.csv`, `events.jsonl` and `run.json` into a folder
+    of its own, and with several receivers or links into the files of `layout`.
+
+    `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: the first content of run.json, which also says
+    until `close` that the run has not ended. For the rest see `GrowingFiles`. Raises RecordError if the folder cannot
+    be written or contains a record already.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        epoch_us: int,
+        run: Mapping[str, Any] | None = None,
+        *,
+        patient: bool = False,
+        clock: Clock | None = None,
+        layout: RecordLayout | None = None,
+    ) -> None:
+        self._layout = layout = layout or RecordLayout()
+        if taken := layout.taken_name:
+            raise RecordError(f"{folder}: a vehicle is named {taken}, as a file of the record: give it another name")
+        self._epoch_us = epoch_us
+        self._begun: dict[str, int] = {}  # the slots of those frames.csv that have their header, as of the first frame
+        self._events = EventLines(epoch_us)
+        about = {"record": names.VERSION, **NOT_ENDED, **(run or {})}
+        refuse_old(folder, [name for name in names.FILES if name not in layout.files], "a record")  # of another layout
+        super().__init__(
+            folder, layout.files, "a record", names.RUN, about, folders=layout.folders, patient=patient, clock=clock
+        )
+        for name, pending in self._pending.items():
+            if name.endswith(names.READINGS):
+                pending += (",".join(names.COLUMNS) + "\n").encode()
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, PacketsReceived):  # most are, and they have no line in events.jsonl
+            self._on_packets(event)
+            return
+        self._pending[names.EVENTS] += self._events.of(event)
+        if isinstance(event, FrameMade):
+            self._on_frame(event)
+        elif isinstance(event, BytesSent):
+            pending = self._pending[self._layout.of_receiver(event.vehicle, event.receiver, names.FRAMES)]
+            pending += event.data
+        elif isinstance(event, StatusReport):
+            self._flush_now_and_then()
+
+    def _on_frame(self, event: FrameMade) -> None:
+        readings = self._layout.of_receiver(event.vehicle, event.receiver, names.READINGS)
+        table = self._layout.of_receiver(event.vehicle, event.receiver, names.TABLE)
+        if table not in self._begun:
+            self._begun[table] = len(event.reading.channels)
+            self._pending[table] += names.header_of_frames(len(event.reading.channels)).encode()
+        of_slots, of_frame = names.rows(event, self._begun[table])
+        self._pending[readings] += of_slots.encode()
+        self._pending[table] += (names.moment(event.time_s - event.late_s, self._epoch_us) + of_frame).encode()
+        self._flush_now_and_then(full=len(self._pending[readings]) > _BATCH_BYTES)
+
+    def _on_packets(self, event: PacketsReceived) -> None:
+        pending = self._pending[self._layout.tlog(event.link)]
+        for time_s, packets in ((event.time_s, event.packets), *event.later):
+            time_us = self._epoch_us + round(time_s * 1e6)
+            for packet in packets:
+                if packet.msgid != dialect.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds a key
+                    pending += tlog_record(time_us, packet.raw)
+        if len(pending) > _BATCH_BYTES:
+            self._flush()
+
+    def close(self, last: Mapping[str, Any]) -> None:
+        """Close all files and replace run.json by `last`, also after errors. Raises RecordError if there was one."""
+        for table in self._layout.tables:
+            if table not in self._begun:
+                self._pending[table] += names.header_of_frames(0).encode()
+        super().close({"record": names.VERSION, **last})

@@ -1,0 +1,189 @@
+"""A search in the air: passes frames and poses to the mission, and its velocities to the commander."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+from arva_hil.autopilot.commanding.commander import Commander
+from arva_hil.autopilot.commanding.state import Phase
+from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.session import Session
+from arva_hil.events import Event
+from arva_hil.events.searches import SearchBegun, SearchEnded
+from arva_hil.events.words.reasons import no_pose
+from arva_hil.model.field.geodesy import LocalFrame
+from arva_hil.model.field.quaternion import heading
+from arva_hil.search.flight.detour import Detour
+from arva_hil.search.flight.frames_told import FramesTold, as_position, take_off_point
+from arva_hil.search.flight.team_report import TeamReport
+from arva_hil.search.mission.ground import Ground
+from arva_hil.search.mission.mission import Mission
+from arva_hil.search.mission.outcome import SearchStep, lla
+from arva_hil.search.mission.receiver_host import ReceiverHost
+from arva_hil.search.strategies.analysis import Worker
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strategy import Position
+from arva_hil.search.team.team import Teammate
+from firmware_proto import Frame
+
+OLD_S: Final = 1.0  # an older pose is not used for the flight
+STAY: Final = (0.0, 0.0, 0.0)
+_BLOCKED: Final = "it hovers, because another vehicle of the team reports that it is below; take over and land"
+
+
+class Flight:
+    """One flight from its take-off point on. `mission` begins at the end of the take-off.
+
+    `log` gets a row for each step; None: none is made. `team`: the other searches. `host`: commands to the receiver.
+    `worker`: computes; None: in this loop.
+    """
+
+    def __init__(
+        self,
+        plan: SearchPlan,
+        session: Session,
+        commander: Commander,
+        ground: Ground,
+        *,
+        start: float,
+        log: Callable[[SearchStep], None] | None,
+        team: Teammate | None = None,
+        host: ReceiverHost | None = None,
+        worker: Worker | None = None,
+    ) -> None:
+        self.mission: Mission | None = None
+        self.origin: LocalFrame | None = None  # the take-off point
+        self._plan = plan
+        self._session = session
+        self._commander = commander
+        self._ground = ground
+        self._start = start
+        self._log = log
+        self._team = team
+        self._report = TeamReport(team, session) if team else None
+        self._host = host
+        self._worker = worker
+        self._new_frame: Frame | None = None  # since the last row of the log
+        self._last_pose_s = start
+        self._down = 0.0  # ordered last, m/s
+        self._skipped_s = 0.0  # in gaps, which do not count for the mission
+        self._frames = FramesTold(plan.mount, session.news.emit)
+        self._detour = Detour(session.news.emit)
+
+    def hear(self, frame: Frame, now: float) -> None:
+        self._new_frame = frame
+        state = self._state(now)
+        if self.mission is not None and state is not None:
+            place, rotation = self._plan.mount.pose(state.position, state.attitude)
+            self.mission.hear(frame, now - self._skipped_s, as_position(place), rotation)
+        self._frames.tell(frame, now, state)
+
+    def skip(self, now: float, seconds: float) -> None:
+        """There was a gap until now, in which the mission's clock did not run."""
+        self._skipped_s += seconds
+        self._last_pose_s += seconds
+        self._commander.steer(STAY)
+        self._detour.restart()
+        if self._team:
+            self._team.skip(now)
+
+    def wait(self, now: float) -> bool:
+        """The vehicle is still on the ground. Returns whether it has to stay there, because another one is above it."""
+        self._last_pose_s = now
+        self.look_on(now, searching=True)
+        return self._team is not None and self._team.under_another
+
+    def fly(self, now: float) -> None:
+        """One step in the air."""
+        if self.origin is None and (origin := self._commander.origin):
+            self.origin = origin.frame
+            self._session.news.emit(take_off_point(now, self.origin))
+        phase, state, velocity = self._commander.phase, self._state(now), STAY
+        if not self._commander.authority.settled:
+            return
+        if state is None:
+            self._fly_blind(now)
+            return
+        self._last_pose_s = now
+        position = as_position(state.position)
+        if self._report is not None and self.origin is not None:
+            self._report.flown(now, lla(self.origin, *position), self.origin, self.mission)
+        if phase is Phase.FLYING:
+            if self.mission is None:
+                plan = self._team.plan(self._plan, self.origin) if self._team and self.origin else self._plan
+                self.mission = Mission(
+                    plan,
+                    now - self._skipped_s,
+                    position,
+                    land=self._plan.land,
+                    emit=self._tell_in_time,
+                    team=self._team,
+                    host=self._host,
+                    worker=self._worker,
+                )
+                self._session.news.emit(SearchBegun(now, -position[2]))
+            receiver = self._plan.mount.place(state.position, state.attitude)
+            followed = self._commander.authority.in_mode
+            height = self._ground.height(now, state, self._down if followed else 0.0)
+            velocity = self.mission.fly(now - self._skipped_s, position, receiver=as_position(receiver), height=height)
+            if self.mission.ended or not self._commander.authority.in_mode:
+                self._detour.restart()
+            else:
+                velocity = self._detour.around(now, velocity)
+            if self._team:
+                velocity = self._team.apart(position, velocity, self._plan.speed * self.mission.pace)
+            self._commander.steer(velocity)
+            self._down = velocity[2]
+            if why := self._detour.observe(now, velocity, position, as_position(state.velocity)):
+                self._commander.land(now, why)
+            if self.mission.over:
+                lands = height.landed or (self._plan.land and not self.mission.blocked)
+                self._session.news.emit(SearchEnded(now, self.mission.ended, lands))
+                (self._commander.land if lands else self._commander.hold)(now, _BLOCKED * self.mission.blocked)
+        self._note(now, phase, state, velocity)
+
+    def confirm(self, now: float) -> None:
+        """It has landed, and what was heard until then is known."""
+        if self.mission is not None:
+            self.mission.confirm(now - self._skipped_s)
+
+    def look_on(self, now: float, *, searching: bool) -> None:
+        """The vehicle is not flown by this search, yet or any more: tell the others where it is."""
+        if self._report is not None:
+            self._report.left(now, self.origin, self.mission, searching=searching)
+
+    def _fly_blind(self, now: float) -> None:
+        """Without a new pose the vehicle hovers, then lands."""
+        self._commander.steer(STAY)
+        if now - self._last_pose_s > self._plan.patience_s:
+            why = no_pose(self._session.why_no_pose())
+            self._commander.land(now, f"no pose for {self._plan.patience_s:g} s: {why}")
+
+    def _state(self, now: float) -> VehicleState | None:
+        """The pose for the flight, None if there is none that is new enough."""
+        state = self._session.state_at(now, self.origin) if self.origin else None
+        return state if state is not None and state.age_s < OLD_S else None
+
+    def _note(self, now: float, phase: Phase, state: VehicleState, velocity: Position) -> None:
+        if self._log is None:
+            return
+        reading: tuple[int | None, ...] = (None, None, None, None)
+        if self._new_frame is not None:
+            reading = reading_of(self._new_frame, self.mission.target if self.mission else None)
+            self._new_frame = None
+        north_deg = math.degrees(heading(state.attitude))
+        place = as_position(state.position)
+        self._log(SearchStep(now - self._start, phase.name.lower(), *place, north_deg, *velocity, *reading))
+
+    def _tell_in_time(self, event: Event) -> None:
+        """Emit an event of the mission, whose clock does not run in gaps."""
+        self._session.news.emit(replace(event, time_s=event.time_s + self._skipped_s))
+
+
+def reading_of(frame: Frame, target: int | None) -> tuple[int | None, int, int, int]:
+    """Id, d, δ and zone of the transmitter searched for, otherwise of the first channel."""
+    channel = next((c for c in frame.channels if c.valid and c.id == target), frame.channels[0])
+    return channel.id, channel.d, channel.delta, channel.zone

@@ -1,0 +1,101 @@
+"""The claim of a search to its vehicle, announced to other searches of this vehicle: a broadcast TUNNEL message.
+
+All searches of a vehicle have the same system and component. ArduPilot does not forward a heartbeat between two links
+that send the same ids, but both autopilots forward a broadcast TUNNEL.
+
+A payload has the version, flags (1: launched), the vehicle's boot time at which the search began to follow it [ms], a
+random number that tells searches apart, and the name in ASCII. All numbers are little-endian.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import secrets
+import struct
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+from arva_hil.mavlink.codec import Packet, decode, dialect, tunnel
+
+CLAIM_TYPE: Final = 42073  # the payload type, in MAVLink's private range; a team's news have the one before
+QUIET_S: Final = 1.5  # after the first announcement no other search has objected: the vehicle may be armed
+_VERSION: Final = 1
+_HEAD: Final = struct.Struct("<BBqQ")
+_LAUNCHED: Final = 1
+_LONGEST: Final = 64  # bytes of a name
+_LATEST: Final = 2**63 - 1  # ms: before the first announcement every other search was first
+_EVERY_S: Final = 0.5
+
+
+class Claim(NamedTuple):
+    """One search that wants the vehicle. `since_ms`: the vehicle's boot time at which it began; `number`: random."""
+
+    launched: bool
+    since_ms: int
+    number: int
+    name: str
+
+    def precedes(self, other: Claim) -> bool:
+        """Return True if this search gets the vehicle: it flies already, or it began first."""
+        return (not self.launched, *self[1:3]) < (not other.launched, *other[1:3])
+
+
+def encode(claim: Claim) -> bytes:
+    """Return the payload of a claim."""
+    name = claim.name.encode("ascii", "replace")[:_LONGEST]
+    return _HEAD.pack(_VERSION, claim.launched, claim.since_ms, claim.number) + name
+
+
+def parse(payload: bytes) -> Claim | None:
+    """Return the claim in a payload, None if it is something else."""
+    if not _HEAD.size <= len(payload) <= _HEAD.size + _LONGEST:
+        return None
+    version, flags, since_ms, number = _HEAD.unpack_from(payload)
+    name = payload[_HEAD.size :].decode("ascii", "replace")
+    if version != _VERSION or flags > _LAUNCHED or not name.isprintable():
+        return None
+    return Claim(bool(flags), since_ms, number, name)
+
+
+class ClaimAnnouncer:
+    """Remembers the own claim, and when it was announced first and last. `component`: of all searches."""
+
+    def __init__(self, component: int) -> None:
+        name = f"process {os.getpid()} on {platform.node() or 'an unknown computer'}"
+        self._own = Claim(False, _LATEST, secrets.randbits(64), name)
+        self._component = component
+        self._first_s: float | None = None
+        self._next_s = -math.inf
+
+    def is_settled(self, now: float) -> bool:
+        """Return True if other searches have had the time to object."""
+        return self._first_s is not None and now - self._first_s >= QUIET_S
+
+    def poll(self, now: float, boot_s: float | None, *, launched: bool) -> list[Any]:
+        """Return the messages to send now. `boot_s`: the vehicle's boot time, None if it is not known."""
+        if boot_s is None or (now < self._next_s and launched == self._own.launched):
+            return []
+        if self._first_s is None:
+            self._first_s = now
+            self._own = self._own._replace(since_ms=round(boot_s * 1e3))
+        self._own = self._own._replace(launched=launched)
+        self._next_s = now + _EVERY_S
+        return [tunnel(CLAIM_TYPE, encode(self._own))]
+
+    def find_first(self, packets: Sequence[Packet], system: int) -> Claim | None:
+        """Return the claim of another search that gets the vehicle of this system, None if there is none."""
+        for packet in packets:
+            if packet.msgid != dialect.MAVLINK_MSG_ID_TUNNEL or (packet.system, packet.component) != (
+                system,
+                self._component,
+            ):
+                continue
+            message = decode(packet)
+            if message is None or message.payload_type != CLAIM_TYPE:
+                continue
+            claim = parse(bytes(message.payload[: message.payload_length]))
+            if claim and claim.number != self._own.number and claim.precedes(self._own):
+                return claim
+        return None

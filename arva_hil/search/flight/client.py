@@ -1,0 +1,288 @@
+"""The search as a program on an onboard computer: frames from one link, an autopilot on the other, one flight.
+
+It never sees a scenario. It knows only what it reads from its two links.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Final
+
+from arva_hil.autopilot.commanding.commander import Commander
+from arva_hil.autopilot.commanding.state import Phase
+from arva_hil.autopilot.following.session import Session
+from arva_hil.clock import Clock
+from arva_hil.events import Event
+from arva_hil.events.searches import Launched, OwnMarkHeard, SearchHeldUp, SearchInterrupted
+from arva_hil.events.words.reasons import left_alone
+from arva_hil.links import Link, LinkError, Sender
+from arva_hil.mavlink.codec import Packet, dialect
+from arva_hil.model.field.geodesy import LocalFrame
+from arva_hil.search.flight.airborne import Flight
+from arva_hil.search.flight.autopilot_link import AutopilotLink
+from arva_hil.search.flight.claim import Claim, ClaimAnnouncer
+from arva_hil.search.flight.dry_run import DryRun
+from arva_hil.search.flight.permission import Permission
+from arva_hil.search.flight.preflight import INTERRUPTED, Preflight
+from arva_hil.search.flight.receiver_link import ReceiverLink
+from arva_hil.search.mission.conclusion import conclusion, kind_of, outcome_of
+from arva_hil.search.mission.ground import Ground
+from arva_hil.search.mission.mission import Mission
+from arva_hil.search.mission.outcome import Kind, Outcome, Refusal, SearchStep
+from arva_hil.search.strategies.analysis import Worker
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.team.team import Teammate
+from arva_hil.search.team.team_tunnel import TeamTunnel
+from firmware_proto import FrameDecoder, HostForm
+
+COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER3  # the emulator is computer 1, a listener computer 2
+
+_MARK: Final = dialect.MAVLINK_MSG_ID_ADSB_VEHICLE
+_STEP_S: Final = 0.2
+_UNDER: Final = "another vehicle of the team is above it, or may be"
+_SILENT: Final = "the receiver sends no frames"
+_STILL_ARMED: Final = (
+    "the vehicle is still armed, and does not say that it has landed. If it stands, keep away from the propellers and "
+    "disarm it from the radio or the ground station"
+)
+
+
+class SearchClient:
+    """One search: it waits for a vehicle and frames, flies, and ends. A task for the loop.
+
+    The receiver's link may be lost and come back at any time, the autopilot's only until it is `launched`. Later it
+    should raise an error when it is lost, because another person may control the vehicle meanwhile.
+
+    `permission`: to arm this vehicle; None if all vehicles are simulated. `emit` gets the events, `log` five rows a
+    second. `team`: the other searches, if there are several; `tunnel`: to them, if they are other programs. `host`: the
+    form of commands to the receiver, if it takes any. `worker`: computes; None: in this loop.
+    `outcome`: None until the end, when the vehicle has landed or is left hovering.
+    """
+
+    def __init__(
+        self,
+        plan: SearchPlan,
+        session: Session,
+        autopilot: Link,
+        receiver: Link,
+        decoder: FrameDecoder,
+        *,
+        start: float,
+        permission: Permission | None = None,
+        emit: Callable[[Event], None] = lambda _: None,
+        log: Callable[[SearchStep], None] | None = None,
+        team: Teammate | None = None,
+        tunnel: TeamTunnel | None = None,
+        host: HostForm | None = None,
+        worker: Worker | None = None,
+    ) -> None:
+        self.outcome: Outcome | None = None
+        self._session = session
+        self._team = team
+        self._tunnel = tunnel
+        self._claim = ClaimAnnouncer(COMPONENT)
+        self._first: Claim | None = None  # of another search that has the vehicle
+        self._line = AutopilotLink(autopilot, start, hear=self._hear, anew=self._begin_anew)
+        self._receiver = ReceiverLink(receiver, decoder, session.news.emit, host)
+        self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=plan.arm_timeout_s)
+        needed = autopilot, self._receiver, self._commander.battery, self._commander.sticks, permission
+        self._preflight = Preflight(plan, session, *needed, start=start)
+        self._ground = Ground(session, plan)
+        flown = plan, session, self._commander, self._ground
+        self._flight = Flight(*flown, start=start, log=log, team=team, host=self._receiver.host, worker=worker)
+        self._dry_run: DryRun | None = None
+        if plan.dry_run:
+            grounded = plan, session, self._ground
+            self._dry_run = DryRun(*grounded, start=start, log=log or (lambda _: None), worker=worker)
+        self._emit = emit
+        self._next_step = self._now_s = start
+        self._begin = self._commander.take_over if plan.take_over else self._commander.launch
+        self._plan = plan
+        self._stopping = False
+
+    @property
+    def links(self) -> Sequence[Link]:
+        return [self._line.link, *self._receiver.links]
+
+    @property
+    def mission(self) -> Mission | None:
+        """The mission, from the end of the take-off on."""
+        return self._flight.mission
+
+    @property
+    def origin(self) -> LocalFrame | None:
+        """The take-off point."""
+        return self._flight.origin
+
+    @property
+    def launched(self) -> bool:
+        """True if the vehicle was ordered to arm, or never will be."""
+        return self._commander.phase is not Phase.IDLE
+
+    def stop(self) -> None:
+        """Stop: a flying vehicle is left hovering, a landing one goes on landing, one on the ground is disarmed."""
+        if not self._stopping and self.launched:
+            self._session.news.emit(SearchInterrupted(self._now_s, self._commander.phase.name.lower()))
+            self._pass_on()
+        self._stopping = True
+
+    def service(self, clock: Clock) -> float:
+        """Read both links and fly. Returns the next time to call."""
+        try:
+            self._line.take_in(clock)
+            now = self._now_s = clock.now()
+            if not self.launched:
+                self._preflight.watch_link(now)
+            frames = self._receiver.read(now)
+            for frame in frames:
+                (self._dry_run or self._flight).hear(frame, now)
+            if now >= self._next_step:
+                self._next_step = max(self._next_step + _STEP_S, now)
+                self._step(now)
+            return min(self._next_step, self._line.speak(clock, self._due, self._commander.sent))
+        except LinkError as error:  # of the autopilot's link
+            self._cut_off(str(error))
+            return math.inf
+        finally:
+            self._pass_on()
+
+    def _hear(self, sender: Sender, chunk: bytes, now: float, since: float) -> None:
+        if not self.launched:
+            self._preflight.watch_link(now)
+        received = self._session.feed(chunk, now, sender)
+        for packet in (*received.others, *received.refused):
+            if packet.msgid == _MARK and packet.component == COMPONENT and self._is_vehicle(packet):
+                self._session.news.emit(OwnMarkHeard(now))
+        if self._tunnel and self._team:
+            for packet in received.accepted:
+                if news := self._tunnel.hear(packet, now):
+                    self._team.hear(news)
+        if self._session.vehicle:
+            self._first = self._first or self._claim.find_first(received.others, self._session.vehicle.system)
+        self._preflight.hear(received.own)
+        self._commander.hear(received, now, since)
+        self._ground.hear(received, now)
+        senders = self._session.senders
+        self._line.link.follow(senders.vehicle, senders.candidates)
+
+    def _is_vehicle(self, packet: Packet) -> bool:
+        vehicle = self._session.vehicle
+        return vehicle is not None and packet.system == vehicle.system
+
+    def _begin_anew(self, now: float, gap_s: float) -> None:
+        """After a gap without reading, all that is known is old."""
+        self._session.skip(now)
+        self._commander.authority.doubt(now)
+        self._preflight.restart()
+        self._flight.skip(now, gap_s)
+        self._receiver.skip(now)
+        if self.launched:
+            self._session.news.emit(SearchHeldUp(now, gap_s))
+
+    def _due(self, now: float) -> tuple[bytes, bytes]:
+        """The bytes to send: those without and those with orders."""
+        told = self._tunnel.poll() if self._tunnel else []
+        if not self._dry_run and self.outcome is None and self._session.reachable:
+            told = told + self._claim.poll(now, self._session.clock.boot(now), launched=self.launched)
+        packed = b"".join(map(self._session.encoder.pack, told))
+        return self._session.poll(now) + self._preflight.poll(now) + packed, self._commander.poll(now)
+
+    def _pass_on(self) -> None:
+        for event in self._session.take_events():
+            self._emit(event)
+
+    def _step(self, now: float) -> None:
+        phase = self._commander.phase
+        if self.outcome is not None:
+            self._flight.look_on(now, searching=False)
+            return
+        if self._first:
+            flown = "flies this vehicle; this one sends nothing more" if self.launched else "has this vehicle"
+            self._finish("failed", f"another search ({self._first.name}) {flown}; end one of the two")
+        elif phase is Phase.IDLE:
+            self._wait(now)
+        elif self._session.usurped:
+            self._cut_off(self._session.usurped)
+        elif self._session.lost:
+            self._cut_off("the autopilot is not heard any more")
+        elif phase is Phase.LOST:
+            self._conclude_lost()
+        elif phase is Phase.ENDED:
+            self._conclude()
+        elif self._stopping:
+            self._commander.hold(now)
+        elif phase is Phase.ARMING:
+            under_another, silent = self._flight.wait(now), self._receiver.silent(now)
+            no_frames = _SILENT if silent else ""
+            self._commander.held_back = _UNDER if under_another else no_frames
+            if self._receiver.silent(now, self._plan.patience_s):
+                self._commander.land(now, self._receiver.why_silent(now))
+        else:
+            self._flight.fly(now)
+
+    def _wait(self, now: float) -> None:
+        if self._dry_run is None:
+            self._flight.look_on(now, searching=True)
+        if self._stopping:
+            self._finish("failed", INTERRUPTED)
+            return
+        verdict = self._preflight.look(now)
+        if verdict is True and self._dry_run:
+            verdict = self._dry_run.step(now, self._commander.authority.mode) or False
+        if verdict is True and (self._dry_run or self._claim.is_settled(now)):
+            self._launch(now)
+        elif isinstance(verdict, Refusal):
+            self._finish(*verdict)
+
+    def _launch(self, now: float) -> None:
+        try:
+            self._begin(now)
+        except ValueError as error:
+            self._finish("failed", str(error))
+            return
+        self._session.pin()
+        self._line.pin()
+        if throttle := self._preflight.failsafes.values.get("RCMAP_THROTTLE"):
+            self._commander.sticks.throttle = int(throttle)
+        self._session.news.emit(Launched(now, str(self._session.vehicle), self._plan.take_over))
+
+    def _conclude(self) -> None:
+        mission = self.mission
+        if self._stopping:
+            self._finish("failed", INTERRUPTED)
+        elif self._commander.why or mission is None:
+            self._finish("failed", self._commander.why)
+        else:
+            self._flight.confirm(self._now_s)
+            self._finish(*conclusion(mission))
+
+    def _conclude_lost(self) -> None:
+        """End after a loss of control: the pilot has the vehicle, or nobody has it, which is a failure."""
+        commander = self._commander
+        assert self._session.vehicle is not None
+        if commander.handed_over:
+            self._finish(kind_of(self.mission), commander.why)
+        elif not self._session.vehicle.armed:
+            self._finish("failed", commander.why)
+        elif commander.lands_by_itself:
+            self._finish("failed", f"{_STILL_ARMED} ({commander.why})")
+        else:
+            self._cut_off(commander.why)
+
+    def _cut_off(self, why: str) -> None:
+        if self._commander.phase is Phase.IDLE:
+            self._finish("failed" if self._session.vehicle else "no link", why)
+        else:
+            failsafes, lands = self._preflight.failsafes, self._commander.lands_by_itself
+            alone = left_alone(failsafes.values, failsafes.px4, self._commander.sticks.remote)
+            failsafe = "it goes on landing" if lands else alone
+            self._finish("failed", f"{why}; the vehicle is left to its own failsafe: {failsafe}")
+
+    def _finish(self, kind: Kind, how: str) -> None:
+        mission = self.mission
+        self._commander.let_go()
+        if self.outcome is not None:
+            return
+        self._flight.look_on(self._now_s, searching=False)
+        self.outcome = outcome_of(mission, self.origin, kind, how) if mission else Outcome(kind, how)

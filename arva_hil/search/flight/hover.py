@@ -1,0 +1,60 @@
+"""The check before a search takes over a vehicle in the air: it hovers, in a mode that no pilot steers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from arva_hil.autopilot.following.modes import modes_of
+from arva_hil.autopilot.following.session import Session
+from arva_hil.mavlink.codec import Packet, dialect
+
+_STILL_M_S: Final = 0.5
+_STILL_S: Final = 1.0
+_LOWEST_M: Final = 1.0  # above home
+_ARDUPILOT: Final = frozenset(
+    (dialect.COPTER_MODE_AUTO, dialect.COPTER_MODE_GUIDED, dialect.COPTER_MODE_LOITER, dialect.COPTER_MODE_BRAKE)
+)
+_PX4: Final = frozenset((4 << 16 | 3 << 24, 4 << 16 | 4 << 24))  # hold, mission
+
+
+class Hover:
+    """Remembers the mode of the session's vehicle, and since when it hovers."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._mode = -1
+        self._since = math.inf
+
+    def hear(self, packets: Sequence[Packet]) -> None:
+        """Use packets of the vehicle."""
+        for packet in packets:
+            if packet.msgid == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+                message = self._session.parser.decode(packet)
+                self._mode = -1 if message is None else message.custom_mode
+
+    def why_not(self, now: float) -> str:
+        """Why it cannot be taken over now, "" if it can. Call it a few times a second."""
+        why = self._why_not()
+        self._since = math.inf if why else min(self._since, now)
+        if not why and now - self._since < _STILL_S:
+            return "it has just come to a halt"
+        return why
+
+    def _why_not(self) -> str:
+        vehicle, place, home = self._session.vehicle, self._session.track.last_position, self._session.home
+        if vehicle is None or place is None or home is None:
+            return "its home position is not known"
+        if not vehicle.armed:
+            return "it is not armed"
+        try:
+            modes = modes_of(vehicle)
+        except ValueError as error:
+            return str(error)
+        if self._mode not in (_PX4 if modes.px4 else _ARDUPILOT):
+            return f"it is in {modes.name(self._mode)}"
+        height, speed = place.alt - home[2], math.hypot(*place.velocity)
+        if height < _LOWEST_M:
+            return f"it is {height:.1f} m above home, less than {_LOWEST_M:g} m"
+        return f"it moves at {speed:.1f} m/s" if speed >= _STILL_M_S else ""

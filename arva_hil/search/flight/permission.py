@@ -1,0 +1,112 @@
+"""Permission to arm: a simulator is armed at once, any other vehicle only after a person has said yes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+from arva_hil.autopilot.commanding.vehicle_checks import SimulatorCheck
+from arva_hil.autopilot.following.session import Session
+from arva_hil.events import Event
+from arva_hil.events.searches import ArmingAllowed, ConsentNeeded, SimulatorRecognized
+from arva_hil.mavlink.codec import Packet
+from arva_hil.search.mission.outcome import Refusal
+
+_ANSWER_S: Final = 3.0  # for the answer of a simulator, once everything else is ready
+_THINK_S: Final = 60.0  # for the answer of a person
+
+
+class Question(Protocol):
+    """A question to a person while the loop goes on."""
+
+    def ask(self, text: str) -> None:
+        """Show the question. Earlier input is no answer."""
+
+    def answer(self) -> str | None:
+        """The line that was typed since then, None while there is none. Never waits."""
+
+
+class Permission:
+    """Remembers whether the vehicle is a simulator, and the person's answer.
+
+    `yes`: a person has allowed it beforehand. `question`: None if nobody can be asked. `dry_run`: nothing is armed, so
+    nobody is asked; the question is only reported.
+    """
+
+    def __init__(
+        self, session: Session, *, yes: bool = False, question: Question | None = None, dry_run: bool = False
+    ) -> None:
+        self._session = session
+        self._check = SimulatorCheck(session)
+        self._yes = yes
+        self._question = question
+        self._dry_run = dry_run
+        self._vehicle: tuple[int, ...] = ()
+        self._looked: float | None = None  # when this vehicle was first checked
+        self._asked: float | None = None
+        self._said = False  # whether a person said yes to this vehicle
+
+    @property
+    def asking(self) -> bool:
+        """True while a person is being asked."""
+        return self._asked is not None and not self._said
+
+    def hear(self, packets: Sequence[Packet]) -> None:
+        """Use packets of the vehicle."""
+        self._compare()
+        self._check.hear(packets)
+
+    def poll(self, now: float) -> bytes:
+        """The messages to send to the vehicle."""
+        return b"" if self._said else self._check.poll(now)
+
+    def forget(self) -> None:
+        """Forget everything: it may be another vehicle now."""
+        self._check.forget()
+        self._looked = self._asked = None
+        self._said = False
+
+    def look(self, now: float) -> Refusal | bool:
+        """Return True if the vehicle may be flown, False while that is unknown, or a refusal. Call it last."""
+        if self._looked is None:
+            self._looked = now
+        if self._said:
+            return True
+        if self._check.answer:
+            self._agree(SimulatorRecognized(now, str(self._session.vehicle), self._check.answer))
+        elif now - self._looked > _ANSWER_S:
+            return self._ask(now)
+        return self._said
+
+    def _compare(self) -> None:
+        vehicle = self._session.vehicle
+        if vehicle is None:
+            return
+        now = vehicle.system, vehicle.component, vehicle.autopilot, vehicle.kind, self._session.navigation.reboots
+        if now != self._vehicle:
+            if self._vehicle:
+                self.forget()
+            self._vehicle = now
+
+    def _ask(self, now: float) -> Refusal | bool:
+        real = f"{self._session.vehicle} is not known to be a simulator"
+        if self._yes:
+            self._agree(ArmingAllowed(now, str(self._session.vehicle)))
+        elif self._dry_run:
+            self._agree(ConsentNeeded(now, str(self._session.vehicle), self._question is not None))
+        elif self._question is None:
+            return Refusal("refused", f"{real}: to let it fly, write --yes")
+        elif self._asked is None:
+            self._asked = now
+            self._question.ask(f"{real}: propellers will turn. Type yes to let it fly")
+        elif (answer := self._question.answer()) is not None:
+            if answer.strip().lower() != "yes":
+                return Refusal("refused", f"{real}, and the answer was not yes: nothing was done")
+            self._said = True
+        elif now - self._asked > _THINK_S:
+            return Refusal("refused", f"{real}, and nobody said yes within {_THINK_S:g} s: nothing was done")
+        return self._said
+
+    def _agree(self, why: Event) -> None:
+        self._said = True
+        self._session.news.emit(why)

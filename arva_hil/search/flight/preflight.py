@@ -1,0 +1,220 @@
+"""A search on the ground: nothing is armed before there is a vehicle with a pose and a receiver that sends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Final, Literal
+
+from arva_hil.autopilot.commanding.complaints import Battery
+from arva_hil.autopilot.commanding.fence import fence_of
+from arva_hil.autopilot.commanding.sticks import Sticks
+from arva_hil.autopilot.commanding.vehicle_checks import Failsafes
+from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4
+from arva_hil.autopilot.following.session import Session
+from arva_hil.events.searches import CountDown, FailsafesKnown, FenceInArea, ParameterDoubted, WaitingFor
+from arva_hil.events.words.reasons import no_pose, no_vehicle
+from arva_hil.links import Link
+from arva_hil.links.processes import other_readers
+from arva_hil.mavlink.codec import Packet, decode, dialect
+from arva_hil.runtime.link_monitor import LinkMonitor
+from arva_hil.search.flight.airborne import OLD_S
+from arva_hil.search.flight.claim import QUIET_S
+from arva_hil.search.flight.hover import Hover
+from arva_hil.search.flight.permission import Permission
+from arva_hil.search.flight.receiver_link import ReceiverLink
+from arva_hil.search.mission.outcome import Kind, Refusal
+from arva_hil.search.strategies.plan import SearchPlan
+
+INTERRUPTED: Final = "interrupted"
+_TAKEN: Final = (
+    "another program has set the mode that follows set-points, while this search was waiting: end that program, "
+    "and start the search again"
+)
+_HEARTBEAT: Final = dialect.MAVLINK_MSG_ID_HEARTBEAT
+_PARAMETER: Final = dialect.MAVLINK_MSG_ID_PARAM_VALUE
+
+_Lacking = Literal["link", "autopilot", "frame", "pose", "hover", "battery"]
+
+
+class Preflight:
+    """Remembers what a search waits for, and since when.
+
+    `permission`: to fly this vehicle; None if every vehicle may be flown. `battery`, `sticks`, `failsafes`: of the
+    vehicle.
+    """
+
+    def __init__(
+        self,
+        plan: SearchPlan,
+        session: Session,
+        autopilot: Link,
+        receiver: ReceiverLink,
+        battery: Battery,
+        sticks: Sticks,
+        permission: Permission | None,
+        *,
+        start: float,
+    ) -> None:
+        self.failsafes = Failsafes()
+        self._session = session
+        self._autopilot = autopilot
+        self._monitor = LinkMonitor("autopilot", autopilot, self._lost, session.resume)
+        self._receiver = receiver
+        self._battery = battery
+        self._sticks = sticks
+        self._since = start
+        self._plan = plan
+        self._permission = permission
+        self._hover = Hover(session) if plan.take_over else None
+        self._countdown_s = 0.0 if plan.dry_run else plan.countdown_s
+        self._arm_at = math.inf
+        self._next_said = 0
+        self._looked = start
+        self._failsafes_told = False
+        self._alone = False  # whether nobody else read the receiver at the first check
+        self._waits_for: _Lacking | None = None
+        self._mode: int | None = None  # of the vehicle, since the last gap
+        self._taken = False  # whether somebody else has set the mode that follows set-points
+        self._armed_since = math.inf
+        self._greeted = False  # whether a heartbeat came since the autopilot's link was opened
+
+    def hear(self, packets: Sequence[Packet]) -> None:
+        """Use packets of the vehicle."""
+        for packet in packets:
+            if packet.msgid == _HEARTBEAT:
+                self._greeted = True
+                self._watch_mode(decode(packet))
+            elif packet.msgid == _PARAMETER:
+                self.failsafes.hear(self._session.parser.decode(packet))
+        for listener in (self._permission, self._hover):
+            if listener:
+                listener.hear(packets)
+
+    def _watch_mode(self, heartbeat: Any) -> None:
+        mode, px4 = heartbeat.custom_mode, heartbeat.autopilot == dialect.MAV_AUTOPILOT_PX4
+        self._taken |= self._mode not in (None, mode) and mode == (PX4 if px4 else ARDUCOPTER).steer
+        self._mode = mode
+
+    def poll(self, now: float) -> bytes:
+        """The requests to send now."""
+        session = self._session
+        out = self._permission.poll(now) if self._permission else b""
+        if session.vehicle and self._greeted and not session.lost:
+            out += b"".join(map(session.encoder.pack, self.failsafes.poll(now, session.vehicle)))
+        return out
+
+    def restart(self) -> None:
+        """After a gap, wait for a heartbeat and begin the count-down again."""
+        self._greeted = False
+        self._mode = None
+        self._arm_at = math.inf
+        if self._permission:  # the vehicle may be another one
+            self._permission.forget()
+
+    def watch_link(self, now: float) -> None:
+        """After a loss the link is new, and the vehicle may have rebooted."""
+        for event in self._monitor.look(now):
+            self._session.news.emit(event)
+
+    def _lost(self, why: str, now: float) -> None:
+        self._session.interrupt(why)
+        self.restart()
+
+    def look(self, now: float) -> Refusal | bool:
+        """Return True if all is ready for the flight, False while it is not, a refusal if there will be none."""
+        if self._permission and self._permission.asking:
+            self._since += now - self._looked
+        self._looked = now
+        session = self._session
+        if self._autopilot.away:
+            return self._lack("link", now, "no link", lambda: self._autopilot.why)
+        if session.vehicle is None or not self._greeted:
+            return self._lack("autopilot", now, "no link", lambda: f"no autopilot: {no_vehicle(session.heard())}")
+        if self._taken and not self._hover:
+            return Refusal("failed", _TAKEN)
+        if session.vehicle.armed and not self._hover:
+            self._armed_since = min(self._armed_since, now)
+            if now - self._armed_since < QUIET_S:  # another search that flies it names itself
+                return False
+            how = "the vehicle is armed already: a search starts on the ground, or with --take-over in a hover"
+            return Refusal("failed", how)
+        if self._receiver.silent(now):
+            silence = self._receiver.why_silent
+            return self._lack("frame", now, "no link", lambda: silence(now))
+        if not self._has_pose(now):
+            return self._lack("pose", now, "failed", lambda: f"no pose: {no_pose(session.why_no_pose())}")
+        if self._hover and (moving := self._hover.why_not(now)):
+            return self._lack("hover", now, "failed", lambda: f"the vehicle is not taken over: {moving}")
+        if why := self._battery.why(now):
+            if self._battery.low(now):
+                return Refusal("failed", f"{why}: charge or change it, and restart the autopilot; nothing was flown")
+            return self._lack("battery", now, "failed", lambda: f"{why}, or not measured: nothing was flown")
+        if not self.failsafes.done:
+            return False
+        permitted = self._permitted(now)
+        ready = self._count_down(now) if permitted is True else permitted
+        if ready is True or not self._alone:  # again after a person was asked, because it may have changed
+            self._alone = True
+            if others := other_readers(self._receiver.name):
+                what = f"{self._receiver.name} is read by {', '.join(others)} too, and each gets a part of the frames"
+                return Refusal("no link", f"{what}; close the other program")
+        return ready
+
+    def _permitted(self, now: float) -> Refusal | bool:
+        """Return True if the vehicle may be armed, False while that is unknown, or a refusal.
+
+        The time in which a person is asked does not count.
+        """
+        if not self._failsafes_told:
+            self._failsafes_told = True
+            parameters = tuple(self.failsafes.values.items())
+            autopilot: Literal["ardupilot", "px4"] = "px4" if self.failsafes.px4 else "ardupilot"
+            self._session.news.emit(FailsafesKnown(now, autopilot, parameters, self._sticks.remote))
+            for doubt in self.failsafes.doubts():
+                self._session.news.emit(ParameterDoubted(now, *doubt))
+            if self._hover is None and (beyond := self._compare_fence(now)):
+                return Refusal("failed", f"{beyond}; nothing was armed")
+        return self._permission.look(now) if self._permission else True
+
+    def _compare_fence(self, now: float) -> str:
+        """Report a fence inside the area. Return the reason against any flight, or ""."""
+        fence, plan = fence_of(self.failsafes.values, px4=self.failsafes.px4), self._plan
+        south, west, north, east = plan.area
+        farthest = math.hypot(max(-south, north), max(-west, east))
+        nearest = math.hypot(max(south, -north, 0.0), max(west, -east, 0.0))
+        height = max(plan.height, plan.take_off)
+        for limit, needed, what in (
+            (fence.radius, nearest, "the whole area is"),
+            (fence.height, height, "the height is"),
+        ):
+            if limit and needed > limit.metres:
+                return f"{what} beyond the vehicle's fence ({limit.parameter} {limit.metres:g}), {needed:g} m needed"
+        if fence.radius and farthest > fence.radius.metres:
+            self._session.news.emit(FenceInArea(now, *fence.radius, farthest))
+        if fence.points:
+            self._session.news.emit(FenceInArea(now, "FENCE_TOTAL", fence.points, 0.0))
+        return ""
+
+    def _count_down(self, now: float) -> bool:
+        """The last seconds before propellers turn."""
+        if self._arm_at == math.inf:
+            self._arm_at = now + self._countdown_s
+            self._next_said = math.ceil(self._countdown_s)
+        left = self._arm_at - now
+        if left > 0 and left <= self._next_said:
+            self._session.news.emit(CountDown(now, self._next_said, self._hover is not None))
+            self._next_said = math.ceil(left) - 1
+        return left <= 0
+
+    def _lack(self, what: _Lacking, now: float, kind: Kind, why: Callable[[], str]) -> Refusal | bool:
+        self._arm_at = math.inf
+        if what != self._waits_for:
+            self._waits_for = what
+            self._session.news.emit(WaitingFor(now, what))
+        return Refusal(kind, why()) if now - self._since > self._plan.timeout_s else False
+
+    def _has_pose(self, now: float) -> bool:
+        place = self._session.track.last_position
+        state = self._session.state_at(now, place.frame) if place else None
+        return state is not None and state.age_s < OLD_S and not self._session.lost

@@ -1,0 +1,188 @@
+"""The transmitters that a search has heard; which one it flies to: the nearest."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.events import Event
+from arva_hil.events.searches import TransmitterChosen, TransmitterFaded, TransmitterHeard, TransmitterLeft
+from arva_hil.search.strategies.guidance import Guidance
+from arva_hil.search.strategies.strategy import Observation, Position
+from firmware_proto import INNER, MORE_TRANSMITTERS, OVERLAP, Frame
+from firmware_proto.measured import VectorChannel
+
+NO_ID: Final = -1  # in place of an id, if the frames have none
+_NEARER: Final = 0.7  # another transmitter is chosen only if it is nearer by this factor,
+_NEARER_S: Final = 1.0  # for so long: near one an antenna that is dead may not hear it for a moment
+_DEAF_S: Final = 60.0  # without a signal of the transmitter, before strips are flown again
+_HARDLY_S: Final = 40.0  # or if it is in fewer frames than
+_OFTEN: Final = 0.25  # of those that could show it, and no
+_CLOSER: Final = 0.8  # times as far as before; then it is put off until it is so much nearer,
+_STEADY_S: Final = 5.0  # or as near as ever and in all frames for so long
+_MOST_HEARD: Final = 16  # transmitters
+
+
+@dataclass
+class HeardTransmitter:
+    """The known state of one transmitter."""
+
+    nearest_m: float = math.inf
+    nearest_at: tuple[float, float] = (0.0, 0.0)  # north, east of the receiver
+    last_m: float = math.inf
+    last_s: float = -math.inf
+
+    def add(self, observation: Observation) -> None:
+        """Use a new reading of it."""
+        self.last_m, self.last_s = observation.d_m, observation.time_s
+        if self.last_m < self.nearest_m:
+            self.nearest_m, self.nearest_at = self.last_m, observation.position[:2]
+
+
+def id_of(id_: int | None) -> int | None:
+    """As a frame has it."""
+    return None if id_ == NO_ID else id_
+
+
+def observations(
+    frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64], ground: float | None
+) -> dict[int, Observation]:
+    """The readings with a signal in a frame, one for each id (or none): the nearest if there are several."""
+    best: dict[int, Observation] = {}
+    measured = frame.measured.channels if frame.measured else (None,) * len(frame.channels)
+    for channel, pulse in sorted(zip(frame.channels, measured, strict=True), key=lambda pair: pair[0].d):
+        if channel.valid:
+            o = Observation(time_s, position, rotation, channel.d, channel.delta, channel.zone == INNER, ground)
+            if isinstance(pulse, VectorChannel) and pulse.age_ms is not None:
+                o = o._replace(signal=(pulse.x, pulse.y, pulse.z), age_s=pulse.age_ms / 1e3)
+            best.setdefault(NO_ID if channel.id is None else channel.id, o)
+    return best
+
+
+def hidden(frame: Frame, id_: int | None) -> bool:
+    """Return True if a transmitter may be received though the frame has no reading of it: others are in its way."""
+    more = frame.status & (OVERLAP | MORE_TRANSMITTERS) or all(channel.valid for channel in frame.channels)
+    return bool(more) or any(channel.id == id_ for channel in frame.channels)
+
+
+class Choice:
+    """Remembers the transmitters heard, the one that is flown to.
+
+    `target`: its id or NO_ID, None before the first signal; `hunting`: False while strips are flown; `since_s`: when it
+    was chosen. `guidance` gets the readings. `passes`: whether a transmitter is passed by; its second argument says
+    whether it is flown to now. `most_s`: after that it flies to another one, and comes back to this one as to one that
+    is hardly heard.
+    """
+
+    def __init__(
+        self,
+        guidance: Guidance,
+        passes: Callable[[int, bool], bool],
+        emit: Callable[[Event], None],
+        most_s: float = math.inf,
+    ) -> None:
+        self.heard: dict[int, HeardTransmitter] = {}
+        self.target: int | None = None
+        self.hunting = False
+        self.since_s = 0.0
+        self._from_m = math.inf  # how near it had been when it was chosen
+        self._nearer_s = math.inf  # since when another one is nearer
+        self._put_off: dict[int, tuple[float, float]] = {}  # how near they were, m; since when they are steady
+        self._block = (0.0, 0, 0, 0.0)  # since when, frames, those with the transmitter, how near it was before
+        self._guidance = guidance
+        self._passes = passes
+        self._emit = emit
+        self._most_s = most_s
+
+    def note(self, id_: int, observation: Observation) -> None:
+        """A reading of a transmitter."""
+        if id_ not in self.heard:
+            if len(self.heard) >= _MOST_HEARD:
+                return
+            self.heard[id_] = HeardTransmitter()
+            self._emit(TransmitterHeard(observation.time_s, id_of(id_), observation.d_m, *observation.position[:2]))
+        self.heard[id_].add(observation)
+        self._guidance.add(id_, observation)
+
+    def choose(self, ids: Collection[int], time_s: float, *, masked: bool = False) -> None:
+        """Choose the nearest transmitter, with a margin so that noise does not change the choice.
+
+        `ids`: of a frame; `masked`: it may lack the one that is flown to because of others.
+        """
+        if self.target is not None and self.hunting and time_s - self.since_s > self._most_s:
+            self._put_off[self.target] = self.heard[self.target].nearest_m, time_s
+            self._emit(TransmitterLeft(time_s, id_of(self.target)))
+            self.leave()
+        if self.target is not None and self.hunting and self._passes(self.target, True):
+            self._emit(TransmitterLeft(time_s, id_of(self.target)))
+            self.leave()
+        current = self.heard.get(self.target) if self.target is not None else None
+        if self.target is not None and current is not None and self.hunting:
+            hardly = not masked and self._hardly_heard(current, self.target in ids, time_s)
+            deaf = time_s - current.last_s > _DEAF_S
+            if hardly or (deaf and current.nearest_m > _CLOSER * self._from_m):
+                self._put_off[self.target] = current.nearest_m, time_s
+            if hardly or deaf:
+                self._abandon()
+                self._emit(TransmitterFaded(time_s, id_of(self.target), hardly))
+        heard = {id_: self.heard[id_] for id_ in ids if id_ in self.heard and not self._passes(id_, self._is(id_))}
+        for id_, (metres, since_s) in self._put_off.items():
+            self._put_off[id_] = metres, since_s if id_ in ids or masked else time_s
+            enough_m = metres if time_s - since_s >= _STEADY_S else _CLOSER * metres
+            if id_ in heard and heard[id_].last_m > enough_m:
+                del heard[id_]
+        if not heard:
+            return
+        closest = min(heard, key=lambda id_: heard[id_].last_m)
+        nearer = current is not None and heard[closest].last_m < _NEARER * current.last_m
+        self._nearer_s = min(self._nearer_s, time_s) if nearer else math.inf
+        if current is None or not self.hunting or time_s - self._nearer_s >= _NEARER_S:
+            if closest != self.target:
+                self._emit(TransmitterChosen(time_s, id_of(closest), heard[closest].last_m))
+            if closest != self.target or not self.hunting:
+                self.target, self.since_s, self._from_m = closest, time_s, heard[closest].nearest_m
+                self._block = time_s, 0, 0, heard[closest].nearest_m
+                self.hunting = True
+                self._guidance.begin(closest, has_id=closest != NO_ID)
+
+    def forgive(self) -> bool:
+        """Those that were put off may be flown to again. Whether there were any."""
+        there = bool(self._put_off)
+        self._put_off.clear()
+        return there
+
+    def forget(self, id_: int) -> None:
+        """Forget the readings of a transmitter; without an id, that it was heard too."""
+        self._guidance.forget(id_)
+        if id_ == NO_ID:
+            del self.heard[id_]
+
+    def leave(self) -> None:
+        """Fly to none."""
+        self.target = None
+        self._abandon()
+
+    def _hardly_heard(self, current: HeardTransmitter, now: bool, time_s: float) -> bool:
+        """Return True if the transmitter flown to was in few frames for a while, and its distance did not shrink.
+
+        `now`: whether it is in this frame. At the limit of the range a strategy learns too little to find it.
+        """
+        since_s, frames, often, nearest_m = self._block
+        frames, often = frames + 1, often + now
+        self._block = since_s, frames, often, nearest_m
+        if time_s - since_s < _HARDLY_S or frames < _HARDLY_S / 4:
+            return False
+        self._block = time_s, 0, 0, current.nearest_m
+        return 0 < often < _OFTEN * frames and current.nearest_m > _CLOSER * nearest_m
+
+    def _is(self, id_: int) -> bool:
+        return id_ == self.target and self.hunting
+
+    def _abandon(self) -> None:
+        self.hunting = False
+        self._guidance.leave()

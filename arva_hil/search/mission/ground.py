@@ -1,0 +1,257 @@
+"""The height of the vehicle above the ground: all sensors compared, and the lowest height that may be true.
+
+With a rangefinder the height is measured. Altitudes above the take-off point (estimated position, barometer, GPS) check
+it, and replace it above the highest ground that it measured. The vertical speed carries them on between samples. A
+terrain database is followed down a slope where no rangefinder has measured, well above it, while it agrees with the
+position. A vehicle without a rangefinder and a barometer knows its height from GPS alone, with the uncertainty
+GPS_RAW_INT.v_acc.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+from typing import Final, Literal, NamedTuple
+
+from arva_hil.autopilot.following.pose_track import VehicleState
+from arva_hil.autopilot.following.received import Received
+from arva_hil.autopilot.following.session import Session
+from arva_hil.events.searches import HeightSource, SensorsDisagree
+from arva_hil.model.field.quaternion import upright
+from arva_hil.search.mission.height_sensors import FRESH_S, HeightSensors, Survey
+from arva_hil.search.mission.range_check import Odometry, RangeCheck
+from arva_hil.search.strategies.plan import SearchPlan
+
+_SURVEY_OFF_M: Final = 10.0  # that the ground may be higher than it says: the relative accuracy of SRTM (90 %)
+_PER_DEGREE_M: Final = 111_200.0  # of latitude
+_SURVEY_NEW_S: Final = 0.5  # only when so new it is compared with the position
+_SURVEY_AGREES_M: Final = (8.0, 2.0)  # its place and height, with the position
+_STEEPEST: Final = 2.0  # of a slope: steeper is no ground
+_LEVEL: Final = math.cos(math.radians(30))  # with a larger tilt the beam meets the ground elsewhere
+
+_SHARE: Final = 0.3  # of the height wanted: the error of a measured height that is tolerated,
+_TOLERANCE_M: Final = (0.3, 0.9)  # at least, at most
+_JUMP_M: Final = 0.5  # of the estimated position, without the vertical speed for it
+_NOTED_S: Final = 3.0  # after such a jump
+_SMOOTH_S: Final = 2.0  # time constant of the barometer
+_SIGMAS: Final = 3.0  # of the GPS height
+_MARGIN_M: Final = (1.5, 15.0)  # that it is less sure, at least, at most
+_ERRORS_M: Final = {"altitude": 4.0, "barometer": 2.0, "GPS": 4.0}  # besides that
+_WEATHER: Final = 0.01  # m/s: the drift of the barometer
+_CLEARANCE_OFF_M: Final = 3.0
+_LONG_S: Final = 15.0  # of disagreement: the search ends
+_AT_REST_M_S: Final = 0.1  # of vertical speed
+_CONTACT_M: Final = 0.4  # of descent that was ordered at rest
+
+_Source = Literal["rangefinder", "estimate", "highest ground", "GPS", "terrain", "doubtful terrain"]
+
+
+class Height(NamedTuple):
+    """A height above the ground."""
+
+    metres: float
+    """The lowest height that may be true [m]."""
+    measured: bool
+    """True if it is measured by a rangefinder."""
+    margin: float = 0.0
+    """How much less [m] it may still be, if only GPS measures it."""
+    ground: float | None = None
+    """Height of the ground below, above the take-off point [m]; None if it is not known."""
+    still: bool = False
+    """True while sensors disagree or are checked: the vehicle must not fly on."""
+    doubt: str = ""
+    """Why the height is not known, if the sensors disagree for long."""
+    landed: bool = False
+    """True if the vehicle is on the ground."""
+
+
+class _Level:
+    """Remembers an altitude by one sensor, as an offset to the climb; and the highest ground by it."""
+
+    def __init__(self) -> None:
+        self.offset = self.highest = 0.0
+        self._at: float | None = None
+
+    def follow(self, at: float, offset: float, smooth_s: float = 0.0) -> None:
+        """Use a sample, taken at the time `at`."""
+        if at != self._at:
+            share = 1.0 if self._at is None or not smooth_s else 1 - math.exp((self._at - at) / smooth_s)
+            self.offset += (offset - self.offset) * share
+            self._at = at
+
+
+class Ground:
+    """Remembers the heights by the autopilot's sensors, and the highest ground that was measured."""
+
+    def __init__(self, session: Session, plan: SearchPlan) -> None:
+        self._sensors = HeightSensors(session)
+        self._plan = plan
+        least, most = _TOLERANCE_M
+        self._tolerance = max(least, min(_SHARE * plan.height, most))
+        self._range = RangeCheck(self._tolerance)
+        self._levels = {name: _Level() for name in _ERRORS_M}
+        self._motion: Odometry | None = None
+        self._start = Odometry(0.0, 0.0, 0.0, 0.0, (0.0, 0.0))
+        self._climbs = 0.0  # m/s
+        self._reported = 0.0  # offset of the estimated altitude to the climb
+        self._jump = (-math.inf, 0.0, 0.0)  # of the estimated altitude: noted until when, value and expected value
+        self._stalled = 0.0  # descent that was ordered at rest [m]
+        self._compared: Survey | None = None
+        self._doubted = False  # the survey has disagreed with the position in this flight
+        self._below: float | None = None  # the ground below, when it was known last
+        self._source: _Source | None = None  # reported last
+        self._disagree: dict[tuple[str, str], float] = {}  # since when
+        self._emit = session.news.emit
+
+    def hear(self, received: Received, now: float) -> None:
+        """Use what the session received at `now`."""
+        self._sensors.hear(received, now)
+
+    def height(self, now: float, state: VehicleState, ordered: float = 0.0) -> Height:
+        """The height for the flight. `state`: NED from the take-off point. `ordered`: velocity down [m/s]."""
+        above = -float(state.position[2])
+        motion, sensors = self._move(now, state, ordered), self._sensors
+        low, high = _MARGIN_M
+        sigma = max(low, min(_SIGMAS * sensors.gps_sigma, high))
+        altitudes = self._altitudes(now, above, motion)
+        measured, margin = self._measured(motion, state, altitudes), 0.0
+        if measured is not None:
+            lowest, self._below = measured, above - measured
+            self._tell("rangefinder", now)
+        else:
+            only_gps = sensors.only_gps(now)
+            margin = sigma if only_gps and not self._plan.trust_gps else 0.0
+            lowest = self._unmeasured(now, state, altitudes, 0.0 if only_gps else sigma)
+            if only_gps:
+                self._tell("GPS", now, margin)
+        clearance = sensors.clearance(now)
+        if clearance is not None and (measured is None or measured - clearance > _CLEARANCE_OFF_M):
+            lowest = min(lowest, clearance)
+        still, doubt = self._compare(now, altitudes, measured, sigma)
+        landed = sensors.landed(now) or self._stalled > _CONTACT_M
+        return Height(lowest, measured is not None, margin, self._below, still or self._range.still, doubt, landed)
+
+    def _move(self, now: float, state: VehicleState, ordered: float) -> Odometry:
+        """Continue the motion until now, by the vehicle's velocity."""
+        north, east, down = state.position.tolist()
+        v_north, v_east, sinks = state.velocity.tolist()
+        speed, last = math.hypot(v_north, v_east), self._motion
+        if last is None:
+            last = Odometry(now, -down, 0.0, speed, (0.0, 0.0))
+            self._start, self._climbs = last, -sinks
+        dt = max(0.0, now - last.time_s)
+        climbed = last.climbed + dt * (self._climbs - sinks) / 2
+        if dt > FRESH_S:  # a pause: the velocity meanwhile is not known
+            dt, climbed = 0.0, -down - self._reported
+        self._climbs = -sinks
+        self._motion = Odometry(now, climbed, last.flown + dt * speed, speed, (north, east))
+        rests = ordered > 2 * _AT_REST_M_S and abs(sinks) < _AT_REST_M_S
+        self._stalled = self._stalled + ordered * dt if rests else 0.0
+        return self._motion
+
+    def _altitudes(self, now: float, above: float, motion: Odometry) -> dict[str, float]:
+        """The altitudes above the take-off point by each sensor [m]. A jump of the estimated one is left out."""
+        change, self._reported = above - motion.climbed - self._reported, above - motion.climbed
+        if abs(change) <= _JUMP_M:
+            self._levels["altitude"].offset += change
+        else:
+            self._jump = now + _NOTED_S, above, above - change
+        known, sensors = ["altitude"], self._sensors
+        if sample := sensors.pressure_altitude(now):
+            self._levels["barometer"].follow(sample[0], sample[1] - motion.climbed, _SMOOTH_S)
+            known.append("barometer")
+        if sample := sensors.gps_altitude(now):
+            self._levels["GPS"].follow(sample[0], sample[1] - motion.climbed)
+            known.append("GPS")
+        return {name: motion.climbed + self._levels[name].offset for name in known}
+
+    def _measured(self, motion: Odometry, state: VehicleState, altitudes: dict[str, float]) -> float | None:
+        """The rangefinder's height, checked; None without one."""
+        sure = [name for name in altitudes if name != "GPS"]
+        if motion.time_s == self._start.time_s and "barometer" in sure and not self._plan.take_over:
+            self._range.begin(self._start, motion.climbed - max(altitudes[name] for name in sure))
+        level, distance = upright(*state.attitude), self._sensors.distance(motion.time_s)
+        if distance is None or level < _LEVEL:
+            return None
+        confirmed = max(altitudes[name] - self._levels[name].highest for name in sure) + self._tolerance
+        metres = self._range.height(motion, distance[0] * level, distance[1], confirmed)
+        if metres is not None:
+            for name, metres_up in altitudes.items():
+                self._levels[name].highest = max(self._levels[name].highest, metres_up - metres)
+        return metres
+
+    def _unmeasured(self, now: float, state: VehicleState, altitudes: dict[str, float], gps_off: float) -> float:
+        """The height above the highest ground, or by the terrain database. `gps_off`: the error of GPS [m]."""
+        above = -float(state.position[2])
+        rise, survey = self._surveyed(now, above, state), self._sensors.survey(now)
+        if rise is not None or self._doubted:
+            self._below = rise
+        lowest = min(
+            metres - self._levels[name].highest + (gps_off if name == "GPS" else 0.0)
+            for name, metres in altitudes.items()
+        )
+        down_slope = -math.inf
+        if rise is not None and gps_off:
+            down_slope = min(metres for name, metres in altitudes.items() if name != "GPS") - rise - _SURVEY_OFF_M
+        if self._source in ("rangefinder", "highest ground"):
+            source: _Source = "highest ground"
+        elif down_slope > lowest or (rise is not None and self._source == "terrain"):
+            source = "terrain"
+        else:
+            source = "doubtful terrain" if self._doubted else "estimate"
+        if gps_off:
+            self._tell(source, now, _SURVEY_OFF_M if source == "terrain" else 0.0)
+        standing = self._sensors.standing_survey
+        feared = survey.above - standing.above if survey and standing else math.inf
+        return min(max(lowest, down_slope), feared)
+
+    def _surveyed(self, now: float, above: float, state: VehicleState) -> float | None:
+        """The ground by the terrain database, above the take-off point, if no rangefinder has ever measured; None if it
+        says nothing, is old, or has ever disagreed with the position."""
+        survey, standing = self._sensors.survey(now), self._sensors.standing_survey
+        measured = self._source in ("rangefinder", "highest ground")
+        if survey is None or standing is None or measured:
+            return None
+        north, east = state.position[:2].tolist()
+        to_north = (survey.lat - standing.lat) * _PER_DEGREE_M
+        to_east = (survey.lon - standing.lon) * _PER_DEGREE_M * math.cos(math.radians(standing.lat))
+        rise, height = survey.ground - standing.ground, survey.above - standing.above
+        aside, off = _SURVEY_AGREES_M
+        if survey is not self._compared and now - survey.time_s <= _SURVEY_NEW_S:
+            self._compared = survey
+            agrees = math.dist((north, east), (to_north, to_east)) <= aside and abs(height - (above - rise)) <= off
+            self._doubted |= not (agrees and abs(rise) <= _STEEPEST * (math.hypot(to_north, to_east) + aside))
+        return None if self._doubted else rise
+
+    def _compare(
+        self, now: float, altitudes: dict[str, float], measured: float | None, sigma: float
+    ) -> tuple[bool, str]:
+        """Emit each pair that disagrees once. Returns whether sensors disagree, and the words if they do for long."""
+        errors = dict(_ERRORS_M, GPS=_ERRORS_M["GPS"] + sigma)
+        errors["barometer"] += _WEATHER * (now - self._start.time_s)
+        found = {}
+        for (one, a), (two, b) in combinations(altitudes.items(), 2):
+            if abs(a - b) > errors[one] + errors[two]:
+                found[one, two] = a, b
+        until, *jump = self._jump
+        if now < until:
+            found["altitude", "vertical speed"] = jump[0], jump[1]
+        if self._sensors.distance(now) and (values := self._range.deviation(now)):
+            found["rangefinder", "vertical speed"] = values
+        clearance = self._sensors.clearance(now)
+        if measured is not None and clearance is not None and abs(measured - clearance) > _CLEARANCE_OFF_M:
+            found["rangefinder", "autopilot's clearance"] = measured, clearance
+        for pair in found.keys() - self._disagree.keys():
+            self._emit(SensorsDisagree(now, pair[0], found[pair][0], pair[1], found[pair][1]))
+        self._disagree = {pair: self._disagree.get(pair, now) for pair in found}
+        doubts = [
+            f"the {one} says {a:.1f} m, and the {two} {b:.1f} m"
+            for (one, two), (a, b) in found.items()
+            if now - self._disagree[one, two] >= _LONG_S
+        ]
+        return bool(found), "; ".join(doubts)
+
+    def _tell(self, source: _Source, now: float, margin: float = 0.0) -> None:
+        if source != self._source:
+            self._source = source
+            self._emit(HeightSource(now, source, margin))

@@ -1,0 +1,182 @@
+"""The newest values of an autopilot's height sensors, from its messages.
+
+Messages, https://mavlink.io/en/messages/common.html: DISTANCE_SENSOR or ArduPilot's RANGEFINDER measure the height.
+SCALED_PRESSURE and GPS_RAW_INT measure the altitude. TERRAIN_REPORT is of a database. ALTITUDE.bottom_clearance and
+EXTENDED_SYS_STATE are estimates of the autopilot.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from statistics import median
+from typing import Any, Final, NamedTuple
+
+from arva_hil.autopilot.following.received import Received
+from arva_hil.autopilot.following.session import Session
+from arva_hil.mavlink.codec import dialect
+
+EXTRAS: Final[Mapping[int, float]] = {  # messages to request, Hz
+    dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 10.0,
+    dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: 5.0,
+    dialect.MAVLINK_MSG_ID_RANGEFINDER: 10.0,
+    dialect.MAVLINK_MSG_ID_ALTITUDE: 5.0,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 2.0,
+    dialect.MAVLINK_MSG_ID_TERRAIN_REPORT: 2.0,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1.0,
+}
+FRESH_S: Final = 1.0  # a sample that is older is not used
+_SURVEY_FRESH_S: Final = 3.0  # of the terrain database
+_GPS_FRESH_S: Final = 3.0
+_HAS_ONE_S: Final = 10.0  # after a pressure, the vehicle has a barometer for this long
+_SAMPLES: Final = 3  # of the median, so that a single echo of a bird does not count
+_NOT_INVALID: Final = 1  # DISTANCE_SENSOR.signal_quality: 1 is invalid, 0 is unknown
+_REACH: Final = 0.9  # of max_distance: some sensors report the limit, with noise, when there is no echo
+_STEADY: Final = 0.1  # the weight of each further sample on the ground
+_SCALE_M: Final = 29.27 * 273.0  # of the air: height by the logarithm of pressure
+_GPS_SIGMA_M: Final = 2.0  # without v_acc
+_LANDED_S: Final = 1.0  # of reports before they count
+_BAROMETER: Final = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+_NEVER: Final = -math.inf
+
+
+class Survey(NamedTuple):
+    """A report of the terrain database."""
+
+    time_s: float
+    lat: float
+    """[degrees]"""
+    lon: float
+    """[degrees]"""
+    ground: float
+    """Height of the ground [m AMSL]."""
+    above: float
+    """Height of the vehicle above the ground [m]."""
+
+
+class HeightSensors:
+    """Remembers the last samples. The samples on the ground, disarmed, are the height 0."""
+
+    def __init__(self, session: Session) -> None:
+        self.gps_sigma = _GPS_SIGMA_M
+        self.standing_survey: Survey | None = None
+        self._landed = (math.inf, _NEVER)  # since when the autopilot reports it, and its last report
+        self._session = session
+        self._range: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)  # when, m
+        self._own_kind = False  # DISTANCE_SENSOR is received, which has limits
+        self._clearance = self._pressure = self._gps = (_NEVER, 0.0)
+        self._survey: Survey | None = None
+        self._barometer: bool | None = None  # there is a barometer that works; None: not reported
+        self._standing_pressure: float | None = None
+        self._standing_gps: float | None = None
+        session.want(EXTRAS)
+
+    def hear(self, received: Received, now: float) -> None:
+        """Use what the session received at `now`."""
+        for msgid, message in received.messages(_HEARD):
+            _HEARD[msgid](self, message, now)
+
+    def distance(self, now: float) -> tuple[float, float] | None:
+        """Median of the rangefinder's last samples [m], and the last sample. None without a valid one."""
+        fresh = [metres for at, metres in self._range if now - at < FRESH_S]
+        return (median(fresh), fresh[-1]) if fresh else None
+
+    def pressure_altitude(self, now: float) -> tuple[float, float] | None:
+        """Time of the barometer's sample, and altitude above the take-off point [m]. None without a valid one."""
+        at, hpa = self._pressure
+        if self._standing_pressure is None or now - at >= FRESH_S:
+            return None
+        return at, _SCALE_M * math.log(self._standing_pressure / hpa)
+
+    def gps_altitude(self, now: float) -> tuple[float, float] | None:
+        """As `pressure_altitude`, by GPS."""
+        at, metres = self._gps
+        if self._standing_gps is None or now - at >= _GPS_FRESH_S:
+            return None
+        return at, metres - self._standing_gps
+
+    def survey(self, now: float) -> Survey | None:
+        """The terrain database's last report. None without a valid one, or without one on the ground."""
+        survey = self._survey if self.standing_survey else None
+        return survey if survey and now - survey.time_s < _SURVEY_FRESH_S else None
+
+    def clearance(self, now: float) -> float | None:
+        """The autopilot's estimate of the height [m]."""
+        at, metres = self._clearance
+        return metres if now - at < FRESH_S else None
+
+    def only_gps(self, now: float) -> bool:
+        """True if the vehicle reports that it has no barometer."""
+        return self._barometer is False and now - self._pressure[0] > _HAS_ONE_S
+
+    def landed(self, now: float) -> bool:
+        """True if the autopilot has reported for some time that the vehicle is on the ground."""
+        since, last = self._landed
+        return now - last < FRESH_S and now - since >= _LANDED_S
+
+    def _on_distance(self, message: Any, now: float) -> None:
+        if message.orientation != dialect.MAV_SENSOR_ROTATION_PITCH_270:
+            return
+        self._own_kind = True
+        low, high, cm = message.min_distance, message.max_distance, message.current_distance
+        if low <= cm < _REACH * high and cm > 0 and message.signal_quality != _NOT_INVALID:
+            self._range.append((now, cm / 100))
+
+    def _on_rangefinder(self, message: Any, now: float) -> None:
+        if not self._own_kind and 0 < message.distance < math.inf:
+            self._range.append((now, message.distance))
+
+    def _on_altitude(self, message: Any, now: float) -> None:
+        if 0 <= message.bottom_clearance < math.inf:
+            self._clearance = now, message.bottom_clearance
+
+    def _on_terrain(self, message: Any, now: float) -> None:
+        if message.spacing > 0 and math.isfinite(message.current_height) and math.isfinite(message.terrain_height):
+            place = message.lat / 1e7, message.lon / 1e7
+            self._survey = Survey(now, *place, message.terrain_height, message.current_height)
+            if self._stands:
+                self.standing_survey = self._survey
+
+    def _on_pressure(self, message: Any, now: float) -> None:
+        if 0 < message.press_abs < math.inf:
+            self._pressure = now, message.press_abs
+            if self._stands:
+                self._standing_pressure = _steadied(self._standing_pressure, message.press_abs)
+
+    def _on_gps(self, message: Any, now: float) -> None:
+        if message.v_acc > 0:
+            self.gps_sigma = message.v_acc / 1e3
+        if message.fix_type >= dialect.GPS_FIX_TYPE_3D_FIX:
+            self._gps = now, message.alt / 1e3
+            if self._stands:
+                self._standing_gps = _steadied(self._standing_gps, message.alt / 1e3)
+
+    def _on_status(self, message: Any, now: float) -> None:
+        works = message.onboard_control_sensors_present & message.onboard_control_sensors_enabled
+        self._barometer = bool(works & message.onboard_control_sensors_health & _BAROMETER)
+
+    def _on_state(self, message: Any, now: float) -> None:
+        landed = message.landed_state == dialect.MAV_LANDED_STATE_ON_GROUND
+        self._landed = (min(self._landed[0], now) if landed else math.inf), now
+
+    @property
+    def _stands(self) -> bool:
+        return self._session.vehicle is not None and not self._session.vehicle.armed
+
+
+def _steadied(before: float | None, sample: float) -> float:
+    return sample if before is None else before + _STEADY * (sample - before)
+
+
+_HEARD: Final = {
+    dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: HeightSensors._on_distance,
+    dialect.MAVLINK_MSG_ID_RANGEFINDER: HeightSensors._on_rangefinder,
+    dialect.MAVLINK_MSG_ID_ALTITUDE: HeightSensors._on_altitude,
+    dialect.MAVLINK_MSG_ID_TERRAIN_REPORT: HeightSensors._on_terrain,
+    dialect.MAVLINK_MSG_ID_SCALED_PRESSURE: HeightSensors._on_pressure,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: HeightSensors._on_status,
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: HeightSensors._on_gps,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: HeightSensors._on_state,
+}

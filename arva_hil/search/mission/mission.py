@@ -1,0 +1,314 @@
+"""A search from the end of the take-off on: velocities from frames and poses, without bytes or links.
+
+Before the first signal it flies strips. Then a strategy flies to one transmitter, the nearest that is heard. If more
+than one is searched for, each place is noted and marked, and the search goes on from there at the same height.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.events import Event
+from arva_hil.events.searches import DescentBegun
+from arva_hil.search.mission.beliefs import Beliefs
+from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, hidden, id_of, observations
+from arva_hil.search.mission.ground import Height
+from arva_hil.search.mission.height import Descent, HeightKeeper
+from arva_hil.search.mission.last_look import AGREES, LISTEN, LOOK_AGAIN, LastLook
+from arva_hil.search.mission.pauses import Pauses
+from arva_hil.search.mission.receiver_host import ReceiverHost
+from arva_hil.search.mission.team_descent import descent_of
+from arva_hil.search.mission.victims import Victim, Victims
+from arva_hil.search.strategies.analysis import AnalysisResult, Inline, Worker
+from arva_hil.search.strategies.guidance import Guidance
+from arva_hil.search.strategies.plan import FAR_M, SearchPlan
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
+from arva_hil.search.strategies.strips import Strips
+from arva_hil.search.team.team import Teammate
+from arva_hil.search.team.team_strips import strips_of
+from firmware_proto import Frame
+
+FOUND: Final = "found"  # the outcome of a successful search
+NOT_SURE: Final = "not sure: the readings do not agree with the place reported"
+
+_LANDED: Final = "it is on the ground, or it does not sink as ordered because set-points are lost"
+_THERE_M: Final = 0.5  # from the place found
+_LONG_S: Final = 240.0  # on the way to one transmitter: then another one of a team may have more luck
+
+
+class Mission:
+    """Remembers the transmitters heard and the state of the search. `ended`: how it has ended, "" before; `broken`: it
+    has ended early; `sure`: the readings agree with the places found; `victims`: those of several.
+
+    Places are NED metres from the take-off point. `start_s`: the end of the take-off. `land`: after the search it
+    descends onto the place found, until `over`, when only the landing or hovering is left. `emit` gets the events.
+    `team`: the other searches; a transmitter that is theirs is passed by. `host`: commands to the receiver. `worker`:
+    computes; None: in this loop.
+    """
+
+    def __init__(
+        self,
+        plan: SearchPlan,
+        start_s: float,
+        position: Position,
+        *,
+        land: bool = False,
+        emit: Callable[[Event], None] = lambda _: None,
+        team: Teammate | None = None,
+        host: ReceiverHost | None = None,
+        worker: Worker | None = None,
+    ) -> None:
+        self.plan = plan
+        self.start_s = start_s
+        self.ended = ""
+        self.broken = False
+        self.found: Found | None = None  # it flies above this place, to end there or to note it
+        self.sure = True
+        self.position = position  # the last one used
+        self.searched_s = self.path_m = 0.0
+        self.frames = 0
+        self._strips = strips_of(team, plan, position) if team else Strips.of(plan, position)
+        self._twice = False  # whether the strips are flown for the second time since the last place found
+        self._pauses = Pauses(start_s, plan.patience_s, emit)
+        self.victims = Victims(plan.victims, host, emit)
+        worker = worker or Inline(partial(plan.strategy, plan.speed))
+        self._guidance = Guidance(worker, emit, plan.patience_s)
+        self._choice = Choice(self._guidance, self._passes, emit, _LONG_S if team else math.inf)
+        self._last_look = LastLook(self._choice, self._guidance, emit)
+        self._dipole: NDArray[np.float64] | None = None  # at the place found
+        self._keeper = HeightKeeper(plan.height, emit)
+        self._descent: Descent | None = None
+        self._land = land
+        self._emit = emit
+        self._beliefs = Beliefs(emit)
+        self._team = team
+        self._shares = team is not None or self.victims.several  # it expects more than one transmitter
+
+    def hear(self, frame: Frame, time_s: float, position: Position, rotation: NDArray[np.float64]) -> None:
+        """Use a new frame and the receiver's pose at its arrival: position NED, and the matrix receiver FRD → NED."""
+        self.frames += 1
+        if not self._pauses.hear(frame, position, time_s):
+            return
+        every, heard = observations(frame, time_s, position, rotation, self._keeper.ground), []
+        for id_, o in every.items():
+            if not self._pauses.repeats(id_of(id_)) and (id_ != NO_ID or not self.victims.explain(o)):
+                heard.append(id_)
+                self._choice.note(id_, o)
+        if self.victims.several:
+            self.victims.hear(frame, time_s)
+        if not self.ended and self.found is None:
+            masked = self._shares and hidden(frame, self.target)
+            self._choice.choose(heard, time_s, masked=masked)
+            if self.hunting and self.target in heard:
+                self._guidance.observe(every[self.target], self._keeper.wanted)
+            elif self.hunting and not masked and not self._pauses.repeats(id_of(self.target)):
+                self._guidance.observe(Observation(time_s, position, rotation, -1, -1, False), self._keeper.wanted)
+        self._use(self._guidance.exchange(time_s), time_s, position)
+
+    def fly(
+        self, time_s: float, position: Position, *, receiver: Position | None = None, height: Height | None = None
+    ) -> tuple[float, float, float]:
+        """The velocity to fly now [m/s, NED].
+
+        `position`: of the vehicle; `receiver`: of its receiver, if different; `height`: above the ground, if more is
+        known than the position.
+        """
+        if not self.ended:
+            self.searched_s = time_s - self.start_s
+        self.path_m += math.hypot(position[0] - self.position[0], position[1] - self.position[1])
+        self.position = position
+        if self.victims.several:
+            self.victims.serve(time_s)
+        height = height or Height(-position[2], False)
+        if (height.landed or height.doubt) and not self.ended:
+            self._end(_LANDED if height.landed else height.doubt, broken=True)
+        if self.ended and self._lands:
+            return self._come_down(time_s, position, height)
+        if self._team:
+            self._keeper.asked = self._team.height(self.plan.height, height.metres - height.margin, position)
+        down = self._keeper.velocity(time_s, height)
+        if self._keeper.failed and not self.ended:
+            self._end(f"it does not get higher than {height.metres:.1f} m", broken=True)
+        north, east = self._horizontal(time_s, position, receiver or position)
+        share = self._keeper.pace * self.plan.speed / max(math.hypot(north, east), self.plan.speed)
+        return north * share, east * share, down
+
+    def confirm(self, time_s: float) -> None:
+        """The last look, from near the ground: the transmitter may have moved since its place was told."""
+        if self.ended == FOUND and self.found and self._last_look.look(self.found, time_s, last=True) != AGREES:
+            self.sure, self.ended = False, NOT_SURE
+
+    @property
+    def over(self) -> bool:
+        """True if the search has ended, and the descent too."""
+        return bool(self.ended) and (not self._lands or (self._descent is not None and self._descent.done))
+
+    @property
+    def blocked(self) -> bool:
+        """True if the vehicle cannot land, because another vehicle of the team stays below."""
+        return self._descent is not None and self._descent.blocked
+
+    @property
+    def pace(self) -> float:
+        """The share of the speed that the height allows for a horizontal velocity."""
+        return self._keeper.pace if self._descent is None else 1.0
+
+    @property
+    def _lands(self) -> bool:
+        # by set-points: onto a place found, and in a team anywhere, for others may be below
+        return self._land and (self.found is not None or self._team is not None)
+
+    @property
+    def hunting(self) -> bool:
+        """True if the search flies to a transmitter; otherwise it flies strips."""
+        return self._choice.hunting
+
+    @property
+    def target(self) -> int | None:
+        """The id of the transmitter it flies to, or NO_ID; None before the first signal."""
+        return self._choice.target
+
+    @property
+    def heard(self) -> Mapping[int, HeardTransmitter]:
+        """The known state of each transmitter received, by its id."""
+        return self._choice.heard
+
+    @property
+    def others(self) -> dict[int, HeardTransmitter]:
+        """The transmitters that were heard and not found."""
+        if self.victims.several:
+            return {id_: heard for id_, heard in self.heard.items() if not self.victims.knows(id_)}
+        return {id_: heard for id_, heard in self.heard.items() if self.found is None or id_ != self.target}
+
+    def _come_down(self, time_s: float, position: Position, height: Height) -> tuple[float, float, float]:
+        if self._descent is None:
+            place = self.found.goal if self.found else position[:2]
+            self._descent = descent_of(self._team, place, self.plan.speed, time_s, height.metres)
+            if self.found:
+                self._emit(DescentBegun(time_s))
+        if self.found:
+            self._guidance.contradictions(time_s)  # as new as may be when it has come down
+        velocity = self._descent.velocity(time_s, position, height)
+        if self._descent.done:
+            self.confirm(time_s)
+        return velocity
+
+    def _horizontal(self, time_s: float, position: Position, receiver: Position) -> Velocity:
+        if self.ended:
+            return STILL
+        self._use(self._guidance.exchange(time_s), time_s, position)
+        if self.ended:
+            return STILL
+        if self.plan.far(position):
+            return self._end(f"it is more than {FAR_M:g} m outside the area", broken=True)
+        if silent := self._guidance.silent(time_s):
+            return self._end(silent, broken=True)
+        if self.found is not None:
+            return self._go_there(self.found, time_s, position)
+        if silent := self._pauses.silent(time_s):
+            return self._end(silent, broken=True)
+        if self.searched_s > self.plan.limit_s:
+            where = f"in {self.plan.limit_s:g} s"
+            return self._end(self.victims.not_all(where, len(self.others), f"not found {where}"))
+        if self._pauses.waits(time_s):
+            if stuck := self._pauses.stuck(time_s):
+                self._end(stuck, broken=True)
+            return STILL
+        if self.hunting:
+            if self.victims.several and self.victims.put_aside(self._choice, self.others, time_s):
+                return self._go_on(position)
+            self._use(self._guidance.steer(time_s, receiver), time_s, position)
+            return STILL if self.ended else self._guidance.velocity(time_s)
+        if self.victims.several and (place := self.victims.heard_at(self.others, receiver)):
+            return towards(receiver, place, self.plan.speed)
+        velocity = self._strips.velocity(time_s, receiver)
+        if not self._strips.exhausted:
+            return velocity
+        if not self._twice and self.victims.back() | self._choice.forgive():
+            self._twice = True
+            return self._strips.again()
+        if self.victims.wanted or not self.victims.places or self.others:
+            heard, rounds = "not found" if self.heard else "no signal", ", twice" if self._twice else ""
+            nothing = f"{heard}: {self._strips.how_flown}{rounds}"
+            return self._end(self.victims.not_all("on all strips", len(self.others), nothing))
+        return self._end(FOUND if self.sure else NOT_SURE)
+
+    def _go_there(self, found: Found, time_s: float, position: Position) -> Velocity:
+        place, late = found.goal, self.searched_s > self.plan.limit_s
+        barred = self._team is not None and self._team.bars(place, position)
+        if not (late or barred) and math.dist(position[:2], place) >= _THERE_M:
+            return towards(position, place, self.plan.speed)
+        if self.sure and not self.victims.noting:
+            verdict = self._last_look.look(found, time_s, last=late)
+            if verdict in (LOOK_AGAIN, LISTEN):
+                return self._go_on(position) if verdict == LOOK_AGAIN else STILL
+            self.sure = verdict == AGREES
+        if not self.victims.several:
+            return self._end(FOUND if self.sure else NOT_SURE)
+        return self._note_victim(found, time_s, position, late=late)
+
+    def _note_victim(self, found: Found, time_s: float, position: Position, *, late: bool) -> Velocity:
+        """Note the place, wait for the receiver to mark it, and go on to the next."""
+        victims, target = self.victims, self.target
+        assert target is not None
+        if not victims.noting:
+            self._twice = False
+            victims.add(Victim(target, found, self.sure, self.searched_s), self._dipole, time_s)
+        if victims.settling and not late:
+            return STILL
+        if target == NO_ID:
+            self._choice.forget(target)
+        victims.note(self.heard, time_s)
+        self.sure = all(victim.sure for victim in victims.places)
+        if victims.enough:
+            return self._end(FOUND if self.sure else NOT_SURE)
+        return self._go_on(position)
+
+    def _go_on(self, position: Position) -> Velocity:
+        """To the next transmitter, or back to the strips."""
+        self.found = None
+        self._choice.leave()
+        self._strips.resume(position)
+        return STILL
+
+    def _passes(self, id_: int, own: bool) -> bool:
+        """Return True if a transmitter is another search's, or found. Without ids that is unknown."""
+        if id_ == NO_ID:
+            return False
+        metres = self.heard[id_].nearest_m
+        return self.victims.passes(id_) or (self._team is not None and self._team.taken(id_, own=own, metres=metres))
+
+    def _use(self, answer: AnalysisResult | None, time_s: float, position: Position) -> None:
+        """Use an answer of the strategy, unless it comes too late."""
+        if answer is None or self.ended:
+            return
+        if answer.failed:
+            self._end(answer.failed, broken=True)
+            return
+        if (target := self.target) is None or self.found is not None:
+            return
+        if answer.found is not None:
+            if self._shares and self._repeated(target, answer.found, answer.sure, time_s, position):
+                return
+            self.found, self.sure, self._dipole = answer.found, answer.sure, answer.dipole
+            self._beliefs.found(time_s, id_of(target), answer.found, answer.sure)
+        self._beliefs.look(time_s, id_of(target), answer.belief)
+
+    def _repeated(self, target: int, found: Found, sure: bool, time_s: float, position: Position) -> bool:
+        """Return True if a place is found already, or is to be searched again."""
+        again = self.victims.same(target, found, time_s)
+        if not again and (sure or not self.victims.doubt(target, found, time_s)):
+            return False
+        self._choice.forget(target)
+        self._go_on(position)
+        return True
+
+    def _end(self, how: str, *, broken: bool = False) -> Velocity:
+        self.ended, self.broken = how, broken
+        return STILL

@@ -1,0 +1,68 @@
+"""The outcome of a search, and the steps of its flight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from arva_hil.model.field.geodesy import LocalFrame
+from arva_hil.search.mission.choice import HeardTransmitter
+from arva_hil.search.mission.victims import Victim
+from arva_hil.search.strategies.strategy import Found
+
+Kind = Literal["found", "not sure", "not found", "no link", "failed", "refused", "would fly"]
+
+
+class Refusal(NamedTuple):
+    """Why a search ends on the ground."""
+
+    kind: Kind
+    how: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The outcome of a search. Places are NED metres from the take-off point; `time_s` from the end of the take-off.
+
+    `kind`: found. Not sure: a place is reported, but the readings do not agree with it. Not found: the whole area was
+    searched. No link: one of the two was missing. Refused: the vehicle may not be armed. Would fly: a dry run has
+    ended. Failed: anything else. `victims`: of a search for several, the surest place first; it is "found" if all that
+    were asked for are. `found`, `id` and `lat_lon` are then those of the first.
+    """
+
+    kind: Kind
+    how: str
+    id: int | None = None  # of the transmitter searched for, -1 when frames carry none
+    found: Found | None = None
+    lat_lon: tuple[float, float] | None = None  # of `found`, degrees
+    origin: tuple[float, float, float] | None = None  # the take-off point: degrees, degrees, metres AMSL
+    time_s: float = 0.0
+    path_m: float = 0.0
+    frames: int = 0
+    others: tuple[tuple[int, HeardTransmitter], ...] = ()
+    victims: tuple[Victim, ...] = ()
+    wanted: int | None = 1  # how many were searched for; None: all
+
+
+class SearchStep(NamedTuple):
+    """One step of the flight, for a log. The last four values are of a frame that came in this step, else None."""
+
+    time_s: float
+    phase: str
+    north_m: float
+    east_m: float
+    down_m: float
+    heading_deg: float
+    v_north: float
+    v_east: float
+    v_down: float
+    id: int | None
+    d_cm: int | None
+    delta_deg: int | None
+    zone: int | None = None
+
+
+def lla(origin: LocalFrame, north: float, east: float, down: float) -> tuple[float, float, float]:
+    """A place [m from the take-off point] in degrees, degrees, metres AMSL."""
+    lat, lon, alt = map(float, origin.lla([north, east, down]))
+    return lat, lon, alt

@@ -1,0 +1,91 @@
+"""Checks that the receiver works: frames must be new, and readings must change."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from arva_hil.search.strategies.strategy import Position
+from firmware_proto import Channel, Frame
+
+_LATE: Final = 8  # frames before the last one: it was overtaken; a larger step back is a restart of the receiver
+_SAME_FRAMES: Final = 3  # at least
+_OLD_M: Final = 0.5  # a slow receiver may repeat a reading for this distance,
+_OLD: Final = 0.1  # or this share of d if that is more, because far from a transmitter a reading changes little,
+_OLDEST_M: Final = 1.5  # but not for more
+_STUCK_M: Final = 3.0
+_STUCK_S: Final = 5.0  # because a search hovers where it expects the transmitter
+
+
+class NewFrames:
+    """Remembers the sequence number of the last frame.
+
+    A repeated number is the same frame, and a slightly lower one is late: neither is used. The decoders of formats
+    without a sequence number count, so that each of their frames is new.
+    """
+
+    def __init__(self) -> None:
+        self.repeats = 0  # of the last frame, in a row
+        self._last: int | None = None
+
+    def new(self, frame: Frame) -> bool:
+        ahead = _LATE if self._last is None else (frame.sequence - self._last + _LATE) % 256
+        if self._last is not None and ahead <= _LATE:
+            self.repeats += ahead == _LATE
+            return False
+        self._last, self.repeats = frame.sequence, 0
+        return True
+
+
+class StuckReadings:
+    """Remembers the `whole` frame's present reading, and that of each transmitter in it."""
+
+    def __init__(self) -> None:
+        self.whole = SameReading((), (0.0, 0.0, 0.0))
+        self._each: dict[int | None, SameReading] = {}
+
+    def repeats(self, id_: int | None) -> bool:
+        """Return True if the reading of this transmitter is not of this place, though others of the frame may be."""
+        return id_ in self._each and self._each[id_].old
+
+    def hear(self, frame: Frame, position: Position, time_s: float) -> None:
+        """Use a new frame and the receiver's place."""
+        heard = tuple(channel for channel in frame.channels if channel.valid)
+        self.whole = self.whole.after(heard, position, time_s)
+        before, self._each = self._each, {}
+        for id_ in {channel.id for channel in heard}:
+            channels = tuple(channel for channel in heard if channel.id == id_)
+            same = before.get(id_) or SameReading(channels, position)
+            self._each[id_] = same.after(channels, position, time_s)
+
+
+class SameReading:
+    """Remembers a reading, where and when it began, and how far away it came again.
+
+    `old`: so far away that it is not of this place. `stuck`: too far for an equal reading, or away for too long.
+    `moved_m`: the largest distance from where it began.
+    """
+
+    def __init__(self, channels: tuple[Channel, ...], at: Position) -> None:
+        self.channels = channels
+        self.old = self.stuck = False
+        self.moved_m = 0.0
+        self._at = at
+        self._old_m = min(max(_OLD_M, _OLD * min((c.d for c in channels), default=0) / 100), _OLDEST_M)
+        self._old_since = math.inf
+        self._frames = 0
+
+    def after(self, channels: tuple[Channel, ...], position: Position, time_s: float) -> SameReading:
+        """This one, if these channels are the same, otherwise a new one."""
+        same = self if channels == self.channels else SameReading(channels, position)
+        if channels:
+            same._again(position, time_s)
+        return same
+
+    def _again(self, position: Position, time_s: float) -> None:
+        self._frames += 1
+        self.moved_m = max(self.moved_m, math.dist(position, self._at))
+        self.old = self.moved_m > self._old_m
+        self._old_since = min(self._old_since, time_s) if self.old else math.inf
+        long = self.moved_m > _STUCK_M or time_s - self._old_since > _STUCK_S
+        self.stuck = self.stuck or (long and self._frames >= _SAME_FRAMES)

@@ -1,0 +1,66 @@
+"""The search as the host of its receiver: commands on the receiver's own port, and their answers (PROTOCOL.md)."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+from firmware_proto import Command, CommandAnswer, HostForm
+
+_ANSWER_S: Final = 1.0  # an answer takes no longer; then it is asked again
+_MOST_SENT: Final = 3  # times; then the receiver takes no commands
+
+
+class Asked(NamedTuple):
+    """A command, and its answer; None: there was none."""
+
+    command: Command
+    answer: CommandAnswer | None
+
+
+class ReceiverHost:
+    """Remembers the commands that are not answered yet. One at a time is asked, at most three times.
+
+    `write`: bytes to the port, False if it does not take them now. `form`: of commands and answers.
+    """
+
+    def __init__(self, form: HostForm, write: Callable[[bytes], bool]) -> None:
+        self._encode = form.command
+        self._decoder = form.answers()
+        self._write = write
+        self._waiting: deque[Command] = deque()
+        self._answers: list[CommandAnswer] = []
+        self._number = self._sent = 0
+        self._sent_s = 0.0
+
+    @property
+    def busy(self) -> bool:
+        """True if a question is not answered yet."""
+        return bool(self._waiting)
+
+    def ask(self, name: str, *values: int) -> None:
+        """Ask this after all that was asked before."""
+        self._number = (self._number + 1) % 256
+        self._waiting.append(Command(self._number, name, values))
+
+    def hear(self, chunk: bytes, now: float) -> None:
+        """Bytes of the port. Nothing is kept while nothing is asked."""
+        if self._waiting:
+            self._answers += self._decoder.feed(chunk, now)
+
+    def poll(self, time_s: float) -> list[Asked]:
+        """Send what is to be sent, and give what was answered, or never will be."""
+        done: list[Asked] = []
+        answers, self._answers = self._answers, []
+        for answer in answers:
+            if self._sent and self._waiting and (answer.number, answer.name) == self._waiting[0][:2]:
+                done.append(Asked(self._waiting.popleft(), answer))
+                self._sent = 0
+        if self._sent and time_s - self._sent_s > _ANSWER_S and self._sent >= _MOST_SENT:
+            done.append(Asked(self._waiting.popleft(), None))
+            self._sent = 0
+        if self._waiting and (not self._sent or time_s - self._sent_s > _ANSWER_S):
+            self._write(self._encode(self._waiting[0]))
+            self._sent, self._sent_s = self._sent + 1, time_s
+        return done

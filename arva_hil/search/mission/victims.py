@@ -1,0 +1,251 @@
+"""The transmitters that one search has found: their places, the receiver's marks on them, and who is left."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.events import Event
+from arva_hil.events.searches import (
+    MarkLost,
+    MarksNotTaken,
+    PlaceDoubted,
+    ReceiverKnown,
+    VictimAgain,
+    VictimNoted,
+)
+from arva_hil.search.mission.choice import NO_ID, Choice, HeardTransmitter, id_of
+from arva_hil.search.mission.receiver_host import Asked, ReceiverHost
+from arva_hil.search.strategies.explained import Explained
+from arva_hil.search.strategies.strategy import Found, Observation, Position
+from firmware_proto import MORE_TRANSMITTERS, Frame
+from firmware_proto.commands import DONE, IDENTIFY, MARK, UNKNOWN
+
+_MOST_TRIES: Final = 6  # of a mark while it hovers: overlapping pulses refuse some
+_NEXT_TRY_S: Final = 1.3  # about a pulse later
+_AGAIN_S: Final = 5.0  # between tries of a mark that was lost,
+_NEAR_CM: Final = 600  # so near to it: farther away receivers refuse
+_SIGMA_M: Final = 0.4  # of a place whose strategy tells none
+_WITHIN: Final = 2.45  # sigma: 95 % of a place
+_LEAST_M: Final = 1.0  # apart, that two places are two
+_THERE_M: Final = 2.0  # from where somebody was heard
+_LONG_S: Final = 240.0  # for one transmitter, while another is heard or there are strips left
+
+
+@dataclass(frozen=True)
+class Victim:
+    """A transmitter that was found. `id`: -1 when frames carry none. `sure`: the readings agree with its place.
+
+    `time_s`: from the end of the take-off; `marked`: by the receiver, as far as the search knows.
+    """
+
+    id: int
+    found: Found
+    sure: bool
+    time_s: float
+    marked: bool = False
+
+    @property
+    def sigma(self) -> float:
+        """For the order of probing [m]: that of the place, infinite where it is not sure or not known."""
+        sigma = self.found.sigma
+        return math.inf if sigma is None or not self.sure else sigma
+
+
+def probing_order(victims: list[Victim]) -> tuple[Victim, ...]:
+    """The surest place first; of equal ones the one that was found first."""
+    return tuple(sorted(victims, key=lambda victim: (not victim.sure, victim.sigma, victim.time_s)))
+
+
+class Victims:
+    """Remembers who was found, under which ids, who is marked, and who is put aside.
+
+    `wanted`: how many are searched for, None: all. `host`: the receiver's, None if it takes no commands. `emit` gets
+    the events.
+    """
+
+    def __init__(self, wanted: int | None, host: ReceiverHost | None, emit: Callable[[Event], None]) -> None:
+        self.wanted = wanted
+        self.places: list[Victim] = []
+        self.noting = False  # a place is added, and not told yet
+        self._host = host
+        self._emit = emit
+        self._known: dict[int, int] = {}  # which place is a transmitter's
+        self._together: set[frozenset[int]] = set()  # ids of one frame: they are of different transmitters
+        self._aside: set[int] = set()
+        self._visited: set[int] = set()
+        self._doubted: set[int] = set()
+        self._explained = Explained()
+        self._more = False
+        self._tries = 0  # of the newest place's mark
+        self._due: dict[int, float] = {}  # places to be marked, and when it is tried next
+        self._tried: dict[int, float] = {}  # when it was tried last
+        if host is not None and self.several:
+            host.ask(IDENTIFY)
+
+    @property
+    def several(self) -> bool:
+        """True if more than one transmitter is searched for."""
+        return self.wanted != 1
+
+    @property
+    def enough(self) -> bool:
+        """True if as many as wanted were found for sure."""
+        return self.wanted is not None and sum(victim.sure for victim in self.places) >= self.wanted
+
+    def not_all(self, where: str, more: int, nothing: str) -> str:
+        """Return the end of a search that has not found all that it searched for; `more` were received."""
+        wanted, count = self.wanted, len(self.places)
+        some = f"{count} of {wanted} found {where}" if wanted else f"{count} found {where}, {more} more heard"
+        return some if count else nothing
+
+    def knows(self, id_: int) -> bool:
+        """Return True if a transmitter is found."""
+        return id_ in self._known
+
+    def passes(self, id_: int) -> bool:
+        """Return True if the search passes by a transmitter: it is found, or put aside."""
+        return id_ in self._known or id_ in self._aside
+
+    def left(self, heard: Iterable[int]) -> int | None:
+        """Return the number of received transmitters that are not found; None if frames carry no ids."""
+        every = set(heard)
+        return None if NO_ID in every or not self._known else len(every - self._known.keys())
+
+    def hear(self, frame: Frame, time_s: float) -> None:
+        """A frame: marks that are lost, and who was heard together with whom."""
+        ids = {channel.id for channel in frame.channels if channel.id is not None}
+        self._together |= {frozenset((a, b)) for a in ids for b in ids if a < b}
+        self._more = bool(frame.status & MORE_TRANSMITTERS)
+        for channel in frame.channels:
+            number = self._known.get(-1 if channel.id is None else channel.id)
+            if number is None or not channel.valid or channel.marked:
+                continue
+            if self.places[number].marked:
+                self.places[number] = replace(self.places[number], marked=False)
+                self._emit(MarkLost(time_s, channel.id, number + 1))
+            if channel.d <= _NEAR_CM and self._host is not None:
+                self._due.setdefault(number, self._tried.get(number, -math.inf) + _AGAIN_S)
+
+    def explain(self, observation: Observation) -> bool:
+        """Return True if a reading without an id is of a transmitter that is found."""
+        return self._explained.explain(observation)
+
+    def same(self, id_: int, found: Found, time_s: float) -> bool:
+        """Return True if a place is that of a transmitter found already, and mark it again: the search came back."""
+        for number, victim in enumerate(self.places):
+            sigma = math.hypot(found.sigma or _SIGMA_M, victim.found.sigma or _SIGMA_M)
+            apart = math.dist(found[:2], victim.found[:2])
+            together = any(frozenset((id_, other)) in self._together for other in self._ids(number))
+            if apart < max(_LEAST_M, _WITHIN * sigma) and not together:
+                self._know(id_, number)
+                self._emit(VictimAgain(time_s, id_of(id_), number + 1, apart))
+                self._mark(number, time_s)
+                return True
+        return False
+
+    def doubt(self, id_: int, found: Found, time_s: float) -> bool:
+        """The readings do not agree with a place. Whether it is looked for again: once for each transmitter."""
+        if id_ in self._doubted:
+            return False
+        self._doubted.add(id_)
+        self._emit(PlaceDoubted(time_s, id_of(id_), found.north, found.east))
+        return True
+
+    def put_aside(self, choice: Choice, others: Collection[int], time_s: float) -> bool:
+        """Return True if the transmitter flown to takes too long. `others`, received and not found, are searched for
+        first; without any it gets as long again.
+        """
+        alone = not set(others) - self._aside - {choice.target}
+        if choice.target is None or time_s - choice.since_s <= _LONG_S * (1 + alone):
+            return False
+        self._aside.add(choice.target)
+        return True
+
+    def heard_at(self, others: Mapping[int, HeardTransmitter], position: Position) -> tuple[float, float] | None:
+        """Return the place to fly to for a received transmitter that is not found: the nearest, each once a victim."""
+        there = {id_: heard.nearest_at for id_, heard in others.items() if id_ not in self._aside | self._visited}
+        while there:
+            id_ = min(there, key=lambda id_: math.dist(there[id_], position[:2]))
+            if math.dist(there[id_], position[:2]) > _THERE_M:
+                return there[id_]
+            self._visited.add(id_)
+            del there[id_]
+        return None
+
+    def back(self) -> bool:
+        """Search again for the transmitters put aside. Return True if there was any."""
+        there = bool(self._aside)
+        self._aside.clear()
+        return there
+
+    def add(self, victim: Victim, dipole: NDArray[np.float64] | None, time_s: float) -> None:
+        """A place is found, and the vehicle hovers above it. `dipole`: there, of a transmitter without an id."""
+        self.noting = True
+        self.places.append(victim)
+        self._know(victim.id, len(self.places) - 1)
+        if dipole is not None:
+            self._explained.add(dipole)
+        self._mark(len(self.places) - 1, time_s)
+
+    def note(self, heard: Iterable[int], time_s: float) -> None:
+        """The newest place is told, and who is left of those `heard`."""
+        self.noting = False
+        self._visited.clear()
+        self._aside.clear()
+        victim = self.places[-1]
+        place = victim.found.north, victim.found.east
+        about = len(self.places), self.wanted, *place, victim.sure, victim.marked, self.left(heard), self._more
+        self._emit(VictimNoted(time_s, id_of(victim.id), *about))
+
+    @property
+    def settling(self) -> bool:
+        """True while the search waits for the receiver above the newest place."""
+        return self._host is not None and len(self.places) - 1 in self._due and self._tries < _MOST_TRIES
+
+    def serve(self, time_s: float) -> None:
+        """Ask the receiver what is to be asked, and use its answers."""
+        if self._host is None:
+            return
+        for asked in self._host.poll(time_s):
+            self._answered(asked, time_s)
+        due = [number for number, at_s in self._due.items() if at_s <= time_s]
+        if self._host is not None and due and not self._host.busy:
+            number = max(due)
+            self._due[number], self._tried[number] = math.inf, time_s
+            self._host.ask(MARK, self.places[number].id)
+
+    def _answered(self, asked: Asked, time_s: float) -> None:
+        (_, name, values), answer = asked
+        if answer is None or (answer.result == UNKNOWN and name == MARK):
+            self._host = None
+            self._emit(MarksNotTaken(time_s, "no answer" if answer is None else answer.result))
+        elif name == IDENTIFY:
+            self._emit(
+                ReceiverKnown(time_s, answer.text or "one without a name", answer.values[0] if answer.values else None)
+            )
+        elif answer.result == DONE:
+            number = self._known[values[0]]
+            self.places[number] = replace(self.places[number], marked=True)
+            self._due.pop(number, None)
+        elif (number := self._known[values[0]]) == len(self.places) - 1 and self._tries < _MOST_TRIES:
+            self._tries += 1
+            self._due[number] = time_s + _NEXT_TRY_S
+        else:
+            self._due.pop(number, None)
+
+    def _mark(self, number: int, time_s: float) -> None:
+        if self._host is not None and self.places[number].id != NO_ID:
+            self._due[number], self._tries = time_s, 0
+
+    def _know(self, id_: int, number: int) -> None:
+        if id_ != NO_ID:
+            self._known[id_] = number
+
+    def _ids(self, number: int) -> list[int]:
+        return [id_ for id_, known in self._known.items() if known == number]

@@ -1,0 +1,1 @@
+"""Strategies: from readings of one transmitter to velocities and a place."""

@@ -1,0 +1,149 @@
+"""Checks that the readings agree with the place found: the last check of a search with any strategy.
+
+Dipoles are fitted to the readings, anywhere, under each cause that may be wrong with them: late readings, places that
+drift, an antenna that is dead, loud electronics. The place is a transmitter's if one near it explains them far better
+than any elsewhere, under whatever cause, and explains nearly all of them.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.search.strategies import dipole
+from arva_hil.search.strategies.history import OUTLIERS, ROUGH_M, ROUGHLY, Explanation, History
+from arva_hil.search.strategies.strategy import Observation
+
+_STEP_M: Final = 0.4  # flown between two readings that are kept,
+_STEP_S: Final = 1.0  # or the time
+_DOWN_M: Final = 0.5  # of dipoles to begin with, below the ground
+_TURNS: Final = 3  # and their moments' directions: level ones within half a turn, and down; m and −m sound alike
+_NEAR_M: Final = 2.5  # so near to the place is there
+
+_UNEXPLAINED_M: Final = 1.2  # at most
+_DEEPEST_M: Final = 8.0  # under the ground
+_STRONGEST: Final = 4.0  # times the reference transmitter's moment, or that part of it
+_BETTER: Final = 6.0  # there than elsewhere: more likely by e^6
+_SIGMA_M: Final = 1.2  # of the place, at most
+_FINE_M: Final = 0.2  # an error of the receiver's place that is no surprise
+_NEWEST: Final = 0.4  # of the newest readings, at most, may be outliers
+_NEWEST_S: Final = 10.0
+_KNOWN_M: Final = 0.1  # error of the receiver's place, at least, for the check
+_CAUTION: Final = 2.0  # times its sigma: readings are not as independent as the fit believes
+_SINCE: Final = 0.3  # of a drift: what it is more since then
+_CONTRADICTS: Final = 4.0  # variances: readings beyond contradict a place that was told before
+
+Array = NDArray[np.float64]
+
+
+class Judgement(NamedTuple):
+    """The agreement of a transmitter at a place with the readings."""
+
+    unexplained_m: float  # how far off the receiver's own places are
+    below_m: float  # how far it lies below the lowest of them,
+    depth_m: float | None  # and below the ground, if that is known
+    strength: float  # of the reference transmitter's moment
+    better: float  # the logarithm of how much more likely it is there than elsewhere
+    sigma_m: float  # of the place, whatever the cause
+    outliers: float  # share of the readings that it does not explain,
+    newest: float  # and of the newest ones
+    covariance: tuple[float, float, float]  # of north and east about the place, as in `Found`
+    there: Explanation  # the best one near the place
+
+    def agrees(self, height_m: float) -> bool:
+        """It can be true; the receiver was flown at that height."""
+        depth_m = self.below_m - height_m if self.depth_m is None else self.depth_m
+        buried = depth_m < _DEEPEST_M and 1 / _STRONGEST < self.strength < _STRONGEST
+        fits = self.unexplained_m < _UNEXPLAINED_M and self.outliers < OUTLIERS and self.newest < _NEWEST
+        return buried and fits and self.better > _BETTER and self.sigma_m < _SIGMA_M
+
+
+class Evidence(History):
+    """Remembers the nearest readings of one transmitter, and their places."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._at = (math.inf, math.inf)
+        self._time_s = -math.inf
+        self._there: Explanation | None = None  # of the place judged last
+
+    def add(self, o: Observation) -> None:
+        """Add a reading, unless it is from the same place as the last one."""
+        if not o.finite:
+            return
+        self.pose(o)
+        same = math.dist(self._at, o.position[:2]) < _STEP_M and 0 <= o.time_s - self._time_s < _STEP_S
+        if o.heard and not same:
+            self._at, self._time_s = o.position[:2], o.time_s
+            self.read(o)
+
+    def judge(self, place: tuple[float, float]) -> Judgement | None:
+        """Judge a transmitter at `place` (north, east); None if nothing that was heard lies near it."""
+        judgement = judged(place, self.explanations(beginning(place, self))) if self.nearest else None
+        self._there = judgement.there if judgement else None
+        return judgement
+
+    def contradictions(self, newest: Sequence[Observation]) -> list[bool]:
+        """Return, for each of these later readings, True if it contradicts the place judged last; [] without one."""
+        there = self._there
+        if there is None or not newest:
+            return []
+        o, drift = dipole.DipoleReadings(there.cause.gains, there.cause.deaf_m), there.best.now - there.best.x[:3]
+        for one in newest:
+            position, rotation = self.at(one.time_s - one.age_s - there.cause.lag_s)
+            for told in one.told:
+                o.add((np.array(position) - drift).tolist(), rotation, *told, one.time_s, one.ground)
+        sigma = float(np.linalg.eigvalsh(there.best.now_covariance)[2]) ** 0.5
+        error = math.hypot(max(_KNOWN_M, there.pose_error), _CAUTION * sigma, _SINCE * there.cause.drift_m)
+        beyond: list[bool] = dipole.unexplained(there.best.x, o, error, _CONTRADICTS).tolist()
+        return beyond
+
+
+def beginning(place: tuple[float, float], history: History) -> Array:
+    """Dipoles (K, 6) to begin with: some at a place, and those that agree with the strongest reading."""
+    o = history.nearest
+    assert o is not None
+    level = [(math.cos(a), math.sin(a), 0.0) for a in np.arange(_TURNS) * math.pi / _TURNS]
+    moments = dipole.MOMENT * np.array([*level, (0, 0, 1)])
+    there = [[*place, (o.ground or 0.0) + _DOWN_M, *moment] for moment in moments]
+    return np.concatenate([there, dipole.seeds(o.position, o.bearing, o.d_m, o.ground)])
+
+
+def judged(place: tuple[float, float], explanations: Iterable[Explanation]) -> Judgement | None:
+    """Judge a transmitter at a place by what may explain the readings; None if nothing near it does."""
+    there: Explanation | None = None
+    here = elsewhere = math.inf
+    nears = []
+    for one in explanations:
+        near = np.hypot(one.x[:, 0] - place[0], one.x[:, 1] - place[1]) < _NEAR_M
+        elsewhere = min(elsewhere, float(np.min(one.costs[~near], initial=math.inf)))
+        if near[0]:
+            nears.append(one)
+            if one.cost < here:
+                there, here = one, one.cost
+    if there is None:
+        return None
+    o, x = there.readings, there.best.x
+    placed = copy.copy(o)
+    placed.at = o.at - there.best.drift
+    strength = float(np.linalg.norm(x[3:])) / dipole.MOMENT
+    if there.cause.drift_m:
+        strength = math.sqrt(strength)  # where heights drift, it is less known
+    likely = [(math.exp(here - one.cost), one.best) for one in nears]
+    spread = sum(share * float(np.linalg.eigvalsh(fit.covariance[:2, :2])[1]) for share, fit in likely)
+    sigma = math.sqrt(spread / sum(share for share, _ in likely))
+    down = float(there.best.now[2])
+    below, depth = down - float(o.at[2, 1:].max()), down - float(o.level(there.x)[0]) if o.sloping else None
+    rough = dipole.unexplained(x, placed, max(ROUGH_M, there.pose_error), ROUGHLY)
+    everything = float(rough[o.time_s[1:] >= min(there.cause.since_s, o.time_s[1:].max())].mean())
+    fine = dipole.unexplained(x, placed, max(_FINE_M, there.pose_error), 4.0)
+    newest = fine[o.time_s[1:] > o.time_s[1:].max() - _NEWEST_S]
+    off = x[:2] - place
+    (nn, ne), (_, ee) = (there.best.covariance[:2, :2] + np.outer(off, off)).tolist()
+    better, share = elsewhere - here, float(newest.mean())
+    return Judgement(there.pose_error, below, depth, strength, better, sigma, everything, share, (nn, ne, ee), there)

@@ -1,0 +1,198 @@
+"""Everything of a search that may take long to compute: the strategy, and the check of the places that it finds.
+
+An `Analysis` gets orders and returns one answer. It runs in the steering loop where the clock is stepped, otherwise in
+a process of its own (`strategy_process.py`), so that a set-point never waits for it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, Final, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.search.strategies.agreement import Evidence
+from arva_hil.search.strategies.explained import dipole_at
+from arva_hil.search.strategies.strategy import Belief, Found, Observation, Position, Strategy, Velocity
+from arva_hil.search.strategies.strategy_checks import checked_found, checked_velocity, failed
+
+_REMEMBERED: Final = 256  # observations of each transmitter
+_NEWEST_S: Final = 2.0  # of readings that show whether a transmitter is still there,
+_LEAST, _NEWEST = 4, 20  # how many at least, be they older, and at most,
+_BESIDE_M: Final = 0.5  # and from how far: so near it is no dipole
+_MOST_HYPOTHESES: Final = 64  # of a belief
+_AT_A_TIME: Final = 32  # readings of the past that a new strategy gets in one batch
+
+
+class AnalysisResult(NamedTuple):
+    """The results of one batch of orders."""
+
+    number: int = 0
+    """Number of the strategy."""
+    velocity: Velocity | None = None
+    """None without an order to steer."""
+    found: Found | None = None
+    """The place that the strategy has found, None before."""
+    sure: bool = False
+    """True if the readings agree with that place."""
+    dipole: NDArray[np.float64] | None = None
+    """The dipole (6,) at that place that fits its readings best; of a transmitter without an id only."""
+    belief: Belief | None = None
+    """The present estimate of the strategy; None if it has none, or without a new reading."""
+    contradictions: tuple[bool, ...] | None = None
+    """For each of the newest readings: True if it contradicts that place. None without an order to check it."""
+    failed: str = ""
+    """Outcome of the search if the strategy has failed."""
+
+
+class TransmitterReadings:
+    """The readings of one transmitter."""
+
+    def __init__(self) -> None:
+        self.past: deque[Observation] = deque(maxlen=_REMEMBERED)
+        self._evidence = Evidence()
+
+    def add(self, o: Observation) -> None:
+        self.past.append(o)
+        self._evidence.add(o)
+
+    def judged(self, found: Found, height_m: float) -> tuple[Found, bool]:
+        """Return a place with its covariance, and True if the readings agree with it."""
+        judgement = self._evidence.judge(found[:2])
+        if judgement is None or not judgement.agrees(height_m):
+            return found, False
+        return found._replace(covariance=found.covariance or judgement.covariance), True
+
+    def contradictions(self, time_s: float) -> list[bool]:
+        """Return, for each of the newest readings in order of time, True if it contradicts the place judged last."""
+        newest = [o for o in self.past if o.d_m > _BESIDE_M]
+        count = sum(time_s - o.time_s < _NEWEST_S for o in newest)
+        return self._evidence.contradictions(newest[-min(max(count, _LEAST), _NEWEST) :] if count else [])
+
+
+class Analysis:
+    """The readings of all transmitters, and the strategy that flies to one of them.
+
+    `make` makes a strategy. `at_once`: a batch leaves nothing to be done. Otherwise a place is judged in the batch
+    after the one that finds it, and a new strategy gets the past in several batches, so that no answer takes long.
+    """
+
+    def __init__(self, make: Callable[[], Strategy], *, at_once: bool) -> None:
+        self._make = make
+        self._at_once = at_once
+        self._unheard: deque[Observation] = deque()  # readings that the strategy gets later
+        self._unjudged: tuple[Found, float] | None = None  # a place found, and the height wanted
+        self._strategy: Strategy | None = None
+        self._records: dict[int, TransmitterReadings] = {}
+        self._record, self._has_id = TransmitterReadings(), False  # of the transmitter that the strategy flies to
+        self._answer = AnalysisResult()
+
+    def answer(self, orders: Sequence[Order]) -> AnalysisResult:
+        """Follow the orders. An error of the strategy ends the search."""
+        self._answer = self._answer._replace(velocity=None, belief=None, contradictions=None)
+        try:
+            self._judge()
+            self._replay(_AT_A_TIME)
+            for follow, *arguments in orders:
+                follow(self, *arguments)
+        except (Exception, SystemExit) as error:
+            self._answer = self._answer._replace(failed=failed(error))
+        return self._answer
+
+    def add(self, id_: int, o: Observation) -> None:
+        """Add a reading of a transmitter."""
+        self._records.setdefault(id_, TransmitterReadings()).add(o)
+
+    def forget(self, id_: int) -> None:
+        """Forget the readings of a transmitter."""
+        self._records.pop(id_, None)
+
+    def begin(self, number: int, id_: int, has_id: bool) -> None:
+        """Begin a new strategy for a transmitter, with all of its readings but the newest."""
+        self._answer, self._record, self._has_id = AnalysisResult(number), self._records[id_], has_id
+        self._unjudged = None
+        self._strategy, self._unheard = self._make(), deque(list(self._record.past)[:-1])
+        if self._at_once:
+            self._replay(len(self._unheard))
+
+    def observe(self, o: Observation, height_m: float) -> None:
+        """Give the strategy a reading. `height_m`: the height wanted."""
+        strategy = self._strategy
+        if strategy is None or self._finished:
+            return
+        if self._unheard:
+            self._unheard.append(o)
+            return
+        strategy.hear(o)
+        found, belief = checked_found(strategy.found), getattr(strategy, "belief", None)
+        if isinstance(belief, Belief):
+            belief = belief._replace(hypotheses=belief.hypotheses[:_MOST_HYPOTHESES])
+            self._answer = self._answer._replace(belief=belief)
+        if found is not None:
+            self._unjudged = found, height_m
+            if self._at_once:
+                self._judge()
+
+    def steer(self, time_s: float, position: Position) -> None:
+        """Ask the strategy for the velocity."""
+        if self._strategy is not None and not self._finished and not self._unheard:
+            velocity = checked_velocity(self._strategy.velocity(time_s, position))
+            self._answer = self._answer._replace(velocity=velocity)
+
+    def check(self, time_s: float) -> None:
+        """Compare the newest readings with the place found."""
+        self._answer = self._answer._replace(contradictions=tuple(self._record.contradictions(time_s)))
+
+    @property
+    def _finished(self) -> bool:
+        return self._unjudged is not None or self._answer.found is not None
+
+    def _replay(self, most: int) -> None:
+        for _ in range(min(most, len(self._unheard))):
+            assert self._strategy is not None
+            self._strategy.hear(self._unheard.popleft())
+
+    def _judge(self) -> None:
+        if self._unjudged is None:
+            return
+        found, height_m = self._unjudged
+        dipole = None if self._has_id else dipole_at(found, self._record.past)
+        found, sure = self._record.judged(found, height_m)
+        self._unjudged, self._answer = None, self._answer._replace(found=found, sure=sure, dipole=dipole)
+
+
+Order = tuple[Any, ...]  # a method of Analysis and its arguments
+
+
+class Worker(Protocol):
+    """Follows orders somewhere."""
+
+    def send(self, orders: Sequence[Order]) -> None:
+        """Send a batch. The batch before it has been answered."""
+
+    def receive(self) -> AnalysisResult | None:
+        """Return the answer to the batch, None before it is there. It does not wait."""
+
+    @property
+    def starved_s(self) -> float:
+        """Time for which it could compute, but other programs had the processors [s]."""
+
+
+class Inline:
+    """A worker in the steering loop: an answer takes no time of a stepped clock."""
+
+    def __init__(self, make: Callable[[], Strategy]) -> None:
+        self._analysis = Analysis(make, at_once=True)
+        self._answer: AnalysisResult | None = None
+
+    def send(self, orders: Sequence[Order]) -> None:
+        self._answer = self._analysis.answer(orders)
+
+    @property
+    def starved_s(self) -> float:
+        return 0.0
+
+    def receive(self) -> AnalysisResult | None:
+        return self._answer

@@ -1,0 +1,279 @@
+"""The place of a dipole, from readings at many poses: several hypotheses fitted at once.
+
+A hypothesis is (north, east, down, moment north, east, down): metres from the take-off point, and the moment in
+units that make its field h = (3(m·n)n − m)/ρ³ the receiver's own, d = ‖h‖^(−⅓). K hypotheses, N readings.
+
+A reading is one complex number, ln(h_x + i·h_y) = −3 ln d + iδ: the real part of its error is relative to the field,
+the imaginary one an angle, known up to the receiver's 180°. In the inner zone, where d is of the whole field and δ
+says nothing, the field's own direction takes the place of the receiver's x + i·y.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Known beforehand.
+MOMENT: Final = 1 / 1.542  # of the reference transmitter: 1/κeq
+_STRENGTH: Final = 0.35  # sigma of the logarithm of a transmitter's strength
+_DEPTH: Final = (0.5, 1.2)  # below the ground, and its sigma, m
+RIDGE: Final = np.diag([1e-4] * 3 + [1e-2] * 3)  # next to nothing of the rest
+
+_ONE: Final = np.eye(6)
+
+# Variances of a reading, relative to the field or in radians².
+_NOISE: Final = (0.43 / 80.0**3) ** 2  # of the antennas: their bound over 3; times d⁶
+_ANY: Final = 1.0  # of a reading that says nothing
+_ROUNDING: Final = (0.01**2, 0.02**2)  # of d, of δ, and of what nobody thought of
+_TILT: Final = 0.03**2  # of the receiver's attitude
+_SILENCE: Final = (50.0, 0.1**2)  # where hearing ends, m, and of that edge
+TAIL: Final = 9.0  # variances; beyond, a squared error counts for less and less
+
+_POSE_ERRORS: Final = np.geomspace(0.03, 1.0, 10)  # sigmas thought possible of the receiver's place, m
+WIDE: Final = np.geomspace(0.03, 10.0, 16)  # of a place that may be wrong
+USUAL: Final = (0.1, 0.8)  # of such a sigma: its median, and the sigma of its logarithm
+_MODESTY: Final = 1.6  # a fit makes its own errors look smaller than they are
+
+FORGET: Final = 12.0  # a hypothesis whose likelihood is e^−12 of the best one's
+SETTLED: Final = 0.01  # of a cost: two rounds in a row that gain less are the last
+
+MOST: Final = 64  # readings
+_NEAREST: Final = 0.1  # m
+
+
+# As `DipoleReadings.add` takes it.
+Reading = tuple[Sequence[float], Array, float, float, bool, float, float | None]
+
+
+class DipoleReadings:
+    """Remembers the readings that say most; number 0 stands for what is known beforehand.
+
+    Of the real and the imaginary part of each: `told`, it is a value; `limit`, it is the most that it can be.
+    `gains`: of the antennas x and y, 0 for a dead one; `lost`, None or (3, N): what they miss of a field. `deaf_m`:
+    from there the reference transmitter is no louder than noise. `since_s`: those before say nothing. `sloping`: the
+    ground below them is known.
+    """
+
+    def __init__(
+        self, gains: tuple[float, float] = (1.0, 1.0), deaf_m: float = math.inf, since_s: float = -math.inf
+    ) -> None:
+        self._gains, self._noise, self._since_s = gains, max(_NOISE, deaf_m**-6), since_s
+        self.sloping, self._ground = False, np.zeros(MOST)
+        self.lost: NDArray[np.complex128] | None = None
+        self._all: tuple[NDArray[Any], ...] = (
+            np.full((MOST, 3), 1e3),
+            np.ones((MOST, 3), complex),
+            np.zeros(MOST, complex),
+            np.ones(MOST, bool),
+            np.ones((MOST, 2), bool),
+            np.zeros((MOST, 2), bool),
+            np.ones((MOST, 2)),
+            np.zeros(MOST),
+        )
+        self._show(1)
+
+    def add(
+        self,
+        position: Sequence[float],
+        rotation: Array,
+        d: float,
+        delta: float,
+        inner: bool,
+        time_s: float = 0.0,
+        ground: float | None = None,
+    ) -> None:
+        """One more, in place of the weakest when there are too many.
+
+        The receiver at `position` NED [m], turned by `rotation` (3, 3) to NED; d in metres, not above 0 when
+        nothing was heard; δ in radians.
+        """
+        n = len(self.said)
+        i = n if n < MOST else 1 + int(np.argmin(self.said.real[1:]))
+        self._put(i, position, rotation[:, 0] + 1j * rotation[:, 1], *self._columns(d, delta, inner, time_s), time_s)
+        self.sloping, self._ground[i] = self.sloping or ground is not None, ground or 0.0
+        self._show(max(n, i + 1))
+
+    def add_all(self, readings: Sequence[Reading]) -> None:
+        """As `add` for each, where none was added before, in a tenth of the time."""
+        if not readings:
+            return
+        positions, rotations, d, delta, inner, times_s, grounds = zip(*readings, strict=True)
+        columns = [self._columns(*one) for one in zip(d, delta, inner, times_s, strict=True)]
+        strengths = [said.real for said, *_ in columns]
+        kept, held = list(range(len(columns)))[: MOST - 1], strengths[: MOST - 1]
+        for new in range(MOST - 1, len(columns)):
+            weakest = held.index(min(held))
+            kept[weakest], held[weakest] = new, strengths[new]
+        turned, rows = np.array(rotations)[kept], slice(1, len(kept) + 1)
+        said = zip(*(columns[i] for i in kept), strict=True)
+        axes = turned[:, :, 0] + 1j * turned[:, :, 1]
+        self._put(rows, np.array(positions)[kept], axes, *said, np.array(times_s)[kept])
+        self._ground[rows] = [grounds[i] or 0.0 for i in kept]
+        self.sloping = any(ground is not None for ground in grounds)
+        self._show(len(kept) + 1)
+
+    def _put(self, rows: int | slice, *values: Any) -> None:
+        for column, value in zip(self._all, values, strict=True):
+            column[rows] = value
+
+    def _columns(self, d: float, delta: float, inner: bool, time_s: float) -> tuple[Any, ...]:
+        """Return the values kept of each reading, besides its pose."""
+        heard = d > 0
+        d = d if heard else _SILENCE[0]
+        noise = min(self._noise * d**6, _ANY) if time_s >= self._since_s else _ANY
+        noise, (of_d, of_delta) = noise + (0.0 if heard else _SILENCE[1]), _ROUNDING
+        said = complex(-3 * math.log(d), delta)
+        return said, inner, (heard, heard and not inner), (not heard, False), (noise + of_d, noise + of_delta)
+
+    def _show(self, n: int) -> None:
+        at, axis, self.said, self.inner, told, limit, self.variance, self.time_s = (column[:n] for column in self._all)
+        self.at, self.axis = np.ascontiguousarray(at.T), np.ascontiguousarray(axis.T)  # sums over 3 are quick so
+        if self._gains != (1.0, 1.0):
+            (x, y), (miss_x, miss_y) = self._gains, (math.sqrt(1 - gain**2) for gain in self._gains)
+            self.lost = miss_x * self.axis.real + 1j * miss_y * self.axis.imag
+            self.axis = x * self.axis.real + 1j * y * self.axis.imag
+        self.told, self.limit = told.ravel(), limit.ravel()
+
+    def level(self, x: Array) -> Array:
+        """The ground where hypotheses (K, 6) are: below the reading nearest to each, down from the take-off point (K,);
+        0 if it is not known."""
+        if not self.sloping:
+            return np.zeros(len(x))
+        off = self.at[..., :2, :] - x[:, :2, None]
+        level: Array = self._ground[(off[:, 0] ** 2 + off[:, 1] ** 2).argmin(axis=1)]
+        return level
+
+
+class Fit(NamedTuple):
+    """The agreement of hypotheses with readings; M = 2N, real and imaginary parts in turn."""
+
+    x: Array  # (K, 6)
+    cost: Array  # (K,) −ln of the likelihood
+    information: Array  # (K, 6, 6) inverse of the covariance
+    gradient: Array  # (K, 6) of the cost, the weights held
+    error: Array  # (K, M)
+    weight: Array  # (K, M)
+    slope: Array  # (K, M) of the error over the receiver's place, squared, 1/m²
+    variance: Array  # (K, M) of the error, were the receiver's place exact
+    slopes: Array  # (K, 6, M) of the error over x
+
+
+def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
+    """Hypotheses (K, 6) against readings, which may be at other places (K, 3, N) for each; `pose_error`: sigma of the
+    receiver's place on each axis, m.
+    """
+    m, r = x[:, 3:, None], o.at - x[:, :3, None]
+    rho2 = np.maximum(_dot(r, r), _NEAREST**2)
+    rho = np.sqrt(rho2)
+    n = r / rho
+    along = _dot(n, m)
+    h = 3 * along * n - m  # for ρ = 1
+    h2 = _dot(h, h) + 1e-20
+    if o.lost is None:
+        axis = np.where(o.inner, h / np.sqrt(h2), o.axis)
+    else:
+        left = h - (_dot(o.lost, h).conj() * o.lost).real
+        axis = np.where(o.inner, left / np.sqrt(np.maximum(_dot(left, h), 1e-20)), o.axis)
+    z = _dot(axis, h) + 1e-12
+    heard2 = z.real**2 + z.imag**2
+    hidden = np.maximum(h2 / heard2 - 1, 0)  # of the field, across the two antennas
+    error = np.empty((len(x), len(o.said)), complex)  # ln(z/ρ³), by its parts: numpy takes ten times as long for both
+    error.real = 0.5 * np.log(heard2 / rho2**3)[:, 0] - o.said.real
+    turn = np.arctan2(z.imag, z.real)[:, 0] - o.said.imag
+    error.imag = turn - np.pi * np.rint(turn / np.pi)
+    axis = axis / z
+    share = _dot(axis, n)
+    slopes = np.empty((len(x), 6, len(o.said)), complex)
+    slopes[:, :3] = ((1 + 2 * along * share) * n - share * m - along * axis) * (3 / rho)
+    slopes[:, 3:] = 3 * share * n - axis
+
+    m2 = _dot(m, m)[:, 0] + 1e-20
+    error[:, 0] = (x[:, 2] - o.level(x) - _DEPTH[0]) / _DEPTH[1] + 1j * np.log(m2[:, 0] / MOMENT**2) / (2 * _STRENGTH)
+    slopes[:, :, 0] = 0
+    slopes[:, 2, 0], slopes[:, 3:, 0] = 1 / _DEPTH[1], x[:, 3:] * (1j / _STRENGTH / m2)
+
+    e, j = error.view(float), slopes.view(float)
+    slope = np.add.reduce(j[:, :3] ** 2, axis=1)
+    variance = (_TILT * hidden[:, 0]).repeat(2, axis=1) + o.variance.ravel()
+    total = pose_error**2 * slope + variance
+    squared = e**2 / total
+    tail = 1 + squared / TAIL
+    loss = TAIL * np.log(tail)
+    tail[:, :2], loss[:, :2] = 1, squared[:, :2]  # what is known beforehand is no outlier
+    used = o.told | (o.limit & (e > 0))
+    weight = used / (total * tail)
+    cost = 0.5 * np.add.reduce(used * loss + o.told * np.log(total), axis=1)
+    weighted = j * weight[:, None]
+    information = weighted @ j.transpose(0, 2, 1) + RIDGE
+    return Fit(x, cost, information, (weighted @ e[:, :, None])[:, :, 0], e, weight, slope, variance, j)
+
+
+def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float, rounds: int) -> tuple[Fit, Array]:
+    """At most so many steps of Levenberg and Marquardt for hypotheses (K, 6) with dampings (K,), until none gains any
+    more; also the next dampings.
+    """
+    now, settled = evaluate(x, o, pose_error), 0
+    for _ in range(rounds):
+        damped = now.information * (1 + damping[:, None, None] * _ONE)
+        new = evaluate(now.x - np.linalg.solve(damped, now.gradient[:, :, None])[:, :, 0], o, pose_error)
+        better = np.add.reduce(now.weight * (new.error**2 - now.error**2), axis=1) < 0
+        damping = np.clip(np.where(better, damping / 8, damping * 8), 1e-4, 1e4)
+        settled = settled + 1 if (now.cost - new.cost).max() < SETTLED else 0
+        now = the_better(now, new, better)
+        if settled > 1:
+            break
+    return now, damping
+
+
+def the_better(old: Fit, new: Fit, better: NDArray[np.bool_]) -> Fit:
+    """The new fit of the hypotheses (K,) that are `better` by it, the old one of the others."""
+    if better.all():
+        return new
+    pairs = zip(old, new, strict=True)
+    return Fit(*(np.where(better.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in pairs))
+
+
+def likely_pose_error(fit: Fit, i: int, o: DipoleReadings, errors: Array = _POSE_ERRORS) -> float:
+    """Of `errors` of the receiver's place, m, that which makes what was said most likely, were hypothesis i true."""
+    total = errors[:, None] ** 2 * fit.slope[i] + fit.variance[i]
+    tail = np.log1p(_MODESTY * fit.error[i] ** 2 / (TAIL * total))
+    cost = 0.5 * np.add.reduce(o.told * (TAIL * tail + np.log(total)), axis=1)
+    surprise = 0.5 * (np.log(errors / USUAL[0]) / USUAL[1]) ** 2
+    return float(errors[np.argmin(cost + surprise)])
+
+
+def unexplained(x: Array, o: DipoleReadings, error_m: float, variances: float) -> NDArray[np.bool_]:
+    """Return the readings (N − 1,) that far off the dipole (6,), by that error of the receiver's place."""
+    fit = evaluate(x[None], o, error_m)
+    out = fit.error[0] ** 2 > variances * (error_m**2 * fit.slope[0] + fit.variance[0])
+    parts: NDArray[np.bool_] = (out & o.told).reshape(-1, 2)[1:]
+    return parts[:, 0] | parts[:, 1]
+
+
+def seeds(position: Sequence[float], bearing: float, d: float, ground: float | None = None) -> Array:
+    """Hypotheses (24, 6) that agree with one reading: on all sides of it, the field there rising, level, sinking.
+
+    All of the reference strength and near the expected depth; bearing of the field in radians, d in metres.
+    """
+    turn, rise = (grid.ravel() for grid in np.meshgrid(np.arange(8) * (np.pi / 4), (-1.5, 0.0, 1.5)))
+    h = np.stack([0 * turn + math.cos(bearing), 0 * turn + math.sin(bearing), rise], axis=1)
+    n = np.stack(
+        [np.cos(bearing + turn), np.sin(bearing + turn), 0 * turn + ((ground or 0.0) + _DEPTH[0] - position[2]) / d],
+        axis=1,
+    )
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    m = 1.5 * n * np.add.reduce(n * h, axis=1, keepdims=True) - h  # for ρ = d
+    rho = d * np.cbrt(MOMENT / np.linalg.norm(m, axis=1, keepdims=True))
+    return np.concatenate([position + rho * n, (rho / d) ** 3 * m], axis=1)
+
+
+def _dot(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
+    """a·b (K, 1, N) of vectors (K, 3, N)."""
+    product: NDArray[Any] = np.add.reduce(a * b, axis=1, keepdims=True)
+    return product

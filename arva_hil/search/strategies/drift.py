@@ -1,0 +1,142 @@
+"""The place of a transmitter if the places reported drift slowly, as those of a GPS do.
+
+The drift on each axis is a slow random process, low-pass filtered as an estimator does it: the errors of readings near
+in time are alike, those of a minute average out.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.search.strategies import dipole
+
+DRIFTS_M: Final = (1.0, 0.3, 3.0)  # sigmas on each axis thought possible; the usual one first
+WHITE_M: Final = 0.1  # sigma of what else is wrong with a place
+
+_SLOW_S: Final = (30.0, 5.0)  # forgotten in, filtered with
+_FARTHEST_M: Final = 2.0  # of a step
+_SETTLED_M: Final = 0.01  # a step that moves it and the drift less is the last
+_ROUNDS: Final = 4
+_FEW, _APART_M = 4, 0.2  # hypotheses
+
+Array = NDArray[np.float64]
+
+
+class DriftFit(NamedTuple):
+    """A hypothesis under a drift. `now`: where it is in the places reported now, north, east, down."""
+
+    x: Array  # (6,)
+    covariance: Array  # (6, 6)
+    now: Array  # (3,)
+    now_covariance: Array  # (3, 3)
+    cost: float  # −ln of the likelihood
+    drift: Array  # (3, N) of the readings,
+    time_s: Array  # (N,) at these times
+
+
+class _Linear(NamedTuple):
+    """The readings used by one hypothesis as linear in it and in the drift, and what solves that; M real parts."""
+
+    of: NDArray[np.intp]  # (M,) the reading of each
+    slopes: Array  # (6, M) of the error over the hypothesis
+    error: Array  # (M,) less what the drift explains
+    each: Array  # (M, M) covariance of the errors
+    solved: Array  # (M, 7) by it: slopes and error
+    information: NDArray[Any]  # (6, 6)
+    step: Array  # (6,) to the best hypothesis
+    left: Array  # (M,) solved by `each`: the error there
+
+
+def _linear(fit: dipole.Fit, k: int, drift: Array, pose_error: float, alike: Array) -> _Linear:
+    """Hypothesis k of a fit; `alike`: covariance (2N, 2N) of the drifts at the readings of two parts."""
+    used = np.flatnonzero(fit.weight[k])
+    of, j = used // 2, fit.slopes[k][:, used]
+    exact = pose_error**2 * fit.slope[k, used] + fit.variance[k, used]
+    tail = np.where(of, 1 + fit.error[k, used] ** 2 / (dipole.TAIL * exact), 1.0)
+    e = fit.error[k, used] - np.add.reduce(j[:3] * drift[:, of])
+    each = (j[:3].T @ j[:3]) * (alike if len(of) == len(alike) else alike[used[:, None], used])
+    each.ravel()[:: len(of) + 1] += exact * tail
+    solved = np.linalg.solve(each, np.column_stack([j.T, e]))
+    information = j @ solved[:, :6] + dipole.RIDGE
+    step: Array = -np.linalg.solve(information, j @ solved[:, 6])
+    return _Linear(of, j, e, each, solved, information, step, -(solved[:, 6] + solved[:, :6] @ step))
+
+
+def fitted(
+    x: Array, o: dipole.DipoleReadings, pose_error: float, drift_m: float, rounds: int, near: Sequence[DriftFit] = ()
+) -> list[DriftFit]:
+    """For each hypothesis (K, 6) the one near it that fits the readings best; sigmas of each place and of the drift
+    [m].
+
+    `near`: fits whose drifts the first of them begin with. The cost of a fit with `drift_m` 0 can be compared with
+    others.
+    """
+    alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s)
+    newest = drift_m**2 * _alike(o.time_s - o.time_s[1:].max(initial=0.0))
+    alike[0], alike[:, 0], newest[0] = 0.0, 0.0, 0.0  # number 0 is no reading
+    both = alike.repeat(2, axis=0).repeat(2, axis=1)  # of the two parts of each
+    there, x, drift = copy.copy(o), x.copy(), np.zeros((len(x), 3, len(o.time_s)))
+    for k, before in enumerate(near):
+        drift[k] = _then(before, o.time_s)
+    going, fits = dict.fromkeys(range(len(x)), rounds), dict[int, DriftFit]()  # rounds left; those that are settled
+    while going:
+        numbers = list(going)
+        there.at = o.at - drift[numbers]
+        fit = dipole.evaluate(x[numbers], there, pose_error)
+        for row, k in enumerate(numbers):
+            one = _linear(fit, row, drift[k], pose_error, both)
+            if going[k] <= 0:
+                fits[k] = _settled(x[k].copy(), drift[k].copy(), one, newest, drift_m, o.time_s)
+                del going[k]
+                continue
+            far = float(np.abs(one.step[:3]).max())
+            share = min(1.0, _FARTHEST_M / max(far, 1e-9))
+            x[k] += share * one.step
+            moved = (one.slopes[:3] * one.left) @ alike[one.of] - drift[k]
+            drift[k] += share * moved
+            going[k] = 0 if max(far, float(np.abs(moved).max())) < _SETTLED_M else going[k] - 1
+    return [fits[k] for k in range(len(x))]
+
+
+def _settled(x: Array, drift: Array, one: _Linear, newest: Array, drift_m: float, time_s: Array) -> DriftFit:
+    """The fit of a hypothesis; `newest`: covariance (N,) of the drift now with that of each reading."""
+    covariance = np.linalg.inv(one.information)
+    known = one.slopes[:3] * newest[one.of]  # covariance of the drift now with each error
+    turn = np.eye(3, 6) - known @ one.solved[:, :6]
+    rest = drift_m**2 * np.eye(3) - known @ np.linalg.solve(one.each, known.T)
+    now_covariance = turn @ covariance @ turn.T + rest
+    cost = 0.5 * float(one.error @ one.solved[:, 6] + np.linalg.slogdet(one.each)[1])
+    return DriftFit(x, covariance, x[:3] + known @ one.left, now_covariance, cost, drift, time_s)
+
+
+def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings, drift_m: float) -> list[DriftFit]:
+    """Hypotheses (K, 6) fitted to more readings, best first; the first of them are of the fits `before`, and begin with
+    their drifts. Unlikely and equal ones are dropped.
+    """
+    every = sorted(fitted(x[:_FEW], o, WHITE_M, drift_m, _ROUNDS, before[:_FEW]), key=lambda fit: fit.cost)
+    kept: list[DriftFit] = []
+    for one in every:
+        if one.cost - every[0].cost < dipole.FORGET and all(
+            math.dist(one.x[:3], other.x[:3]) > _APART_M for other in kept
+        ):
+            kept.append(one)
+    return kept
+
+
+def _then(fit: DriftFit, time_s: Array) -> Array:
+    """The drift of a fit at times (N,); of new readings, as it was last."""
+    order = 1 + np.argsort(fit.time_s[1:])
+    return np.array([np.interp(time_s, fit.time_s[order], axis[order]) for axis in fit.drift])
+
+
+def _alike(after_s: Array) -> Array:
+    """The correlation of drifts that are so far apart in time."""
+    slow, quick = _SLOW_S
+    t = np.abs(after_s)
+    return (slow * np.exp(-t / slow) - quick * np.exp(-t / quick)) / (slow - quick)

@@ -1,0 +1,301 @@
+"""A search that estimates the place of the transmitter from the field of a dipole, and flies there.
+
+Several hypotheses are kept, with weights from the likelihood of all readings; unlikely ones are dropped. The vehicle
+flies to their average, which separates them. Before it stops, it looks for other hypotheses again, and flies a circle
+about the place. Readings that are late, places that drift as those of a GPS, dead antennas, and electronics that drown
+what is far off are noticed and taken into account.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import dipole
+from .agreement import Evidence, beginning, judged
+from .circle import RADIUS_M, Circle
+from .drift import DRIFTS_M, WHITE_M, DriftFit, fitted_again
+from .history import NOTHING, Explanation
+from .strategy import STILL, Belief, Found, Observation, Position, Velocity, towards
+
+_STEP_M: Final = 0.48  # flown between two readings that are kept,
+_STEP_S, _DRIFTING_S = 0.2, 1.5  # and the time at least; where places drift
+_SAME: Final = np.array([0.02] * 3 + [0.1] * 3)  # apart by less: place over distance, and moment
+_MANY: Final = 40
+_ROUNDS: Final = 2
+_DOUBTS: Final = (4, 4)  # rounds again, before it stops
+_CAUTION: Final = 2.0  # of the covariance: readings are not as independent as the fit believes
+_SURE_M: Final = 0.3  # sigma
+_HERE_M: Final = 0.5
+_NEAR_M: Final = RADIUS_M + 0.5  # from there it circles,
+_ASTRAY_M: Final = RADIUS_M + 1.5  # and not any more when so far away
+_MISFIT_M: Final = 0.6  # a pose error that tells rather of a wrong hypothesis
+_AFRESH: Final = 5  # readings between two looks for other hypotheses
+_LOST: Final = 6  # readings in a row in which nothing was heard
+_TURN_M: Final = 2.5  # first turn of the spiral in which more is learnt
+_GAIN: Final = 1.5  # 1/s
+_AVERAGE_M: Final = 0.6  # sigma of a place that drifts: so small it becomes
+_AVERAGE_S: Final = 120.0  # or it listens for so long
+_EXPLAIN_EVERY: Final = 15  # readings between two looks for how late they are,
+_EXPLAIN_LATER, _EXPLAIN_DRIFTING = 60, 30  # and when not, and when they are known to drift,
+_ODD_M: Final = 0.3  # when their places seem wrong by so much
+_EVIDENT: Final = 16.0  # another cause is believed if it is more likely by e^16,
+_LATE_S: Final = 1.0  # readings that are later by more need another circle
+_LIKELY: Final = 3.0  # at the end, a drift by e^3,
+_LIKELIER: Final = 6.0  # and any by e^6 where the place is doubtful
+_UNLIKELY: Final = 9.0  # a drift that is less likely by e^9 is none
+_DOUBTFUL_S: Final = 90.0  # then the place is told as it is,
+_LONGEST_S: Final = 240.0  # and so long after it first came above a place, whatever has happened since
+_DRIFT: Final = 0.3  # of a drift: what sigma may be more of the place where it hovers
+
+
+class Estimate:
+    """Remembers the readings, the hypotheses that are left, and the place that it flies to."""
+
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        self._found: Found | None = None
+        self._readings = dipole.DipoleReadings()
+        self._evidence = Evidence()
+        self._cause, self._unexplained = NOTHING, 0
+        self._drifts: list[DriftFit] = []
+        self._circle: Circle | None = None
+        self._listens_s = math.inf  # since when it circles, with this cause
+        self._doubtful_s = math.inf  # since when the readings do not agree with the place
+        self._above_s = math.inf  # when it first came above a place
+        self._strongest: Observation | None = None
+        self._last_s = -math.inf
+        self._silent = self._age = self._turns = 0
+        self._x, self._damping, self._pose_error = np.empty((0, 6)), np.empty(0), 0.1
+        self._share, self._places = np.empty(0), np.empty((0, 3))
+        self._covariance = np.zeros((2, 2))
+        self._sure = False
+        self._heading = np.zeros(2)
+        self._target: tuple[float, float] | None = None
+
+    @property
+    def found(self) -> Found | None:
+        return self._found
+
+    @property
+    def belief(self) -> Belief:
+        """The hypotheses, the covariance of their average, and where it flies to."""
+        (nn, ne), (_, ee) = self._covariance.tolist()
+        every = np.column_stack([self._places[:, :2], self._share]).tolist()
+        return Belief(tuple(map(tuple, every)), (nn, ne, ee) if every else None, self._target)
+
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        if self._circle:
+            return self._circle.velocity(position, self._speed)
+        return towards(position, self._target, self._speed, gain=_GAIN) if self._target else STILL
+
+    def hear(self, observation: Observation) -> None:
+        o = observation
+        if self._found or not o.finite:
+            return
+        self._evidence.add(o)
+        step_s = _DRIFTING_S if self._drifts else max(_STEP_S, _STEP_M / self._speed)
+        if 0 <= o.time_s - self._last_s < step_s:
+            return
+        if o.heard and (self._strongest is None or o.d_cm < self._strongest.d_cm):
+            self._strongest = o
+        if self._strongest is None:
+            return
+        self._last_s = o.time_s
+        self._silent = 0 if o.heard else self._silent + 1
+        self._age += 1
+        at, rotation = self._evidence.at(o.time_s - o.age_s - self._cause.lag_s)
+        for told in o.told:
+            self._readings.add(at, rotation, *told, o.time_s, o.ground)
+        if not len(self._x):
+            self._heading = np.array([math.cos(o.bearing), math.sin(o.bearing)])
+            self._seed(o)
+        elif self._pose_error > _MISFIT_M and self._age > _AFRESH:
+            self._seed(self._strongest)
+        self._weigh(o, _ROUNDS)
+        self._unexplained += 1
+        odd = bool(self._cause.drift_m) or self._pose_error > _ODD_M
+        later = _EXPLAIN_EVERY if odd else _EXPLAIN_LATER
+        later = _EXPLAIN_DRIFTING if self._drifts else later
+        if self._unexplained > later:
+            self._explain(o)
+        self._listen(o)
+        self._steer(o, self._strongest)
+
+    def _listen(self, o: Observation) -> None:
+        """Circle about the place before it is told. Causes may change, but it ends in bounded time."""
+        near = self._near(o, _NEAR_M)
+        if near:
+            self._above_s = min(self._above_s, o.time_s)
+        if o.time_s - self._doubtful_s > _DOUBTFUL_S or o.time_s - self._above_s > _LONGEST_S:
+            self._found = self._settled()
+        elif self._circle is None:
+            if near:
+                self._doubt(o)
+            if near and self._near(o, _NEAR_M):
+                self._circle = Circle(self._place, o.position)
+                self._listens_s = min(self._listens_s, o.time_s)
+        elif math.dist(o.position[:2], self._place) > _ASTRAY_M or not (self._sure or self._drifts):
+            self._circle, self._listens_s = None, math.inf
+        elif self._circle.done and self._heard_enough(o.time_s - self._listens_s):
+            self._doubt(o)
+            if self._certain(o):
+                self._found = self._settled()
+        if self._found:
+            self._circle = None
+        elif self._circle:
+            self._circle.hear(self._place)
+
+    def _heard_enough(self, listened_s: float) -> bool:
+        """Return True if it was received long enough, until the drift has averaged out as far as it will."""
+        sigma = float(np.linalg.eigvalsh(self._drifts[0].covariance[:2, :2])[1]) ** 0.5 if self._drifts else 0.0
+        return sigma < _AVERAGE_M or listened_s >= _AVERAGE_S
+
+    def _certain(self, o: Observation) -> bool:
+        """Return True if the readings agree with the place; if not, sample again, for another cause or hypothesis."""
+        north, east, *_ = self._settled()
+        every = self._evidence.explanations(beginning((north, east), self._evidence), self._cause)
+        judgement = judged((north, east), every)
+        agrees = judgement is not None and judgement.agrees(-o.position[2])
+        if not agrees:
+            self._doubtful_s = min(self._doubtful_s, o.time_s)
+            self._circle = None
+        if self._believe(every, _LIKELIER, o, drift=_LIKELY):
+            return False
+        if self._may_drift(every, o.time_s):
+            self._circle = None
+            return False
+        return agrees
+
+    def _may_drift(self, every: Sequence[Explanation], time_s: float) -> bool:
+        """Return True if the readings of another circle are needed to tell a usual drift from none."""
+        least = min(one.cost for one in every)
+        drifts = any(one.cause.drift_m >= DRIFTS_M[0] and one.cost < least + _UNLIKELY for one in every)
+        return drifts and self._cause.drift_m < DRIFTS_M[0] and time_s - self._above_s < _AVERAGE_S
+
+    def _explain(self, o: Observation) -> None:
+        """Find out how late the readings are, how their places drift, and which antennas fail."""
+        self._believe(self._evidence.explanations(self._x[:3], self._cause), _EVIDENT, o)
+
+    def _believe(
+        self, every: Sequence[Explanation], evident: float, o: Observation, *, drift: float = _EVIDENT
+    ) -> bool:
+        """Believe the best explanation, if it is more likely by e^evident than the present one, the first. Whether
+        there is more to hear then: not for a smaller drift.
+
+        `drift`: the same for a drift where there was none, which takes long to average out.
+        """
+        self._unexplained, before, present = 0, self._cause, every[0]
+        new = 0.0 if before.drift_m else min(drift, _LIKELIER)
+        best = min(every, key=lambda one: one.cost + (new if one.cause.drift_m else 0.0))
+        lower = 0 < best.cause.drift_m < before.drift_m
+        if lower or best.cause.drift_m > before.drift_m:
+            evident = _EVIDENT if lower else drift
+        if self._drifts and present.best.cost < self._drifts[0].cost:
+            self._x, self._drifts = np.concatenate([present.x[:1], self._x]), [present.best, *self._drifts]
+        if best.cause == before or present.cost - best.cost < evident:
+            return False
+        if best.cause.lag_s > before.lag_s + _LATE_S:
+            self._circle = None  # its readings were not of it
+        if not (best.cause.drift_m and before.drift_m):
+            self._listens_s = o.time_s
+        self._cause, self._readings = best.cause, best.readings
+        self._drifts = [best.best] if best.cause.drift_m else []
+        self._x, self._damping, self._pose_error = best.x, np.full(len(best.x), 0.01), min(best.pose_error, 1.0)
+        self._weigh(o, _ROUNDS)
+        return not lower
+
+    def _doubt(self, o: Observation) -> None:
+        """Look for other hypotheses once more."""
+        assert self._strongest is not None
+        if self._cause.drift_m:
+            return
+        self._seed(self._strongest)
+        for rounds in _DOUBTS:
+            self._weigh(o, rounds)
+
+    def _settled(self) -> Found:
+        (nn, ne), (_, ee) = self._covariance.tolist()
+        north, east, down = (self._share @ self._places).tolist()
+        if not self._drifts:
+            return Found(north, east, down, (nn, ne, ee))
+        best = self._drifts[0]  # not where it seems to be now, but where it was all the time
+        (nn, ne), (_, ee) = best.covariance[:2, :2].tolist()
+        mean_north, mean_east, mean_down = best.x[:3].tolist()
+        return Found(mean_north, mean_east, mean_down, (nn, ne, ee), (north, east))
+
+    def _seed(self, o: Observation) -> None:
+        new = dipole.seeds(o.position, o.bearing, o.d_m, o.ground)
+        self._x = np.concatenate([self._x, new])
+        self._damping = np.append(self._damping, np.full(len(new), 0.01))
+        self._age = 0
+
+    def _weigh(self, o: Observation, rounds: int) -> None:
+        """Fit the hypotheses, and drop unlikely and equal ones."""
+        if self._cause.drift_m:
+            self._weigh_drifting()
+            return
+        fit, damping = dipole.refine(self._x, self._damping, self._readings, self._pose_error, rounds)
+        order = np.argsort(fit.cost, kind="stable")
+        x, cost = fit.x[order], fit.cost[order] - fit.cost[order[0]]
+        x[:, 3:] *= np.where(x[:, 3:] @ x[0, 3:] < 0, -1, 1)[:, None]  # m and −m sound alike
+        scale = _SAME * ([1 + math.dist(x[0, :3], o.position)] * 3 + [1] * 3)
+        apart = (np.abs(x[:, None] - x) > scale).any(axis=2)
+        kept = np.flatnonzero((cost < dipole.FORGET) & (apart | ~np.tri(len(x), k=-1, dtype=bool)).all(axis=1))[:_MANY]
+        order = order[kept]
+        self._x, self._damping, self._share = x[kept], damping[order], np.exp(-cost[kept])
+        self._share /= self._share.sum()
+        self._pose_error = dipole.likely_pose_error(fit, int(order[0]), self._readings)
+        self._places = self._x[:, :3]
+        self._spread(_CAUTION * np.linalg.inv(fit.information[order])[:, :2, :2])
+
+    def _weigh_drifting(self) -> None:
+        """The same, when the places drift: the hypotheses are where they would be in the places reported now."""
+        self._readings = self._evidence.readings(self._cause)
+        self._drifts = fitted_again(self._x, self._drifts, self._readings, self._cause.drift_m)
+        self._x, self._places = (np.array(column) for column in zip(*((d.x, d.now) for d in self._drifts), strict=True))
+        self._damping = np.full(len(self._x), 0.01)
+        self._share = np.exp([self._drifts[0].cost - d.cost for d in self._drifts])
+        self._share /= self._share.sum()
+        self._pose_error = WHITE_M
+        self._spread(np.array([d.now_covariance[:2, :2] for d in self._drifts]))
+
+    def _spread(self, each: NDArray[Any]) -> None:
+        """The covariance of the average of the hypotheses, from that of each."""
+        off = self._places[:, :2] - self._share @ self._places[:, :2]
+        each = each + off[:, :, None] * off[:, None]
+        self._covariance = np.einsum("k,kij->ij", self._share, each)
+        sigma = _SURE_M + _DRIFT * self._cause.drift_m
+        self._sure = bool(np.linalg.eigvalsh(self._covariance)[1] < sigma**2) and self._pose_error < _MISFIT_M
+
+    @property
+    def _place(self) -> tuple[float, float]:
+        """The average of the hypotheses."""
+        north, east, _ = (self._share @ self._places).tolist()
+        return north, east
+
+    def _near(self, o: Observation, near_m: float) -> bool:
+        return self._sure and math.dist(o.position[:2], self._place) < near_m
+
+    def _steer(self, o: Observation, strongest: Observation) -> None:
+        """Fly to the hypotheses, or after the signal is lost to the best place; there, in a spiral."""
+        here = np.array(o.position[:2])
+        if self._sure:
+            self._turns = 0
+        elif self._target and math.dist(here, self._target) < _HERE_M:
+            self._turns += 1
+        angle, radius = 2.4 * self._turns, _TURN_M * math.sqrt(self._turns)
+        aside = np.array([radius * math.cos(angle), radius * math.sin(angle)])
+        goal = strongest.position[:2] + aside
+        if self._silent <= _LOST:
+            to = self._places[:, :2] + aside - here
+            distance = np.maximum(np.hypot(to[:, 0], to[:, 1]), 1e-9)
+            mean = self._share @ (to / distance[:, None])
+            heading = mean + 0.5 * (1 - math.hypot(*mean)) * self._heading  # as before, as far as they disagree
+            self._heading = heading / max(math.hypot(*heading), 1e-9)
+            goal = here + self._heading * (self._share @ distance)
+        self._target = (float(goal[0]), float(goal[1]))

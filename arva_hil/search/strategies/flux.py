@@ -1,0 +1,107 @@
+"""Follows the flux line as in the paper (eq. 10), from the receiver's integers only; then the rescuers' cross."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from arva_hil.search.strategies.cross import Cross
+from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Velocity, towards
+
+_K: Final = 0.8  # 1/m; speed · K d / √(1 + (K d)²)
+_RISE: Final = 1.08  # times the least d: it rises
+_FALL: Final = 0.7  # times the first d: it has fallen
+_MOST_TURNS: Final = 3  # without that d falls
+_SMOOTH_S: Final = 1.0  # time constant
+_SILENCE_S: Final = 3.0  # without a signal: turn back; in vain: turn again after twice the time, and so on
+
+
+class Flux:
+    """Remembers the course, and the changes and the minimum of d since it was chosen.
+
+    A flux line has two directions. In the right one d falls, except at the dipole's equator; if d rises, the other one
+    is right. If d rises after it has fallen, or does not change, the line has ended: at the transmitter, or at a point
+    beside it where the field is vertical.
+    """
+
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        self._course: float | None = None  # from north, radians; None before the first signal
+        self._d = 0.0  # smoothed, m
+        self._first = 0.0  # d when the course was taken
+        self._least = math.inf  # d since; inf: the course is yet to be taken
+        self._place = (0.0, 0.0)  # of the least d
+        self._turns = 0
+        self._heard_s = -math.inf  # or turned back
+        self._patience_s = _SILENCE_S
+        self._cross: Cross | None = None
+
+    @property
+    def found(self) -> Found | None:
+        """The centre of the cross, once it stays."""
+        return Found(*self._cross.centre) if self._cross and self._cross.settled else None
+
+    def hear(self, observation: Observation) -> None:
+        """Use the reading of one more frame."""
+        o = observation
+        if self._cross:
+            self._d = o.d_m if o.heard else self._d
+            self._cross.hear(o.time_s, o.position, o.d_m if o.heard else math.inf)
+        elif o.heard:
+            self._course = self._along(o)
+            self._measure(o)
+            self._decide(o)
+        elif self._course is not None and o.time_s - self._heard_s > self._patience_s:
+            self._turn_back(o)
+
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        """The velocity along the course or the cross; slower near the transmitter."""
+        if self._course is None:
+            return STILL
+        s = _K * self._d
+        speed = self._speed * s / math.sqrt(1 + s * s)
+        if self._cross:
+            return towards(position, self._cross.target(position), speed)
+        return speed * math.cos(self._course), speed * math.sin(self._course)
+
+    def _along(self, o: Observation) -> float:
+        """The course along the flux line, in the direction nearer to the present course."""
+        if self._course is None:
+            return o.bearing
+        if o.inner:
+            return self._course
+        return o.bearing if math.cos(o.bearing - self._course) >= 0 else o.bearing + math.pi
+
+    def _measure(self, o: Observation) -> None:
+        if self._least == math.inf:
+            self._take(o.d_m, o)
+        self._d += (o.d_m - self._d) * (1 - math.exp((self._heard_s - o.time_s) / _SMOOTH_S))
+        self._heard_s, self._patience_s = o.time_s, _SILENCE_S
+        if self._d < self._least:
+            self._least, self._place = self._d, o.position[:2]
+
+    def _decide(self, o: Observation) -> None:
+        """Decide whether to go on, to turn round or to begin the cross."""
+        assert self._course is not None
+        if o.inner:
+            self._cross = Cross(o.position[:2], self._course)
+        elif self._d > _RISE * self._least:
+            if self._least < _FALL * self._first or self._turns >= _MOST_TURNS:
+                self._cross = Cross(self._place, self._course)
+            else:
+                self._turns += 1
+                self._course += math.pi
+                self._take(self._d, o)
+
+    def _turn_back(self, o: Observation) -> None:
+        """Turn back to the minimum of d and beyond it, and choose the course again there."""
+        self._turns += self._least < math.inf
+        self._least = math.inf
+        self._course = math.atan2(self._place[1] - o.position[1], self._place[0] - o.position[0])
+        self._heard_s = o.time_s
+        self._patience_s *= 2
+
+    def _take(self, d: float, o: Observation) -> None:
+        """Choose the course again, at this d [m]."""
+        self._d = self._first = self._least = d
+        self._place = o.position[:2]

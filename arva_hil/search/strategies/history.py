@@ -1,0 +1,214 @@
+"""The readings of one transmitter with the receiver's poses, and their explanations.
+
+A receiver, its cable or its host may be late, the places reported may drift, an antenna may be dead or detuned, and
+electronics near it may make it deaf; and the transmitter may have moved. The way flown tells which it is: several are
+tried.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+import operator
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from arva_hil.search.strategies import dipole
+from arva_hil.search.strategies.drift import DRIFTS_M, WHITE_M, DriftFit, fitted
+from arva_hil.search.strategies.strategy import Observation, Position
+
+_LAGS_S: Final = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)
+_LATER_S: Final = 0.5  # from one to the next
+_GAINS: Final = ((1.0, 0.0), (0.0, 1.0), (1.0, 0.5), (0.5, 1.0))  # of the antennas x and y
+_DEAF_M: Final = (35.0, 20.0)  # 10 and 50 nA/m of electronics
+_AGO_S: Final = (15.0, 30.0, 60.0)  # when something else may have changed
+_NEXT_S: Final = 0.1  # between two poses that are kept
+_MOST: Final = (4096, 192)  # poses, readings
+_SOME_ROUNDS, _MORE_ROUNDS = 4, 15  # where places drift: to choose, and to the end
+_FEW, _FEWER = 3, 2  # hypotheses; where places drift
+_PASSES: Final = ((2, 12), (4, _FEW), (6, _FEW))  # rounds, and the hypotheses that are kept after them
+_ODD: Final = 4.0  # cost of anything but the usual drift
+_NEWEST: Final = 32  # readings that are all used
+_FITS_M: Final = 0.08  # an error of the receiver's places that leaves nothing to explain by a lag or a drift,
+_DOWNS: Final = (-2.5, 3.5)  # if the transmitter lies so far below the ground [m]
+_STRENGTH: Final = 2.3  # and has at most so many times the reference transmitter's moment, or that part of it,
+OUTLIERS: Final = 0.15  # and at most that share of the readings is off
+ROUGH_M, ROUGHLY = 0.5, 9.0  # by more than an error of the receiver's places that is no surprise, and such a variance
+_time: Final = operator.attrgetter("time_s")
+
+Array = NDArray[np.float64]
+
+
+class Cause(NamedTuple):
+    """Why readings do not agree: how late they are, how their places drift, the gains of the antennas x and y, from
+    where the reference transmitter is no louder than noise, and since when the readings are of where it is now."""
+
+    lag_s: float = 0.0
+    drift_m: float = 0.0
+    gains: tuple[float, float] = (1.0, 1.0)
+    deaf_m: float = math.inf
+    since_s: float = -math.inf
+
+
+NOTHING: Final = Cause()  # is wrong
+_CAUSES: Final = (
+    *(Cause(lag_s=lag_s) for lag_s in _LAGS_S),
+    *(Cause(gains=gains) for gains in _GAINS),
+    *(Cause(deaf_m=deaf_m) for deaf_m in _DEAF_M),
+)
+
+
+class Explanation(NamedTuple):
+    """A cause, and what fits the readings then. `cost`: −ln of how likely `best` is; `costs`: of all, best first."""
+
+    cause: Cause
+    readings: dipole.DipoleReadings
+    x: Array  # (K, 6)
+    pose_error: float
+    best: DriftFit
+    cost: float
+    costs: Array  # (K,)
+
+
+class History:
+    """Remembers poses and readings, both in order of time."""
+
+    def __init__(self) -> None:
+        self._poses: list[Observation] = []
+        self._read: list[Observation] = []
+
+    def pose(self, o: Observation) -> None:
+        """The receiver was there, whatever it heard."""
+        if self._poses and o.time_s < self._poses[-1].time_s:
+            self._poses.clear()  # the clock was set back
+        if self._poses and not o.time_s - self._poses[-1].time_s >= _NEXT_S:
+            return
+        self._poses.append(o)
+        if len(self._poses) > _MOST[0]:
+            del self._poses[: _MOST[0] // 4]
+
+    def read(self, o: Observation) -> None:
+        """A reading to be used."""
+        self._read.append(o)
+        if len(self._read) > _MOST[1]:
+            del self._read[: _MOST[1] // 4]
+
+    @property
+    def nearest(self) -> Observation | None:
+        """The strongest reading, None before the first."""
+        return min(self._read, key=_distance, default=None)
+
+    def readings(self, cause: Cause = NOTHING) -> dipole.DipoleReadings:
+        """The newest readings and some of all the time before, where the receiver was when each was made, by its
+        antennas."""
+        there = dipole.DipoleReadings(cause.gains, cause.deaf_m, cause.since_s)
+        rest, newest = self._read[:-_NEWEST], self._read[-_NEWEST:]
+        if len(self._read) >= dipole.MOST:
+            rest = [rest[i] for i in np.linspace(0, len(rest) - 1, dipole.MOST - 1 - _NEWEST).astype(int)]
+        places = [(o, self.at(o.time_s - o.age_s - cause.lag_s)) for o in (*rest, *newest)]
+        there.add_all([(*place, *told, o.time_s, o.ground) for o, place in places for told in o.told])
+        return there
+
+    def explanations(self, x: Array, cause: Cause = NOTHING) -> list[Explanation]:
+        """Return the fits under each cause, for hypotheses (K, 6) to begin with; this cause first.
+
+        Where readings in time and in place fit a usual transmitter, no other cause is tried.
+        """
+        first = self._fitted(x, cause)
+        if cause == NOTHING and first.pose_error < _FITS_M and _usual(first):
+            return [first]
+        every = [first, *(self._fitted(x, one) for one in _CAUSES if one != cause)]
+        late = min((one for one in every if one.cause == Cause(one.cause.lag_s)), key=lambda one: one.cost)
+        since = [self._read[-1].time_s - ago_s for ago_s in _AGO_S]
+        changed = [Cause(lag_s, since_s=one) for one in since for lag_s in sorted({0.0, late.cause.lag_s})]
+        every += [self._fitted(x, one) for one in changed if one.since_s > self._read[0].time_s]
+        drifts = self._drifting(x, first, late.cause.lag_s)
+        every[0] = next((one for one in drifts if one.cause == cause), first)
+        return every + [one for one in drifts if one.cause != cause]
+
+    def _drifting(self, x: Array, first: Explanation, lag_s: float) -> list[Explanation]:
+        """Return the fits under each drift, if readings are about so late. Begin a fit where another ended."""
+        some = (self._fitted(x, Cause(lag_s=one, drift_m=DRIFTS_M[0])) for one in (0.0, _LATER_S))
+        best, tried = min(some, key=lambda one: one.cost), {0.0, _LATER_S}
+        if first.cause.drift_m and first.cost < best.cost:
+            best = first
+        beside = {lag_s, best.cause.lag_s + _LATER_S}
+        while beside := beside & set(_LAGS_S) - tried:
+            tried |= beside
+            near = [self._fitted(x, best.cause._replace(lag_s=one), best) for one in sorted(beside)]
+            best = min([best, *near], key=lambda one: one.cost)
+            beside = {best.cause.lag_s - _LATER_S, best.cause.lag_s + _LATER_S}
+        every, begun = {best.cause.drift_m: best}, dict[float, Explanation]()
+        for drift_m in DRIFTS_M * 2:
+            least = min(every.values(), key=lambda one: one.cost)
+            if begun.get(drift_m) is least:
+                continue
+            begun[drift_m] = least
+            one = self._fitted(x, best.cause._replace(drift_m=drift_m), least)
+            every[drift_m] = min(one, every.get(drift_m, one), key=lambda one: one.cost)
+        return list(every.values())
+
+    def _fitted(self, x: Array, cause: Cause, near: Explanation | None = None) -> Explanation:
+        """Return the fit under a cause; under a drift `near` another explanation, of the same readings."""
+        drift_m = cause.drift_m
+        there = near.readings if near and near.cause.lag_s == cause.lag_s else self.readings(cause)
+        if near is not None:
+            one = near.best
+            return _drifts(cause, there, fitted(one.x[None], there, WHITE_M, drift_m, _MORE_ROUNDS, [one]))
+        error = max(0.3, drift_m)
+        nearest = min((o for o in self._read if o.time_s >= cause.since_s), key=_distance, default=self._read[-1])
+        position, _ = self.at(nearest.time_s - nearest.age_s - cause.lag_s)
+        given = x[:_FEW]
+        if cause != Cause(lag_s=cause.lag_s):
+            x = np.concatenate([x, dipole.seeds(position, nearest.bearing, nearest.d_m, nearest.ground)])
+            x = np.unique(x, axis=0)
+        damping = np.full(len(x), 0.01)
+        for rounds, kept in _PASSES:
+            fit, damping = dipole.refine(x, damping, there, error, rounds)
+            best = np.argsort(fit.cost, kind="stable")[:kept]
+            x, damping = fit.x[best], damping[best]
+            if kept == _FEW and not drift_m:
+                error = dipole.likely_pose_error(fit, int(best[0]), there, dipole.WIDE)
+        if drift_m:
+            begin = np.concatenate([given, x])
+            rough = sorted(fitted(begin, there, WHITE_M, drift_m, _SOME_ROUNDS), key=lambda one: one.cost)[:_FEWER]
+            better = np.array([one.x for one in rough])
+            return _drifts(cause, there, fitted(better, there, WHITE_M, drift_m, _MORE_ROUNDS, rough))
+        (one,), costs = fitted(x[:1], there, error, 0.0, 0), fit.cost[best]
+        surprise = 0.5 * (math.log(error / dipole.USUAL[0]) / dipole.USUAL[1]) ** 2
+        cost = one.cost + surprise + _ODD * (cause != NOTHING)
+        return Explanation(cause, there, x, error, one, cost, cost + costs - costs[0])
+
+    def at(self, time_s: float) -> tuple[Position, Array]:
+        """The pose then: position and rotation; before all the first one, after all the last one."""
+        i = bisect.bisect_right(self._poses, time_s, key=_time)
+        if i == 0 or i == len(self._poses):
+            o = self._poses[max(i - 1, 0)]
+            return o.position, o.rotation
+        a, b = self._poses[i - 1 : i + 1]
+        share = (time_s - a.time_s) / (b.time_s - a.time_s)
+        north, east, down = (p + (q - p) * share for p, q in zip(a.position, b.position, strict=True))
+        return (north, east, down), a.rotation if share < 0.5 else b.rotation
+
+
+def _distance(o: Observation) -> float:
+    return o.d_cm if o.heard else math.inf
+
+
+def _drifts(cause: Cause, readings: dipole.DipoleReadings, fits: list[DriftFit]) -> Explanation:
+    """The explanation by fits under a drift."""
+    fits.sort(key=lambda one: one.cost)
+    odd = _ODD * ((cause.lag_s > 0) + (cause.drift_m != DRIFTS_M[0]))
+    costs, x = (np.array(column) for column in zip(*((odd + one.cost, one.x) for one in fits), strict=True))
+    return Explanation(cause, readings, x, WHITE_M, fits[0], float(costs[0]), costs)
+
+
+def _usual(one: Explanation) -> bool:
+    """Return True if its dipole has a usual depth and moment, and explains most readings."""
+    x, (level, *_) = one.best.x, one.readings.level(one.x)
+    strength = float(np.linalg.norm(x[3:])) / dipole.MOMENT
+    outliers = dipole.unexplained(x, one.readings, ROUGH_M, ROUGHLY).mean()
+    usual = bool(_DOWNS[0] < x[2] - level < _DOWNS[1]) and 1 / _STRENGTH < strength < _STRENGTH
+    return usual and bool(outliers < OUTLIERS)

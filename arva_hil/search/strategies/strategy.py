@@ -1,0 +1,133 @@
+"""The protocol of a search strategy: observations (a reading and its pose) in, velocities out.
+
+Places are NED metres from the take-off point; times are seconds on one clock; velocities are NED, m/s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Velocity = tuple[float, float]  # north, east; m/s
+Position = tuple[float, float, float]  # NED, m
+
+STILL: Velocity = (0.0, 0.0)
+
+
+class Observation(NamedTuple):
+    """The reading of the transmitter that is searched for in one frame, and the receiver's pose.
+
+    `rotation`: matrix receiver FRD → NED, shape (3, 3). `d_cm`, `delta_deg`: the receiver's integers; d_cm ≤ 0 means
+    no signal. `inner`: the inner zone, where d_cm is from all three antennas and delta_deg has no meaning. `ground`:
+    the ground below, down from the take-off point [m]; None if the vehicle does not know it. `signal`: the signed
+    signals of the three antennas, in any unit, and `age_s`, the time since then, from receivers that tell them.
+    """
+
+    time_s: float
+    position: Position
+    rotation: NDArray[np.float64]
+    d_cm: int
+    delta_deg: int
+    inner: bool
+    ground: float | None = None
+    signal: tuple[float, float, float] | None = None
+    age_s: float = 0.0
+
+    @property
+    def heard(self) -> bool:
+        """True if the transmitter was received."""
+        return self.d_cm > 0
+
+    @property
+    def finite(self) -> bool:
+        """True if the pose is made of finite numbers."""
+        return all(map(math.isfinite, self.position)) and all(map(math.isfinite, self.rotation.flat))
+
+    @property
+    def d_m(self) -> float:
+        """d in metres; 0 or less without a signal."""
+        return self.d_cm / 100
+
+    @property
+    def told(self) -> list[tuple[float, float, bool]]:
+        """Measurements of the field: d [m], δ [rad], and True if d is of all three antennas. Signals give both d."""
+        x, y, z = self.signal or (0.0, 0.0, 0.0)
+        level, full = math.hypot(x, y), math.hypot(x, y, z)
+        if not (self.heard and level and z):
+            return [(self.d_m, math.radians(self.delta_deg), self.inner)]
+        unit = self.d_m * math.cbrt(full if self.inner else level)
+        return [(unit / math.cbrt(level), math.atan2(y, x), False), (unit / math.cbrt(full), 0.0, True)]
+
+    @property
+    def bearing(self) -> float:
+        """The bearing of the flux line [rad from north]. It or its opposite leads to the transmitter."""
+        heading = math.atan2(self.rotation[1, 0], self.rotation[0, 0])
+        return heading + math.radians(self.delta_deg)
+
+
+class Found(NamedTuple):
+    """The place of a transmitter from the take-off point [m]. `covariance`: of north and east [m²], (nn, ne, ee).
+
+    `now`: where it is in the places that are reported now, if those drift: north, east. The vehicle flies there.
+    """
+
+    north: float
+    east: float
+    down: float | None = None
+    covariance: tuple[float, float, float] | None = None
+    now: tuple[float, float] | None = None
+
+    @property
+    def goal(self) -> tuple[float, float]:
+        """The point to fly to, above the transmitter."""
+        return self.now or (self.north, self.east)
+
+    @property
+    def sigma(self) -> float | None:
+        """The largest standard deviation of all horizontal directions [m]."""
+        if self.covariance is None:
+            return None
+        nn, ne, ee = self.covariance
+        return math.sqrt((nn + ee) / 2 + math.hypot((nn - ee) / 2, ne))
+
+
+class Belief(NamedTuple):
+    """The present estimate of a strategy, for observers. A strategy may have a property `belief`.
+
+    `hypotheses`: (north, east, share), with shares that add up to 1. `covariance`: as in `Found`. `goal`: (north, east)
+    of the place that it flies to.
+    """
+
+    hypotheses: tuple[tuple[float, float, float], ...] = ()
+    covariance: tuple[float, float, float] | None = None
+    goal: tuple[float, float] | None = None
+
+
+class Strategy(Protocol):
+    """Searches for one transmitter. It is created with the highest speed [m/s]."""
+
+    def __init__(self, speed: float) -> None: ...
+
+    @property
+    def found(self) -> Found | None:
+        """Place of the transmitter; None while it is not known well enough to stop."""
+
+    def hear(self, observation: Observation) -> None:
+        """Use the reading of one more frame, which may be without a signal."""
+
+    def velocity(self, time_s: float, position: Position) -> Velocity:
+        """The velocity to fly now: two finite numbers, STILL to hover. It is called several times between frames.
+
+        While a strategy computes, the vehicle flies the last velocity; after 1 s it hovers, after 10 s it lands.
+        """
+
+
+def towards(position: Position, place: tuple[float, float], speed: float, *, gain: float = 1.0) -> Velocity:
+    """The velocity to a place: `speed` far from it, `gain` [1/s] times the distance near it."""
+    north, east = place[0] - position[0], place[1] - position[1]
+    distance = math.hypot(north, east)
+    share = min(gain, speed / distance) if distance > 0 else 0.0
+    return north * share, east * share

@@ -1,0 +1,315 @@
+"""Several searches, each of its own vehicle: who searches where, who flies to which transmitter, how they keep apart.
+
+Each tells the others where it is, what it flies to and what it has found. Nobody gives orders to another's vehicle:
+what is told only changes what the one that hears it does with its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+from arva_hil.model.field.geodesy import LocalFrame
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.strategies.strategy import Position
+from arva_hil.search.strategies.strips import Area
+from arva_hil.search.team.spacing import Near, apart_m, clear_of, goes_first, kept_apart, may_take_off, neighbours
+from arva_hil.search.team.team_field import TeamField, layer_m
+from arva_hil.search.team.team_news import MOST_HEARD, HeardAt, News
+
+_EVERY_S: Final = 0.2  # how often it tells
+_OLD_S: Final = 5.0  # without news of it, another one's transmitter and part of the area are free again
+_ABSENT_S: Final = 60.0  # from its own first news: then the parts of those that were never heard are free
+_MUCH_NEARER: Final = 0.5  # times as far: it has the transmitter then, whoever flies there
+_THERE_M: Final = 2.0  # from where a transmitter was heard
+_OUTSIDE_M: Final = 20.0  # of the area: another vehicle drives it no farther, and sends it no farther
+
+
+class Teammate:
+    """Remembers what the other searches have told last. `number`: its own; the lower one goes first in a conflict.
+
+    `send`: passes news on to the others. `field`: what they divide; None: each searches its plan's own area.
+    """
+
+    def __init__(self, number: int, send: Callable[[News], None], field: TeamField | None = None) -> None:
+        self.number = number
+        self._send = send
+        self._field = field
+        self._origin: LocalFrame | None = None
+        self._alt = 0.0  # of its take-off point
+        self._raised_m = 0.0  # above the lowest layer
+        self._part: int | None = number  # that it searches
+        self._flown: set[int] = set()
+        self._own: set[int] = set()  # transmitters that it has found
+        self._visited: set[int] = set()  # whom it did not find where they were heard
+        self._began = math.inf
+        self._others: dict[int, News] = {}
+        self._told: News | None = None
+        self._now = -math.inf
+        self._deaf_until_s = -math.inf  # it could not hear anybody
+        self._speed = 1.0
+        self._area: Area = (-math.inf, -math.inf, math.inf, math.inf)  # of all, from its take-off point
+
+    def hear(self, news: News) -> None:
+        """Another one has told this."""
+        if news.number != self.number:
+            self._others[news.number] = news
+            self._flown.update(news.flown)
+
+    def skip(self, now: float) -> None:
+        """It was held up until now: silence until then does not count."""
+        self._deaf_until_s = now
+
+    def tell(
+        self,
+        now: float,
+        lla: tuple[float, float, float],
+        *,
+        flying: bool,
+        hunting: int | None = None,
+        hunting_m: float = math.inf,
+        found: tuple[int, ...] = (),
+        heard: Sequence[HeardAt] = (),
+        searching: bool = True,
+        lost: bool = False,
+    ) -> None:
+        """Pass on the place and the task of its own vehicle, five times a second and when they change."""
+        self._now = now
+        self._began = min(self._began, now)
+        self._own.update(found)
+        part = self._part if searching else None
+        free = searching and self._part is None and hunting is None
+        ever, flown = tuple(sorted(self._own)), tuple(sorted(self._flown))
+        left = sorted((one for one in heard if not self._is_found(one.id)), key=lambda one: one.metres)[:MOST_HEARD]
+        news = News(self.number, now, lla, flying, hunting, ever, part, flown, hunting_m, free, tuple(left), lost)
+        told = self._told
+        if told is None or replace(told, time_s=now, lla=lla) != news or now - told.time_s >= _EVERY_S:
+            self._told = news
+            self._send(news)
+
+    def taken(self, id_: int, *, own: bool, metres: float = math.inf) -> bool:
+        """Return True if a transmitter is another one's: found, or flown to. `own`: it flies there itself.
+
+        `metres`: how near it has heard it. Of two that fly there the one that has heard it twice as near goes on,
+        otherwise the lower number.
+        """
+        hunted = any(self._hunts(other, id_, own=own, metres=metres) for other in self._others.values())
+        return hunted or any(id_ in other.found for other in self._others.values())
+
+    def layered(self, plan: SearchPlan) -> SearchPlan:
+        """The plan at the height of its own layer."""
+        self._raised_m = layer_m(self.number)
+        return replace(plan, height=plan.height + self._raised_m, take_off=plan.take_off + self._raised_m)
+
+    def plan(self, plan: SearchPlan, origin: LocalFrame) -> SearchPlan:
+        """The plan with the team's area as it is seen from the take-off point."""
+        self._speed, self._origin, self._alt = plan.speed, origin, float(origin.lla([0.0, 0.0, 0.0])[2])
+        plan = plan if self._field is None else replace(plan, area=self._field.seen_from(origin))
+        self._area = plan.area
+        return plan
+
+    def area(self) -> Area | None:
+        """The part that it searches, from its take-off point."""
+        if self._field is None or self._origin is None or self._part is None:
+            return None
+        return self._field.seen_from(self._origin, self._part)
+
+    def done(self) -> None:
+        """All strips of its part are flown."""
+        if self._part is not None:
+            self._flown.add(self._part)
+            self._part = None
+
+    def claim(self) -> Area | None:
+        """A part that is nobody's, the next one to its own first: from now on it is this one's. None: there is none."""
+        left = self._left()
+        if left:
+            self._part = min(left, key=lambda part: (abs(part - self.number), part))
+        return self.area() if left else None
+
+    @property
+    def yields(self) -> bool:
+        """True if it gives up another one's part, which is flown, or which that one or a lower number searches too.
+
+        It gives up its own part to nobody: a part is not flown because somebody says so.
+        """
+        part = self._part
+        if part is None or part == self.number:
+            return False
+        searching = [other.number for other in self._alive() if other.part == part]
+        if part in self._flown or any(number == part or number < self.number for number in searching):
+            self._part = None
+        return self._part is None
+
+    @property
+    def waits(self) -> bool:
+        """True if others still search parts that they might leave."""
+        if self._field is None:
+            return False
+        return len(self._flown) < self._field.count and bool(self._held())
+
+    def handed(self, position: Position) -> tuple[float, float] | None:
+        """Return the place to fly to, north and east of its take-off point, if a transmitter was received there that
+        nobody flies to. Of those whose strips are flown the nearest one goes there, each to one; None: it is not this.
+        """
+        news = [told for told in (self._told, *self._others.values()) if told]
+        every = sorted((one for told in news for one in told.heard), key=lambda one: -one.metres)
+        places = {one.id: self._seen(one.lat, one.lon) for one in every if not self._is_someones(one.id)}
+        places = {id_: place for id_, place in places.items() if not self._edges(place)}
+        free = {other.number: self._seen(*other.lla[:2]) for other in self._alive() if other.free}
+        free[self.number] = position[:2]
+        self._visited |= {
+            id_
+            for id_, place in places.items()
+            if math.dist(place, position[:2]) < _THERE_M or self.bars(place, position)
+        }
+        pairs = sorted((math.dist(at, places[id_]), number, id_) for number, at in free.items() for id_ in places)
+        pairs = [pair for pair in pairs if pair[1] != self.number or pair[2] not in self._visited]
+        while pairs:
+            _, number, id_ = pairs[0]
+            if number == self.number:
+                return places[id_]
+            pairs = [pair for pair in pairs if pair[1] != number and pair[2] != id_]
+        return None
+
+    def forgive(self) -> None:
+        """Allow places to be visited again where nothing was found."""
+        self._visited.clear()
+
+    def beside(self, place: tuple[float, float]) -> tuple[float, float]:
+        """Return the point to land, north and east of its take-off point: at a place, or beside those near it that make
+        no room. They have landed, are silent, or come down themselves and have precedence.
+        """
+        every = self._others.values()
+        taken = [other for other in every if not other.flying or self._is_old(other) or self._ends_before(other)]
+        return clear_of(place, [(self._seen(*other.lla[:2]), self._apart_m(other)) for other in taken])
+
+    @property
+    def lost(self) -> dict[int, tuple[float, float, float]]:
+        """Those in the air that are not heard any more: north and east of its take-off point, and how far it keeps
+        off them [m], by their numbers.
+        """
+        if self._origin is None:
+            return {}
+        gone = [other for other in self._others.values() if other.flying and self._is_old(other)]
+        return {other.number: (*self._seen(*other.lla[:2]), self._apart_m(other)) for other in gone}
+
+    def bars(self, place: tuple[float, float], position: Position) -> bool:
+        """Return True if it gets no nearer to a place (north, east), because one that is lost may be there."""
+        return any(
+            math.dist(place, (north, east)) < metres > math.dist(position[:2], (north, east)) - 1.0
+            for north, east, metres in self.lost.values()
+        )
+
+    def height(self, wanted_m: float, height_m: float, position: Position) -> float:
+        """The height to fly at: `wanted_m`, that of its layer, or lower once all of the layer below have ended and are
+        on the ground. It does not come down above another one; it is `height_m` high now.
+        """
+        below = [other for other in self._others.values() if layer_m(other.number) < self._raised_m]
+        if not below or any(other.flying or not other.ended for other in below):
+            return wanted_m
+        low_m = wanted_m - self._raised_m
+        return min(max(height_m, low_m), wanted_m) if self.above_another(position) else low_m
+
+    def above_another(self, position: Position) -> bool:
+        """Return True if another one is below its position, NED [m] from its take-off point: it must not land there."""
+        return any(near.in_the_way_down for near in self._neighbours(position))
+
+    @property
+    def under_another(self) -> bool:
+        """True if another one is above its vehicle, which is on the ground, or may be: it must not take off."""
+        others = [(other, self._age_s(other)) for other in self._others.values()]
+        return self._told is not None and not may_take_off(others, self._told.lla, self._speed)
+
+    def apart(self, position: Position, velocity: Position, speed: float) -> Position:
+        """The velocity without what would lead to another vehicle, at most `speed` [m/s] horizontally. It makes room
+        for one at its height that has precedence, and for one that comes down. Both NED from its take-off point.
+        """
+        near = self._neighbours(position)
+        room_for = [one for one in near if self._makes_room(one)]
+        edges = [way for way in self._edges(position[:2]) if velocity[0] * way[0] + velocity[1] * way[1] <= 0]
+        return kept_apart(near, room_for, velocity, speed, edges)
+
+    def _edges(self, place: tuple[float, float]) -> list[tuple[float, float]]:
+        """Return the directions out of the area in which a place is far outside."""
+        (north, east), (south, west, most_north, most_east) = place, self._area
+        outside = {
+            (1.0, 0.0): north - most_north,
+            (-1.0, 0.0): south - north,
+            (0.0, 1.0): east - most_east,
+            (0.0, -1.0): west - east,
+        }
+        return [way for way, metres in outside.items() if metres > _OUTSIDE_M]
+
+    def _neighbours(self, position: Position) -> list[Near]:
+        others = [(other, self._age_s(other)) for other in self._others.values()]
+        return neighbours(others, self._origin, position, self._speed) if self._origin else []
+
+    def _makes_room(self, one: Near) -> bool:
+        first = self._told is not None and goes_first(one.other, self._told)
+        return (one.level and (first or one.overdue)) or (one.coming_down and first)
+
+    def _ends_before(self, other: News) -> bool:
+        return other.ended and self._told is not None and goes_first(other, self._told)
+
+    def _age_s(self, other: News) -> float:
+        return math.inf if other.lost else self._now - max(other.time_s, self._deaf_until_s)
+
+    def _apart_m(self, other: News) -> float:
+        return apart_m(other, self._age_s(other), self._speed)
+
+    def _is_old(self, other: News) -> bool:
+        return self._age_s(other) > _OLD_S
+
+    def _alive(self) -> list[News]:
+        return [other for other in self._others.values() if not self._is_old(other)]
+
+    def _held(self) -> set[int]:
+        """The parts that others search. One that was never heard may still come."""
+        assert self._field is not None
+        held = {other.part for other in self._alive() if other.part is not None}
+        if self._now - self._began < _ABSENT_S:
+            held |= set(range(self._field.count)) - self._others.keys() - {self.number}
+        return held - self._flown
+
+    def _left(self) -> set[int]:
+        if self._field is None:
+            return set()
+        return set(range(self._field.count)) - self._flown - self._held()
+
+    def _hunts(self, other: News, id_: int, *, own: bool, metres: float) -> bool:
+        if other.hunting != id_ or self._is_old(other) or metres < _MUCH_NEARER * other.hunting_m:
+            return False
+        return not own or other.number < self.number or other.hunting_m < _MUCH_NEARER * metres
+
+    def _is_found(self, id_: int) -> bool:
+        return id_ in self._own or any(id_ in other.found for other in self._others.values())
+
+    def _is_someones(self, id_: int) -> bool:
+        return id_ in self._own or self.taken(id_, own=False)
+
+    def _seen(self, lat: float, lon: float) -> tuple[float, float]:
+        """A place from its own take-off point."""
+        assert self._origin is not None
+        north, east, _ = (float(value) for value in self._origin.ned(lat, lon, self._alt))
+        return north, east
+
+
+class Bus:
+    """Passes the news of each search to all others in the same program. `field`: what they divide."""
+
+    def __init__(self, field: TeamField | None = None) -> None:
+        self._mates: list[Teammate] = []
+        self._field = field
+
+    def join(self) -> Teammate:
+        """One more search."""
+        mate = Teammate(len(self._mates), self._pass_on, self._field)
+        self._mates.append(mate)
+        return mate
+
+    def _pass_on(self, news: News) -> None:
+        for mate in self._mates:
+            mate.hear(news)

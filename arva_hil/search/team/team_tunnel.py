@@ -1,0 +1,149 @@
+"""The news of searches in several programs: MAVLink TUNNEL messages that the autopilots pass on.
+
+A payload has the version, the number of the search, its time in ms, latitude and longitude [1e-7 deg], altitude
+[mm AMSL], flags (1: flying, 2: free, 4: lost), the transmitter that it flies to (255: none) and how near it has heard
+that one [cm], the part that it searches (255: none), the parts flown as bits, the ids found, at most 16, and those
+heard, at most 7, each with how near [cm] and where [1e-7 deg]. All numbers are little-endian.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from typing import Any, Final
+
+from arva_hil.mavlink.codec import Packet, Parser, dialect, tunnel
+from arva_hil.search.team.team_news import MOST_HEARD, HeardAt, News
+
+TEAM_TYPE: Final = 42072  # the payload type, in MAVLink's private range; frames have the one before
+VERSION: Final = 2
+MOST_MEMBERS: Final = 64
+_HEAD: Final = struct.Struct("<BBIiiiBBHBQBB")  # version … numbers of ids found and heard
+_HEARD: Final = struct.Struct("<BHii")
+_NONE: Final = 255
+_FARTHEST: Final = 0xFFFF  # cm, or farther, or not known
+_FLYING: Final = 1
+_FREE: Final = 2
+_LOST: Final = 4
+_MOST_IDS: Final = 16
+_STALE_S: Final = 2.0  # longer on the way than the quickest one: dropped
+_RESTARTED_S: Final = 5.0  # silent for so long, a search may have begun anew
+
+
+def encode(news: News) -> bytes:
+    """The payload of news, at most 128 bytes."""
+    lat, lon, alt = news.lla
+    ids = bytes(id_ for id_ in news.found[:_MOST_IDS] if 0 <= id_ < _NONE)
+    heard = [one for one in news.heard[:MOST_HEARD] if 0 <= one.id < _NONE]
+    hunting = _NONE if news.hunting is None or not 0 <= news.hunting < _NONE else news.hunting
+    part = _NONE if news.part is None else news.part
+    place = _degrees(lat), _degrees(lon), round(alt * 1e3)
+    time_ms = round(news.time_s * 1e3) & 0xFFFFFFFF
+    bits = sum(1 << part for part in news.flown)
+    flies = _FLYING * news.flying | _FREE * news.free | _LOST * news.lost, hunting, _cm(news.hunting_m)
+    head = _HEAD.pack(VERSION, news.number, time_ms, *place, *flies, part, bits, len(ids), len(heard))
+    rows = [_HEARD.pack(one.id, _cm(one.metres), _degrees(one.lat), _degrees(one.lon)) for one in heard]
+    return head + ids + b"".join(rows)
+
+
+def decode(payload: bytes, members: int) -> News | None:
+    """The news of one of so many members, None if it is something else. `time_s`: on the clock of who sent it."""
+    if len(payload) < _HEAD.size or payload[0] != VERSION:
+        return None
+    _, number, time_ms, lat, lon, alt, flags, hunting, cm, part, bits, found, heard = _HEAD.unpack_from(payload)
+    known = number < members and (part == _NONE or part < members) and not bits >> members and flags < 2 * _LOST
+    if not known or found > _MOST_IDS or heard > MOST_HEARD:
+        return None
+    ids, rows = payload[_HEAD.size :][:found], payload[_HEAD.size + found :]
+    if len(rows) != heard * _HEARD.size or _NONE in ids:
+        return None
+    every = [HeardAt(id_, _metres(near), n / 1e7, e / 1e7) for id_, near, n, e in _HEARD.iter_unpack(rows)]
+    if any(one.id == _NONE for one in every) or not all(
+        map(_on_earth, [(lat / 1e7, lon / 1e7), *(o[2:] for o in every)])
+    ):
+        return None
+    return News(
+        number,
+        time_ms / 1e3,
+        (lat / 1e7, lon / 1e7, alt / 1e3),
+        bool(flags & _FLYING),
+        None if hunting == _NONE else hunting,
+        tuple(ids),
+        None if part == _NONE else part,
+        tuple(part for part in range(members) if bits >> part & 1),
+        _metres(cm),
+        bool(flags & _FREE),
+        tuple(every),
+        bool(flags & _LOST),
+    )
+
+
+def _on_earth(place: tuple[float, float]) -> bool:
+    return abs(place[0]) <= 90 and abs(place[1]) <= 180
+
+
+def _degrees(angle: float) -> int:
+    return round(angle * 1e7)
+
+
+def _cm(metres: float) -> int:
+    return round(min(metres * 100, _FARTHEST))
+
+
+def _metres(cm: int) -> float:
+    return math.inf if cm == _FARTHEST else cm / 100
+
+
+class TeamTunnel:
+    """Passes on the news of one search, and takes those of the others, each from its own system and `component` only.
+
+    `systems`: of all members' vehicles, by their numbers. `dropped`: how many were late, repeated or wrong.
+    """
+
+    def __init__(self, systems: Sequence[int], component: int) -> None:
+        self.dropped = 0
+        self._systems = systems
+        self._component = component
+        self._parser = Parser()
+        self._due: News | None = None
+        self._last: dict[int, tuple[float, float]] = {}  # by number: the newest time, and when it came
+        self._quickest: dict[int, float] = {}  # by number: the least difference of the clocks
+
+    def send(self, news: News) -> None:
+        """To be sent the next time; older news that did not leave yet are out of date."""
+        self._due = news
+
+    def poll(self) -> list[Any]:
+        """The messages to send now, to all systems."""
+        if self._due is None:
+            return []
+        payload, self._due = encode(self._due), None
+        return [tunnel(TEAM_TYPE, payload)]
+
+    def hear(self, packet: Packet, now: float) -> News | None:
+        """The news in a packet; None for anything else. `time_s` is then on the own clock."""
+        if packet.msgid != dialect.MAVLINK_MSG_ID_TUNNEL or packet.component != self._component:
+            return None
+        if packet.system not in self._systems or (message := self._parser.decode(packet)) is None:
+            return None
+        if message.payload_type != TEAM_TYPE:
+            return None
+        news = decode(bytes(message.payload[: message.payload_length]), len(self._systems))
+        if news is None or self._systems[news.number] != packet.system or not self._is_new(news, now):
+            self.dropped += 1
+            return None
+        return News(**vars(news) | {"time_s": now})
+
+    def _is_new(self, news: News, now: float) -> bool:
+        number, sent = news.number, news.time_s
+        newest, came = self._last.get(number, (sent, now))
+        if number not in self._last or now - came > _RESTARTED_S:
+            self._quickest[number] = now - sent
+        elif sent <= newest:
+            return False
+        self._quickest[number] = min(self._quickest[number], now - sent)
+        if now - sent - self._quickest[number] > _STALE_S:
+            return False
+        self._last[number] = sent, now
+        return True

@@ -1,0 +1,136 @@
+"""A vehicle that does not follow its set-points is noticed within seconds; one that is slow or blown about is not."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from firmware_proto import Channel, Frame, encode
+from tests.search.test_client import BOTH, World, px4
+
+SET_POINT = dialect.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
+NOT_FOLLOWED = "the vehicle does not follow its set-points"
+
+Change = Callable[[World, Any], bool]  # of a set-point on its way up; returns whether it arrives
+
+
+def uplink(world: World, change: Change) -> None:
+    """Let `change` have each set-point before the vehicle gets it."""
+    feed, parser, encoder = world.vehicle.feed, Parser(), Encoder(1, 193)
+
+    def fed(chunk: bytes, now: float, link: int = 0) -> None:
+        for packet in parser.feed(chunk):
+            if packet.msgid != SET_POINT:
+                feed(packet.raw, now, link)
+                continue
+            message: Any = parser.decode(packet)
+            if change(world, message):
+                feed(encoder.pack(message), now, link)
+
+    world.vehicle.feed = fed  # type: ignore[method-assign]
+
+
+def nothing_heard(now: float) -> bytes:
+    return encode(Frame(round(now * 5) % 256, 1, (Channel(),)))
+
+
+def lost(world: World, message: Any) -> bool:
+    return world.client._commander.phase.name != "FLYING"
+
+
+def fence_ahead(world: World, message: Any) -> bool:
+    """As AVOID_ENABLE stops it: 4 m north of the take-off point."""
+    if world.ned[0] > 4.0:
+        message.vx = min(message.vx, 0.0)
+    return True
+
+
+def turned(degrees: float) -> Change:
+    def turn(_: World, message: Any) -> bool:
+        v = complex(message.vx, message.vy) * complex(math.cos(math.radians(degrees)), math.sin(math.radians(degrees)))
+        message.vx, message.vy = v.real, v.imag
+        return True
+
+    return turn
+
+
+def slower(share: float) -> Change:
+    def slow(_: World, message: Any) -> bool:
+        message.vx, message.vy = share * message.vx, share * message.vy
+        return True
+
+    return slow
+
+
+@BOTH
+@pytest.mark.parametrize("change", [lost, fence_ahead])
+def test_one_that_does_not_move_is_said_flown_another_way_once_and_landed(
+    make: Callable[[], Any], change: Change
+) -> None:
+    world = World(make())
+    world.reach("flying")
+    begun = world.clock.now()
+    uplink(world, change)
+    kind, how = world.end(60.0)
+    if change is lost and make is px4:  # it leaves OFFBOARD by itself
+        assert how.startswith("the mode is position")
+        return
+    assert kind == "failed"
+    assert not world.armed
+    if change is lost:  # the first order that is not followed may be one to sink
+        assert how.startswith((NOT_FOLLOWED, "it is on the ground, or"))
+        return
+    assert how.startswith(NOT_FOLLOWED)
+    (said,) = [text for text in world.said if text.startswith(NOT_FOLLOWED)]
+    assert "a fence or an obstacle ahead" in said
+    landing = min(row.time_s for row in world.rows if row.phase == "landing")
+    assert landing - begun < 30.0
+    assert math.hypot(*world.ned[:2]) < 12.0
+
+
+@BOTH
+@pytest.mark.parametrize("degrees", [90.0, -90.0, 180.0])
+def test_one_that_flies_another_way_than_ordered_is_landed_at_once(make: Callable[[], Any], degrees: float) -> None:
+    world = World(make())
+    uplink(world, turned(degrees))
+    kind, how = world.end(60.0)
+    assert kind == "failed"
+    off = re.match(rf"{NOT_FOLLOWED}: it flies (\d+)° off \(", how)
+    assert off, how
+    assert float(off[1]) == pytest.approx(abs(degrees), abs=10.0)
+    flown = [row for row in world.rows if row.phase == "flying"]
+    assert flown[-1].time_s - flown[0].time_s < 10.0
+    assert math.hypot(*world.ned[:2]) < 10.0
+    assert not world.armed
+
+
+FAR = {"area": (-30.0, -10.0, 30.0, 10.0), "limit_s": 60.0}
+
+
+@BOTH
+@pytest.mark.parametrize(
+    ("options", "change", "plan"),
+    [
+        pytest.param({}, slower(0.3), {}, id="slow"),
+        pytest.param({"wind": (-9.0, 6.0, 0.0)}, slower(0.5), {}, id="wind"),
+        pytest.param({"gps_noise_m": 3.0, "seed": 3}, slower(0.6), {}, id="walk"),
+        pytest.param({}, None, {"take_off": 2.0, "height": 12.0}, id="climb"),
+        pytest.param({}, None, {"speed": 8.0}, id="fast"),
+        pytest.param({}, None, {"speed": 0.2}, id="creeping"),
+    ],
+)
+def test_one_that_is_slow_blown_about_or_climbs_is_let_fly(
+    make: Callable[..., Any], options: dict[str, Any], change: Change | None, plan: dict[str, Any]
+) -> None:
+    world = World(make(**options), **FAR | plan)
+    world.port.says = nothing_heard
+    if change:
+        uplink(world, change)
+    kind, how = world.end(300.0)
+    assert kind == "not found", how
+    assert NOT_FOLLOWED not in " ".join(world.said)

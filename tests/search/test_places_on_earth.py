@@ -1,0 +1,62 @@
+"""A search is the same everywhere on Earth: at the date line, near the poles, at 4,300 m."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from arva_hil.clock import StepClock
+from arva_hil.config import parse
+from arva_hil.links import memory
+from arva_hil.model.field import LocalFrame
+from arva_hil.registry import STRATEGIES
+from arva_hil.runtime.loop import run
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.simulated import closed_loop
+from arva_hil.simulated.closed_loop import ClosedLoop
+from arva_hil.simulated.vehicle import SimulatedVehicle
+from tests.search.test_client import STREAMS, VICTIM, World
+from tests.simulated_px4 import Px4
+
+Place = tuple[float, float, float]
+
+PLACES = pytest.mark.parametrize(
+    "home",
+    [
+        pytest.param((-16.5, 179.99998, 10.0), id="west of the date line"),
+        pytest.param((65.2, -179.99999, 5.0), id="east of the date line"),
+        pytest.param((70.0, 25.8, 300.0), id="70° north"),
+        pytest.param((89.9, -30.0, 5.0), id="near the north pole"),
+        pytest.param((-89.9, 120.0, 2800.0), id="near the south pole"),
+        pytest.param((-22.9, -67.8, 4300.0), id="4,300 m"),
+    ],
+)
+
+
+@PLACES
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_a_transmitter_is_found_and_its_place_on_earth_said(home: Place, autopilot: str) -> None:
+    world = World(Px4(home) if autopilot == "px4" else SimulatedVehicle(home, streams=STREAMS))
+    assert world.end() == ("found", "found")
+    assert world.client.outcome is not None
+    assert world.client.outcome.lat_lon is not None
+    lat, lon = world.client.outcome.lat_lon
+    assert -180.0 <= lon <= 180.0
+    north, east, _ = LocalFrame(*home).ned(lat, lon, home[2])
+    assert math.dist((north, east), VICTIM) < 0.1
+    assert math.dist(world.ned[:2], VICTIM) < 0.6
+
+
+@PLACES
+def test_the_emulator_and_a_search_agree_there(monkeypatch: pytest.MonkeyPatch, home: Place) -> None:
+    monkeypatch.setattr(closed_loop, "HOME", home)
+    scenario = parse("spec: 1\ntransmitters: [{id: 1, ned: [9, 6, 0.5]}]", "test")
+    plan, clock, pair = SearchPlan(STRATEGIES["flux"], area=(-20, -20, 20, 20)), StepClock(), memory.pair
+    loop = ClosedLoop(scenario, plan, autopilot=pair(), commands=pair(), port=pair(), start=0.0, stream_hz=10.0)
+    run(loop.tasks, clock, until=300.0, stopped=lambda: loop.search.outcome is not None)
+    assert loop.search.outcome is not None
+    assert loop.search.outcome.kind == "found"
+    error = loop.error()
+    assert error is not None
+    assert error < 1.0

@@ -1,0 +1,199 @@
+"""A member of a team whose news are wrong: the others end in time, say what is so, and fly to nobody's place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from arva_hil.clock import Clock, StepClock
+from arva_hil.config import parse
+from arva_hil.model.field import LocalFrame
+from arva_hil.registry import STRATEGIES
+from arva_hil.runtime.loop import run
+from arva_hil.search.mission.mission import Mission
+from arva_hil.search.mission.outcome import Outcome
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.team.spacing import Near, kept_apart
+from arva_hil.search.team.team import Teammate
+from arva_hil.search.team.team_field import TeamField
+from arva_hil.search.team.team_news import HeardAt, News
+from arva_hil.search.team.team_strips import strips_of
+from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
+
+HOME = (46.0, 7.0, 1000.0)
+FRAME = LocalFrame(*HOME)
+FIELD = TeamField((-20.0, -30.0, 20.0, 30.0), FRAME, 3)
+TWO = """
+spec: 2
+datum: {lat: 46.0, lon: 7.0, alt: 1000.0}
+transmitters: [{id: 1, ned: [9, -11, 0.5]}, {id: 2, ned: [-8, 3, 1]}]
+"""
+LIMIT_S, BEGINS_S = 30.0, 14.0  # of the search; of the lies, after the take-off
+LANDING_S = 200.0  # three descents from 6 m, 60 s each, and the landing itself
+
+Place = NDArray[np.float64]  # NED
+Lie = Callable[[float, Place], News]
+
+
+def at(north: float, east: float, up: float) -> tuple[float, float, float]:
+    lat, lon, alt = (float(value) for value in FRAME.lla([north, east, -up]))
+    return lat, lon, alt
+
+
+def beside(place: Place, north: float, east: float, down: float) -> tuple[float, float, float]:
+    return at(place[0] + north, place[1] + east, -place[2] - down)
+
+
+def everywhere(now: float, place: Place) -> News:
+    there = beside(place, 9 * math.sin(7 * now), 9 * math.cos(11 * now), 4 * math.sin(13 * now))
+    tick = int(now * 5)
+    states = {"part": tick % 3, "free": tick % 2 == 0, "lost": tick % 5 == 0, "hunting": tick % 3, "hunting_m": 0.0}
+    return replace(News(2, now, there, tick % 4 > 0), **states)  # type: ignore[arg-type]
+
+
+LIES: dict[str, Lie] = {
+    "everything found": lambda now, _: News(2, now, at(5, 5, 0), False, found=tuple(range(16)), flown=(0, 1, 2)),
+    "below": lambda now, place: News(2, now, beside(place, 0.5, 0, 1), False),
+    "above": lambda now, place: News(2, now, beside(place, 0.5, 0, -2), True),
+    "behind": lambda now, place: News(2, now, beside(place, 0, -4, 0), True, 9, hunting_m=0.0),
+    "lost over it": lambda now, place: News(2, now, beside(place, 0.5, 0, 0), True, lost=True),
+    "everywhere": everywhere,
+}
+
+
+class Lied:
+    """Two searches that fly, and news of a third one that only lies. A task of the loop, too: it watches.
+
+    `gap_m`: least distance of the two in the air; `lowest`: of their heights before the descent, as a share of those
+    wanted; `outside_m`: farthest from the area.
+    """
+
+    links = ()
+
+    def __init__(self, lie: Lie) -> None:
+        plan = SearchPlan(STRATEGIES["flux"], area=(-15.0, -15.0, 15.0, 15.0), limit_s=LIMIT_S)
+        self.loop = ClosedFleet(several(parse(TWO, "field"), 3), plan, start=0.0, stream_hz=10.0)
+        *self.flown, liar = self.loop.drones
+        self.gap_m, self.lowest, self.outside_m = math.inf, math.inf, 0.0
+        self._lie = lie
+        tasks = [task for task in self.loop.tasks if task is not liar.search]
+        run([*tasks, self], StepClock(), until=BEGINS_S + LIMIT_S + LANDING_S, stopped=lambda: all(self.outcomes))
+
+    @property
+    def outcomes(self) -> list[Outcome | None]:
+        return [drone.search.outcome for drone in self.flown]
+
+    def service(self, clock: Clock) -> float:
+        now = clock.now()
+        places = {drone.name: np.array(self.loop.frame.ned(*drone.vehicle.truth(now).lla)) for drone in self.flown}
+        flying = [places[drone.name] for drone in self.flown if drone.vehicle.flying]
+        self.gap_m = min([self.gap_m, *(float(np.linalg.norm(a - b)) for a, b in combinations(flying, 2))])
+        self.outside_m = max([self.outside_m, *(float(max(abs(place[:2]))) - 15.0 for place in flying)])
+        for drone in self.flown:
+            self._watch(drone, places[drone.name])
+            assert drone.search._team is not None
+            if now >= BEGINS_S:
+                drone.search._team.hear(self._lie(now, places[drone.name]))
+        return now + 0.2
+
+    def _watch(self, drone: Drone, place: Place) -> None:
+        mission = drone.search.mission
+        if mission and not mission.ended and mission.found is None:
+            self.lowest = min(self.lowest, -float(place[2]) / mission.plan.height)
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_beside_a_liar_two_searches_end_in_time_and_keep_off_the_ground_and_each_other(lie: str) -> None:
+    lied = Lied(LIES[lie])
+    for outcome, drone in zip(lied.outcomes, lied.flown, strict=True):
+        assert outcome is not None, "it does not end"
+        assert outcome.kind in ("found", "not sure", "not found", "failed")
+        error_m = lied.loop.error(drone)
+        assert outcome.kind != "found" or (error_m is not None and error_m < 1.5)
+        hovers = "hovers, because another vehicle of the team reports that it is below" in outcome.how
+        assert drone.vehicle.flying == hovers, outcome.how
+    assert lied.gap_m > 2.5
+    assert lied.lowest > 0.5
+    assert lied.outside_m < 25.0
+
+
+near = st.builds(
+    lambda angle, metres, below, flying: Near(
+        News(2, 0.0, HOME, flying), math.cos(angle), math.sin(angle), metres, below
+    ),
+    st.floats(0, math.tau), st.floats(0.01, 9), st.floats(-3, 3), st.booleans(),
+)  # fmt: skip
+
+
+@given(st.lists(near, max_size=4), st.lists(near, max_size=2), st.tuples(*[st.floats(-1, 1)] * 3), st.floats(0.1, 3))
+def test_out_of_the_way_of_one_vehicle_is_never_the_way_to_another(
+    others: list[Near], room_for: list[Near], wanted: tuple[float, float, float], speed: float
+) -> None:
+    north, east, down = kept_apart([*others, *room_for], room_for, wanted, speed)
+    for one in [*others, *room_for]:
+        if one.level and one.metres < one.apart_m:
+            assert north * one.north + east * one.east < 1e-6
+    assert math.hypot(north, east) < speed + 1e-6
+    assert down <= wanted[2]
+
+
+def member(number: int = 1) -> Teammate:
+    mate = Teammate(number, lambda news: None, FIELD)
+    mate.plan(SearchPlan(STRATEGIES["flux"]), FRAME)
+    mate.tell(0.0, HOME, flying=True)
+    return mate
+
+
+def test_its_own_part_is_flown_whatever_the_others_say() -> None:
+    mate = member()
+    place = (0.0, 0.0, -3.0)
+    strips = strips_of(mate, SearchPlan(STRATEGIES["flux"], strip_width=10.0), place)
+    mate.hear(News(0, 0.0, at(0, 9, 3), True, part=1, flown=(0, 1, 2)))
+    for _ in range(3):
+        assert strips.velocity(0.0, place) != (0.0, 0.0)
+    assert not strips.exhausted
+
+
+def test_the_part_of_one_that_comes_back_is_left_to_it() -> None:
+    mate = member(0)
+    mate.hear(News(1, 0.0, at(0, 0, 3), True, part=1))
+    mate.done()
+    mate.tell(61.0, HOME, flying=True)
+    assert mate.claim() is not None
+    for number in (1, 2):
+        mate.hear(News(number, 61.0, at(0, 0, 3), True, part=number))
+    assert mate.yields
+
+
+def test_no_transmitter_is_flown_to_that_was_heard_far_outside_the_area() -> None:
+    mate = member()
+    for east, flown_to in ((45.0, True), (55.0, False)):
+        heard = HeardAt(7, 5.0, *at(0, east, 0)[:2])
+        mate.hear(News(2, 0.0, at(0, 9, 3), True, heard=(heard,)))
+        assert (mate.handed((0.0, 0.0, -3.0)) is not None) == flown_to
+
+
+@pytest.mark.parametrize(("east", "wanted", "made"), [(45.0, 0.0, True), (55.0, 0.0, False), (55.0, 0.5, True)])
+def test_nobody_drives_it_far_out_of_the_area(east: float, wanted: float, made: bool) -> None:
+    mate = member()
+    mate.hear(News(2, 0.0, at(0, east - 3, 3), True, hunting=7, hunting_m=1.0))
+    velocity = mate.apart((0.0, east, -3.0), (0.0, wanted, 0.0), 1.0)
+    assert velocity == pytest.approx((0.0, 1.0 if made else 0.0, 0.0), abs=0.01)
+
+
+def test_below_half_its_height_it_makes_no_room_and_only_climbs() -> None:
+    mate = member()
+    mission = Mission(SearchPlan(STRATEGIES["flux"]), 0.0, (0.0, 0.0, -3.0), team=mate)
+    for height_m, made in ((3.0, True), (1.4, False)):
+        place = (0.0, 0.0, -height_m)
+        mate.hear(News(0, 0.0, at(3, 0, height_m), True, hunting=7, hunting_m=1.0))
+        north, east, down = mate.apart(place, mission.fly(1.0, place), mission.pace)
+        assert (math.hypot(north, east) > 0.9, down < -0.9) == (made, not made)

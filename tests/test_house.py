@@ -1,0 +1,62 @@
+"""The figures of the house stay where they are: the engine's face, and the length of the ways through it."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+from arva_hil.emulator.engine import Emulator
+from tools import house
+
+ROOT = Path(__file__).parent.parent
+
+
+def _nodes() -> Iterator[tuple[str, ast.AST]]:
+    for path in sorted([*ROOT.glob("arva_hil/**/*.py"), *ROOT.glob("firmware_proto/**/*.py")]):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}", node
+
+
+def test_the_engine_has_few_methods_and_its_classes_few_attributes() -> None:
+    assert sorted(name for name in vars(Emulator) if not name.startswith("_")) == sorted(
+        ["receive", "advance", "output", "written", "events", "next_deadline", "link_lost", "link_back"]
+    )
+    of_the_engine = {"Emulator", "EmulatedVehicle", "VehicleWorld", "EmulatedReceiver", "Port", "Live"}
+    assert {name: count for name, count in house.classes() if name in of_the_engine and count > 12} == {}
+
+
+def test_the_ways_through_the_house_grow_no_longer() -> None:
+    packet, transmitter = house.packet_to_frame(), house.transmitter_to_field()
+    assert len(packet.calls) <= 120, str(packet)
+    assert packet.files <= 31, str(packet)
+    assert packet.changes <= 75, str(packet)
+    assert len(transmitter.calls) <= 420, str(transmitter)
+    assert transmitter.files <= 17, str(transmitter)
+
+
+def test_no_docstring_begins_with_a_question_word() -> None:
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    question = re.compile(r"(What|Whether|How|Who|Where|When|Which)\b")
+    assert [
+        at for at, node in _nodes() if isinstance(node, documented) and question.match(ast.get_docstring(node) or "")
+    ] == []
+
+
+def test_no_two_classes_have_one_name() -> None:
+    named = [  # ROS gives a message type its name
+        (node.name, at) for at, node in _nodes() if isinstance(node, ast.ClassDef) and "ros_messages" not in at
+    ]
+    times = Counter(name for name, _ in named)
+    assert [(name, at) for name, at in named if times[name] > 1] == []
+
+
+def test_no_conditional_expression_holds_another() -> None:
+    nested = [
+        at
+        for at, node in _nodes()
+        if isinstance(node, ast.IfExp) and sum(isinstance(n, ast.IfExp) for n in ast.walk(node)) > 1
+    ]
+    assert nested == []

@@ -1,0 +1,363 @@
+"""Searches over the built-in vehicle with one sensor that lies: the true height, and the end of each flight.
+
+    python tools/lying_sensors.py [--runs 500] [--clean 100] [--seed 0]
+
+Each flight has one lie (offset, factor, stuck, noise, limit, dropouts, late, drift, reset) in one sensor (rangefinder,
+barometer, altitude, gps) from a random moment on. The true height must not fall below half of the one wanted before the
+search has ended. Then the vehicle must land and disarm. Clean flights have no lie: none may end because of a sensor.
+Failures are printed with the seed. The exit code is 1 after a failure.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import random
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from arva_hil.clock import StepClock
+from arva_hil.config import parse
+from arva_hil.events import Event
+from arva_hil.events.searches import FromSearch, SensorsDisagree
+from arva_hil.links import memory
+from arva_hil.mavlink.codec import Encoder, Parser, dialect
+from arva_hil.registry import STRATEGIES
+from arva_hil.runtime.loop import run
+from arva_hil.search.mission.outcome import SearchStep
+from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.simulated.closed_loop import ClosedLoop
+from arva_hil.simulated.messages import SENSORS
+
+BAROMETER = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+RANGE_M = 10.0
+KINDS = ("offset", "factor", "stuck", "noise", "dropouts", "late", "drift", "reset")
+WAYS = [(sensor, kind) for sensor in ("rangefinder", "barometer", "altitude", "gps") for kind in KINDS]
+WAYS += [("rangefinder", "limit")]
+SCALE_M = 29.27 * 273.0  # of the air
+REACHED = 0.75  # of the height wanted
+LONGEST_S = 700.0
+LOWEST_M = 2.0  # the built-in vehicle's own ground is level: it cannot fly below
+QUICK = ("flux", "extremum")  # strategies that compute little
+LIE_S, CLEAN_S = 120.0, 200.0  # limits of the searches
+GUIDED_S = 3.0  # on the ground in GUIDED
+
+
+@dataclass(frozen=True)
+class Lie:
+    """One lie of one sensor. `size`: metres, factor, seconds or metres a second."""
+
+    sensor: str
+    kind: str
+    size: float = 0.0
+    from_s: float = 0.0
+    seed: int = 0
+
+
+class Liar:
+    """Remembers the values of one sensor. Values are metres."""
+
+    def __init__(self, lie: Lie | None) -> None:
+        self.lie = lie
+        self._random = random.Random(lie.seed if lie else 0)
+        self._past: list[tuple[float, float]] = []
+        self._away_until = self._here_until = 0.0
+
+    def value(self, sensor: str, now: float, true: float) -> float | None:
+        """The value that is reported. None: no message."""
+        lie = self.lie
+        if lie is None or sensor != lie.sensor:
+            return true
+        self._past.append((now, true))
+        if now < lie.from_s:
+            return true
+        of: dict[str, Callable[[], float | None]] = {
+            "offset": lambda: true + lie.size,
+            "reset": lambda: true + lie.size,
+            "affine": lambda: 1.5 * true + 1,
+            "factor": lambda: true * lie.size,
+            "stuck": lambda: next((past for at, past in self._past if at >= lie.from_s), true),
+            "noise": lambda: true + self._random.gauss(0, lie.size),
+            "limit": lambda: RANGE_M + self._random.gauss(0, 0.03),
+            "drift": lambda: true + lie.size * (now - lie.from_s),
+            "late": lambda: [past for at, past in self._past if at <= max(now - lie.size, self._past[0][0])][-1],
+            "dropouts": lambda: self._dropped(now, true),
+        }
+        return of[lie.kind]()
+
+    def _dropped(self, now: float, true: float) -> float | None:
+        if now > self._away_until:
+            self._here_until = now + self._random.uniform(0, 3)
+            self._away_until = self._here_until + self._random.uniform(0, 6)
+        return true if now < self._here_until else None
+
+
+Ground = Callable[[float, float], float]  # its height above the take-off point, by north and east
+
+
+def level(north: float, east: float) -> float:
+    return 0.0
+
+
+class LyingLink:
+    """The vehicle's end of a link, on which one sensor lies. `true`: north, east, height above the take-off point."""
+
+    def __init__(self, link: Any, lie: Lie | None, now: Callable[[], float], ground: Ground) -> None:
+        self._link = link
+        self._now = now
+        self._ground = ground
+        self._liar = Liar(lie)
+        self._parser, self._encoder = Parser(), Encoder(1, 1)
+        self.true: Callable[[], tuple[float, float, float]] = lambda: (0.0, 0.0, 0.0)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._link, name)
+
+    def write(self, data: bytes) -> bool:
+        out = b""
+        for packet in self._parser.feed(data):
+            message = self._changed(self._parser.decode(packet))
+            out += self._encoder.pack(message) if message is not None else b""
+        return bool(self._link.write(out)) if out else True
+
+    def _changed(self, message: Any) -> Any:
+        """The message with the lie; None: it is not sent."""
+        now, said, msgid = self._now(), self._liar.value, type(message).id
+        if msgid == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR:
+            north, east, up = self.true()
+            metres = said("rangefinder", now, up - self._ground(north, east))
+            if metres is None:
+                return None
+            cm = max(0, min(round(100 * metres), round(100 * RANGE_M) + 50))
+            message.current_distance, message.max_distance = cm, round(100 * RANGE_M)
+        elif msgid == dialect.MAVLINK_MSG_ID_SCALED_PRESSURE:
+            up = self.true()[2]
+            metres = said("barometer", now, up)
+            if metres is None:
+                return None
+            message.press_abs *= math.exp((up - metres) / SCALE_M)
+        elif msgid in (dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, dialect.MAVLINK_MSG_ID_GPS_RAW_INT):
+            ours = msgid == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+            up = message.alt / 1e3 - 1650.0
+            metres = said("altitude" if ours else "gps", now, up)
+            if metres is None:
+                return None
+            message.alt = round((1650.0 + metres) * 1e3)
+            if ours:
+                message.relative_alt = round(metres * 1e3)
+        return message
+
+
+class Report(NamedTuple):
+    """The outcome of one flight. `lowest`: the least true height while it searches [m]; `fault`: "" if all is well."""
+
+    kind: str
+    how: str
+    lowest: float
+    highest: float
+    fault: str
+    disagreements: Sequence[SensorsDisagree]
+    seconds: float
+
+
+class Flight:
+    """One search with its judge. `rows`: time, true height, and velocity ordered while it searches."""
+
+    def __init__(
+        self,
+        lie: Lie | None = None,
+        *,
+        ground: Ground = level,
+        victim: str = "{id: 1, ned: [34, 29, 1], attitude: {pitch: 20, yaw: 70}}",
+        seed: int = 1,
+        sensors: int = SENSORS,
+        gps_noise_m: float = 0.0,
+        wind: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        strategy: str = "estimate",
+        **plan: Any,
+    ) -> None:
+        self.clock = StepClock()
+        self.ground = ground
+        self.wanted = plan.setdefault("height", 3.0)
+        self.heights: list[tuple[float, float]] = []
+        self.events: list[Event] = []
+        self.faults: list[str] = []
+        self.stood_s = 0.0
+        near, far = memory.pair()
+        link = LyingLink(far, lie, self.clock.now, ground)
+        self.loop = ClosedLoop(
+            parse(f"spec: 1\nseed: {seed}\ntransmitters: [{victim}]\n", "flight"),
+            SearchPlan(STRATEGIES[strategy], **plan),
+            autopilot=memory.pair(),
+            commands=(near, link),  # type: ignore[arg-type]
+            port=memory.pair(),
+            start=self.clock.now(),
+            stream_hz=10.0,
+            wind=wind,
+            gps_noise_m=gps_noise_m,
+            sensors=sensors,
+            observers=[self],
+            log=self._judge,
+        )
+        link.true = self._true
+        run(self.loop.tasks, self.clock, until=LONGEST_S, stopped=lambda: self.loop.search.outcome is not None)
+
+    def _true(self) -> tuple[float, float, float]:
+        north, east, down = self.loop.vehicle.truth(self.clock.now()).ned
+        return north, east, -down
+
+    def observe(self, event: Event) -> None:
+        if isinstance(event, FromSearch):
+            self.events.append(event.event)
+
+    def _judge(self, row: SearchStep) -> None:
+        north, east, up = self._true()
+        height = up - self.ground(north, east)
+        state = self.loop.vehicle.state
+        if row.phase != "flying":
+            return
+        if not self.loop.over:
+            self.heights.append((self.clock.now(), height))
+        self.stood_s = self.stood_s + 0.2 if height < 0.05 and state.startswith("GUIDED, armed") else 0.0
+        if self.stood_s > GUIDED_S:
+            self.faults.append("it stands on the ground in GUIDED, armed")
+        if height < 0.3 and math.hypot(row.v_north, row.v_east) > 0.01:
+            self.faults.append(f"it is ordered to fly aside {height:.1f} m above the ground")
+
+    def report(self) -> Report:
+        heights = [height for _, height in self.heights]
+        reached = next((n for n, h in enumerate(heights) if h >= REACHED * self.wanted), len(heights))
+        lowest = min(heights[reached:], default=math.inf)
+        outcome = self.loop.search.outcome
+        faults = list(dict.fromkeys(self.faults))
+        if lowest < self.wanted / 2:
+            faults.append(f"only {lowest:.2f} m above the ground")
+        if outcome is None:
+            faults.append(f"it flies on after {LONGEST_S:g} s")
+        elif not self.loop.vehicle.state.endswith("disarmed, on the ground"):
+            faults.append(f"at the end: {self.loop.vehicle.state}")
+        elif outcome.kind != "found" and not outcome.how:
+            faults.append("it does not say why")
+        return Report(
+            outcome.kind if outcome else "",
+            outcome.how if outcome else "",
+            lowest,
+            max(heights, default=0.0),
+            "; ".join(faults),
+            [event for event in self.events if isinstance(event, SensorsDisagree)],
+            self.clock.now(),
+        )
+
+
+def random_lie(r: random.Random, way: tuple[str, str]) -> Lie:
+    sensor, kind = way
+    sizes = {
+        "offset": [r.choice((-1, 1)) * r.uniform(1, 8)],
+        "factor": [0.5, 1.5, 2.0, 3.0],
+        "noise": [0.1, 0.5, 1.0, 2.0],
+        "late": [r.uniform(0.5, 3.0)],
+        "drift": [0.05, -0.05],
+        "reset": [r.choice((-1, 1)) * metres for metres in (5.0, 7.0, 9.0)],
+    }
+    moments = r.choice([0.0, r.uniform(0, 8), r.uniform(8, 20), r.uniform(8, 60)])
+    return Lie(sensor, kind, r.choice(sizes.get(kind, [0.0])), moments, r.randrange(1000))
+
+
+def terrain(r: random.Random) -> tuple[str, Ground]:
+    """Level, a slope, waves or a step of the ground."""
+    kind = r.choice(("level", "slope", "waves", "step"))
+    rise, bearing = r.uniform(-0.4, 0.4), r.uniform(0, 2 * math.pi)
+    step, length = r.uniform(-2.0, 1.2), r.uniform(20, 60)  # no sensor sees a step up before the vehicle is above it
+
+    def along(n: float, e: float) -> float:
+        return n * math.cos(bearing) + e * math.sin(bearing)
+
+    grounds: dict[str, Ground] = {
+        "level": level,
+        "slope": lambda n, e: max(-LOWEST_M, rise * along(n, e)),
+        "waves": lambda n, e: 2 * math.sin(along(n, e) * 2 * math.pi / length),
+        "step": lambda n, e: step if along(n, e) > length / 4 else 0.0,
+    }
+    return kind, grounds[kind]
+
+
+def victim(r: random.Random) -> str:
+    place = f"{r.uniform(-45, 45):.1f}, {r.uniform(-45, 45):.1f}, 1"
+    attitude = f"{{roll: {r.uniform(-90, 90):.0f}, pitch: {r.uniform(-90, 90):.0f}, yaw: {r.uniform(-180, 180):.0f}}}"
+    return f"{{id: 1, ned: [{place}], attitude: {attitude}}}"
+
+
+def lying(seed: int) -> tuple[str, Report]:
+    """A flight with one lie above level ground; the others are its rangefinder, or none and a barometer."""
+    r = random.Random(seed)
+    lie = random_lie(r, WAYS[seed % len(WAYS)])
+    sensors = SENSORS if lie.sensor == "rangefinder" else r.choice([SENSORS, BAROMETER])
+    gps = r.choice([0.0, 0.5])
+    settings = {"strategy": r.choice(QUICK), "limit_s": LIE_S}
+    flight = Flight(lie, victim=victim(r), seed=seed, sensors=sensors, gps_noise_m=gps, **settings)
+    which = "" if sensors == SENSORS else " without a rangefinder"
+    return f"{lie.sensor} {lie.kind} {lie.size:.3g} from {lie.from_s:.0f} s{which}, gps {gps:g}", flight.report()
+
+
+def clean(seed: int) -> tuple[str, Report]:
+    r = random.Random(seed)
+    kind, ground = terrain(r)
+    wind = (r.uniform(-6, 6), r.uniform(-6, 6), 0.0)
+    gps = r.choice([0.0, 0.5, 1.5])
+    sensors = SENSORS if kind != "level" else r.choice([SENSORS, BAROMETER, 0])
+    flight = Flight(
+        ground=ground,
+        victim=victim(r),
+        seed=seed,
+        sensors=sensors,
+        gps_noise_m=gps,
+        wind=wind,
+        strategy=r.choice(QUICK),
+        limit_s=CLEAN_S,
+    )
+    report = flight.report()
+    if report.kind == "failed" or (report.disagreements and kind != "step"):
+        report = report._replace(fault="; ".join(filter(None, [report.fault, "a false alarm"])))
+    return f"{kind}, gps {gps:g}, sensors {sensors}", report
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=500, help="flights with a lie (default: 500)")
+    parser.add_argument("--clean", type=int, default=100, help="flights without one (default: 100)")
+    parser.add_argument("--seed", type=int, default=0, help="of the first flight")
+    parser.add_argument("--verbose", action="store_true", help="print every flight")
+    options = parser.parse_args(arguments)
+    failures = 0
+    for name, fly, count in (("lie", lying, options.runs), ("clean", clean, options.clean)):
+        if not count:
+            continue
+        kinds: Counter[str] = Counter()
+        failed, begun = 0, time.process_time()
+        for seed in range(options.seed, options.seed + count):
+            label, report = fly(seed)
+            kinds[report.kind] += 1
+            failed += bool(report.fault)
+            if report.fault or options.verbose:
+                said = "; ".join(f"{e.sensor} {e.value_m:.1f}, {e.other} {e.other_m:.1f}" for e in report.disagreements)
+                print(
+                    f"{name} {seed}: {label}: {report.fault or 'ok'}; least {report.lowest:.2f} m, most"
+                    f" {report.highest:.1f} m; {report.kind}: {report.how} ({report.seconds:.0f} s) [{said}]",
+                    flush=True,
+                )
+        outcomes = ", ".join(f"{n} {kind}" for kind, n in sorted(kinds.items()))
+        print(f"{name}: {count} flights, {failed} failures; {outcomes}; CPU {time.process_time() - begun:.0f} s")
+        failures += failed
+    return int(failures > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
