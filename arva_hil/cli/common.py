@@ -10,8 +10,8 @@ import itertools
 import math
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from arva_hil.cli import outcome
@@ -292,10 +292,16 @@ def _observer(name: str) -> Observer:
     return observer
 
 
-def run_first() -> None:
+@contextmanager
+def run_first() -> Iterator[None]:
     """Let this thread run before other programs, if the system permits it: set-points do not wait for a processor.
 
-    Threads and processes that it starts do not inherit this.
+    Threads and processes that it starts do not inherit this. At the end the thread is scheduled as before.
     """
-    with suppress(AttributeError, OSError):  # not Linux, or not permitted
-        os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
+    with ExitStack() as stack:
+        with suppress(AttributeError, OSError):  # not Linux, or not permitted
+            policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
+            os.sched_setscheduler(0, os.SCHED_RR | os.SCHED_RESET_ON_FORK, os.sched_param(1))
+            # only the superuser may remove the flag, which changes nothing for an ordinary thread
+            stack.callback(os.sched_setscheduler, 0, policy | os.SCHED_RESET_ON_FORK, parameter)
+        yield

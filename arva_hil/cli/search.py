@@ -61,7 +61,7 @@ def main(options: argparse.Namespace) -> int:
     client: SearchClient | None = None
     with ExitStack() as stack:
         worker = stack.enter_context(closing(StrategyProcess(partial(plan.strategy, plan.speed))))
-        common.run_first()
+        stack.enter_context(common.run_first())
         key = signing(options.signing_key, clock.epoch_us, stack)
         on_the_ground = partial(open_reconnecting, wanted=lambda: not (client and client.launched))
         autopilot, receiver = (

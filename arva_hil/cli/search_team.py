@@ -100,7 +100,7 @@ def main(options: argparse.Namespace) -> int:
     with ExitStack() as stack:
         make = partial(plan.strategy, plan.speed)
         workers = {member.name: stack.enter_context(closing(StrategyProcess(make))) for member in members}
-        common.run_first()
+        stack.enter_context(common.run_first())
         title = f"{options.strategy}, {len(members)} vehicles"
         page = open_page(options.web, lambda: State("search", title, known=False, named=True), printer.say)
         if page:
