@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import sys
@@ -147,7 +148,7 @@ def test_the_command_that_the_verdict_names_does_run(
         listen=HEALTHY_S,
     )
     words = said["verdict"]["found"].split("arva-hil ")[1].split()
-    assert words[-6:] == ["--format", "nmea", "--target-system", "1", "--stream-rate", "20"]
+    assert words[-6:-1] == ["--format", "nmea", "--target-system", "1", "--stream-rate"]
     assert start(*words, "--duration", 1.5).ends() == 0
 
 
@@ -171,7 +172,7 @@ def test_frames_inside_mavlink_go_over_the_autopilots_link(examine: Examine, aut
     assert "port" not in said
     assert "named frames were accepted" in said["frames"]["found"]
     assert b"ARVA1_DIR" in autopilot.heard
-    assert said["verdict"]["found"].endswith("--format named --stream-rate 20")
+    assert re.search(r"--format named --stream-rate \d+$", said["verdict"]["found"])  # slower if the computer is busy
 
 
 def test_without_a_port_only_the_autopilots_side_is_looked_at(

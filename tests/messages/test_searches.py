@@ -64,6 +64,9 @@ def test_beside_an_emulator_the_take_off_point_lies_in_its_map() -> None:
     assert there["header"]["frame_id"] == "map"
     assert there["transform"]["translation"]["y"] == pytest.approx(111.2, abs=0.1)
 
+    found = by_topic(messages.of_event(FromSearch(9.0, FOUND)))["/search/visualization"]["markers"][0]
+    assert (found["ns"], found["pose"]["position"]) == ("found", {"x": 5, "y": 20, "z": 0})
+
 
 def test_hypotheses_their_ellipse_and_the_goal_are_drawn_and_those_that_are_dropped_go() -> None:
     many = BeliefChanged(2.0, 4, [(20.0, 5.0, 0.75), (-20.0, -5.0, 0.25)], (9.0, 0.0, 1.0), (10.0, 0.0))
