@@ -29,12 +29,20 @@ def test_the_engine_has_few_methods_and_its_classes_few_attributes() -> None:
 
 
 def test_the_ways_through_the_house_grow_no_longer() -> None:
-    packet, transmitter = house.packet_to_frame(), house.transmitter_to_field()
+    packet, transmitter, frame = house.packet_to_frame(), house.transmitter_to_field(), house.frame_to_set_point()
     assert len(packet.calls) <= 120, str(packet)
     assert packet.files <= 31, str(packet)
     assert packet.changes <= 75, str(packet)
+    assert len(frame.calls) <= 315, str(frame)
+    assert frame.files <= 53, str(frame)
     assert len(transmitter.calls) <= 420, str(transmitter)
     assert transmitter.files <= 17, str(transmitter)
+
+
+def test_no_two_rooms_import_each_other_and_no_modules_do_in_a_circle() -> None:
+    imported = house.arrows(house.modules("arva_hil"))
+    assert house.circles(imported) == []
+    assert house.pairs(house.rooms(imported)) == []
 
 
 def test_no_docstring_begins_with_a_question_word() -> None:

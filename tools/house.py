@@ -2,8 +2,9 @@
 
     python -m tools.house
 
-A way is followed with `sys.setprofile`: the calls of the package's own functions, the files they are in, and how often
-the next call is in another file than the one before. Statements are counted with `ast`, without docstrings.
+A circle is a set of modules that import each other, also inside functions and for type checkers only. A way is followed
+with `sys.setprofile`: the calls of the package's own functions, the files they are in, and how often the next call is
+in another file than the one before. Statements are counted with `ast`, without docstrings.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final, NamedTuple
@@ -108,10 +109,99 @@ def transmitter_to_field() -> Way:
     return followed(work)
 
 
-def trees(folder: str) -> Iterator[ast.Module]:
-    """Parse every module below a folder."""
-    for path in sorted((ROOT / folder).rglob("*.py")):
-        yield ast.parse(path.read_text(encoding="utf-8"))
+def frame_to_set_point() -> Way:
+    """One frame of the receiver, and the set-point that is due then: from the frame's bytes to the set-point's.
+
+    The search flies to a transmitter. Nothing waits on the autopilot's link. The shortest of several steps counts,
+    because a heartbeat or a request may leave in the same step.
+    """
+    from arva_hil.clock import StepClock
+    from arva_hil.config import parse
+    from arva_hil.links import memory
+    from arva_hil.registry import STRATEGIES
+    from arva_hil.runtime.loop import run
+    from arva_hil.search.strategies.plan import SearchPlan
+    from arva_hil.simulated.closed_loop import ClosedLoop
+    from firmware_proto import encode
+
+    clock, scenario, ends = StepClock(), parse(_SCENARIO, "house"), [memory.pair() for _ in range(3)]
+    plan = SearchPlan(STRATEGIES["flux"])
+    loop = ClosedLoop(scenario, plan, autopilot=ends[0], commands=ends[1], port=ends[2], start=0.0, stream_hz=10.0)
+    search, ways = loop.search, []
+    run(loop.tasks, clock, until=60.0, stopped=lambda: bool(search.mission and search.mission.hunting))
+    for _ in range(10):
+        run(loop.tasks, clock, until=clock.now() + 1.0)
+        while any(link.ready() for link in search.links) or search.service(clock) <= clock.now():
+            search.service(clock)
+        clock.wait(clock.now() + 0.2)
+        frame = loop.emulator.vehicles[0].units[0].port.last
+        assert frame is not None
+        ends[2][1].write(encode(frame.frame._replace(sequence=(frame.frame.sequence + 1) % 256)))
+        ways.append(followed(lambda: search.service(clock)))
+    return min(ways, key=lambda way: len(way.calls))
+
+
+def modules(folder: str) -> dict[str, ast.Module]:
+    """Parse every module below a folder. Returns them by their dotted names, a package by its own name."""
+    return {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): ast.parse(
+            path.read_text(encoding="utf-8")
+        )
+        for path in sorted((ROOT / folder).rglob("*.py"))
+    }
+
+
+def arrows(of: dict[str, ast.Module]) -> dict[str, set[str]]:
+    """Return the modules that each module imports, also inside functions and for type checkers only.
+
+    The package itself has names only, and does not count.
+    """
+    found: dict[str, set[str]] = {name: set() for name in of}
+    for name, tree in of.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                for one in node.names:
+                    deeper = f"{node.module}.{one.name}"
+                    found[name].add(deeper if deeper in of else node.module or "")
+            elif isinstance(node, ast.Import):
+                found[name] |= {one.name for one in node.names}
+    return {name: (wanted & of.keys()) - {name, "arva_hil"} for name, wanted in found.items()}
+
+
+def circles(of: dict[str, set[str]]) -> list[set[str]]:
+    """Return the sets of modules that import each other in a circle."""
+
+    def reached(start: str) -> set[str]:
+        found, left = set[str](), [start]
+        while left:
+            new = of[left.pop()] - found
+            found |= new
+            left += new
+        return found
+
+    within = {name: reached(name) for name in of}
+    found: list[set[str]] = []
+    for name in of:
+        circle = {other for other in within[name] if name in within[other]}
+        if circle and circle not in found:
+            found.append(circle)
+    return found
+
+
+def rooms(of: dict[str, set[str]]) -> dict[str, set[str]]:
+    """Return the places at the top of the package that each of them imports."""
+    found: dict[str, set[str]] = {}
+    for name, wanted in of.items():
+        if "." in name:
+            place = name.split(".")[1]
+            found.setdefault(place, set()).update(other.split(".")[1] for other in wanted if "." in other)
+            found[place].discard(place)
+    return found
+
+
+def pairs(of: dict[str, set[str]]) -> list[tuple[str, str]]:
+    """Return the places that import each other."""
+    return [(one, other) for one in sorted(of) for other in sorted(of[one]) if one < other and one in of[other]]
 
 
 def statements(folder: str) -> int:
@@ -120,13 +210,15 @@ def statements(folder: str) -> int:
     def is_text(node: ast.AST) -> bool:
         return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
-    return sum(isinstance(node, ast.stmt) and not is_text(node) for tree in trees(folder) for node in ast.walk(tree))
+    return sum(
+        isinstance(node, ast.stmt) and not is_text(node) for tree in modules(folder).values() for node in ast.walk(tree)
+    )
 
 
 def classes() -> list[tuple[str, int]]:
     """Return the name of each class of the package, and how many attributes its methods set."""
     found = []
-    for tree in trees("arva_hil"):
+    for tree in modules("arva_hil").values():
         for one in ast.walk(tree):
             if isinstance(one, ast.ClassDef):
                 names = {
@@ -143,7 +235,13 @@ def classes() -> list[tuple[str, int]]:
 
 def main() -> None:
     print("one packet → one frame's bytes:", packet_to_frame())
+    print("one receiver frame → a set-point:", frame_to_set_point())
     print("a scenario's transmitter → field:", transmitter_to_field())
+    imported = arrows(modules("arva_hil"))
+    places = rooms(imported)
+    print("circles of files:", len(circles(imported)))
+    print("pairs of rooms that import each other:", len(pairs(places)))
+    print("places at the top of arva_hil/:", len(places))
     every = classes()
     twice = sorted(name for name, times in Counter(name for name, _ in every).items() if times > 1)
     print("class names that stand twice:", ", ".join(twice) or "none")
