@@ -13,7 +13,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
-from tests.messages.oracle import plain
+from tests.records.ros_messages.oracle import plain
 
 SPOKEN = Subprotocol("foxglove.sdk.v1")
 

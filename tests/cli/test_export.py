@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from arva_hil.registry import EXPORTS
-from tests.records import write
+from tests.made_records import write
 
 Arva = Callable[..., Any]
 

@@ -15,7 +15,7 @@ import yaml
 from arva_hil import registry
 from arva_hil.registry import EXPORTS, FAULTS, FORMATS, LINKS, OBSERVERS, RECEIVERS, STRATEGIES, Registry
 from firmware_proto import Decoder
-from tests.records import write
+from tests.made_records import write
 
 from .far_ends import Autopilot
 

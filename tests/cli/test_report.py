@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from arva_hil.records.report import page
-from tests.records import write
+from tests.made_records import write
 
 Arva = Callable[..., Any]
 

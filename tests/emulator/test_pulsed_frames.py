@@ -12,7 +12,7 @@ from arva_hil.emulator.build import moving_transmitters, transmitters
 from arva_hil.emulator.setup import vehicle_setups
 from arva_hil.events import FrameMade
 from arva_hil.model.field import LocalFrame
-from tests.receiver.test_receiver_models import PLACE, START, frames, ranges, source
+from tests.model.test_receiver_models import PLACE, START, frames, ranges, source
 
 
 def near(model: str = "pulsed", **options: object) -> Scenario:

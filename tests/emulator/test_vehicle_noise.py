@@ -22,8 +22,8 @@ from arva_hil.model.receiver.listening import Listening
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from tests.model.test_receiver_models import START, Vehicle, source
 from tests.one_receiver import Diary, OneReceiver
-from tests.receiver.test_receiver_models import START, Vehicle, source
 
 HOME = (46.0123, 7.7456, 1650.0)
 AUTOPILOT = Encoder(1, 1)

@@ -18,7 +18,7 @@ from arva_hil.events import DatumSet
 from arva_hil.observers.foxglove import FoxgloveError, FoxgloveServer
 from arva_hil.observers.web.address import HostPort
 from arva_hil.records.ros_messages.live import LiveMessages
-from tests.messages.test_readings import EPOCH_US, HOME, made
+from tests.records.ros_messages.test_readings import EPOCH_US, HOME, made
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("foxglove") is None, reason="foxglove-sdk is not installed")
 

@@ -25,8 +25,8 @@ from arva_hil.observers import ros2
 from arva_hil.observers.ros2 import Ros2Error, Ros2Publisher
 from arva_hil.records.ros_messages.live import LiveMessages
 from arva_hil.records.ros_messages.types import PUBLISHED
-from tests.messages.oracle import read
-from tests.messages.test_readings import EPOCH_US, HOME, made
+from tests.records.ros_messages.oracle import read
+from tests.records.ros_messages.test_readings import EPOCH_US, HOME, made
 
 ROOT = Path(__file__).parents[2]
 PYTHON = os.environ.get("ARVA_ROS2_PYTHON", "")
@@ -146,7 +146,7 @@ def test_without_any_package_of_messages_nothing_is_published(rclpy: Rclpy, monk
 def test_a_real_subscriber_gets_the_readings_of_the_record(tmp_path: Path, flight: Path) -> None:
     environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": "77"}
     environment["PYTHONPATH"] = os.pathsep.join([str(ROOT), environment.get("PYTHONPATH", "")])
-    script = ROOT / "tests" / "ros2" / "subscriber.py"
+    script = ROOT / "tests" / "records" / "ros_messages" / "subscriber.py"
     with subprocess.Popen([PYTHON, script], stdout=subprocess.PIPE, env=environment, text=True) as subscriber:
         assert subscriber.stdout is not None
         assert subscriber.stdout.readline() == "ready\n"

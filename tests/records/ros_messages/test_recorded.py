@@ -14,7 +14,7 @@ from arva_hil.records.reading import load as load_record
 from arva_hil.records.ros_messages.readings import RunMessages
 from arva_hil.records.ros_messages.recorded import messages_of
 from arva_hil.records.ros_messages.types import Publication
-from tests import records
+from tests import made_records
 
 from .test_readings import by_topic
 
@@ -33,10 +33,10 @@ def of(topic: str, publications: list[Publication]) -> list[Publication]:
 
 
 def test_the_messages_are_those_of_the_live_run(tmp_path: Path) -> None:
-    live = RunMessages(DEFAULT, records.EPOCH_US)
-    live.of_event(DatumSet(records.START_S, "vehicle", *records.HOME, ""))
-    published = [p for made in records.frames(DEFAULT, 30) for p in live.of_event(made)]
-    replayed = list(messages_of(load_record(records.write(tmp_path / "run"))))
+    live = RunMessages(DEFAULT, made_records.EPOCH_US)
+    live.of_event(DatumSet(made_records.START_S, "vehicle", *made_records.HOME, ""))
+    published = [p for made in made_records.frames(DEFAULT, 30) for p in live.of_event(made)]
+    replayed = list(messages_of(load_record(made_records.write(tmp_path / "run"))))
     for topic in ("/arva", "/arva/pose", "/arva/fix", "/arva/visualization"):
         before, after = of(topic, published), of(topic, replayed)
         assert len(before) == len(after) > 20
@@ -49,7 +49,7 @@ def test_the_messages_are_those_of_the_live_run(tmp_path: Path) -> None:
 
 
 def test_the_messages_come_in_the_order_of_their_times_whatever_they_are_of(tmp_path: Path) -> None:
-    every = list(messages_of(load_record(records.write(tmp_path / "run"))))
+    every = list(messages_of(load_record(made_records.write(tmp_path / "run"))))
     stamps = [publication.stamp_ns for publication in every]
     assert stamps == sorted(stamps)
     assert {p.topic for p in every} >= {"/arva", "/diagnostics", "/search/arva", "/search/pose", "/search/found"}
@@ -58,14 +58,16 @@ def test_the_messages_come_in_the_order_of_their_times_whatever_they_are_of(tmp_
 def test_several_receivers_have_their_topics(tmp_path: Path) -> None:
     scenario = load("configs/two_vehicles.yaml")
     names = [("alpha", "front"), ("alpha", "rear"), ("bravo", "only")]
-    every = list(messages_of(load_record(records.write(tmp_path / "run", 9, scenario, receivers=names, search=False))))
+    every = list(
+        messages_of(load_record(made_records.write(tmp_path / "run", 9, scenario, receivers=names, search=False)))
+    )
     for vehicle, receiver in names:
         readings = of(f"/{vehicle}/{receiver}/arva", every)
         assert len(readings) == 9
 
 
 def test_what_the_vehicle_reported_is_there_where_it_differs(tmp_path: Path) -> None:
-    folder = records.write(tmp_path / "run", search=False)
+    folder = made_records.write(tmp_path / "run", search=False)
     path = folder / "readings.csv"
     rows = list(csv.DictReader(path.open()))
     for row in rows:
@@ -84,11 +86,11 @@ def test_what_the_vehicle_reported_is_there_where_it_differs(tmp_path: Path) -> 
 
 
 def test_a_run_without_a_frame_and_one_that_was_killed_and_a_search_alone_have_what_there_is(tmp_path: Path) -> None:
-    assert of("/arva", list(messages_of(load_record(records.write(tmp_path / "none", 0, search=False))))) == []
-    killed = records.write(tmp_path / "killed", 1, ended=False)
+    assert of("/arva", list(messages_of(load_record(made_records.write(tmp_path / "none", 0, search=False))))) == []
+    killed = made_records.write(tmp_path / "killed", 1, ended=False)
     assert len(of("/arva", list(messages_of(load_record(killed))))) == 1
     (tmp_path / "search").mkdir()
-    alone = list(messages_of(load_record(records.write_search(tmp_path / "search"))))
+    alone = list(messages_of(load_record(made_records.write_search(tmp_path / "search"))))
     assert {p.topic for p in alone} == {"/tf", "/search/arva", "/search/pose", "/search/fix", "/search/found"} | {
         "/search/visualization"
     }

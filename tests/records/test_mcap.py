@@ -25,11 +25,10 @@ from rosbags.highlevel import AnyReader
 from arva_hil.cli.main import main
 from arva_hil.records.reading import load
 from arva_hil.registry import EXPORTS
-from tests.messages.oracle import plain
-from tests.records import write, write_search
+from tests.made_records import write, write_search
+from tests.records.ros_messages.oracle import plain
 
 PYTHON = os.environ.get("ARVA_ROS2_PYTHON", "")
-ROOT = Path(__file__).parents[2]
 Read = Callable[[Path], Iterator[tuple[str, int, Any]]]
 
 
@@ -142,7 +141,7 @@ def test_the_same_record_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_ros_2_itself_reads_every_message(tmp_path: Path) -> None:
     folder = write(tmp_path / "run")
     path = exported(folder)
-    script = ROOT / "tests" / "ros2" / "deserialize.py"
+    script = Path(__file__).with_name("ros_messages") / "deserialize.py"
     ended = subprocess.run([PYTHON, script, path], capture_output=True, text=True, check=True, timeout=100)
     told = json.loads(ended.stdout)
     frames = expected(folder)

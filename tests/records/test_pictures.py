@@ -24,7 +24,7 @@ from arva_hil.records.pictures.style import MOST_POINTS, thinned
 from arva_hil.records.pictures.timing import draw_lateness, draw_streams
 from arva_hil.records.reading import load
 from arva_hil.records.reading.streams import streams
-from tests.records import EPOCH_US, SILENT, frames, write, write_search
+from tests.made_records import EPOCH_US, SILENT, frames, write, write_search
 
 COUNT = 20
 

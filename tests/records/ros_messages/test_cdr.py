@@ -96,7 +96,7 @@ def test_texts_that_no_message_can_hold_are_marked_and_do_not_break_it() -> None
 
 
 def test_the_package_for_ros_2_has_the_same_messages() -> None:
-    folder = Path(__file__).parents[2] / "tools" / "ros2" / "arva_msgs" / "msg"
+    folder = Path(__file__).parents[3] / "tools" / "ros2" / "arva_msgs" / "msg"
     assert sorted(path.stem for path in folder.glob("*.msg")) == ["Arva", "ArvaData"]
     for cls in (Arva, ArvaData):
         lines = (folder / f"{cls.__name__}.msg").read_text().splitlines()

@@ -11,7 +11,7 @@ from arva_hil.links.tlog import tlog_record
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.records.reading import load
 from arva_hil.records.reading.streams import streams
-from tests.records import EPOCH_US, write
+from tests.made_records import EPOCH_US, write
 
 ATTITUDE = dialect.MAVLink_attitude_message(1, 0, 0, 0, 0, 0, 0)
 

@@ -17,7 +17,7 @@ from arva_hil.records.reading import Recording, load
 from arva_hil.records.report import page as module
 from arva_hil.records.report.facts import error_m, facts, merged
 from arva_hil.records.report.page import page
-from tests.records import SILENT, frames, write, write_search
+from tests.made_records import SILENT, frames, write, write_search
 
 COUNT = 20
 SVG = b'<svg xmlns="http://www.w3.org/2000/svg"/>'
@@ -25,7 +25,7 @@ SVG = b'<svg xmlns="http://www.w3.org/2000/svg"/>'
 
 @pytest.fixture(autouse=True)
 def _pictures_of_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drawing takes seconds; tests/pictures looks at the pictures."""
+    """Drawing takes seconds; test_pictures.py looks at the pictures."""
 
     def drawn(recording: Recording, format: str, *, transparent: bool) -> Iterator[tuple[str, str, bytes]]:
         assert (format, transparent) == ("svg", True)

@@ -11,7 +11,7 @@ from arva_hil.events import DatumSet, PacketsReceived
 from arva_hil.records.writing import Recorder
 from arva_hil.records.writing import layout as module
 from arva_hil.records.writing.layout import EventLines
-from tests.records import EPOCH_US, START_S, write
+from tests.made_records import EPOCH_US, START_S, write
 
 
 def lines(folder: Path) -> list[dict[str, object]]:

@@ -17,7 +17,7 @@ from arva_hil.records.reading import folder as folder_reader
 from arva_hil.records.reading.readings_file import read_receiver
 from arva_hil.records.writing.search_log import SearchLog
 from arva_hil.search.mission.outcome import SearchStep
-from tests.records import HOME, SILENT, frames, pose_at, write, write_search
+from tests.made_records import HOME, SILENT, frames, pose_at, write, write_search
 
 
 def edited(path: Path, old: str, new: str, count: int = 1) -> Path:

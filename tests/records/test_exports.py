@@ -23,7 +23,7 @@ from arva_hil.config import DEFAULT
 from arva_hil.model.field import LocalFrame
 from arva_hil.records.reading import Recording, load
 from arva_hil.registry import EXPORTS
-from tests.records import HOME, SILENT, frames, write, write_search
+from tests.made_records import HOME, SILENT, frames, write, write_search
 
 COUNT = 20
 EVIL = "</name><script>\x1b[31m=1+1&\u202e"
