@@ -61,7 +61,11 @@ def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> floa
         try:
             scenario = parse(json.dumps(file), "--strip-width")
         except ScenarioError as error:
-            raise UsageError(*error.problems) from None
+            wrong = error.problems[0]
+            if wrong.source != "--strip-width":
+                raise UsageError(*error.problems) from None
+            hint = f", did you mean {wrong.nearest}?" if wrong.nearest else ""
+            raise UsageError(f"--strip-width: {wrong.found}, expected {wrong.expected}{hint}") from None
     if scenario is None:
         raise UsageError("--strip-width auto: give the receiver's profile, e.g. --strip-width builtin:two_antennas")
     width = strip_width(scenario, options.height, options.max_speed)

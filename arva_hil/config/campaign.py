@@ -10,13 +10,12 @@ from typing import Any, Final
 from arva_hil.config.common import NOISE_KINDS, SEED, NoiseKind
 from arva_hil.config.constraints import Constraint, ListOf, Named, Number, Text, Whole, Word
 from arva_hil.config.drawn import Area, AreaM, HowMany, Random
-from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, elsewhere, wrong
+from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation, elsewhere, wrong
 from arva_hil.config.nodes import folder_of
 from arva_hil.config.profiles import located
-from arva_hil.config.reading import keys_in, read, read_text
+from arva_hil.config.reading import keys_in, near_file, read, read_text
 from arva_hil.config.scenario import Scenario, load
 from arva_hil.config.tables import Table, TableOf, fields_of, key, newer_keys, read_keys
-from arva_hil.errors import nearest
 from arva_hil.registry import FORMATS_WITH_IDS, MAVLINK_FORMATS, STRATEGIES
 
 SPEC: Final = 1
@@ -119,10 +118,9 @@ class _File(Constraint):
         name = Text(str(self)).read(value)
         path = os.path.join(folder_of(value), name)
         if not os.path.isfile(path):
-            folder = os.path.dirname(path) or "."
-            names = os.listdir(folder) if os.path.isdir(folder) else []
-            close = nearest(os.path.basename(path), [file for file in names if file.endswith((".yaml", ".yml"))])
-            raise wrong(str(self), f"no file {path}", close and os.path.join(os.path.dirname(name), close))
+            close = near_file(path)
+            near = close and os.path.join(os.path.dirname(name), os.path.basename(close))
+            raise wrong(str(self), f"no file {path}", near)
         try:
             scenario = load(path)
         except ScenarioError as error:
@@ -233,6 +231,9 @@ def load_plan(path: str | os.PathLike[str]) -> CampaignPlan:
 
 def parse_plan(text: str, source: str) -> CampaignPlan:
     """The plan in `text`; files that it names are looked for from where `source` is. Raises ScenarioError."""
+    if "transmitters" in (names := keys_in(text)) and not names & {"strategies", "scenarios"}:
+        expected = f"the plan of a campaign, which names a scenario, e.g. `scenarios: [{os.path.basename(source)}]`"
+        raise ScenarioError([Problem(source, 1, 1, "a scenario", expected)])
     plan: CampaignPlan = read(text, source, WHAT, TableOf(CampaignPlan).read, SPEC)
     return plan
 

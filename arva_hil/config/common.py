@@ -26,8 +26,9 @@ LONGITUDE: Final = Number(-180, 180, "a longitude", unit="°")
 ALTITUDE: Final = Number(-500, 9000, "an altitude", unit="m AMSL")
 ANGLE: Final = Number(-360, 360, unit="°")
 WORLD: Final = Number(-1_000_000, 1_000_000, unit="m")
-WORLD_POINT: Final = Numbers(WORLD, WORLD, WORLD)
-BODY_POINT: Final = Numbers(*[Number(-100, 100, unit="m")] * 3)
+ENU_POINT: Final = Numbers(WORLD, WORLD, WORLD, names="east, north, up")
+NED_POINT: Final = Numbers(WORLD, WORLD, WORLD, names="north, east, down")
+BODY_POINT: Final = Numbers(*[Number(-100, 100, unit="m")] * 3, names="forward, right, down")
 SPAN: Final = Number(0, 1_000_000, "seconds", above=True, unit="s")
 
 
@@ -49,7 +50,7 @@ class Attitude(TableOf):
 
     def read(self, value: Any) -> Any:
         if not isinstance(value, Mapping) and not hasattr(value, "node"):
-            return Numbers(ANGLE, ANGLE, ANGLE).read(value)
+            return Numbers(ANGLE, ANGLE, ANGLE, names="roll, pitch, yaw").read(value)
         angles = super().read(value)
         return angles.roll, angles.pitch, angles.yaw
 

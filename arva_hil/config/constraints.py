@@ -214,9 +214,10 @@ class Anything(Constraint):
 class Numbers(Constraint):
     """A list of numbers, one for each constraint; a tuple in Python."""
 
-    def __init__(self, *each: Number | Whole, unit: str = "") -> None:
+    def __init__(self, *each: Number | Whole, unit: str = "", names: str = "") -> None:
         self.each = each
         self.unit = unit or each[0].unit
+        self.names = f" ({names})" if names else ""
 
     def __str__(self) -> str:
         return f"a list of {len(self.each)} {'whole numbers' if isinstance(self.each[0], Whole) else 'numbers'}"
@@ -227,8 +228,11 @@ class Numbers(Constraint):
         return "; ".join(one.range for one in self.each) if len(ranges) > 1 else next(iter(ranges))
 
     def read(self, value: Any) -> Any:
-        if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(self.each):
-            raise wrong(str(self))
+        if isinstance(value, str) or not isinstance(value, Sequence):
+            raise wrong(f"{self}{self.names}")
+        if len(value) != len(self.each):
+            count = f"{len(value)} number{'' if len(value) == 1 else 's'}"
+            raise wrong(f"{len(self.each)}{self.names}", count)
         values, violations = read_each(value, (one.read for one in self.each))
         if violations:
             raise ConstraintError(*violations)

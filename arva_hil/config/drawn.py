@@ -25,7 +25,7 @@ Area = tuple[float, float, float, float]  # south, west, north, east of home, m
 
 class AreaM(Numbers):
     def __init__(self) -> None:
-        super().__init__(_FAR, _FAR, _FAR, _FAR)
+        super().__init__(_FAR, _FAR, _FAR, _FAR, names="south, west, north, east")
 
     def read(self, value: Any) -> Any:
         south, west, north, east = super().read(value)

@@ -3,10 +3,10 @@
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, Final, Literal, NamedTuple
 
-from arva_hil.config.common import SPAN, TRANSMITTER_ID, WORLD_POINT, Triple
+from arva_hil.config.common import NED_POINT, SPAN, TRANSMITTER_ID, Triple
 from arva_hil.config.constraints import Anything, Constraint, Named, Number, On, Whole
 from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, wrong
 from arva_hil.config.tables import Table, fields_of, key, read_keys, unknown_key
@@ -20,6 +20,7 @@ SECONDS: Final = Number(0, 60, "seconds", above=True, unit="s")
 TRANSMITTER: Final = Whole(TRANSMITTER_ID.low, TRANSMITTER_ID.high, "a transmitter's id, a whole number")
 _TIME: Final = Number(0, 1_000_000, "seconds", unit="s", endless=True)
 _SCHEDULE: Final = ("from_s", "until_s", "every_s", "for_s")
+_SAME: Final = {"lag": "delay_s", "latency": "delay_s", "loss": "drop", "noise": "interference"}
 _OTHER: Final = ("by_ned", "over_s", *_SCHEDULE)  # keys beside the name of a fault
 
 
@@ -57,7 +58,7 @@ class Fault(Table):
     until_s: float = key(_TIME, "off from this time of the run; without it never", default=math.inf)
     every_s: float | None = key(SPAN, "again and again: from one start to the next", default=None)
     for_s: float | None = key(SPAN, "with every_s: how long each time", default=None)
-    by_ned: Triple | None = key(WORLD_POINT, "of transmitter_moved: north, east, down", default=None)
+    by_ned: Triple | None = key(NED_POINT, "of transmitter_moved: north, east, down", default=None)
     over_s: float | None = key(SPAN, "of transmitter_fading: until nothing is left", default=None)
 
     def __post_init__(self) -> None:
@@ -154,7 +155,7 @@ def _not_one(value: Mapping[str, Any], named: list[str]) -> Iterator[Violation]:
     """Yield the errors of a mapping that is not one fault."""
     known = [*FAULTS, *_OTHER]
     if unknown := [unknown_key(value, name, known) for name in value if name not in known]:
-        yield from unknown
+        yield from (replace(one, nearest=_SAME.get(str(one.path[0]), one.nearest)) for one in unknown)
     elif not named:
         yield Violation(f"one of {', '.join(FAULTS)}", "no fault")
     if len(named) > 1:
@@ -195,10 +196,15 @@ _OPTION: Final = re.compile(rf"(\w+(?:=(?:{_VALUE}))?(?:,\w+(?:=(?:{_VALUE}))?)*
 
 def parse_fault(text: str) -> Fault:
     """The fault that `NAME=VALUE,KEY=VALUE@FROM-UNTIL` is. Raises ValueError that says what is wrong with it."""
+    if share := re.search(r"=(\d+\.?\d*)%", text):
+        raise ValueError(f"{text!r}: {share[1]}%, expected a share of 1: write {float(share[1]) / 100:g}")
     match = _OPTION.fullmatch(text)
     if match is None or ("@" in text and not any(match.groups()[1:])):
         raise ValueError(f"{text!r}: expected NAME=VALUE@FROM-UNTIL, e.g. drop=0.02@10-60 or silence@30-35")
     keys, start, end = match.groups()
+    name, equals, _ = keys.partition(",")[0].partition("=")
+    if not equals and name in FAULTS and FAULTS[name].valid:
+        raise ValueError(f"{text!r}: {name} without a value, expected {FAULTS[name].valid}, e.g. {_example(name)}")
     pairs = [item.partition("=") for item in re.split(r",(?![^\[]*\])", keys)]
     pairs += [(key, "=", time) for key, time in (("from_s", start), ("until_s", end)) if time]
     file = "{" + ", ".join(f"{key}: {value if equals else 'true'}" for key, equals, value in pairs) + "}"
@@ -210,6 +216,15 @@ def parse_fault(text: str) -> Fault:
         hints = (f", did you mean {p.nearest!r}?" if p.nearest else "" for p in error.problems)
         why = (f"{p.found}, expected {p.expected}{hint}" for p, hint in zip(error.problems, hints, strict=True))
         raise ValueError(f"{text!r}: {'; '.join(why)}") from None
+
+
+def _example(name: str) -> str:
+    """Return a fault with a valid value, as on the command line."""
+    kind: FaultKind = FAULTS[name]
+    assert kind.valid
+    usual = (value for value in (0.05, 1, 2, kind.valid.high) if value in kind.valid)
+    value = 1 if isinstance(kind.valid, Whole) else next(usual)
+    return ",".join([f"{name}={value:g}", *(f"{need}=…" for need in kind.needs)])
 
 
 def _short(value: Any) -> str:

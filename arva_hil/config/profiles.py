@@ -81,9 +81,29 @@ def take_over(entry: Any, of: str) -> None:
     """
     if not isinstance(entry, nodes.Mapping) or not isinstance(name := entry.get("profile"), nodes.Scalar):
         return
+    if problem := _missing(name, of):
+        raise ScenarioError([problem])
     value = read_profile(name, of)[of]
     _place(value, name.node)
     entry.inherit(value, list(value))
+
+
+def _missing(name: nodes.Scalar, of: str) -> Problem | None:
+    """Return the problem of the name of a profile that does not exist, at its place."""
+    from arva_hil.config.reading import near_file  # slow to import
+
+    built_in = [PREFIX + file.removeprefix(f"{of}s/") for file in builtin_files() if file.startswith(f"{of}s/")]
+    path = os.path.join(nodes.folder_of(name), name)
+    if name in built_in or (not name.startswith(PREFIX) and os.path.exists(path)):
+        return None
+    near, expected = nearest(name.lower(), built_in), any_of(built_in)
+    if not name.startswith(PREFIX):
+        same = PREFIX + name.removesuffix(".yaml")
+        file = near_file(path)
+        near = same if same in built_in else (file and os.path.relpath(file, nodes.folder_of(name) or ".")) or near
+        expected = f"a file, or {expected}"
+    at = name.node.start_mark
+    return Problem(at.name, at.line + 1, at.column + 1, f"no {of} profile {str(name)!r}", expected, near)
 
 
 def read_profile(name: str, of: str) -> nodes.Mapping:

@@ -12,6 +12,7 @@ import yaml
 from arva_hil.config.constraints import whole
 from arva_hil.config.errors import ConstraintError, Problem, ScenarioError, Violation, short
 from arva_hil.config.nodes import Items, Mapping, Scalar, Value, value_of
+from arva_hil.errors import nearest
 
 _DEEPEST: Final = 20
 _MOST_PARTS: Final = 1000  # keys of one mapping, or mappings in one list
@@ -159,7 +160,8 @@ def read_text(path: str | os.PathLike[str], what: str, largest: int = _LARGEST_F
             data = file.read(largest + 1)
     except (OSError, ValueError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise ScenarioError([Problem(source, 1, 1, why, what)]) from error
+        near = near_file(source) if isinstance(error, FileNotFoundError) else None
+        raise ScenarioError([Problem(source, 1, 1, why, what, near)]) from error
     if len(data) > largest:
         raise ScenarioError([Problem(source, 1, 1, f"more than {largest >> 20} MiB", what)])
     try:
@@ -168,6 +170,17 @@ def read_text(path: str | os.PathLike[str], what: str, largest: int = _LARGEST_F
         at = end_of(data[: error.start].decode())
         found = f"the byte 0x{data[error.start]:02x}"
         raise ScenarioError([Problem(source, at.line + 1, at.column + 1, found, "UTF-8")]) from error
+
+
+def near_file(path: str) -> str | None:
+    """Return the path of the YAML file in the same folder whose name is most like a missing one, or None."""
+    folder, name = os.path.split(path)
+    try:
+        files = [file for file in os.listdir(folder or ".") if file.endswith((".yaml", ".yml")) and file != name]
+    except OSError:
+        return None
+    near = nearest(name, files)
+    return near and os.path.join(folder, near)
 
 
 def open_at_once(path: str, flags: int) -> int:
@@ -204,13 +217,23 @@ def _add(problems: Problems, top: Value, violations: Iterable[Violation]) -> Non
             problems.found.append(one.problem)
             continue
         node = _node(top, one.path, at_key=one.at_key)
-        found = describe(node) if one.found is None else one.found
+        key, near = _key(one), one.nearest
+        found = key + (describe(node) if one.found is None else one.found)
+        if near and near.startswith("{"):  # a mapping in place of one of its values
+            near = key + near
         if one.first:
             found += f" (first on line {_node(top, one.first, at_key=True).start_mark.line + 1})"
         place = node.start_mark.index, found, one.expected
         if place not in seen and node.tag != _REFUSED:
             seen.add(place)
-            problems.add(node.start_mark, found, one.expected, one.nearest)
+            problems.add(node.start_mark, found, one.expected, near)
+
+
+def _key(violation: Violation) -> str:
+    """Return the key of a wrong value and a colon, or "" if the violation describes more than the value."""
+    key = next((step for step in reversed(violation.path) if isinstance(step, str)), "?")
+    only_the_value = violation.found is None or (violation.found[0] in "-[0123456789" and not violation.first)
+    return f"{key}: " if only_the_value and not violation.at_key and not key.startswith("?") else ""
 
 
 def _node(top: Value, path: Iterable[str | int], *, at_key: bool) -> yaml.Node:

@@ -167,7 +167,7 @@ class MountOptions(Table):
 
 _JITTER: Final = Number(0, 5, unit="s")
 _KAPPA_EQ: Final = Number(0, 1000, above=True)
-_SENSITIVITY: Final = Numbers(*[Number(0, 1, above=True)] * 3)
+_SENSITIVITY: Final = Numbers(*[Number(0, 1, above=True)] * 3, names="x, y, z")
 _ONE_SLOT: Final = _NoSignal(*[Whole(-1, 0)] * 2)
 
 

@@ -12,7 +12,7 @@ from dataclasses import MISSING, InitVar, dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any, NamedTuple, dataclass_transform, get_args
 
-from arva_hil.config.constraints import Anything, Constraint
+from arva_hil.config.constraints import Anything, Constraint, Named, Word
 from arva_hil.config.errors import ConstraintError, Violation, any_of, short
 from arva_hil.config.nodes import spec_of
 from arva_hil.errors import nearest
@@ -167,7 +167,8 @@ class TableOf(Constraint):
         spec = spec_of(value)
         known = {name: one.constraint for name, one in keys(cls, spec).items()}
         if not isinstance(value, Mapping):
-            raise ConstraintError(Violation(f"a mapping with {', '.join(known)}"))
+            near = next((f"{{{name}: {value}}}" for name, one in known.items() if _is_word(one, value)), None)
+            raise ConstraintError(Violation(f"a mapping with {', '.join(known)}", nearest=near))
         other = cls.other_keys(value)
         valid = known | dict.fromkeys(other.names, Anything())
         newer = {name: one.since for name, one in keys(cls).items() if one.since > spec}
@@ -202,6 +203,13 @@ class TableOf(Constraint):
         if cls.__one_of__:
             schema["oneOf"] = [{"required": [name]} for name in cls.__one_of__]
         return schema
+
+
+def _is_word(constraint: Constraint, value: Any) -> bool:
+    """Return True if a value is one of a constraint's words."""
+    if not isinstance(constraint, Named | Word) or not isinstance(value, str):
+        return False
+    return value in (constraint.registry if isinstance(constraint, Named) else constraint.words)
 
 
 def _json_default(one: Field) -> dict[str, Any]:
@@ -258,9 +266,10 @@ def unknown_key(
         text, shown = text_of(mapping.key_nodes[name]), describe(mapping.key_nodes[name])
         if text in valid:
             return Violation("each key once", f"key {text!r} again", None, (name,), at_key=True, first=(text,))
-    spec = f" (spec {newer[text]} has it)" if newer and text in newer else ""
-    near = nearest(text.lower(), valid)
-    return Violation(any_of(valid), f"unknown key {shown}{spec}", near, (name,), at_key=True)
+    if newer and text in newer:
+        expected = f"`spec: {newer[text]}` at the top of the file"
+        return Violation(expected, f"key {shown} of spec {newer[text]}", None, (name,), at_key=True)
+    return Violation(any_of(valid), f"unknown key {shown}", nearest(text.lower(), valid), (name,), at_key=True)
 
 
 def valid_value(cls: Any, mapping: Mapping[str, Any], key: str) -> Any:

@@ -7,12 +7,13 @@ from typing import Any, Final, Literal, get_args
 from arva_hil.config.common import (
     ALTITUDE,
     BODY_POINT,
+    ENU_POINT,
     LATITUDE,
     LONGITUDE,
+    NED_POINT,
     SYSTEM_ID,
     TRANSMITTER_ID,
     WORLD,
-    WORLD_POINT,
     Attitude,
     Triple,
 )
@@ -128,7 +129,7 @@ class _LlaList(Numbers):
         return [value.lat, value.lon, value.alt]
 
 
-_WAYPOINT: Final = Numbers(Number(0, 1_000_000, unit="s"), WORLD, WORLD, WORLD)
+_WAYPOINT: Final = Numbers(Number(0, 1_000_000, unit="s"), WORLD, WORLD, WORLD, names="seconds, then a place")
 _WAYPOINTS: Final = ListOf(_WAYPOINT, 1, 10_000, "waypoints", unit="s, m, m, m")
 
 
@@ -175,7 +176,7 @@ class Follows(Table):
     offset: Triple = key(BODY_POINT, "from that vehicle's position, in its body FRD", default=(0.0, 0.0, 0.0))
 
 
-_LLA: Final = _LlaList(LATITUDE, LONGITUDE, ALTITUDE, unit="°, °, m AMSL")
+_LLA: Final = _LlaList(LATITUDE, LONGITUDE, ALTITUDE, unit="°, °, m AMSL", names="latitude, longitude, altitude")
 _DEPTH: Final = Number(-100, 100, unit="m")
 STRENGTH: Final = Number(0, 1000, above=True)
 
@@ -189,8 +190,8 @@ class Transmitter(Table, one_of="enu ned lla path follows"):
     """
 
     id: int = key(TRANSMITTER_ID, "each its own")
-    enu: InitVar[Triple | None] = key(WORLD_POINT, "east, north, up from the datum", default=None, kw_only=True)
-    ned: Triple | None = key(WORLD_POINT, "north, east, down from the datum", default=None)
+    enu: InitVar[Triple | None] = key(ENU_POINT, "east, north, up from the datum", default=None, kw_only=True)
+    ned: Triple | None = key(NED_POINT, "north, east, down from the datum", default=None)
     lla: Lla | None = key(_LLA, "latitude, longitude, altitude AMSL", default=None)
     attitude: Triple = key(Attitude(), "FRD to NED; the dipole is the x axis", default=(0.0, 0.0, 0.0))
     strength: float = key(STRENGTH, "relative to the reference transmitter", default=1.0)

@@ -15,7 +15,7 @@ _NAME: Final = Text("a name of letters, digits, _, - and .", r"[A-Za-z0-9][A-Za-
 _LINK: Final = Text("a connection string")
 _SIGMA: Final = Number(0, 1000, unit="m")
 _TAU: Final = Number(0, 1_000_000, above=True, unit="s")
-_BIAS: Final = Numbers(*[Number(-10_000, 10_000, unit="m")] * 3)
+_BIAS: Final = Numbers(*[Number(-10_000, 10_000, unit="m")] * 3, names="north, east, down")
 
 
 class RandomWalk(Table):

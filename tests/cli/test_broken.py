@@ -96,8 +96,8 @@ def test_a_broken_scenario_is_answered_at_its_place_and_alike_by_check_and_run(a
 
 
 def shape(entry: Entry) -> str:
-    """The first answer without its place and what was found."""
-    return re.sub(r"^\d+:\d+: ((the text )?('[^']*'|\"[^\"]*\"))?", "", entry.answers[0])
+    """The first answer without its place, its key and what was found."""
+    return re.sub(r"^\d+:\d+: (\w+: )?((the text )?('[^']*'|\"[^\"]*\"))?", "", entry.answers[0])
 
 
 def test_there_are_hundreds_and_they_differ() -> None:

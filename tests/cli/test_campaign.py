@@ -313,7 +313,7 @@ def test_every_mistake_in_a_plan_and_its_scenarios_is_shown(arva: Arva, tmp_path
     plan.write_text("strategies: flx\nscenarios: a.yaml\nsedes: 5\n")
     code, out, err = arva("campaign", plan)
     assert (code, out) == (2, "")
-    assert f"{plan}:1:13: 'flx', expected one of flux" in err
+    assert f"{plan}:1:13: strategies: 'flx', expected one of flux" in err
     assert f"{plan}:3:1: unknown key 'sedes'" in err
     assert f"{tmp_path / 'a.yaml'}:1:15: " in err
     assert "did you mean 'flux'?" in err

@@ -153,7 +153,8 @@ def test_a_campaign_s_plan_may_name_them_too(arva: Arva, tmp_path: Path) -> None
     ran = arva("check", plan)
     assert ran.code == 2
     assert (
-        f"{plan}:1:20: 'homming', expected one of flux, extremum, estimate, homing, did you mean 'homing'?" in ran.err
+        f"{plan}:1:20: strategies: 'homming', expected one of flux, extremum, estimate, homing, did you mean 'homing'?"
+        in ran.err
     )
 
 
@@ -166,7 +167,7 @@ def test_a_file_may_name_another_s_fault_and_format(arva: Arva, tmp_path: Path) 
     assert (ran.code, "1 Hz, hex" in ran.out, "fault reversed=0.5@3" in ran.out) == (0, True, True)
     file.write_text(text % 5)
     ran = arva("check", file)
-    assert (ran.code, ran.err) == (2, f"{file}:3:21: '5', expected a probability above 0, at most 1\n")
+    assert (ran.code, ran.err) == (2, f"{file}:3:21: reversed: '5', expected a probability above 0, at most 1\n")
 
 
 # -- own keys ---------------------------------------------------------------------------------------------------
@@ -176,11 +177,11 @@ def test_a_file_may_name_another_s_fault_and_format(arva: Arva, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("own", "problems"),
     [
-        ("looks: 0", ["3:32: '0', expected greater than or equal to 1"]),
-        ("looks: many", ["3:32: 'many', expected a valid integer\n"]),
+        ("looks: 0", ["3:32: looks: '0', expected greater than or equal to 1"]),
+        ("looks: many", ["3:32: looks: 'many', expected a valid integer\n"]),
         ("lokos: 5", ["3:25: unknown key 'lokos', expected one of", "did you mean 'looks'?"]),
-        ("looks: 0, rate_hz: 99", ["3:32: '0'", "3:44: '99', expected a number from 0.1 to 50"]),
-        ("label: [1]", ["3:32: a list of 1, expected a valid string"]),
+        ("looks: 0, rate_hz: 99", ["3:32: looks: '0'", "3:44: rate_hz: '99', expected a number from 0.1 to 50"]),
+        ("label: [1]", ["3:32: label: a list of 1, expected a valid string"]),
     ],
 )
 def test_a_mistake_in_a_model_s_own_keys_is_found_at_its_place(

@@ -103,8 +103,11 @@ def test_what_does_not_fit_together_is_said_at_the_profile_s_name(tmp_path: Path
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("receiver: {profile: 'builtin:nothing'}", "no such file is built in"),
-        ("receiver: {profile: nothing.yaml}", "No such file"),
+        (
+            "receiver: {profile: 'builtin:nothing'}",
+            "no receiver profile 'builtin:nothing', expected one of builtin:deafened, ",
+        ),
+        ("receiver: {profile: nothing.yaml}", "no receiver profile 'nothing.yaml', expected a file, or one of "),
         ("receiver: {profile: [a]}", "expected the name of a profile"),
         ("medium: {dipole: round}", "expected one of static, full"),
         ("medium: {snow_conductivity_s_m: -1}", "expected a number from 0 to 10"),
@@ -145,7 +148,7 @@ def test_timing_that_contradicts_itself_is_refused_with_its_place(keying: str, w
 
 def test_spec_1_has_none_of_it() -> None:
     for text in ("medium: {}", "receiver: {profile: x}", "receiver: {vehicle_noise: {motors: [[0, 0, 0]]}}"):
-        with pytest.raises(ScenarioError, match="spec 2 has it"):
+        with pytest.raises(ScenarioError, match="of spec 2, expected `spec: 2`"):
             parse(f"transmitters: [{{id: 1, ned: [1, 2, 3]}}]\n{text}", "s.yaml")
 
 

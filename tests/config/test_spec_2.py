@@ -160,7 +160,7 @@ def test_a_path_in_enu_is_the_same_path_in_ned() -> None:
         ),
         (
             lambda: ReceiverOptions(sensitivity=(1, 1)),  # type: ignore[arg-type]
-            "ReceiverOptions sensitivity: (1, 1), expected a list of 3 numbers",
+            "ReceiverOptions sensitivity: 2 numbers, expected 3 (x, y, z)",
         ),
         (
             lambda: ReceiverOptions(model="none"),

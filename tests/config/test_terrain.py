@@ -78,7 +78,7 @@ def test_a_grid_that_is_no_file_or_too_large_is_refused(tmp_path: Path) -> None:
     path = folder(tmp_path, "terrain: slope.asc\ntransmitters: [{id: 1, ned: [1, 2, 3]}]\n", "x" * (17 << 20))
     assert mistakes(path) == ["s.yaml:2:10: slope.asc:1:1: more than 16 MiB, expected an ESRI ASCII grid"]
     path = folder(tmp_path, "terrain: [slope.asc]\ntransmitters: [{id: 1, ned: [1, 2, 3]}]\n")
-    assert mistakes(path) == ["s.yaml:2:10: a list of 1, expected a file of heights, or autopilot"]
+    assert mistakes(path) == ["s.yaml:2:10: terrain: a list of 1, expected a file of heights, or autopilot"]
 
 
 def test_a_hole_under_a_transmitter_and_another_place_are_refused_where_they_are(tmp_path: Path) -> None:
@@ -100,7 +100,7 @@ def test_a_hole_under_a_transmitter_and_another_place_are_refused_where_they_are
 @pytest.mark.parametrize(
     ("transmitter", "words"),
     [
-        ("{id: 1, enu: [1, 2, 3], depth_m: 1}", "3:36: 3, expected 0 as its height beside depth_m"),
+        ("{id: 1, enu: [1, 2, 3], depth_m: 1}", "3:36: enu: 3, expected 0 as its height beside depth_m"),
         ("{id: 1, ned: [1, 2, -1], depth_m: 1}", "expected 0 as its height beside depth_m"),
         ("{id: 1, lla: [46, 7, 1650], depth_m: 1}", "expected 0 as its height beside depth_m"),
         ("{id: 1, follows: {system: 2}, depth_m: 1}", "follows, expected enu, ned or lla beside depth_m"),
@@ -158,5 +158,5 @@ def test_a_terrain_is_written_by_its_name_and_read_back_equal(
     assert parse(json.dumps(written), "elsewhere/run.json") == chosen
     assert main(["check", str(path)]) == 0
     capsys.readouterr()
-    with pytest.raises(ScenarioError, match="spec 2 has it"):
+    with pytest.raises(ScenarioError, match="key 'terrain' of spec 2"):
         parse("transmitters: [{id: 1, enu: [20, 5, 0]}]\nterrain: slope.asc", "s.yaml")

@@ -615,21 +615,22 @@ KEYS = f"{NAMES}, by_ned, over_s, from_s, until_s, every_s, for_s"
 @every(
     "text, expected",
     [
-        ("faults: {drop: 0.1}", ["2:9: a mapping, expected a list of 0 to 1000 faults"]),
-        ("faults: [5]", [f"2:10: '5', expected a mapping with {KEYS}"]),
+        ("faults: {drop: 0.1}", ["2:9: faults: a mapping, expected a list of 0 to 1000 faults"]),
+        ("faults: [5]", [f"2:10: faults: '5', expected a mapping with {KEYS}"]),
         ("faults: [{}]", [f"2:10: no fault, expected one of {NAMES}"]),
         ("faults: [{from_s: 5}]", [f"2:10: no fault, expected one of {NAMES}"]),
         ("faults: [{dorp: 1}]", [f"2:11: unknown key 'dorp', expected one of {KEYS}, did you mean 'drop'?"]),
         ("faults: [{drop: 0.1, drop: 0.2}]", ["2:22: key 'drop' again (first on line 2), expected each key once"]),
         ("faults: [{drop: 0.1, stuck: true}]", ["2:22: both drop and stuck, expected one fault an item"]),
-        ("faults: [{drop: 0}]", ["2:17: '0', expected a probability above 0, at most 1"]),
-        ("faults: [{flip_bytes: 1.1}]", ["2:23: '1.1', expected a probability above 0, at most 1"]),
-        ("faults: [{delay_s: 61}]", ["2:20: '61', expected seconds above 0, at most 60"]),
-        ("faults: [{interference: 1}]", ["2:25: '1', expected a number above 1, at most 1000000"]),
-        ("faults: [{silence: yes}]", ["2:20: 'yes', expected true"]),
+        ("faults: [{drop: 0}]", ["2:17: drop: '0', expected a probability above 0, at most 1"]),
+        ("faults: [{flip_bytes: 1.1}]", ["2:23: flip_bytes: '1.1', expected a probability above 0, at most 1"]),
+        ("faults: [{delay_s: 61}]", ["2:20: delay_s: '61', expected seconds above 0, at most 60"]),
+        ("faults: [{interference: 1}]", ["2:25: interference: '1', expected a number above 1, at most 1000000"]),
+        ("faults: [{silence: yes}]", ["2:20: silence: 'yes', expected true"]),
         ("faults: [{transmitter_off: 2}]", ["2:10: transmitter_off of transmitter 2, expected one of 1, 9"]),
         ("faults: [{transmitter_moved: 1}]", ["2:10: no by_ned, expected a mapping with by_ned"]),
-        ("faults: [{transmitter_fading: 1, over_s: 0}]", ["2:42: '0', expected seconds above 0, at most 1000000"]),
+        ("faults: [{transmitter_fading: 1, over_s: 0}]",
+         ["2:42: over_s: '0', expected seconds above 0, at most 1000000"]),
         (
             "faults: [{drop: 0.1, over_s: 3}]",
             ["2:22: unknown key 'over_s', expected one of drop, from_s, until_s, every_s, for_s, "
@@ -643,7 +644,7 @@ KEYS = f"{NAMES}, by_ned, over_s, from_s, until_s, every_s, for_s"
                 "4:3: every_s without for_s, expected both or neither",
                 "5:3: for_s without every_s, expected both or neither",
                 "6:34: for_s 2, expected less than every_s (2)",
-                "7:23: '-1', expected seconds from 0 to 1000000",
+                "7:23: from_s: '-1', expected seconds from 0 to 1000000",
             ],
         ),
         (
@@ -729,8 +730,8 @@ def test_an_option_says_the_same_as_a_scenario(option: str, same: str) -> None:
     ("option", "what", "cure"),
     [
         ("dorp=0.1", "'dorp=0.1': unknown key 'dorp'", "did you mean 'drop'?"),
-        ("drop", "'drop': 'true'", "a probability above 0, at most 1"),
-        ("drop=2@5", "'drop=2@5': '2'", "a probability above 0, at most 1"),
+        ("drop", "'drop': drop without a value", "a probability above 0, at most 1"),
+        ("drop=2@5", "'drop=2@5': drop: '2'", "a probability above 0, at most 1"),
         ("drop=0.1@60-10", "until_s 10", "later than from_s (60)"),
         ("drop=0.1,silence", "both drop and silence", "one fault an item"),
         ("drop=0.1 @5", "'drop=0.1 @5'", "NAME=VALUE@FROM-UNTIL, e.g. drop=0.02@10-60"),
@@ -738,7 +739,7 @@ def test_an_option_says_the_same_as_a_scenario(option: str, same: str) -> None:
         ("drop={a: 1}", "'drop={a: 1}'", "NAME=VALUE@FROM-UNTIL"),
         ("", "''", "NAME=VALUE@FROM-UNTIL"),
         ("transmitter_off=3", "transmitter_off of transmitter 3", "one of 1"),
-        ("transmitter_moved=1,by_ned=[1,2]", "a list of 2", "a list of 3 numbers"),
+        ("transmitter_moved=1,by_ned=[1,2]", "by_ned: 2 numbers", "3 (north, east, down)"),
     ],
 )
 def test_a_wrong_option_is_refused(
