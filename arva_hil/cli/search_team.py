@@ -127,8 +127,8 @@ def main(options: argparse.Namespace) -> int:
             log = SearchLog(Path(options.record) / member.name, start_s=start) if options.record else None
             if log:
                 logs[member.name] = log
-            session = Session(target_system=member.system, rate_hz=options.stream_rate, component=COMPONENT)
-            session.news.name = member.name
+            rate_hz = options.stream_rate
+            session = Session(target_system=member.system, rate_hz=rate_hz, component=COMPONENT, name=member.name)
             mate = bus.join()
             clients[member.name] = client_of(
                 options,

@@ -49,7 +49,7 @@ class EmulatedVehicle:
         phase: float,
         missing_from: float,
     ) -> None:
-        self.name = setup.session.news.name = setup.name
+        self.name = setup.name
         self.link = setup.link
         self.session = setup.session
         self.world = VehicleWorld(setup, followed, start=start, max_age_s=max_age_s)

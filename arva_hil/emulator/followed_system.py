@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from arva_hil.autopilot.following.navigation import EventQueue, Navigation
+from arva_hil.autopilot.following.navigation import Navigation
 from arva_hil.events import Event, FollowedSystemHeard, FollowedSystemSilent
 from arva_hil.mavlink.codec import Packet, decode, dialect
 from arva_hil.model.field import LocalFrame, rotation
@@ -21,7 +21,7 @@ class FollowedSystem:
 
     def __init__(self, system: int, start: float) -> None:
         self.system = system
-        self._navigation = Navigation(EventQueue())
+        self._navigation = Navigation("", lambda event: None)
         self._component: int | None = None
         self._newest: float | None = None  # pose, on its own clock
         self._heard_at = start

@@ -92,6 +92,7 @@ def recorded_vehicles(
     reader = PacketReader()
 
     def session(vehicle: VehicleConfig) -> Session:
-        return Session(target_system=vehicle.system, target_component=target_component, passive=True, reader=reader)
+        ids = vehicle.system, target_component
+        return Session(target_system=ids[0], target_component=ids[1], passive=True, reader=reader, name=vehicle.name)
 
     return vehicle_setups(scenario, lambda _: link, session)

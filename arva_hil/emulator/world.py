@@ -46,7 +46,7 @@ class VehicleWorld:
 
     def update(self, received: Received, now: float) -> list[Event]:
         """Use what the session received at `now`."""
-        events: list[Event] = []
+        events = [*received.events]
         for part in self._observing:
             events += part.observe(received, now)
         for packet in received.own:
@@ -82,7 +82,8 @@ class VehicleWorld:
     def poll(self, now: float) -> tuple[bytes, list[Event]]:
         """Return the messages to the autopilot to send now, and the events."""
         requests, events = self._transmitters.poll(now)
-        return self._session.poll(now) + requests, [*self._session.take_events(), *events]
+        data, own = self._session.poll(now)
+        return data + requests, [*own, *events]
 
     def check_distance(self, made: FrameMade) -> list[Event]:
         """Return an event if a receiver is too far from all transmitters: once for each datum."""

@@ -43,13 +43,14 @@ def live_vehicles(
     `system`: of the vehicle if the scenario names none.
     """
 
-    def session(link: str, system: int | None) -> Session:
-        return Session(target_system=system, target_component=component, rate_hz=rate_hz, reader=readers[link])
+    def session(link: str, system: int | None, name: str) -> Session:
+        reader = readers[link]
+        return Session(target_system=system, target_component=component, rate_hz=rate_hz, reader=reader, name=name)
 
     if not chosen.vehicles:
-        return [one_vehicle(chosen, session("autopilot", system))]
+        return [one_vehicle(chosen, session("autopilot", system, "vehicle"))]
     link_of = sides.of_vehicle
-    return vehicle_setups(chosen, lambda v: link_of[v.name], lambda v: session(link_of[v.name], v.system))
+    return vehicle_setups(chosen, lambda v: link_of[v.name], lambda v: session(link_of[v.name], v.system, v.name))
 
 
 def vehicles_in_log(chosen: Scenario, log: str, system: int | None, component: int | None) -> list[VehicleSetup]:

@@ -110,7 +110,9 @@ class ClosedFleet:
             )
             self.drones.append(Drone(config.name, vehicle, search, vehicle_end))
         setups = vehicle_setups(
-            scenario, lambda v: v.name, lambda v: Session(target_system=v.system, rate_hz=stream_hz)
+            scenario,
+            lambda v: v.name,
+            lambda v: Session(target_system=v.system, rate_hz=stream_hz, name=v.name),
         )
         told = {"tell_packets": tell_packets, "tell_status": bool(observers)}
         self.emulator = Emulator(setups, start=start, timeout_s=10.0, **told)

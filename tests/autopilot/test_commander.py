@@ -14,12 +14,12 @@ from pymavlink.generator.mavcrc import x25crc
 
 from arva_hil.autopilot.commanding.commander import Commander
 from arva_hil.autopilot.commanding.state import Phase
-from arva_hil.autopilot.following.session import Session
 from arva_hil.events.vehicles import AutopilotText
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.autopilot import Mode
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from tests.every import every
+from tests.kept_events import KeepingSession
 from tests.simulated_px4 import HOLD, LAND, OFFBOARD, POSITION, RETURN, STREAMS, TAKE_OFF, Px4
 
 HOME = (46.5, 11.35, 1800.0)
@@ -55,8 +55,8 @@ class Flight:
 
     def __init__(self, vehicle: SimulatedVehicle | Px4, *, step: float = 0.05, **options: Any) -> None:
         self.vehicle = vehicle
-        self.session = Session(rate_hz=10, component=US)
-        self.commander = Commander(self.session, **({"take_off_m": 2.0} | options))
+        self.session = KeepingSession(rate_hz=10, component=US)
+        self.commander = Commander(self.session, self.session.kept.append, **({"take_off_m": 2.0} | options))
         self.now = 0.0
         self.sent: list[tuple[float, Any]] = []
         self.deaf = False
@@ -69,7 +69,7 @@ class Flight:
         self.now += self._step
         chunk = self.vehicle.poll(self.now)
         self.commander.hear(self.session.feed(chunk, self.now), self.now)
-        self.vehicle.feed(self.session.poll(self.now), self.now)
+        self.vehicle.feed(self.session.poll(self.now)[0], self.now)
         told = self.commander.poll(self.now)
         self.commander.sent(self.now)
         for packet in self._parser.feed(told):
@@ -230,8 +230,8 @@ class Told:
     def __init__(self, autopilot: int = ARDUPILOT, **options: Any) -> None:
         self.autopilot = autopilot
         self.hold, self.take_off, self.steer, self.land = MODES[autopilot]
-        self.session = Session(component=US)
-        self.commander = Commander(self.session, **({"take_off_m": 5.0} | options))
+        self.session = KeepingSession(component=US)
+        self.commander = Commander(self.session, self.session.kept.append, **({"take_off_m": 5.0} | options))
         self.now = 100.0
         self._encoders: dict[tuple[int, int], Encoder] = {}
         self._parser = Parser()
@@ -507,9 +507,9 @@ def test_a_landing_that_does_not_end_is_given_up(autopilot: int) -> None:
     ],
 )
 def test_what_cannot_be_flown_is_not_armed(autopilot: int, kind: int, why: str) -> None:
-    session = Session()
+    session = KeepingSession()
     session.feed(Encoder(1, 1).pack(dialect.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 3, 3)), 0.0)
-    commander = Commander(session, take_off_m=2.0)
+    commander = Commander(session, session.kept.append, take_off_m=2.0)
     with pytest.raises(ValueError, match=why):
         commander.launch(0.0)
     assert commander.poll(1.0) == b""

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from arva_hil.autopilot.following.session import Session
 from arva_hil.events.vehicles import OtherAutopilotIgnored
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.mavlink.signing import Signing
+from tests.kept_events import KeepingSession
 
 QUADROTOR, GCS = dialect.MAV_TYPE_QUADROTOR, dialect.MAV_TYPE_GCS
 PX4, NONE = dialect.MAV_AUTOPILOT_PX4, dialect.MAV_AUTOPILOT_INVALID
@@ -22,7 +22,7 @@ class Bench:
     """A session on a link with several senders; time passes only in `wait`."""
 
     def __init__(self, **options: Any) -> None:
-        self.session = Session(**options)
+        self.session = KeepingSession(**options)
         self.now = 100.0
         self.said: list[str] = []
 

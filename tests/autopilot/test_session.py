@@ -16,7 +16,6 @@ from pymavlink.generator.mavcrc import x25crc
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
-from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
 from arva_hil.events.reasons import NoPose, NoVehicle
 from arva_hil.events.vehicles import (
@@ -33,6 +32,7 @@ from arva_hil.links.tlog import TlogReader
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.model.field import LocalFrame
 from tests.every import every
+from tests.kept_events import KeepingSession
 
 HOME = (46.5, 11.35, 1800.0)
 FRAME = LocalFrame(*HOME)
@@ -77,13 +77,13 @@ def ack(command: int, result: int, target: tuple[int, int] = (0, 0)) -> Any:
     return dialect.MAVLink_command_ack_message(command, result, 0, 0, *target)
 
 
-def tell(session: Session, message: Any, now: float, source: tuple[int, int] = (1, 1), version: int = 2) -> None:
+def tell(session: KeepingSession, message: Any, now: float, source: tuple[int, int] = (1, 1), version: int = 2) -> None:
     session.feed(Encoder(*source, version).pack(message), now)
 
 
-def following(now: float = 100.0, source: tuple[int, int] = (1, 1), **options: Any) -> Session:
+def following(now: float = 100.0, source: tuple[int, int] = (1, 1), **options: Any) -> KeepingSession:
     """A session that has a vehicle and all that it can know of it; boot time is 90 s behind."""
-    session = Session(**options)
+    session = KeepingSession(**options)
     for message in (heartbeat(), position(now - 90), attitude(now - 90), home()):
         tell(session, message, now, source)
     assert session.vehicle is not None
@@ -91,7 +91,7 @@ def following(now: float = 100.0, source: tuple[int, int] = (1, 1), **options: A
     return session
 
 
-def knowledge(session: Session, now: float) -> str:
+def knowledge(session: KeepingSession, now: float) -> str:
     """All that a session tells about its vehicle."""
     known = (
         session.vehicle,
@@ -133,7 +133,7 @@ def packets(data: bytes) -> list[Packet]:
     ],
 )
 def test_these_are_no_vehicle(source: tuple[int, int], kind: int, autopilot: int) -> None:
-    session = Session()
+    session = KeepingSession()
     tell(session, heartbeat(kind, autopilot), 0.0, source)
     assert session.vehicle is None
     tell(session, heartbeat(), 1.0, (9, 1))
@@ -143,7 +143,7 @@ def test_these_are_no_vehicle(source: tuple[int, int], kind: int, autopilot: int
 
 @given(st.integers(1, 255), st.integers(0, 40).filter(lambda k: k not in (GCS, GIMBAL, COMPANION, 5, 27, 30)))
 def test_the_first_autopilot_is_the_vehicle(system: int, kind: int) -> None:
-    session = Session()
+    session = KeepingSession()
     tell(session, heartbeat(kind), 0.0, (system, 1))
     vehicle = session.vehicle
     assert vehicle is not None
@@ -165,7 +165,7 @@ def test_the_first_autopilot_is_the_vehicle(system: int, kind: int) -> None:
     ],
 )
 def test_the_target_can_be_chosen(options: dict[str, int], chosen: tuple[int, int] | None) -> None:
-    session = Session(**options)
+    session = KeepingSession(**options)
     for source in ((1, 1), (1, 2), (2, 1), (2, 2), (1, 1)):
         tell(session, heartbeat(), 0.0, source)
     vehicle = session.vehicle
@@ -193,7 +193,7 @@ def test_what_anybody_else_says_changes_nothing_and_is_counted(
     source: tuple[int, int], options: dict[str, int]
 ) -> None:
     session = following(**options)
-    request = session.poll(101.0)
+    request = session.poll(101.0)[0]
     assert any(p.msgid == dialect.MAVLINK_MSG_ID_COMMAND_LONG for p in packets(request))
     before = knowledge(session, 101.0)
     strange = [
@@ -284,7 +284,7 @@ def test_values_that_are_no_pose_are_refused_and_counted(message: Any) -> None:
 
 
 def test_zero_latitude_and_longitude_are_no_position() -> None:
-    session = Session()
+    session = KeepingSession()
     for message in (heartbeat(), attitude(10.0), position(10.0, 0.0, 0.0, 0.0)):
         tell(session, message, 100.0)
     assert session.track.first_position is None
@@ -294,7 +294,7 @@ def test_zero_latitude_and_longitude_are_no_position() -> None:
 
 @pytest.mark.parametrize(("lat", "lon"), [(0.0, 11.0), (46.0, 0.0), (90.0, 180.0), (-90.0, -180.0)])
 def test_a_place_on_the_equator_or_the_edge_is_a_position(lat: float, lon: float) -> None:
-    session = Session()
+    session = KeepingSession()
     tell(session, heartbeat(), 100.0)
     tell(session, position(10.0, lat, lon), 100.0)
     assert session.track.first_position is not None
@@ -314,7 +314,7 @@ def test_an_unknown_message_is_counted_as_a_packet_and_changes_nothing() -> None
 
 @given(st.lists(st.binary(max_size=80), max_size=10))
 def test_no_bytes_make_it_raise(chunks: list[bytes]) -> None:
-    for session in (Session(), following()):
+    for session in (KeepingSession(), following()):
         for i, chunk in enumerate(chunks):
             session.feed(chunk, 100.0 + i)
             session.poll(100.0 + i)
@@ -435,7 +435,7 @@ def test_after_a_reboot_there_is_a_pose_again() -> None:
 NEAR, FAR = (HOME[0] + 0.0005, *HOME[1:]), (HOME[0] + 0.05, *HOME[1:])  # 56 m, 5.6 km north
 
 
-def northing(session: Session, now: float) -> float:
+def northing(session: KeepingSession, now: float) -> float:
     state = session.state_at(now, FRAME)
     assert state is not None
     return float(state.position[0])
@@ -519,62 +519,62 @@ def beats(data: bytes) -> list[Packet]:
 
 def test_it_is_an_onboard_computer_of_the_vehicle() -> None:
     session = following(source=(42, 1))
-    (beat,) = beats(session.poll(100.0))
+    (beat,) = beats(session.poll(100.0)[0])
     assert (beat.system, beat.component, beat.version) == (42, 191, 2)
     message = session.parser.decode(beat)
     assert message is not None
     assert (message.type, message.autopilot) == (COMPANION, NONE)
-    assert {(p.system, p.component) for p in packets(session.poll(101.0))} == {(42, 191)}
+    assert {(p.system, p.component) for p in packets(session.poll(101.0)[0])} == {(42, 191)}
 
 
 def test_it_speaks_before_it_has_heard_anything() -> None:
     """PX4's USB port is silent until somebody speaks."""
-    (beat,) = packets(Session().poll(0.0))
+    (beat,) = packets(KeepingSession().poll(0.0)[0])
     assert (beat.system, beat.component) == (1, 191)
-    (beat,) = packets(Session(target_system=7).poll(0.0))
+    (beat,) = packets(KeepingSession(target_system=7).poll(0.0)[0])
     assert (beat.system, beat.component) == (7, 191)
 
 
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("step", [0.004, 0.01, 0.1, 0.37])
 def test_its_heart_beats_once_a_second(known: bool, step: float) -> None:
-    session = following(100.0) if known else Session()
+    session = following(100.0) if known else KeepingSession()
     times = [100.0 + i * step for i in range(round(20.9 / step))]
-    sent = [now for now in times for _ in beats(session.poll(now))]
+    sent = [now for now in times for _ in beats(session.poll(now)[0])]
     assert sent[0] == 100.0
     assert sent == pytest.approx(range(100, 121), abs=step + 1e-6)  # lateness does not add up
 
 
 def test_after_a_stall_it_does_not_make_up_for_lost_heartbeats() -> None:
-    session = Session()
+    session = KeepingSession()
     session.poll(0.0)
-    sent = [now for now in np.arange(7.3, 10.0, 0.01) for _ in beats(session.poll(now))]
+    sent = [now for now in np.arange(7.3, 10.0, 0.01) for _ in beats(session.poll(now)[0])]
     assert sent == pytest.approx([7.3, 8.3, 9.3], abs=0.02)
 
 
 def test_it_says_when_it_wants_to_be_called() -> None:
-    session = Session()
+    session = KeepingSession()
     for now in (5.0, 5.01, 7.0):
         session.poll(now)
         assert now < session.next_due <= now + 1.0
 
 
 def test_mavlink_1_is_answered_in_mavlink_1() -> None:
-    session = Session()
+    session = KeepingSession()
     tell(session, heartbeat(), 0.0, version=1)
     assert session.vehicle is not None
     assert session.vehicle.version == 1
-    said = packets(session.poll(0.0) + session.poll(0.5))
+    said = packets(session.poll(0.0)[0] + session.poll(0.5)[0])
     assert {p.version for p in said} == {1}
     assert {p.msgid for p in said} == {0, dialect.MAVLINK_MSG_ID_COMMAND_LONG}
 
 
 def test_a_passive_session_is_silent() -> None:
-    session = Session(passive=True)
+    session = KeepingSession(passive=True)
     for i in range(200):
         if i % 20 == 0:
             tell(session, heartbeat(), i / 20)
-        assert session.poll(i / 20) == b""
+        assert session.poll(i / 20)[0] == b""
     assert session.vehicle is not None
     assert session.next_due == math.inf
 
@@ -583,17 +583,17 @@ def test_a_passive_session_is_silent() -> None:
 
 
 def test_what_was_heard_when_there_was_nothing() -> None:
-    assert Session().heard() == NoVehicle("silence")
+    assert KeepingSession().heard() == NoVehicle("silence")
 
 
 def test_what_was_heard_when_it_was_noise() -> None:
-    session = Session()
+    session = KeepingSession()
     session.feed(b"\x00\x80\x78" * 50, 0.0)
     assert session.heard() == NoVehicle("no packets", bytes=150)
 
 
 def test_what_was_heard_when_it_was_a_ground_station() -> None:
-    session = Session()
+    session = KeepingSession()
     for i in range(3):
         tell(session, heartbeat(GCS, NONE), float(i), (255, 190))
     tell(session, attitude(1.0), 3.0, (1, 1))
@@ -603,7 +603,7 @@ def test_what_was_heard_when_it_was_a_ground_station() -> None:
 
 
 def test_what_was_heard_when_it_was_another_vehicle() -> None:
-    session = Session(target_system=5)
+    session = KeepingSession(target_system=5)
     tell(session, heartbeat(), 0.0, (1, 1))
     assert session.heard().sources == (("heartbeats of quadrotor", 1, 1, 1),)
 
@@ -628,7 +628,7 @@ def test_nothing_is_asked_of_a_lost_vehicle() -> None:
     session = following(100.0)
     for i in range(60):
         session.poll(100.0 + i / 10)
-    said = b"".join(session.poll(106.0 + i / 10) for i in range(200))
+    said = b"".join(session.poll(106.0 + i / 10)[0] for i in range(200))
     assert {p.msgid for p in packets(said)} == {dialect.MAVLINK_MSG_ID_HEARTBEAT}
 
 
@@ -644,7 +644,7 @@ def test_nothing_is_asked_of_a_lost_vehicle() -> None:
     ],
 )
 def test_why_there_is_no_pose(said: list[Any], why: str, missing: list[str]) -> None:
-    session = Session()
+    session = KeepingSession()
     for message in said:
         tell(session, message, 1.0)
     lacking = session.why_no_pose()
@@ -653,7 +653,7 @@ def test_why_there_is_no_pose(said: list[Any], why: str, missing: list[str]) -> 
 
 def test_positions_of_zeros_are_named_though_they_are_slow() -> None:
     """One every 3 s, with a boot time of 0 as well."""
-    session = Session(passive=True)
+    session = KeepingSession(passive=True)
     tell(session, heartbeat(), 100.0)
     for i in range(60):
         tell(session, attitude(50.0 + i / 10), 100.0 + i / 10)
@@ -669,7 +669,7 @@ def test_positions_of_zeros_are_named_though_they_are_slow() -> None:
 )
 def test_a_position_that_is_promised_and_does_not_come_waits_for_a_fix(result: int, waits: bool) -> None:
     """As PX4 does; what is refused waits for something else."""
-    session = Session()
+    session = KeepingSession()
     for message in (heartbeat(), attitude(1.0)):
         tell(session, message, 100.0)
     for n in range(30):
@@ -684,7 +684,7 @@ def test_a_position_that_is_promised_and_does_not_come_waits_for_a_fix(result: i
 
 
 def test_of_a_log_it_does_not_say_that_something_was_not_asked_for() -> None:
-    session = Session(passive=True)
+    session = KeepingSession(passive=True)
     for message in (heartbeat(), attitude(1.0)):
         tell(session, message, 100.0)
     (stream,) = session.why_no_pose().streams
@@ -694,7 +694,7 @@ def test_of_a_log_it_does_not_say_that_something_was_not_asked_for() -> None:
 @pytest.mark.parametrize("known", [False, True])
 def test_a_hostile_link_does_not_fill_the_memory(known: bool) -> None:
     """Heartbeats and other messages of 255 systems, each with dozens of components."""
-    session = following() if known else Session()
+    session = following() if known else KeepingSession()
     kind = (QUADROTOR, ARDUPILOT) if known else (GCS, NONE)
     beat, other = bytearray(Encoder(0, 0).pack(heartbeat(*kind))), attitude(1.0)
     assert beat[0] == 0xFD
@@ -756,7 +756,7 @@ class Read:
 
 def test_a_recorded_flight_is_read_in_full(flight: Path) -> None:
     count, others, instants, at = RECORDED[flight.stem]
-    session = Session(passive=True)
+    session = KeepingSession(passive=True)
     poses = set()
     seen = 0
     for record in TlogReader(flight):
@@ -778,7 +778,7 @@ def test_a_recorded_flight_is_read_in_full(flight: Path) -> None:
 def test_its_poses_are_those_of_an_independent_reading(flight: Path) -> None:
     read = Read(flight)
     frame = LocalFrame(*read.home)
-    session = Session(passive=True)
+    session = KeepingSession(passive=True)
     compared = 0
     for i, record in enumerate(TlogReader(flight)):
         session.feed(record.raw, record.time_s)
@@ -800,7 +800,7 @@ def test_its_poses_are_those_of_an_independent_reading(flight: Path) -> None:
 
 def test_its_poses_are_fresh_while_it_plays(flight: Path) -> None:
     """At any instant of the recording the pose is no older than two periods of its streams."""
-    session = Session(passive=True)
+    session = KeepingSession(passive=True)
     frame = LocalFrame(*RECORDED[flight.stem][3])
     oldest = {"arducopter": 0.55, "px4": 0.2}[flight.stem]
     ages = []

@@ -8,8 +8,6 @@ from typing import Any
 
 import pytest
 
-from arva_hil.autopilot.following.navigation import EventQueue
-from arva_hil.autopilot.following.session import Session
 from arva_hil.autopilot.following.streams import Streams
 from arva_hil.events import Event
 from arva_hil.events.vehicles import (
@@ -21,6 +19,7 @@ from arva_hil.events.vehicles import (
 )
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
+from tests.kept_events import KeepingSession
 
 HOME = (46.5, 11.35, 1800.0)
 SET_INTERVAL, REQUEST, GET_HOME = 511, 512, 410
@@ -94,7 +93,7 @@ class Bench:
 
     def __init__(self, vehicle: SimulatedVehicle | Fake, **options: Any) -> None:
         self.vehicle = vehicle
-        self.session = Session(**options)
+        self.session = KeepingSession(**options)
         self.now = 0.0
         self.requests: list[tuple[float, Any]] = []
         self.events: list[Event] = []
@@ -103,7 +102,7 @@ class Bench:
     def run(self, seconds: float) -> Bench:
         for _ in range(round(seconds * 100)):
             self.session.feed(self.vehicle.poll(self.now), self.now)
-            said = self.session.poll(self.now)
+            said = self.session.poll(self.now)[0]
             self.vehicle.feed(said, self.now)
             for packet in self._parser.feed(said):
                 if packet.msgid != dialect.MAVLINK_MSG_ID_HEARTBEAT:
@@ -298,7 +297,7 @@ def test_the_vehicles_answer_is_kept_for_a_person() -> None:
 @pytest.mark.parametrize(("sent_hz", "until"), [(10.0, 7.3), (8.0, 7.3), (50.0, 12.0)])
 def test_a_stream_that_stops_is_asked_for_as_soon_as_its_rate_is_too_low(sent_hz: float, until: float) -> None:
     """7 of 10 Hz are enough: 14 messages in two seconds. Nothing is asked for before, and no look comes too late."""
-    streams, came, asked = Streams(10.0, 0.0, {}, EventQueue()), list[float](), list[float]()
+    streams, came, asked = Streams(10.0, 0.0, {}, "", lambda event: None), list[float](), list[float]()
     streams.home_wanted = False
     for step in range(1, 2000):
         now = step / 100

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from arva_hil.autopilot.following.session import Session
 from arva_hil.events.vehicles import SignatureRefused, SignaturesUnchecked, VehicleFound
 from arva_hil.mavlink.codec import Encoder, Packet, Parser, dialect
 from arva_hil.mavlink.signing import Signing, key_of
+from tests.kept_events import KeepingSession
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
 NOW_US = 1_700_000_000_000_000  # since 1970
@@ -43,8 +43,8 @@ def packet(raw: bytes) -> Packet:
     return found
 
 
-def signed_session(**options: Any) -> Session:
-    return Session(signing=Signing(KEY, NOW_US), **options)
+def signed_session(**options: Any) -> KeepingSession:
+    return KeepingSession(signing=Signing(KEY, NOW_US), **options)
 
 
 # -- the key -----------------------------------------------------------------------------------------------
@@ -145,7 +145,7 @@ def test_a_vehicle_whose_clock_is_behind_is_believed_once_it_has_heard_us() -> N
     assert session.vehicle is None
     heard = session.heard()
     assert (heard.reason, dict(heard.refused)) == ("no signature", {"unsigned": 0, "forged": 0, "replayed": 1})
-    vehicle.codec.parse_buffer(bytearray(session.poll(0.1)))
+    vehicle.codec.parse_buffer(bytearray(session.poll(0.1)[0]))
     session.feed(vehicle.says(heartbeat()), 0.2)
     assert session.vehicle is not None
 
@@ -156,7 +156,7 @@ def test_a_vehicle_whose_clock_is_behind_is_believed_once_it_has_heard_us() -> N
 def test_all_that_goes_out_is_signed_as_pymavlink_wants_it() -> None:
     session, vehicle = signed_session(), Vehicle()
     session.feed(vehicle.says(heartbeat()), 0.0)
-    said = b"".join(session.poll(i / 10) for i in range(50))
+    said = b"".join(session.poll(i / 10)[0] for i in range(50))
     assert said
     heard = vehicle.codec.parse_buffer(bytearray(said))
     assert {m.get_type() for m in heard} >= {"HEARTBEAT", "COMMAND_LONG"}
@@ -166,11 +166,11 @@ def test_all_that_goes_out_is_signed_as_pymavlink_wants_it() -> None:
 def test_two_programs_that_speak_as_one_component_are_told_apart() -> None:
     """Where the vehicle's clock is ahead both take its time, and neither's stamps may hinder the other's."""
     vehicle = Vehicle(ticks=TICKS + 10**9)
-    ours = [Session(signing=Signing(KEY, NOW_US, link)) for link in (0, 1)]
+    ours = [KeepingSession(signing=Signing(KEY, NOW_US, link)) for link in (0, 1)]
     hello = vehicle.says(heartbeat())
     for session in ours:
         session.feed(hello, 0.0)
-    said = [session.poll(now) for now in (0.0, 1.0, 2.0) for session in ours]
+    said = [session.poll(now)[0] for now in (0.0, 1.0, 2.0) for session in ours]
     assert sum(len(vehicle.codec.parse_buffer(bytearray(one)) or ()) for one in said) >= 6
     assert vehicle.codec.signing.reject_count == 0
 
@@ -188,11 +188,11 @@ def test_stamps_keep_up_with_the_clock_and_never_go_back() -> None:
 
 def test_a_clock_that_is_behind_takes_the_vehicles_time() -> None:
     """A companion computer without a battery for its clock believes that it is 1970."""
-    session = Session(signing=Signing(KEY, 5_000_000))
+    session = KeepingSession(signing=Signing(KEY, 5_000_000))
     vehicle = Vehicle()
     session.feed(vehicle.says(heartbeat()), 0.0)
     assert session.vehicle is not None
-    (said, *_) = Parser().feed(session.poll(0.1))
+    (said, *_) = Parser().feed(session.poll(0.1)[0])
     assert int.from_bytes(said.raw[-12:-6], "little") > TICKS
 
 
@@ -200,14 +200,14 @@ def test_a_clock_that_is_behind_takes_the_vehicles_time() -> None:
 
 
 def test_without_a_key_signed_packets_are_read_and_it_is_said_so() -> None:
-    session = Session()
+    session = KeepingSession()
     session.feed(Vehicle().says(heartbeat()), 0.0)
     assert session.vehicle is not None
     assert list(map(type, session.take_events())) == [VehicleFound, SignaturesUnchecked]
-    assert not any(p.signed for p in Parser().feed(session.poll(0.0)))
+    assert not any(p.signed for p in Parser().feed(session.poll(0.0)[0]))
 
 
 def test_in_a_log_signed_packets_are_read_without_a_word_about_keys() -> None:
-    session = Session(passive=True)
+    session = KeepingSession(passive=True)
     session.feed(Vehicle().says(heartbeat()), 0.0)
     assert list(map(type, session.take_events())) == [VehicleFound]

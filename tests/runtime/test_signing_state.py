@@ -115,7 +115,7 @@ def test_a_vehicle_that_forgot_its_time_is_believed_once_it_has_heard_us(file: P
     vehicle.signing.secret_key, vehicle.signing.sign_outgoing, vehicle.signing.timestamp = KEY, True, 7
     session.feed(bytes(HEARTBEAT.pack(vehicle)), 0.0)
     assert session.vehicle is None
-    vehicle.parse_buffer(bytearray(session.poll(0.1)))
+    vehicle.parse_buffer(bytearray(session.poll(0.1)[0]))
     session.feed(bytes(HEARTBEAT.pack(vehicle)), 0.2)
     assert session.vehicle is not None
     process.ends()

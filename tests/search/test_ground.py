@@ -12,6 +12,7 @@ import pytest
 
 from arva_hil.autopilot.following.pose_track import VehicleState
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events import Event
 from arva_hil.events.searches import HeightSource, SensorsDisagree
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field.quaternion import from_euler
@@ -29,7 +30,8 @@ class Vehicle:
 
     def __init__(self, *, trust_gps: bool = False) -> None:
         self.session = Session()
-        self.ground = Ground(self.session, SearchPlan(STRATEGIES["estimate"], trust_gps=trust_gps))
+        self.events: list[Event] = []
+        self.ground = Ground(self.session, SearchPlan(STRATEGIES["estimate"], trust_gps=trust_gps), self.events.append)
         self._encoder = Encoder(1, 1)
         self.arm(False)
 
@@ -44,8 +46,14 @@ class Vehicle:
         place, velocity = np.array([0.0, 0.0, -above]), np.array([0.0, 0.0, sinks])
         return self.ground.height(now, VehicleState(now, place, velocity, from_euler(roll, 0.0, 0.0), 0.0))
 
+    def take_events(self) -> list[Event]:
+        """Return the events since the last call."""
+        events = self.events[:]
+        self.events.clear()
+        return events
+
     def height_sources(self) -> list[str]:
-        return [event.source for event in self.session.take_events() if isinstance(event, HeightSource)]
+        return [event.source for event in self.take_events() if isinstance(event, HeightSource)]
 
 
 @pytest.fixture
@@ -159,7 +167,7 @@ def test_a_barometer_that_says_much_less_is_flown_by_and_ends_the_search(vehicle
     assert height.metres == pytest.approx(-50.0, abs=0.1)
     assert height.still
     assert height.doubt == "the altitude says 3.0 m, and the barometer -50.0 m"
-    (event,) = [event for event in vehicle.session.take_events() if isinstance(event, SensorsDisagree)]
+    (event,) = [event for event in vehicle.take_events() if isinstance(event, SensorsDisagree)]
     assert (event.sensor, event.value_m, event.other) == ("altitude", 3.0, "barometer")
 
 
@@ -197,7 +205,7 @@ def gps(v_acc_mm: int, metres: float = 0.0) -> Any:
 def test_without_rangefinder_and_barometer_gps_may_be_far_off(vehicle: Vehicle, words: Any) -> None:
     vehicle.says(1.0, words)
     assert vehicle.height(1.1, 7.0) == Height(7.0, False, 6.0)
-    (event,) = [event for event in vehicle.session.take_events() if isinstance(event, HeightSource)]
+    (event,) = [event for event in vehicle.take_events() if isinstance(event, HeightSource)]
     assert (event.source, event.margin_m) == ("GPS", 6.0)
 
 
@@ -408,7 +416,7 @@ def test_where_a_rangefinder_has_measured_the_database_is_not_followed() -> None
 
 
 def disagreements(vehicle: Vehicle) -> list[tuple[str, str]]:
-    return [(e.sensor, e.other) for e in vehicle.session.take_events() if isinstance(e, SensorsDisagree)]
+    return [(e.sensor, e.other) for e in vehicle.take_events() if isinstance(e, SensorsDisagree)]
 
 
 def flown(vehicle: Vehicle, seconds: float, above: Callable[[float], float], *said: Callable[[float], Any]) -> Height:

@@ -176,7 +176,7 @@ def _emulate(count: int, seconds: float, trouble: bool, far: Any, done: Any) -> 
                 out = stack.enter_context(closing(open_link(f"udpout:127.0.0.1:{ports_in}", clock=clock)))
                 autopilots[vehicle.name], ports[name] = line, _Timed(out, clock)
         start = clock.now()
-        setups = vehicle_setups(chosen, lambda v: v.name, lambda v: Session(target_system=v.system))
+        setups = vehicle_setups(chosen, lambda v: v.name, lambda v: Session(target_system=v.system, name=v.name))
         emulator = Emulator(setups, start=start, spread=True)
         for vehicle in emulator.vehicles:
             for receiver, port in vehicle.units:

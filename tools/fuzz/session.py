@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events import Event
 from arva_hil.events.words.reasons import no_pose, no_vehicle
 from arva_hil.events.words.sentences import sentence
 from arva_hil.links.tlog import TlogReader
@@ -70,8 +71,9 @@ class Bench:
 
     def _poll(self) -> None:
         session, twin = self._sides
-        out = session.poll(self._now)
-        assert out == twin.poll(self._now)
+        out, events = session.poll(self._now)
+        assert (out, events) == twin.poll(self._now)
+        self._emitted(events)
         assert session.next_due == twin.next_due > self._now
         parser = Parser()
         packets = parser.feed(out)
@@ -132,9 +134,10 @@ class Bench:
         session = self._sides[0]
         assert len(no_vehicle(session.heard())) < 10_000
         assert no_pose(session.why_no_pose())
-        said = [sentence(event) for event in session.take_events()]
+
+    def _emitted(self, events: Sequence[Event]) -> None:
+        said = [sentence(event) for event in events]
         assert all(notice and notice.text and "\n" not in notice.text for notice in said)
-        self._sides[1].take_events()
 
     def _damaged(self) -> None:
         at, bit = self._s.number(), self._s.number() % 8
@@ -175,7 +178,7 @@ class Bench:
         session, twin = self._sides
         chunk, self._wire = self._wire + chunk, b""
         packets = session.reader.feed(chunk, self._now)
-        session.receive(packets, self._now)
+        self._emitted(session.receive(packets, self._now).events)
         self._fed += len(chunk)
         for p in packets.every:
             self._in_packets += len(p.raw)

@@ -17,6 +17,7 @@ from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.autopilot.following.modes import modes_of
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events import Event
 from arva_hil.events.vehicles import ArmingTried, AutopilotText, ThrottleAwaited
 from arva_hil.mavlink.codec import command, dialect
 from arva_hil.mavlink.dialect import MAVLINK_MSG_ID_CURRENT_MODE
@@ -34,10 +35,12 @@ _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 
 class Commander(FlightState):
     """Remembers the last order to one vehicle. `take_off_m`: height of the take-off. `held_back`: why it
-    may not be armed now, "" if it may."""
+    may not be armed now, "" if it may. `emit` gets the events."""
 
-    def __init__(self, session: Session, *, take_off_m: float, arm_timeout_s: float = 60.0) -> None:
-        super().__init__(session, take_off_m)
+    def __init__(
+        self, session: Session, emit: Callable[[Event], None], *, take_off_m: float, arm_timeout_s: float = 60.0
+    ) -> None:
+        super().__init__(session, take_off_m, emit)
         self.held_back = ""
         self._arm_timeout_s = arm_timeout_s
         self._velocity = _STILL
@@ -165,7 +168,7 @@ class Commander(FlightState):
         if self.phase is Phase.ARMING and order.command == _ARM:
             self._tries += 1
             refused = self._complaints.refused_order, self._complaints.refused_result
-            self._news.emit(ArmingTried(now, self._news.name, self._tries, _ARM_AGAIN_S, *refused))
+            self._emit(ArmingTried(now, self._session.name, self._tries, _ARM_AGAIN_S, *refused))
 
     def _order(self) -> tuple[Any | None, float]:
         """The order that is not carried out yet, None if there is none, and the time [s] until it is repeated."""
@@ -235,7 +238,7 @@ class Commander(FlightState):
 
     def _on_text(self, message: Any, now: float) -> None:
         if text := self._complaints.hear_text(message):
-            self._news.emit(AutopilotText(now, self._news.name, text))
+            self._emit(AutopilotText(now, self._session.name, text))
 
     def _on_status(self, message: Any, now: float) -> None:
         self._complaints.hear_status(message)
@@ -268,7 +271,7 @@ class Commander(FlightState):
             self._enter(Phase.YIELDING, now, self._modes.yields, _PX4_YIELDS_S if px4 else None)
             self._next_order = now + _OWN_MODE_S
             if not (px4 or self.sticks.throttle_in_middle):
-                self._news.emit(ThrottleAwaited(now, self._news.name, self.sticks.channel, self.sticks.by_us))
+                self._emit(ThrottleAwaited(now, self._session.name, self.sticks.channel, self.sticks.by_us))
 
 
 _HEARD: Final = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from enum import Enum, auto
 from typing import Final
 
@@ -12,6 +13,7 @@ from arva_hil.autopilot.commanding.sticks import STICKS_WANTED, Sticks
 from arva_hil.autopilot.following.modes import ARDUCOPTER
 from arva_hil.autopilot.following.pose_track import PositionSample
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events import Event
 from arva_hil.model.field.quaternion import heading
 
 
@@ -104,7 +106,7 @@ class FlightState:
     `take_off_m`: the height of the take-off.
     """
 
-    def __init__(self, session: Session, take_off_m: float) -> None:
+    def __init__(self, session: Session, take_off_m: float, emit: Callable[[Event], None]) -> None:
         self.phase = Phase.IDLE
         self.why = ""
         self.handed_over = False
@@ -124,7 +126,7 @@ class FlightState:
         self._ordered_s = math.inf  # when the first order of this phase was sent
         self._pace = SetpointPace()  # of the set-points
         self._complaints = Complaints()
-        self._news = session.news
+        self._emit = emit
         session.want(MODE_WANTED | STICKS_WANTED | BATTERY_WANTED)
 
     def let_go(self) -> None:

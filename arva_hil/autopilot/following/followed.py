@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from typing import Any, Final, Literal
 
 from arva_hil.autopilot.following.discovery import Identity, Senders, Vehicle, VehicleDiscovery
-from arva_hil.autopilot.following.navigation import EventQueue, Navigation, Place
+from arva_hil.autopilot.following.navigation import Navigation, Place
 from arva_hil.autopilot.following.pose_track import ClockMap, PoseTrack, VehicleState
 from arva_hil.autopilot.following.streams import Stream, Streams
+from arva_hil.events import Event
 from arva_hil.events.reasons import NoPose, NoVehicle, SilentStream
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.mavlink.packet_reader import PacketReader
@@ -32,8 +33,9 @@ class FollowedVehicle:
         component: int = COMPONENT,
         signing: Signing | None = None,
         reader: PacketReader | None = None,
+        name: str = "vehicle",
     ) -> None:
-        self.news = EventQueue()
+        self.name = name
         self.reader = reader = reader or PacketReader(signing)
         self.parser = reader.parser
         self.target_system = target_system
@@ -41,7 +43,9 @@ class FollowedVehicle:
         self.encoder = Encoder(target_system or 1, component, signing=reader.signing)
         self.component = component
         self.vehicle: Vehicle | None = None
-        self.navigation = Navigation(self.news)
+        self._events: list[Event] = []  # since the last `receive` or `poll`
+        self._emit = self._events.append
+        self.navigation = Navigation(name, self._emit)
         self.ignored = 0  # packets of other systems and components, and of senders that only claim to be the vehicle
         self.rate_hz = rate_hz
         self.next_due = -math.inf

@@ -11,23 +11,6 @@ from arva_hil.events import Event
 from arva_hil.events.vehicles import ClockLeapt, PositionJumped
 from arva_hil.mavlink.codec import dialect
 
-
-class EventQueue:
-    """Remembers events until they are taken. `name`: the vehicle's name in its events."""
-
-    def __init__(self, name: str = "vehicle") -> None:
-        self.name = name
-        self._events: list[Event] = []
-
-    def emit(self, event: Event) -> None:
-        self._events.append(event)
-
-    def take(self) -> list[Event]:
-        """The events since the last call."""
-        events, self._events = self._events, []
-        return events
-
-
 T = TypeVar("T")
 Judgement = Literal["follows", "stray", "anew"]
 
@@ -93,14 +76,16 @@ HANDLED: Final = frozenset({_POSITION, _ATTITUDE, _QUATERNION, _HOME})  # by `Na
 
 
 class Navigation:
-    """Remembers what the vehicle's own messages say, and emits events to `news`. Times are host seconds.
+    """Remembers what the vehicle's own messages say. Times are host seconds.
+
+    `vehicle`: its name in events, which go to `emit`.
 
     Counters of values that are not used: `refused` (no valid pose), `unpositioned` (positions before the first fix),
     `strays` of `times` and `places` (single values that do not fit those before). Counters of changes that are
     accepted: `reboots`, `leaps` of the vehicle's clock ahead, `jumps` of its position.
     """
 
-    def __init__(self, news: EventQueue) -> None:
+    def __init__(self, vehicle: str, emit: Callable[[Event], None]) -> None:
         self.track = PoseTrack()
         self.clock = ClockMap()
         self.home: Place | None = None
@@ -109,7 +94,8 @@ class Navigation:
         self.reboots = 0
         self.leaps = 0
         self.jumps = 0
-        self._news = news
+        self._vehicle = vehicle
+        self._emit = emit
         self.times = Plausibility(self._time_follows, best=max)
         self.places = Plausibility(_place_follows)
         self._reorder_s = _REORDER_S
@@ -160,7 +146,7 @@ class Navigation:
         """Earlier packets were delayed or came from a buffer. The vehicle may be far from where it was then."""
         self.leaps += 1
         self.places.forget()
-        self._news.emit(ClockLeapt(now, self._news.name, ahead_s))
+        self._emit(ClockLeapt(now, self._vehicle, ahead_s))
 
     def _on_position(self, message: Any, boot: float, now: float) -> None:
         if message.lat == message.lon == 0:
@@ -176,7 +162,7 @@ class Navigation:
         if judgement == "anew" and (before := self.track.last_position):
             self.jumps += 1
             self.track.forget_positions()  # the vehicle was never between the two sides of the jump
-            self._news.emit(PositionJumped(now, self._news.name, math.hypot(*offset_m(before[1:4], place))))
+            self._emit(PositionJumped(now, self._vehicle, math.hypot(*offset_m(before[1:4], place))))
         self.track.add_position(PositionSample(boot, *place, velocity))
 
     def _on_attitude(self, message: Any, boot: float, now: float) -> None:

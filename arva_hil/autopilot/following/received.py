@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from arva_hil.events import Event
 from arva_hil.mavlink.codec import Packet, decode
 
 
 class Received(NamedTuple):
-    """The packets of one chunk. Each packet is in one of these lists; all are empty if the sender is not accepted."""
+    """The packets of one chunk, and what they show.
+
+    Each packet is in one of the first three lists. These are empty if the sender is not accepted.
+    """
 
     own: Sequence[Packet] = ()
     """The vehicle's packets."""
@@ -17,6 +21,8 @@ class Received(NamedTuple):
     """Packets of other systems and components, and packets that only claim to be the vehicle's."""
     refused: Sequence[Packet] = ()
     """Packets without a valid signature, if the link has a key."""
+    events: Sequence[Event] = ()
+    """Events of the vehicle."""
 
     @property
     def accepted(self) -> Sequence[Packet]:

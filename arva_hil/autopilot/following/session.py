@@ -39,7 +39,7 @@ class Session(FollowedVehicle):
     `target_system`, `target_component`: follow only these (default: the first autopilot, component 1). `rate_hz`: of
     the pose streams. `passive`: never send, for a log. `component`: our own id. `signing`: accept only packets signed
     with its key, and sign. `reader`: of the link, with its signing, if several sessions share a link: each `receive`s
-    the packets that it has read. Events of the vehicle are in `news`. Times are host seconds from the caller's clock.
+    the packets that it has read. `name`: the vehicle's, in its events. Times are host seconds from the caller's clock.
 
     Packets of other systems change nothing. Of several senders on the link only `senders.vehicle` is accepted. After it
     has been silent for 3 s, another sender with the vehicle's ids may take its place.
@@ -67,11 +67,11 @@ class Session(FollowedVehicle):
         """Use the packets of one chunk, which the link's `reader` has split and checked."""
         if not self.accepts(sender, now):
             self._on_strangers(packets.every, now)
-            return Received()
+            return Received(events=self._emitted())
         for packet, why in packets.refused:
             if why not in self._disbelieved:  # each reason is reported once, with the first sender
                 self._disbelieved.add(why)
-                self.news.emit(vehicles.SignatureRefused(now, self.news.name, packet.system, packet.component, why))
+                self._emit(vehicles.SignatureRefused(now, self.name, packet.system, packet.component, why))
         own: list[Packet] = []
         others: list[Packet] = []
         for packet in packets.accepted:
@@ -82,7 +82,8 @@ class Session(FollowedVehicle):
             for packet in own:
                 if packet.msgid in streams.extra_ids:
                     streams.note(packet.msgid, now)
-        return Received(own, others, [packet for packet, _ in packets.refused] if packets.refused else ())
+        refused = [packet for packet, _ in packets.refused] if packets.refused else ()
+        return Received(own, others, refused, self._emitted())
 
     def want(self, streams: Mapping[int, float]) -> None:
         """Request these optional streams too: message id → Hz."""
@@ -95,21 +96,17 @@ class Session(FollowedVehicle):
         self._identity = Identity(self.clock.rate)
         self.senders.pin()
 
-    def take_events(self) -> list[Event]:
-        """The events since the last call."""
-        return self.news.take()
-
-    def poll(self, now: float) -> bytes:
-        """The bytes to send now: our heartbeat and requests for streams. Sets `next_due`."""
+    def poll(self, now: float) -> tuple[bytes, Sequence[Event]]:
+        """Return the bytes to send now, our heartbeat and requests for streams; and the events. Sets `next_due`."""
         if now - self._last_heartbeat > _LOST_S and self.vehicle and not self.lost and not self._interrupted:
             self.lost = True
-            self.news.emit(vehicles.VehicleLost(now, self.news.name, str(self.vehicle), _LOST_S))
+            self._emit(vehicles.VehicleLost(now, self.name, str(self.vehicle), _LOST_S))
         self.senders.look(now)
         if self._signing:
             self._signing.advance(now)
         self.next_due = math.inf if self._passive else now + _POLL_S
         if self._passive or self._interrupted:
-            return b""
+            return b"", self._emitted()
         out = b""
         if now >= self._next_heartbeat:
             due = self._next_heartbeat + _HEARTBEAT_S
@@ -119,7 +116,7 @@ class Session(FollowedVehicle):
             self._streams.home_wanted = self.home is None
             for message in self._streams.poll(now, self.vehicle.system, self.vehicle.component):
                 out += self.encoder.pack(message)
-        return out
+        return out, self._emitted()
 
     def interrupt(self, why: str) -> None:
         """The link is lost: until `resume` nothing can be sent, and silence does not count."""
@@ -144,6 +141,14 @@ class Session(FollowedVehicle):
     def skip(self, now: float) -> None:
         """The link was not read for some time: silence until `now` does not count."""
         self._last_heartbeat = max(self._last_heartbeat, now)
+
+    def _emitted(self) -> Sequence[Event]:
+        """Return the events since the last call."""
+        if not self._events:
+            return ()
+        events = self._events[:]
+        self._events.clear()
+        return events
 
     def _on_packet(self, packet: Packet, now: float, sender: Hashable) -> bool:
         """Use a packet. Returns True if it is the vehicle's."""
@@ -198,18 +203,18 @@ class Session(FollowedVehicle):
         assert self.vehicle is not None
         same = self.vehicle.sent(packet)
         if (found or same) and self._finder.note(packet, "other"):
-            self.news.emit(vehicles.OtherAutopilotIgnored(now, self.news.name, packet.system, packet.component, same))
+            self._emit(vehicles.OtherAutopilotIgnored(now, self.name, packet.system, packet.component, same))
 
     def _follow(self, vehicle: Vehicle, now: float, *, signed: bool) -> None:
         self.vehicle = vehicle
         self.lost = False
         self.encoder.system = vehicle.system
         self.encoder.version = vehicle.version
-        self._streams = Streams(self.rate_hz, now, self._extras, self.news)
+        self._streams = Streams(self.rate_hz, now, self._extras, self.name, self._emit)
         self.next_due = self._last_heartbeat = now
-        self.news.emit(vehicles.VehicleFound(now, self.news.name, str(vehicle), vehicle.version, signed))
+        self._emit(vehicles.VehicleFound(now, self.name, str(vehicle), vehicle.version, signed))
         if signed and not self._signing and not self._passive:
-            self.news.emit(vehicles.SignaturesUnchecked(now, self.news.name))
+            self._emit(vehicles.SignaturesUnchecked(now, self.name))
 
     def _on_heartbeat(self, message: Any, now: float) -> None:
         assert self.vehicle is not None
@@ -222,7 +227,7 @@ class Session(FollowedVehicle):
         if self.lost:
             self.lost = False
             self.navigation.home = None  # it may have been moved, or be another vehicle: request its home again
-            self.news.emit(vehicles.VehicleBack(now, self.news.name, str(self.vehicle)))
+            self._emit(vehicles.VehicleBack(now, self.name, str(self.vehicle)))
 
     def _navigate(self, message: Any, now: float) -> None:
         assert self._streams is not None
@@ -230,8 +235,8 @@ class Session(FollowedVehicle):
             return
         judgement = self.navigation.hear(message, now)
         if judgement == "anew":
-            self._streams = Streams(self.rate_hz, now, self._extras, self.news)
-            self.news.emit(vehicles.VehicleRebooted(now, self.news.name, str(self.vehicle)))
+            self._streams = Streams(self.rate_hz, now, self._extras, self.name, self._emit)
+            self._emit(vehicles.VehicleRebooted(now, self.name, str(self.vehicle)))
         if judgement != "stray" and message.id != _HOME:
             self._streams.note(message.id, now)
 

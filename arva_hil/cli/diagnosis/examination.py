@@ -16,6 +16,7 @@ from arva_hil.clock import Clock
 from arva_hil.config import DEFAULT
 from arva_hil.emulator.build import receiver
 from arva_hil.emulator.formats import frame_of
+from arva_hil.events import Event
 from arva_hil.events.vehicles import StreamEvent
 from arva_hil.events.words.reasons import request
 from arva_hil.events.words.sentences import sentence
@@ -76,8 +77,10 @@ class AutopilotProbe:
             for sender, chunk in self._link.receive():
                 self.receive(chunk, now, sender)
             self._link.follow(self.session.senders.vehicle, self.session.senders.candidates)
-            if out := self.session.poll(now):
+            out, events = self.session.poll(now)
+            if out:
                 self._link.write(out)
+            self._remember(events)
         except LinkEnded:
             self.over = True
         except LinkError as error:
@@ -107,7 +110,11 @@ class AutopilotProbe:
                 self._offsets.append((now, now - message.time_boot_ms / 1e3))
         if self.session.vehicle:
             self.followed_at = min(self.followed_at, now)
-        for event in self.session.take_events():
+        self._remember(received.events)
+
+    def _remember(self, events: Sequence[Event]) -> None:
+        """Remember the last sentence about each stream."""
+        for event in events:
             if isinstance(event, StreamEvent) and (said := sentence(event)):
                 self._said[event.stream] = said.text.removeprefix(event.stream).lstrip(": ")
 

@@ -37,8 +37,8 @@ _BLOCKED: Final = "it hovers, because another vehicle of the team reports that i
 class Flight:
     """One flight from its take-off point on. `mission` begins at the end of the take-off.
 
-    `log` gets a row for each step; None: none is made. `team`: the other searches. `host`: commands to the receiver.
-    `worker`: computes; None: in this loop.
+    `emit` gets the events, `log` a row for each step; None: none is made. `team`: the other searches. `host`: commands
+    to the receiver. `worker`: computes; None: in this loop.
     """
 
     def __init__(
@@ -49,6 +49,7 @@ class Flight:
         ground: Ground,
         *,
         start: float,
+        emit: Callable[[Event], None],
         log: Callable[[SearchStep], None] | None,
         team: Teammate | None = None,
         host: ReceiverHost | None = None,
@@ -61,17 +62,18 @@ class Flight:
         self._commander = commander
         self._ground = ground
         self._start = start
+        self._emit = emit
         self._log = log
         self._team = team
-        self._report = TeamReport(team, session) if team else None
+        self._report = TeamReport(team, session, emit) if team else None
         self._host = host
         self._worker = worker
         self._new_frame: Frame | None = None  # since the last row of the log
         self._last_pose_s = start
         self._down = 0.0  # ordered last, m/s
         self._skipped_s = 0.0  # in gaps, which do not count for the mission
-        self._frames = FramesTold(plan.mount, session.news.emit)
-        self._detour = Detour(session.news.emit)
+        self._frames = FramesTold(plan.mount, emit)
+        self._detour = Detour(emit)
 
     def hear(self, frame: Frame, now: float) -> None:
         self._new_frame = frame
@@ -100,7 +102,7 @@ class Flight:
         """One step in the air."""
         if self.origin is None and (origin := self._commander.origin):
             self.origin = origin.frame
-            self._session.news.emit(take_off_point(now, self.origin))
+            self._emit(take_off_point(now, self.origin))
         phase, state, velocity = self._commander.phase, self._state(now), STAY
         if not self._commander.authority.settled:
             return
@@ -124,7 +126,7 @@ class Flight:
                     host=self._host,
                     worker=self._worker,
                 )
-                self._session.news.emit(SearchBegun(now, -position[2]))
+                self._emit(SearchBegun(now, -position[2]))
             receiver = self._plan.mount.place(state.position, state.attitude)
             followed = self._commander.authority.in_mode
             height = self._ground.height(now, state, self._down if followed else 0.0)
@@ -141,7 +143,7 @@ class Flight:
                 self._commander.land(now, why)
             if self.mission.over:
                 lands = height.landed or (self._plan.land and not self.mission.blocked)
-                self._session.news.emit(SearchEnded(now, self.mission.ended, lands))
+                self._emit(SearchEnded(now, self.mission.ended, lands))
                 (self._commander.land if lands else self._commander.hold)(now, _BLOCKED * self.mission.blocked)
         self._note(now, phase, state, velocity)
 
@@ -180,7 +182,7 @@ class Flight:
 
     def _tell_in_time(self, event: Event) -> None:
         """Emit an event of the mission, whose clock does not run in gaps."""
-        self._session.news.emit(replace(event, time_s=event.time_s + self._skipped_s))
+        self._emit(replace(event, time_s=event.time_s + self._skipped_s))
 
 
 def reading_of(frame: Frame, target: int | None) -> tuple[int | None, int, int, int]:

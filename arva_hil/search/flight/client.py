@@ -79,22 +79,39 @@ class SearchClient:
     ) -> None:
         self.outcome: Outcome | None = None
         self._session = session
+        self._events: list[Event] = []  # that `emit` has not got yet
         self._team = team
         self._tunnel = tunnel
         self._claim = ClaimAnnouncer(COMPONENT)
         self._first: Claim | None = None  # of another search that has the vehicle
         self._line = AutopilotLink(autopilot, start, hear=self._hear, anew=self._begin_anew)
-        self._receiver = ReceiverLink(receiver, decoder, session.news.emit, host)
-        self._commander = Commander(session, take_off_m=plan.take_off, arm_timeout_s=plan.arm_timeout_s)
+        self._receiver = ReceiverLink(receiver, decoder, self._events.append, host)
+        self._commander = Commander(
+            session, self._events.append, take_off_m=plan.take_off, arm_timeout_s=plan.arm_timeout_s
+        )
         needed = autopilot, self._receiver, self._commander.battery, self._commander.sticks, permission
-        self._preflight = Preflight(plan, session, *needed, start=start)
-        self._ground = Ground(session, plan)
+        self._preflight = Preflight(plan, session, *needed, start=start, emit=self._events.append)
+        self._ground = Ground(session, plan, self._events.append)
         flown = plan, session, self._commander, self._ground
-        self._flight = Flight(*flown, start=start, log=log, team=team, host=self._receiver.host, worker=worker)
+        self._flight = Flight(
+            *flown,
+            start=start,
+            emit=self._events.append,
+            log=log,
+            team=team,
+            host=self._receiver.host,
+            worker=worker,
+        )
         self._dry_run: DryRun | None = None
         if plan.dry_run:
             grounded = plan, session, self._ground
-            self._dry_run = DryRun(*grounded, start=start, log=log or (lambda _: None), worker=worker)
+            self._dry_run = DryRun(
+                *grounded,
+                start=start,
+                emit=self._events.append,
+                log=log or (lambda _: None),
+                worker=worker,
+            )
         self._emit = emit
         self._next_step = self._now_s = start
         self._begin = self._commander.take_over if plan.take_over else self._commander.launch
@@ -123,7 +140,7 @@ class SearchClient:
     def stop(self) -> None:
         """Stop: a flying vehicle is left hovering, a landing one goes on landing, one on the ground is disarmed."""
         if not self._stopping and self.launched:
-            self._session.news.emit(SearchInterrupted(self._now_s, self._commander.phase.name.lower()))
+            self._events.append(SearchInterrupted(self._now_s, self._commander.phase.name.lower()))
             self._pass_on()
         self._stopping = True
 
@@ -151,9 +168,10 @@ class SearchClient:
         if not self.launched:
             self._preflight.watch_link(now)
         received = self._session.feed(chunk, now, sender)
+        self._events += received.events
         for packet in (*received.others, *received.refused):
             if packet.msgid == _MARK and packet.component == COMPONENT and self._is_vehicle(packet):
-                self._session.news.emit(OwnMarkHeard(now))
+                self._events.append(OwnMarkHeard(now))
         if self._tunnel and self._team:
             for packet in received.accepted:
                 if news := self._tunnel.hear(packet, now):
@@ -178,7 +196,7 @@ class SearchClient:
         self._flight.skip(now, gap_s)
         self._receiver.skip(now)
         if self.launched:
-            self._session.news.emit(SearchHeldUp(now, gap_s))
+            self._events.append(SearchHeldUp(now, gap_s))
 
     def _due(self, now: float) -> tuple[bytes, bytes]:
         """The bytes to send: those without and those with orders."""
@@ -186,10 +204,14 @@ class SearchClient:
         if not self._dry_run and self.outcome is None and self._session.reachable:
             told = told + self._claim.poll(now, self._session.clock.boot(now), launched=self.launched)
         packed = b"".join(map(self._session.encoder.pack, told))
-        return self._session.poll(now) + self._preflight.poll(now) + packed, self._commander.poll(now)
+        requests, events = self._session.poll(now)
+        self._events += events
+        return requests + self._preflight.poll(now) + packed, self._commander.poll(now)
 
     def _pass_on(self) -> None:
-        for event in self._session.take_events():
+        events = self._events[:]
+        self._events.clear()
+        for event in events:
             self._emit(event)
 
     def _step(self, now: float) -> None:
@@ -245,7 +267,7 @@ class SearchClient:
         self._line.pin()
         if throttle := self._preflight.failsafes.values.get("RCMAP_THROTTLE"):
             self._commander.sticks.throttle = int(throttle)
-        self._session.news.emit(Launched(now, str(self._session.vehicle), self._plan.take_over))
+        self._events.append(Launched(now, str(self._session.vehicle), self._plan.take_over))
 
     def _conclude(self) -> None:
         mission = self.mission

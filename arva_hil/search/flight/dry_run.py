@@ -13,6 +13,7 @@ from arva_hil.autopilot.commanding.state import EVERY_S
 from arva_hil.autopilot.following.modes import Modes, modes_of
 from arva_hil.autopilot.following.pose_track import PositionSample
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events import Event
 from arva_hil.events.searches import DryRunBegun, SetPointPlanned, WouldOrder
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.model.field.quaternion import heading
@@ -37,7 +38,7 @@ class DryRun:
     """Remembers the mission that would be flown. The vehicle is on the ground, or hovers with `take_over`.
 
     Readings are used at the receiver's present place; set-points are for a vehicle at the height of the take-off above
-    it. `log` gets a row for each step. `worker`: computes; None: in this loop.
+    it. `emit` gets the events, `log` a row for each step. `worker`: computes; None: in this loop.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class DryRun:
         ground: Ground,
         *,
         start: float,
+        emit: Callable[[Event], None],
         log: Callable[[SearchStep], None],
         worker: Worker | None = None,
     ) -> None:
@@ -54,6 +56,7 @@ class DryRun:
         self._session = session
         self._ground = ground
         self._start = start
+        self._emit = emit
         self._log = log
         self._worker = worker
         self._begun_s = math.inf
@@ -62,7 +65,7 @@ class DryRun:
         self._origin: LocalFrame | None = None
         self._modes: Modes | None = None
         self._last: Frame | None = None  # since the last row of the log
-        self._frames = FramesTold(plan.mount, session.news.emit)
+        self._frames = FramesTold(plan.mount, emit)
 
     def hear(self, frame: Frame, now: float) -> None:
         """Use a new frame."""
@@ -98,7 +101,7 @@ class DryRun:
         home = session.home
         place = place._replace(alt=home[2]) if self._plan.take_over and home else place
         self._begun_s, self._origin = now, place.frame
-        emit = session.news.emit
+        emit = self._emit
         emit(take_off_point(now, place.frame))
         emit(DryRunBegun(now, str(session.vehicle), self._plan.take_over, self._plan.countdown_s))
         if not self._plan.take_over:
@@ -140,11 +143,11 @@ class DryRun:
         self._log(SearchStep(now - self._start, _PHASE, *position, heading_deg, *velocity, *reading))
         if now >= self._say_next_s and not mission.broken:
             self._say_next_s = now + _SAY_S
-            self._session.news.emit(SetPointPlanned(now, *velocity, heading_deg, 1 / EVERY_S))
+            self._emit(SetPointPlanned(now, *velocity, heading_deg, 1 / EVERY_S))
 
     def _end(self, now: float) -> None:
         assert self._modes is not None
-        emit = self._session.news.emit
+        emit = self._emit
         if self._plan.land:
             emit(WouldOrder(now, "NAV_LAND", "at the end"))
         elif self._modes.hold != self._modes.steer:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, Protocol
 
 from arva_hil.autopilot.commanding.vehicle_checks import SimulatorCheck
@@ -66,16 +66,20 @@ class Permission:
         self._looked = self._asked = None
         self._said = False
 
-    def look(self, now: float) -> Refusal | bool:
-        """Return True if the vehicle may be flown, False while that is unknown, or a refusal. Call it last."""
+    def look(self, now: float, emit: Callable[[Event], None]) -> Refusal | bool:
+        """Return True if the vehicle may be flown, False while that is unknown, or a refusal. Call it last.
+
+        `emit` gets the event of the permission.
+        """
         if self._looked is None:
             self._looked = now
         if self._said:
             return True
         if self._check.answer:
-            self._agree(SimulatorRecognized(now, str(self._session.vehicle), self._check.answer))
+            self._said = True
+            emit(SimulatorRecognized(now, str(self._session.vehicle), self._check.answer))
         elif now - self._looked > _ANSWER_S:
-            return self._ask(now)
+            return self._ask(now, emit)
         return self._said
 
     def _compare(self) -> None:
@@ -88,12 +92,14 @@ class Permission:
                 self.forget()
             self._vehicle = now
 
-    def _ask(self, now: float) -> Refusal | bool:
+    def _ask(self, now: float, emit: Callable[[Event], None]) -> Refusal | bool:
         real = f"{self._session.vehicle} is not known to be a simulator"
         if self._yes:
-            self._agree(ArmingAllowed(now, str(self._session.vehicle)))
+            self._said = True
+            emit(ArmingAllowed(now, str(self._session.vehicle)))
         elif self._dry_run:
-            self._agree(ConsentNeeded(now, str(self._session.vehicle), self._question is not None))
+            self._said = True
+            emit(ConsentNeeded(now, str(self._session.vehicle), self._question is not None))
         elif self._question is None:
             return Refusal("refused", f"{real}: to let it fly, write --yes")
         elif self._asked is None:
@@ -106,7 +112,3 @@ class Permission:
         elif now - self._asked > _THINK_S:
             return Refusal("refused", f"{real}, and nobody said yes within {_THINK_S:g} s: nothing was done")
         return self._said
-
-    def _agree(self, why: Event) -> None:
-        self._said = True
-        self._session.news.emit(why)

@@ -12,6 +12,7 @@ from arva_hil.autopilot.commanding.sticks import Sticks
 from arva_hil.autopilot.commanding.vehicle_checks import Failsafes
 from arva_hil.autopilot.following.modes import ARDUCOPTER, PX4
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events import Event
 from arva_hil.events.searches import CountDown, FailsafesKnown, FenceInArea, ParameterDoubted, WaitingFor
 from arva_hil.events.words.reasons import no_pose, no_vehicle
 from arva_hil.links import Link
@@ -41,7 +42,7 @@ class Preflight:
     """Remembers what a search waits for, and since when.
 
     `permission`: to fly this vehicle; None if every vehicle may be flown. `battery`, `sticks`, `failsafes`: of the
-    vehicle.
+    vehicle. `emit` gets the events.
     """
 
     def __init__(
@@ -55,8 +56,10 @@ class Preflight:
         permission: Permission | None,
         *,
         start: float,
+        emit: Callable[[Event], None],
     ) -> None:
         self.failsafes = Failsafes()
+        self._emit = emit
         self._session = session
         self._autopilot = autopilot
         self._monitor = LinkMonitor("autopilot", autopilot, self._lost, session.resume)
@@ -115,7 +118,7 @@ class Preflight:
     def watch_link(self, now: float) -> None:
         """After a loss the link is new, and the vehicle may have rebooted."""
         for event in self._monitor.look(now):
-            self._session.news.emit(event)
+            self._emit(event)
 
     def _lost(self, why: str, now: float) -> None:
         self._session.interrupt(why)
@@ -170,12 +173,12 @@ class Preflight:
             self._failsafes_told = True
             parameters = tuple(self.failsafes.values.items())
             autopilot: Literal["ardupilot", "px4"] = "px4" if self.failsafes.px4 else "ardupilot"
-            self._session.news.emit(FailsafesKnown(now, autopilot, parameters, self._sticks.remote))
+            self._emit(FailsafesKnown(now, autopilot, parameters, self._sticks.remote))
             for doubt in self.failsafes.doubts():
-                self._session.news.emit(ParameterDoubted(now, *doubt))
+                self._emit(ParameterDoubted(now, *doubt))
             if self._hover is None and (beyond := self._compare_fence(now)):
                 return Refusal("failed", f"{beyond}; nothing was armed")
-        return self._permission.look(now) if self._permission else True
+        return self._permission.look(now, self._emit) if self._permission else True
 
     def _compare_fence(self, now: float) -> str:
         """Report a fence inside the area. Return the reason against any flight, or ""."""
@@ -191,9 +194,9 @@ class Preflight:
             if limit and needed > limit.metres:
                 return f"{what} beyond the vehicle's fence ({limit.parameter} {limit.metres:g}), {needed:g} m needed"
         if fence.radius and farthest > fence.radius.metres:
-            self._session.news.emit(FenceInArea(now, *fence.radius, farthest))
+            self._emit(FenceInArea(now, *fence.radius, farthest))
         if fence.points:
-            self._session.news.emit(FenceInArea(now, "FENCE_TOTAL", fence.points, 0.0))
+            self._emit(FenceInArea(now, "FENCE_TOTAL", fence.points, 0.0))
         return ""
 
     def _count_down(self, now: float) -> bool:
@@ -203,7 +206,7 @@ class Preflight:
             self._next_said = math.ceil(self._countdown_s)
         left = self._arm_at - now
         if left > 0 and left <= self._next_said:
-            self._session.news.emit(CountDown(now, self._next_said, self._hover is not None))
+            self._emit(CountDown(now, self._next_said, self._hover is not None))
             self._next_said = math.ceil(left) - 1
         return left <= 0
 
@@ -211,7 +214,7 @@ class Preflight:
         self._arm_at = math.inf
         if what != self._waits_for:
             self._waits_for = what
-            self._session.news.emit(WaitingFor(now, what))
+            self._emit(WaitingFor(now, what))
         return Refusal(kind, why()) if now - self._since > self._plan.timeout_s else False
 
     def _has_pose(self, now: float) -> bool:

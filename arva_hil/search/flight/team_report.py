@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final
 
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events import Event
 from arva_hil.events.teams import TeammateBack, TeammateLost
 from arva_hil.model.field.geodesy import LocalFrame
 from arva_hil.search.flight.frames_told import as_position
@@ -21,9 +23,10 @@ _OLD_S: Final = 1.0  # an older pose does not say where the vehicle is
 class TeamReport:
     """Remembers what it has told. It tells also before the launch and after the search, while the vehicle is heard."""
 
-    def __init__(self, team: Teammate, session: Session) -> None:
+    def __init__(self, team: Teammate, session: Session, emit: Callable[[Event], None]) -> None:
         self._team = team
         self._session = session
+        self._emit = emit
         self._handed: dict[int, HeardAt] = {}
         self._lost: set[int] = set()
         self._flying = False  # as it was told last
@@ -33,9 +36,9 @@ class TeamReport:
         self._tell(now, place, origin, mission, flying=True, searching=True)
         lost = self._team.lost
         for number in lost.keys() - self._lost:
-            self._session.news.emit(TeammateLost(now, number + 1, *lost[number]))
+            self._emit(TeammateLost(now, number + 1, *lost[number]))
         for number in self._lost - lost.keys():
-            self._session.news.emit(TeammateBack(now, number + 1))
+            self._emit(TeammateBack(now, number + 1))
         self._lost = set(lost)
 
     def left(self, now: float, origin: LocalFrame | None, mission: Mission | None, *, searching: bool) -> None:

@@ -10,12 +10,14 @@ GPS_RAW_INT.v_acc.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import combinations
 from typing import Final, Literal, NamedTuple
 
 from arva_hil.autopilot.following.pose_track import VehicleState
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
+from arva_hil.events import Event
 from arva_hil.events.searches import HeightSource, SensorsDisagree
 from arva_hil.model.field.quaternion import upright
 from arva_hil.search.mission.height_sensors import FRESH_S, HeightSensors, Survey
@@ -81,9 +83,12 @@ class _Level:
 
 
 class Ground:
-    """Remembers the heights by the autopilot's sensors, and the highest ground that was measured."""
+    """Remembers the heights by the autopilot's sensors, and the highest ground that was measured.
 
-    def __init__(self, session: Session, plan: SearchPlan) -> None:
+    `emit` gets the events.
+    """
+
+    def __init__(self, session: Session, plan: SearchPlan, emit: Callable[[Event], None]) -> None:
         self._sensors = HeightSensors(session)
         self._plan = plan
         least, most = _TOLERANCE_M
@@ -101,7 +106,7 @@ class Ground:
         self._below: float | None = None  # the ground below, when it was known last
         self._source: _Source | None = None  # reported last
         self._disagree: dict[tuple[str, str], float] = {}  # since when
-        self._emit = session.news.emit
+        self._emit = emit
 
     def hear(self, received: Received, now: float) -> None:
         """Use what the session received at `now`."""
