@@ -181,6 +181,15 @@ def test_a_rangefinder_that_drifts_is_found_although_the_vehicle_could_sink_as_f
     assert check.deviation(60.0)
 
 
+@pytest.mark.parametrize(("gap_s", "height"), [(5.0, 9.0), (100.0, 3.0)])
+def test_ground_that_is_lower_after_a_long_silence_is_not_believed(gap_s: float, height: float) -> None:
+    """A rangefinder that says 6 m more may be wrong, or the ground may have fallen on the way of 16 m."""
+    check = RangeCheck(0.9)
+    check.height(Odometry(0.0, 0.0, 0.0, 0.0, (0.0, 0.0)), 3.0, 3.0, 3.0)
+    there = Odometry(gap_s, 0.0, 16.0, 1.0, (16.0, 0.0))
+    assert check.height(there, 9.0, 9.0, 9.0) == pytest.approx(height)
+
+
 def test_a_place_that_is_not_reached_is_not_waited_for_for_ever() -> None:
     _, _, down, took = sunk((0.0, 0.0, -4.0), measured=True, drift=(-2.0, 0.0))
     assert took == pytest.approx(50, abs=1)

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 
 _WINDOW_S: Final = 2.0
 _STEEPEST: Final = 1.0  # of a slope: the ground changes no faster, but in steps within the tolerance
+_SILENT_S: Final = 10.0  # without a sample: lower ground afterwards is not believed
 _AT_REST_M_S: Final = 0.1  # of speed: no step of the ground is possible
 _NOTED_S: Final = 3.0  # after a step that is possible
 _FORGET: Final = 0.2  # of a step up, which may end with a step down: metres a metre of flight
@@ -88,7 +89,8 @@ class RangeCheck:
         self._flown = motion.flown
 
         def excess(before: tuple[Odometry, float]) -> float:
-            aside = math.dist(motion.place, before[0].place)
+            known = motion.time_s - before[0].time_s <= _SILENT_S
+            aside = math.dist(motion.place, before[0].place) if known else 0.0
             return abs(before[1] - ground) - _STEEPEST * aside - self._tolerance
 
         if past and excess(worst := max(past, key=excess)) > 0:
