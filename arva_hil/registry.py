@@ -145,7 +145,10 @@ class Registry:
         there = f"there {'are' if len(names) > 1 else 'is'} {', '.join(names) or 'none'}"
         if self.references:
             there += ", or MODULE:CLASS"
-        return UnknownKindError(f"no {self.what} {name!r}", there, nearest(name.lower(), names))
+        near = nearest(name.lower(), names)
+        if self.references and near is None and "." in name:
+            near = ":".join(name.rsplit(".", 1))  # MODULE.CLASS in place of MODULE:CLASS
+        return UnknownKindError(f"no {self.what} {name!r}", there, near)
 
     def _broken(self, name: str, package: str, why: str) -> KindError:
         cure = f"mend that package, or uninstall it: pip uninstall {package.partition(' ')[0]}"

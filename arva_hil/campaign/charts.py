@@ -1,4 +1,4 @@
-"""The charts of a campaign's report, as SVG. Only `draw` needs matplotlib."""
+"""The charts of a campaign's report. Only `draw` needs matplotlib."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from arva_hil.campaign.results import TrialRow, groups, wilson
-from arva_hil.records.pictures.style import GREY, PALETTE, figure, saved, styled
+from arva_hil.records.pictures.style import GREY, PALETTE, Format, figure, saved, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,8 +40,8 @@ def colours(strategies: Iterable[str]) -> dict[str, str]:
     return {name: PALETTE[n % len(PALETTE)] for n, name in enumerate(dict.fromkeys(strategies))}
 
 
-def draw(rows: Sequence[TrialRow], success_m: float) -> dict[str, bytes]:
-    """Caption → SVG. Raises ImportError without matplotlib."""
+def draw(rows: Sequence[TrialRow], success_m: float, format: Format = "svg") -> dict[str, bytes]:
+    """Return the picture of each chart by its caption. Raises ImportError without matplotlib."""
     kinds: dict[str, Callable[[Axes, Sequence[TrialRow], float], None]] = {
         "Success, with its 95 % confidence interval": _success,
         "Time until the transmitter is found: share of all runs": _time,
@@ -58,7 +58,7 @@ def draw(rows: Sequence[TrialRow], success_m: float) -> dict[str, bytes]:
             plot(axes, rows, success_m)
             handles, labels = axes.get_legend_handles_labels()
             made.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 4))
-            drawn[caption] = saved(made, "svg", transparent=True)  # the page may be dark
+            drawn[caption] = saved(made, format, transparent=format == "svg")  # the page may be dark
     return drawn
 
 

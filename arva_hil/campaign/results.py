@@ -182,6 +182,23 @@ class Results:
             table.writerow(cell(value) if isinstance(value, str) else value for value in astuple(self.rows[key]))
         replace(self.path.with_name(TABLE), text.getvalue().encode())
 
+    def keep_success(self, success_m: float) -> None:
+        """Store the largest error of a success [m], for charts that are drawn without the plan."""
+        try:
+            self._database.execute("CREATE TABLE IF NOT EXISTS plan (success_m REAL)")
+            self._database.execute("DELETE FROM plan")
+            self._database.execute("INSERT INTO plan VALUES (?)", (success_m,))
+        except sqlite3.Error as error:
+            raise ResultsError(f"{self.path}: cannot be written: {error}") from None
+
+    def success_m(self) -> float:
+        """Return the largest error of a success [m]. Raises ResultsError for results without it."""
+        try:
+            return float(self._database.execute("SELECT success_m FROM plan").fetchone()[0])
+        except (sqlite3.Error, TypeError):
+            what = f"{self.path}: the campaign is not complete, or of an older arva-hil"
+            raise ResultsError(f"{what}: run the same command of `campaign` again") from None
+
     def close(self) -> None:
         self._database.close()
 

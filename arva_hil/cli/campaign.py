@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import os
 import sys
 from collections.abc import Iterable, Sequence
@@ -18,6 +19,7 @@ from arva_hil.campaign.results import REPORT, TABLE, Results, ResultsError, flow
 from arva_hil.campaign.results import replace as write
 from arva_hil.campaign.runner import MissingExtra, Unreachable, WorkerPoolError, cluster, processes
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, SignalGuard, UsageError, interrupting
+from arva_hil.cli.recorded import needing
 from arva_hil.cli.terminal import bar, show, show_json, tell, time_left
 from arva_hil.clock import RealClock
 from arva_hil.config.campaign import CampaignPlan, load_plan
@@ -36,6 +38,9 @@ def main(options: argparse.Namespace) -> int:
     if (count := size(plan)) > _MOST:
         raise UsageError(f"{count} trials, at most {_MOST} in one run: fly it in parts, --shard 1/{-(-count // _MOST)}")
     every = list(trials(plan))
+    if options.scheduler:
+        with needing("dask", "--scheduler"):
+            importlib.import_module("distributed")
     folder = Path(options.out or f"{Path(options.plan).stem}-results{name}")
     with opened(folder) as kept:
         return _campaign(options, plan, every, kept)
@@ -78,6 +83,7 @@ def _campaign(options: argparse.Namespace, plan: CampaignPlan, every: Sequence[P
             return INTERRUPTED
         with interrupting():  # again, after the guard of the flights: the same command continues it
             kept.export(planned.key for planned in every)
+            kept.keep_success(plan.success_m)
             rows = [kept.rows[planned.key] for planned in every]
             table, page = kept.path.with_name(TABLE), kept.path.with_name(REPORT)
             write(page, report.page(one_line(Path(options.plan).stem), rows, plan.success_m).encode())

@@ -12,10 +12,11 @@ from arva_hil.cli.listen import SAMPLE_BYTES, guess_format
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, OK, Failure, UsageError
 from arva_hil.cli.terminal import show, show_json
 from arva_hil.clock import Clock, RealClock
+from arva_hil.errors import nearest
 from arva_hil.links import Link
 from arva_hil.registry import FORMATS
 from firmware_proto import Command, CommandAnswer, HostForm
-from firmware_proto.commands import DONE
+from firmware_proto.commands import DONE, NAMES
 
 _LOOK_S: Final = 0.1
 
@@ -28,7 +29,9 @@ def main(options: argparse.Namespace) -> int:
     try:
         asking = Asking(command, form)
     except ValueError as error:
-        raise UsageError(f"{options.name}: {error}") from None
+        near = nearest(options.name, NAMES)
+        hint = f"; did you mean {near}?" if near and options.name not in NAMES else ""
+        raise UsageError(f"{options.name}: {error}{hint}") from None
     clock = RealClock()
     with closing(common.open_or_fail(options.port, clock)) as link:
         asking.links = [link]

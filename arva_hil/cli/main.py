@@ -42,6 +42,17 @@ def unknown_variables(environment: Mapping[str, str], parser: CommandParser, com
     return [_say(name, known, typed) for name in sorted(unread - known)]
 
 
+def commands_with(flag: str) -> list[str]:
+    """Return the commands that have an option, at most three."""
+    found = []
+    for command in COMMANDS:
+        parser = CommandParser(prog=command)
+        arguments_of(command)(parser)
+        if any(flag in action.option_strings for action in parser.arguments):
+            found.append(command)
+    return found[:3]
+
+
 def _say(name: str, known: Iterable[str], typed: Iterable[str]) -> str:
     flag = "--" + name.removeprefix(PREFIX).lower().replace("_", "-")
     if flag in typed:
@@ -162,6 +173,7 @@ def _command(arguments: list[str]) -> Callable[[], int] | None:
     add_options = arguments_of(name)
     parser = CommandParser(prog=f"arva-hil {name}", description=inspect.getdoc(add_options))
     add_options(parser)
+    parser.commands_with = commands_with
     try:
         options = parser.parse(arguments)
     except SystemExit:  # argparse has printed the help

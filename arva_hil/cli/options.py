@@ -18,6 +18,8 @@ from arva_hil.links import parse
 from arva_hil.registry import Registry
 
 DEFAULT_AUTOPILOT: Final = "udpin:127.0.0.1:14550"
+_LINKS: Final = ("--autopilot", "--port", "--receiver", "--link")  # options whose value may have a baud rate
+_BAUD: Final = ("--baud", "--baudrate", "--baud-rate")
 PREFIX: Final = "ARVA_HIL_"
 # argparse makes one for each option, to check it; without a width it would ask for the terminal's, with slow imports.
 _formatter: Final = partial(argparse.RawDescriptionHelpFormatter, width=80)
@@ -33,6 +35,7 @@ class CommandParser(argparse.ArgumentParser):
         self.typed_only: list[str] = []  # flags without an environment variable
         self._given: Sequence[str] = ()
         self.tells_sources = False  # whether the result has `sources`: where each option was given
+        self.commands_with: Callable[[str], Sequence[str]] = lambda flag: ()  # the other commands that have an option
 
     def option(
         self,
@@ -133,15 +136,24 @@ class CommandParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         hint = ""
         if unknown := re.match(r"unrecognized arguments: (\S+)", message):
-            word = re.sub(r"^[-\N{EN DASH}\N{EM DASH}\N{MINUS SIGN}]+", "--", unknown[1]).lower()
-            near = nearest(word.partition("=")[0], self._option_string_actions)
-            hint = f"; did you mean {near}?" if near else ""
+            hint = self._cure(re.sub(r"^[-\N{EN DASH}\N{EM DASH}\N{MINUS SIGN}]+", "--", unknown[1]).lower())
         elif missing := re.match(r"argument (\S+): expected one argument", message):
             flags = missing[1].split("/")
             follows = next((after for flag, after in pairwise(self._given) if flag in flags), "")
             if follows[:1] == "-" and follows not in self._option_string_actions:
                 hint = f"; write a value that begins with a dash after =: {flags[0]}={follows}"
         raise UsageError(f"{message}{hint}", f"see {self.prog} --help")
+
+    def _cure(self, word: str) -> str:
+        """Return the advice for an unknown option, "" if there is none."""
+        flag = word.partition("=")[0]
+        link = next((one for one in _LINKS if one in self._option_string_actions), None)
+        if flag in _BAUD and link:
+            return f"; write the baud rate after the port: {link} PORT,57600"
+        if flag.startswith("--") and (commands := self.commands_with(flag)):
+            return f"; {flag} is an option of {' and '.join(commands)}"
+        near = nearest(flag, self._option_string_actions)
+        return f"; did you mean {near}?" if near else ""
 
 
 def module_name(command: str) -> str:
@@ -174,8 +186,13 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return convert
 
 
-def numbers(expected: str, *ranges: tuple[float, float], optional: int = 0) -> Callable[[str], tuple[float, ...]]:
-    """A converter for numbers with commas between them, each in its range. The last `optional` may be left out: 0."""
+def numbers(
+    expected: str, *ranges: tuple[float, float], optional: int = 0, names: Sequence[str] = ()
+) -> Callable[[str], tuple[float, ...]]:
+    """Return a converter for numbers with commas between them, each in its range.
+
+    `optional`: the count of numbers at the end that may be left out; they are 0. `names`: one for each number.
+    """
 
     def convert(text: str) -> tuple[float, ...]:
         try:
@@ -184,6 +201,10 @@ def numbers(expected: str, *ranges: tuple[float, float], optional: int = 0) -> C
             values = ()
         if optional and len(values) == len(ranges) - optional:
             values += (0.0,) * optional
+        if names and len(values) == len(ranges):
+            for name, value, (low, high) in zip(names, values, ranges, strict=True):
+                if not low <= value <= high:
+                    raise ValueError(f"{text!r}: {name} {value:g} is out of range ({low:g}…{high:g})")
         if len(values) != len(ranges) or not all(a <= v <= b for v, (a, b) in zip(values, ranges, strict=True)):
             raise ValueError(f"{text!r}: expected {expected}")
         return values

@@ -1,12 +1,13 @@
-"""`arva-hil plot`: draws a record, on one sheet or in a file for each picture."""
+"""`arva-hil plot`: draws a record or a campaign, on one sheet or in a file for each picture."""
 
 from __future__ import annotations
 
 import argparse
+import re
 from pathlib import Path
 
-from arva_hil.cli.outcome import OK, UsageError
-from arva_hil.cli.recorded import loaded, make_folder, needing, write
+from arva_hil.cli.outcome import FAILED, OK, Failure, UsageError
+from arva_hil.cli.recorded import is_campaign, loaded, make_folder, needing, write
 from arva_hil.records.pictures.run import pictures, sheets
 from arva_hil.records.pictures.style import FORMATS, Format
 
@@ -17,17 +18,37 @@ def main(options: argparse.Namespace) -> int:
     if sheet and options.picture_format not in (None, sheet):
         raise UsageError(f"--format {options.picture_format}: --out {out} says {sheet}: leave one of them out")
     format: Format = sheet or options.picture_format or "png"
+    if is_campaign(options.run):
+        return _campaign(options, out, format, sheet)
     recording = loaded(options.run)
-    if not sheet:
-        make_folder(out)
     with needing("plots", "plot"):
         if sheet:
             drawn = [(_named(out, receiver), data) for receiver, data in sheets(recording, format)]
         else:
             every = pictures(recording, format)
             drawn = [(_named(out / f"{name}.{format}", receiver), data) for receiver, name, data in every]
+    if not sheet:
+        make_folder(out)
     for path, data in drawn:
         write(path, data, recording)
+    return OK
+
+
+def _campaign(options: argparse.Namespace, out: Path, format: Format, sheet: str | None) -> int:
+    """Draw the charts of a campaign's results into a folder."""
+    from arva_hil.campaign import charts, results  # slow to import
+
+    if sheet:
+        raise UsageError(f"--out {out}: a campaign has a file for each chart: name a folder")
+    try:
+        with results.opened(Path(options.run)) as kept, needing("plots", "plot"):
+            drawn = charts.draw(list(kept.rows.values()), kept.success_m(), format)
+    except results.ResultsError as error:
+        raise Failure(FAILED, error) from None
+    make_folder(out)
+    for caption, data in drawn.items():
+        name = re.sub("[^a-z]+", "-", re.split("[,:(]", caption.lower())[0]).strip("-")
+        write(out / f"{name}.{format}", data)
     return OK
 
 

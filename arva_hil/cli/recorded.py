@@ -23,6 +23,11 @@ def loaded(folder: str) -> Recording:
     return recording
 
 
+def is_campaign(folder: str) -> bool:
+    """Return True for the folder of a campaign's results."""
+    return (Path(folder) / "results.sqlite").is_file()
+
+
 @contextlib.contextmanager
 def output(name: str, *recordings: Recording) -> Iterator[BinaryIO]:
     """A file that replaces the one of this name when it is whole; stdout for "-". Says that it is written.

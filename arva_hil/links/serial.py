@@ -7,7 +7,7 @@ import errno
 import os
 import stat
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from arva_hil.clock import await_descriptors
 from arva_hil.links import pty
@@ -18,6 +18,8 @@ from arva_hil.links.url import Address
 
 if TYPE_CHECKING:
     from serial import Serial
+
+_MAKE_IT_FIRST: Final = "start the program that makes it first, e.g. `arva-hil run` or `arva-hil vehicle`"
 
 
 def open_serial(device: str, baud: int = 115200, *, brief: bool = False) -> Link:
@@ -122,7 +124,7 @@ class PyserialLink(StreamLink):
 def _open_error(device: str, error: Exception) -> LinkError:
     number, text = getattr(error, "errno", None), str(error)
     if number == errno.ENOENT or "FileNotFoundError" in text:  # Windows has only the text
-        return Absent(device, "no such port", _existing())
+        return Absent(device, "no such port", _MAKE_IT_FIRST if device.startswith("/tmp/") else _existing())
     if number in (errno.EBUSY, errno.EAGAIN) or "PermissionError" in text:
         who = ", ".join(holders(device))
         return LinkError(device, "busy" + (f": held by {who}" if who else ""), "close the other program")

@@ -368,3 +368,4 @@ def test_without_dask_it_is_said_how_to_get_it(arva: Arva, plan: Path, monkeypat
     code, _, err = arva("campaign", plan, "--scheduler", "tcp://127.0.0.1:1", "--out", plan.parent / "r")
     assert code == 2
     assert "pip install 'arva-hil[dask]'" in err
+    assert not (plan.parent / "r").exists()

@@ -9,6 +9,9 @@ from typing import Any
 
 import pytest
 
+from arva_hil.campaign import results
+from arva_hil.campaign.results import row
+from tests.campaign.fakes import fake, planned
 from tests.made_records import write
 
 Arva = Callable[..., Any]
@@ -50,3 +53,32 @@ def test_without_matplotlib_it_says_how_to_get_it(arva: Arva, tmp_path: Path, mo
     assert code == 2
     assert err == "arva-hil: plot needs matplotlib, which is missing: pip install 'arva-hil[plots]'\n"
     assert not (tmp_path / "x.png").exists()
+
+
+def test_a_folder_is_made_only_if_there_are_pictures(
+    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = write(tmp_path / "flight", 3)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert arva("plot", run).code == 2
+    assert not (run / "plots").exists()
+
+
+def test_the_charts_of_a_campaign_are_drawn(arva: Arva, tmp_path: Path) -> None:
+    with results.opened(tmp_path / "results") as kept:
+        kept.add(*(row(one, fake(one.trial)) for one in planned()))
+    code, _, err = arva("plot", tmp_path / "results")
+    assert code == 1
+    assert "the campaign is not complete, or of an older arva-hil: run the same command of `campaign` again" in err
+    with results.opened(tmp_path / "results") as kept:
+        kept.keep_success(1.5)
+    ran = arva("plot", tmp_path / "results", "--format", "png", "--out", tmp_path / "charts")
+    assert (ran.code, ran.out) == (0, "")
+    drawn = sorted(path.name for path in (tmp_path / "charts").iterdir())
+    assert drawn[:2] == ["error-of-the-place-reported.png", "success.png"]
+    assert all((tmp_path / "charts" / name).read_bytes().startswith(b"\x89PNG") for name in drawn)
+    code, _, err = arva("plot", tmp_path / "results", "--out", tmp_path / "sheet.png")
+    assert (code, err) == (
+        2,
+        f"arva-hil: --out {tmp_path}/sheet.png: a campaign has a file for each chart: name a folder\n",
+    )

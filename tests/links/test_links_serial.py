@@ -70,6 +70,12 @@ def test_no_such_port_lists_those_there_are() -> None:
         open_serial("/dev/ttyNONE")
 
 
+def test_a_missing_port_in_tmp_is_made_by_another_program() -> None:
+    cure = "start the program that makes it first, e.g. `arva-hil run` or `arva-hil vehicle`"
+    with pytest.raises(LinkError, match=f"^/tmp/arva-none: no such port; {cure}$"):
+        open_serial("/tmp/arva-none")
+
+
 def test_no_such_port_and_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serial_module, "list_ports", lambda: [])
     with pytest.raises(LinkError, match="no such port; this machine has no serial port"):

@@ -104,7 +104,13 @@ def ports(parser: CommandParser) -> None:
     parser.option("--json", "print a JSON object for each port")
 
 
-home = numbers("LAT,LON,ALT in degrees and m, e.g. --home=46.0,7.7,1650", (-90, 90), (-180, 180), (-500, 9000))
+home = numbers(
+    "LAT,LON,ALT in degrees and m, e.g. --home=46.0,7.7,1650",
+    (-90, 90),
+    (-180, 180),
+    (-500, 9000),
+    names=("latitude", "longitude", "altitude"),
+)
 wind = numbers("N,E,D in m/s, at most 50 each, e.g. --wind=3,-1,0", *[(-50, 50)] * 3)
 
 
