@@ -117,17 +117,16 @@ def frame_to_set_point() -> Way:
     """
     from arva_hil.clock import StepClock
     from arva_hil.config import parse
-    from arva_hil.links import memory
     from arva_hil.registry import STRATEGIES
     from arva_hil.runtime.loop import run
     from arva_hil.search.strategies.plan import SearchPlan
-    from arva_hil.simulated.closed_loop import ClosedLoop
+    from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
     from firmware_proto import encode
 
-    clock, scenario, ends = StepClock(), parse(_SCENARIO, "house"), [memory.pair() for _ in range(3)]
+    clock, scenario, wires = StepClock(), parse(_SCENARIO, "house"), in_memory()
     plan = SearchPlan(STRATEGIES["flux"])
-    loop = ClosedLoop(scenario, plan, autopilot=ends[0], commands=ends[1], port=ends[2], start=0.0, stream_hz=10.0)
-    search, ways = loop.search, []
+    loop = ClosedLoop(scenario, plan, wires=[wires], start=0.0, stream_hz=10.0)
+    search, ways = loop.drones[0].search, []
     run(loop.tasks, clock, until=60.0, stopped=lambda: bool(search.mission and search.mission.hunting))
     for _ in range(10):
         run(loop.tasks, clock, until=clock.now() + 1.0)
@@ -136,7 +135,7 @@ def frame_to_set_point() -> Way:
         clock.wait(clock.now() + 0.2)
         frame = loop.emulator.vehicles[0].units[0].port.last
         assert frame is not None
-        ends[2][1].write(encode(frame.frame._replace(sequence=(frame.frame.sequence + 1) % 256)))
+        wires.port[1].write(encode(frame.frame._replace(sequence=(frame.frame.sequence + 1) % 256)))
         ways.append(followed(lambda: search.service(clock)))
     return min(ways, key=lambda way: len(way.calls))
 

@@ -34,7 +34,7 @@ from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.simulated.closed_loop import ClosedLoop
+from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
 from arva_hil.simulated.messages import SENSORS
 
 BAROMETER = dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
@@ -196,10 +196,8 @@ class Flight:
         self.loop = ClosedLoop(
             parse(f"spec: 1\nseed: {seed}\ntransmitters: [{victim}]\n", "flight"),
             SearchPlan(STRATEGIES[strategy], **plan),
-            autopilot=memory.pair(),
-            commands=(near, link),  # type: ignore[arg-type]
-            port=memory.pair(),
             start=self.clock.now(),
+            wires=[in_memory()._replace(commands=(near, link))],  # type: ignore[arg-type]
             stream_hz=10.0,
             wind=wind,
             gps_noise_m=gps_noise_m,
@@ -208,10 +206,12 @@ class Flight:
             log=self._judge,
         )
         link.true = self._true
-        run(self.loop.tasks, self.clock, until=LONGEST_S, stopped=lambda: self.loop.search.outcome is not None)
+        run(
+            self.loop.tasks, self.clock, until=LONGEST_S, stopped=lambda: self.loop.drones[0].search.outcome is not None
+        )
 
     def _true(self) -> tuple[float, float, float]:
-        north, east, down = self.loop.vehicle.truth(self.clock.now()).ned
+        north, east, down = self.loop.drones[0].vehicle.truth(self.clock.now()).ned
         return north, east, -down
 
     def observe(self, event: Event) -> None:
@@ -221,10 +221,10 @@ class Flight:
     def _judge(self, row: SearchStep) -> None:
         north, east, up = self._true()
         height = up - self.ground(north, east)
-        state = self.loop.vehicle.state
+        state = self.loop.drones[0].vehicle.state
         if row.phase != "flying":
             return
-        if not self.loop.over:
+        if not self.loop.drones[0].decided:
             self.heights.append((self.clock.now(), height))
         self.stood_s = self.stood_s + 0.2 if height < 0.05 and state.startswith("GUIDED, armed") else 0.0
         if self.stood_s > GUIDED_S:
@@ -236,14 +236,14 @@ class Flight:
         heights = [height for _, height in self.heights]
         reached = next((n for n, h in enumerate(heights) if h >= REACHED * self.wanted), len(heights))
         lowest = min(heights[reached:], default=math.inf)
-        outcome = self.loop.search.outcome
+        outcome = self.loop.drones[0].search.outcome
         faults = list(dict.fromkeys(self.faults))
         if lowest < self.wanted / 2:
             faults.append(f"only {lowest:.2f} m above the ground")
         if outcome is None:
             faults.append(f"it flies on after {LONGEST_S:g} s")
-        elif not self.loop.vehicle.state.endswith("disarmed, on the ground"):
-            faults.append(f"at the end: {self.loop.vehicle.state}")
+        elif not self.loop.drones[0].vehicle.state.endswith("disarmed, on the ground"):
+            faults.append(f"at the end: {self.loop.drones[0].vehicle.state}")
         elif outcome.kind != "found" and not outcome.how:
             faults.append("it does not say why")
         return Report(

@@ -23,11 +23,10 @@ from arva_hil.campaign.plan import draw
 from arva_hil.clock import StepClock
 from arva_hil.config import Fault, Scenario, load
 from arva_hil.config.campaign import Random
-from arva_hil.links import memory
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.mission import FOUND, SearchPlan
-from arva_hil.simulated.closed_loop import ClosedLoop
+from arva_hil.simulated.closed_loop import ClosedLoop, Drone
 
 FALSE_M: Final = 3.0
 _LIMIT_S: Final = 300.0
@@ -85,31 +84,26 @@ def flown(strategy: str, seed: int, most: int, gps_noise_m: float = 0.0) -> Flow
     """One search with a stepped clock, as a campaign flies it."""
     world, clock = scenario(seed, most), StepClock()
     plan = SearchPlan(STRATEGIES[strategy], limit_s=_LIMIT_S)
-    autopilot, commands, port = memory.pair(), memory.pair(), memory.pair()
-    loop = ClosedLoop(
-        world,
-        plan,
-        autopilot=autopilot,
-        commands=commands,
-        port=port,
-        start=clock.now(),
-        gps_noise_m=gps_noise_m,
-        stream_hz=10.0,
-    )
-    run(loop.tasks, clock, until=_LIMIT_S + 120.0, stopped=lambda: loop.over)
-    mission, outcome = loop.search.mission, loop.search.outcome
+    loop = ClosedLoop(world, plan, start=clock.now(), gps_noise_m=gps_noise_m, stream_hz=10.0)
+    (drone,) = loop.drones
+    run(loop.tasks, clock, until=_LIMIT_S + 120.0, stopped=lambda: drone.decided)
+    mission, outcome = drone.mission, drone.search.outcome
     told = mission.ended if mission else outcome.how if outcome else "no take-off"
     return Flown(
-        seed, tuple(map(str, world.faults)), told, error(loop, world, clock.now()), mission.searched_s if mission else 0
+        seed,
+        tuple(map(str, world.faults)),
+        told,
+        error(drone, world, clock.now()),
+        mission.searched_s if mission else 0,
     )
 
 
-def error(loop: ClosedLoop, world: Scenario, now: float) -> float | None:
+def error(drone: Drone, world: Scenario, now: float) -> float | None:
     """From the place reported to where the transmitter searched for is, or was before a fault moved it."""
-    mission = loop.search.mission
+    mission = drone.mission
     if mission is None or mission.found is None:
         return None
-    place, north, east = mission.found[:2], *loop.truth()[mission.target or 0]
+    place, north, east = mission.found[:2], *drone.truth()[mission.target or 0]
     moves = [f.by_ned for f in world.faults if f.by_ned and f.value == mission.target and _on(f, now)]
     true = [(north, east), *((north + move[0], east + move[1]) for move in moves)]
     return min(math.dist(place, one) for one in true)

@@ -25,7 +25,7 @@ from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import Task, run
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.simulated.autopilot import Mode
-from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
+from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
 
 LIMIT_S = 900.0
 
@@ -59,7 +59,7 @@ class Watch:
         self.nearest_m = math.inf
         self._next_s = math.inf  # nobody has taken off
 
-    def look(self, loop: ClosedFleet, now: float) -> None:
+    def look(self, loop: ClosedLoop, now: float) -> None:
         flying = [drone.vehicle.flying for drone in loop.drones]
         if self._next_s == math.inf and any(flying):
             self._next_s = now + 10.0
@@ -92,7 +92,7 @@ class Killed:
         return self._at_s + 2.0 if self._failsafe is not None else math.inf
 
 
-def killed(loop: ClosedFleet, count: int, seed: int) -> list[Killed]:
+def killed(loop: ClosedLoop, count: int, seed: int) -> list[Killed]:
     """So many, at random instants from 10 s to 60 s after the start."""
     rng = np.random.default_rng(seed)
     drones = rng.choice(len(loop.drones), count, replace=False)
@@ -102,7 +102,7 @@ def killed(loop: ClosedFleet, count: int, seed: int) -> list[Killed]:
 
 def fly(scenario: Scenario, drones: int, plan: SearchPlan, kill: int = 0) -> Flown:
     clock, found, watch = StepClock(), dict[int, float](), Watch()
-    loop = ClosedFleet(several(scenario, drones), plan, start=0.0, stream_hz=10.0)
+    loop = ClosedLoop(several(scenario, drones), plan, start=0.0, stream_hz=10.0)
     lost = {id(one.drone.search): one for one in killed(loop, kill, scenario.seed)}
     tasks: list[Task] = [lost.get(id(task), task) for task in loop.tasks]
 
@@ -113,7 +113,7 @@ def fly(scenario: Scenario, drones: int, plan: SearchPlan, kill: int = 0) -> Flo
         return all(drone.search.outcome or id(drone.search) in lost for drone in loop.drones)
 
     run(tasks, clock, until=LIMIT_S + 120, stopped=over)
-    errors = [error for drone in loop.drones if (error := loop.error(drone)) is not None]
+    errors = [error for drone in loop.drones if (error := drone.error()) is not None]
     return Flown(found, clock.now(), max(errors, default=0.0), watch.nearest_m)
 
 

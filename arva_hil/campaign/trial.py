@@ -8,14 +8,12 @@ from typing import Final
 
 from arva_hil.clock import StepClock
 from arva_hil.config import Scenario
-from arva_hil.links import memory
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.mission import FOUND
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.simulated.closed_fleet import ClosedFleet, several
-from arva_hil.simulated.closed_loop import ClosedLoop
+from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
 
 _STREAM_HZ: Final = 10.0  # of the pose; the vehicle's streams are most of the cost of a flight
 _AROUND_S: Final = 120.0  # for the take-off
@@ -72,58 +70,42 @@ def fly(trial: Trial, log: Callable[[SearchStep], None] | None = None) -> Result
         area=trial.area,
         strip_width=trial.strip_width_m,
     )
-    if trial.drones > 1:
-        return _fly_team(trial, replace(plan, victims=1), clock)
+    team = trial.drones > 1
     loop = ClosedLoop(
-        trial.scenario,
-        plan,
-        autopilot=memory.pair(),
-        commands=memory.pair(),
-        port=memory.pair(),
+        several(trial.scenario, trial.drones) if team else trial.scenario,
+        replace(plan, victims=1) if team else plan,
         start=clock.now(),
         wind=trial.wind,
         gps_noise_m=trial.gps_noise_m,
         stream_hz=_STREAM_HZ,
         log=log,
     )
-    run(loop.tasks, clock, until=trial.limit_s + _AROUND_S, stopped=lambda: loop.over)
-    outcome, mission = loop.search.outcome, loop.search.mission
-    if mission is None:
-        how = outcome.how if outcome else f"no take-off in {_AROUND_S:g} s"
-        return Result(how, None, None, 0.0, 0.0, 0)
-    return Result(
-        mission.ended or (outcome.how if outcome else "no end"),
-        loop.error(),
-        loop.off(clock.now()) if mission.found else None,
-        mission.searched_s,
-        mission.path_m,
-        mission.frames,
-    )
-
-
-def _fly_team(trial: Trial, plan: SearchPlan, clock: StepClock) -> Result:
-    """As `fly`, with several drones, until as many transmitters as wanted are found."""
     wanted = trial.victims or len(trial.scenario.transmitters)
-    loop = ClosedFleet(
-        several(trial.scenario, trial.drones),
-        plan,
-        start=clock.now(),
-        wind=trial.wind,
-        gps_noise_m=trial.gps_noise_m,
-        stream_hz=_STREAM_HZ,
-    )
+    first = loop.drones[0]
 
     def over() -> bool:
-        return loop.over or len(loop.found) >= wanted
+        return loop.over or len(loop.found) >= wanted if team else first.decided
 
     run(loop.tasks, clock, until=trial.limit_s + _AROUND_S, stopped=over)
-    missions = [drone.search.mission for drone in loop.drones if drone.search.mission]
-    errors = [error for drone in loop.drones if (error := loop.error(drone)) is not None]
+    missions = [drone.mission for drone in loop.drones if drone.mission]
+    errors = [error for drone in loop.drones if (error := drone.error()) is not None]
+    hovers = first.mission is not None and first.mission.found is not None and not team
     return Result(
-        FOUND if len(loop.found) >= wanted else f"{len(loop.found)} of {wanted} found",
+        _team_outcome(len(loop.found), wanted) if team else _outcome(first),
         max(errors, default=None),
-        None,
+        first.off(clock.now()) if hovers else None,
         max((mission.searched_s for mission in missions), default=0.0),
-        sum(mission.path_m for mission in missions),
+        sum((mission.path_m for mission in missions), 0.0),
         sum(mission.frames for mission in missions),
     )
+
+
+def _outcome(drone: Drone) -> str:
+    outcome, mission = drone.search.outcome, drone.mission
+    if mission is None:
+        return outcome.how if outcome else f"no take-off in {_AROUND_S:g} s"
+    return mission.ended or (outcome.how if outcome else "no end")
+
+
+def _team_outcome(found: int, wanted: int) -> str:
+    return FOUND if found >= wanted else f"{found} of {wanted} found"

@@ -1,4 +1,4 @@
-"""`arva-hil demo`: flies the closed loop, on pseudo-terminals or in memory at full speed."""
+"""`arva-hil demo`: flies the closed loop of one drone or several, on pseudo-terminals or in memory at full speed."""
 
 from __future__ import annotations
 
@@ -9,19 +9,25 @@ import os
 import re
 import stat
 import tempfile
+from collections.abc import Callable
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from arva_hil.cli import common, search_report
 from arva_hil.cli.outcome import FAILED, INTERRUPTED, NO_LINK, OK, Failure, UsageError
 from arva_hil.cli.pace import Pace
-from arva_hil.cli.search_plan import plan_of
+from arva_hil.cli.search_plan import check_receivers, check_width, plan_of
 from arva_hil.cli.search_report import PICTURE
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.victims_report import name as name_of
 from arva_hil.clock import Clock, RealClock, StepClock, utc
 from arva_hil.config import Scenario
+from arva_hil.events import Event
+from arva_hil.events.searches import FromSearch, PlaceFound, SearchEnded, TransmitterChosen
+from arva_hil.events.words.sentences import sentence
+from arva_hil.events.words.text import Notice
 from arva_hil.links import LinkError, memory
 from arva_hil.links.pty import PtyLink
 from arva_hil.observers.web.address import HostPort
@@ -30,7 +36,7 @@ from arva_hil.records.writing.search_log import SEARCH_FILES, SearchLog, refuse_
 from arva_hil.registry import MAVLINK_FORMATS
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import Outcome
-from arva_hil.simulated.closed_loop import ClosedLoop, Ends
+from arva_hil.simulated.closed_loop import ClosedLoop, Drone, Wires, several
 
 KEPT_DAYS: Final = 7
 _PREFIX: Final = "arva-demo-"
@@ -80,98 +86,166 @@ def _remove(path: str) -> None:
 
 
 _AROUND_S: Final = 120.0  # for take-off and landing
+_TOLD: Final = (TransmitterChosen, PlaceFound, SearchEnded)  # of a team
 
 
 def main(options: argparse.Namespace) -> int:
     chosen = common.scenario(options, fleet=True)
     if options.web is None and not options.headless:
         options.web = HostPort()
-    if chosen.vehicles or options.count is not None:
-        from arva_hil.cli.demo_fleet import fly
+    team = bool(chosen.vehicles) or options.count is not None
+    chosen = _team(options, chosen) if team else _alone(options, chosen)
+    flown = _fly(options, chosen, team=team)
+    return _end_of_team(flown) if team else _end_alone(options, flown)
 
-        return fly(options, chosen)
-    if chosen.output_format in MAVLINK_FORMATS:
-        raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
-    if chosen.navigation_error:
-        raise UsageError(
-            "navigation_error: the demo does not support it, its vehicle reports its true pose: leave it out"
-        )
-    if not options.record:
-        options.record = str(new_folder())
-        tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")
-    check_victims(options, chosen)
-    refuse_search(Path(options.record))  # before the emulator begins its record in this folder
+
+@dataclass(frozen=True)
+class Flown:
+    """A demo at its end. `start`: on the clock, s; `complaint`: this computer was too slow; "" if it was not."""
+
+    loop: ClosedLoop
+    clock: RealClock | StepClock
+    start: float
+    log: SearchLog | None
+    code: int
+    complaint: str
+    has_page: bool
+
+
+def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
     fast = options.speed == math.inf
     clock: RealClock | StepClock = StepClock() if fast else RealClock(options.speed)
-    pace = Pace()
     with ExitStack() as stack:
-        autopilot, port = (memory.pair(), memory.pair()) if fast else _ptys(stack, clock)
+        wires = None if fast or team else [_ptys(stack, clock)]
         surroundings = stack.enter_context(
             common.Run(options, chosen, clock.epoch_us, live=not options.headless, kind="demo")
         )
-        log = SearchLog(Path(options.record))
+        log = None if team else SearchLog(Path(options.record))
         start = clock.now()
         loop = ClosedLoop(
             chosen,
             plan_of(options, chosen),
-            autopilot=autopilot,
-            commands=memory.pair(),
-            port=port,
             start=start,
+            wires=wires,
             observers=surroundings.observers,
-            tell_packets=True,
-            log=log.row,
+            tell_packets=bool(options.record),
+            emit=_news(surroundings) if team else None,
+            log=log.row if log else None,
         )
-        if not fast:
-            surroundings.printer.say(f"vehicle at {autopilot[0].name}, frames at {port[0].name}")
+        for one in wires or ():
+            surroundings.printer.say(f"vehicle at {one.autopilot[0].name}, frames at {one.port[0].name}")
+        pace = Pace(clock.now())
         code = surroundings.drive(
             loop.emulator,
             lambda: run(
                 loop.tasks if fast else [*loop.tasks, pace],
                 clock,
                 until=options.limit + _AROUND_S,
-                stopped=lambda: loop.search.outcome is not None or surroundings.stopped(),
+                stopped=lambda: loop.over or surroundings.stopped(),
             ),
         )
-    outcome = loop.search.outcome
-    if outcome is None:
-        outcome = Outcome("failed", "interrupted" if code == INTERRUPTED else "it did not end")
-    elif outcome.kind != "found":
-        code = code or FAILED
-    lines = search_report.result(outcome) + _errors(loop, clock.now())
-    if code not in (OK, INTERRUPTED) and (complaint := pace.complaint(options.speed)):
-        lines.append(complaint)
-    if surroundings.page:
-        lines.append(f"to see it again: arva-hil view {options.record}")
-    truth = loop.truth() if loop.search.origin else {}
-    for line in lines + search_report.close_log(log, outcome, code, clock.epoch_us + start * 1e6, truth):
-        tell(line)
-    return code
+    return Flown(loop, clock, start, log, code, pace.complaint(options.speed), surroundings.page is not None)
 
 
-def check_victims(options: argparse.Namespace, chosen: Scenario) -> None:
-    """Raise UsageError when more are searched for than there are."""
+def _alone(options: argparse.Namespace, chosen: Scenario) -> Scenario:
+    """Check the scenario of one drone, and choose the folder of its record. Raises UsageError."""
+    if chosen.output_format in MAVLINK_FORMATS:
+        raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
+    _check_pose(chosen, "its vehicle reports its true pose")
+    if not options.record:
+        options.record = str(new_folder())
+        tell(f"record: {options.record}, kept for {KEPT_DAYS} days; --record DIR keeps it elsewhere")
     count = len(chosen.transmitters)
     if options.victims != "all" and options.victims > count:
         there = "is one transmitter" if count == 1 else f"are {count} transmitters"
         raise UsageError(f"--victims {options.victims}: there {there} in {chosen.source or 'the scenario'}")
+    refuse_search(Path(options.record))  # before the emulator begins its record in this folder
+    return chosen
 
 
-def _errors(loop: ClosedLoop, now: float) -> list[str]:
-    """The errors of the search against the simulator's truth, in words."""
-    if loop.several:
-        return [f"{name_of(victim.id)} is {metres:.2f} m from there" for victim, metres in loop.errors().items()]
-    error, off = loop.error(), loop.off(now)
+def _team(options: argparse.Namespace, base: Scenario) -> Scenario:
+    """Return the scenario of several drones. Raises UsageError for what they cannot do."""
+    if options.victims != 1:
+        raise UsageError("--victims: several drones share the transmitters, one each: leave it out")
+    if options.count is not None and base.vehicles and options.count != len(base.vehicles):
+        raise UsageError(f"--count {options.count}: {base.source} has {len(base.vehicles)} vehicles: leave it out")
+    _check_pose(base, "its vehicles report their true poses")
+    check_receivers(base)
+    chosen = several(base, options.count or 1)
+    check_width(options, len(chosen.vehicles))
+    return chosen
+
+
+def _check_pose(chosen: Scenario, why: str) -> None:
+    if chosen.navigation_error:
+        raise UsageError(f"navigation_error: the demo does not support it, {why}: leave it out")
+
+
+def _news(surroundings: common.Run) -> Callable[[str, Event], None]:
+    """Return the receiver of the events of a team: the page, and of the most important ones the printer."""
+
+    def emit(name: str, event: Event) -> None:
+        if surroundings.page:
+            surroundings.page.observe(FromSearch(event.time_s, event, name))
+        if isinstance(event, _TOLD) and (said := sentence(event)):
+            surroundings.printer.notice(Notice(said.level, f"{name}: {said.text}"))
+
+    return emit
+
+
+def _outcome(drone: Drone, code: int) -> Outcome:
+    unended = Outcome("failed", "interrupted" if code == INTERRUPTED else "it did not end")
+    return drone.search.outcome or unended
+
+
+def _end_alone(options: argparse.Namespace, flown: Flown) -> int:
+    """Print how the search has ended, and close its log. Returns the exit code."""
+    (drone,), code, log = flown.loop.drones, flown.code, flown.log
+    assert log is not None
+    outcome = _outcome(drone, code)
+    if drone.search.outcome and outcome.kind != "found":
+        code = code or FAILED
+    lines = search_report.result(outcome) + _errors(drone, flown.clock.now())
+    if code not in (OK, INTERRUPTED) and flown.complaint:
+        lines.append(flown.complaint)
+    if flown.has_page:
+        lines.append(f"to see it again: arva-hil view {options.record}")
+    started_us = flown.clock.epoch_us + flown.start * 1e6
+    for line in lines + search_report.close_log(log, outcome, code, started_us, drone.truth()):
+        tell(line)
+    return code
+
+
+def _end_of_team(flown: Flown) -> int:
+    """Print how each search has ended, and which transmitters were not found. Returns the exit code."""
+    loop, code = flown.loop, flown.code
+    for drone in loop.drones:
+        first, *_ = search_report.result(_outcome(drone, code))
+        error = drone.error()
+        tell(f"{drone.name}: {first}" + ("" if error is None else f"; the transmitter is {error:.2f} m from there"))
+    lacking = {transmitter.id for transmitter in loop.drones[0].scenario.transmitters} - loop.found
+    if lacking:
+        tell(f"not found: {', '.join(f'transmitter {id_}' for id_ in sorted(lacking))}")
+        if code != INTERRUPTED and flown.complaint:
+            tell(flown.complaint)
+    return code or (FAILED if lacking else OK)
+
+
+def _errors(drone: Drone, now: float) -> list[str]:
+    """Return the errors of the search against the simulator's truth, in words."""
+    if drone.several:
+        return [f"{name_of(victim.id)} is {metres:.2f} m from there" for victim, metres in drone.errors().items()]
+    error, off = drone.error(), drone.off(now)
     if error is None or off is None:
         return []
     return [f"the transmitter is {error:.2f} m from there", f"the vehicle has landed {off:.2f} m from it"]
 
 
-def _ptys(stack: ExitStack, clock: Clock) -> tuple[Ends, Ends]:
-    """The autopilot's link and the receiver's: each a pseudo-terminal and a serial link opened on it."""
+def _ptys(stack: ExitStack, clock: Clock) -> Wires:
+    """Make the autopilot's link and the receiver's: each a pseudo-terminal and a serial link opened on it."""
     try:
         vehicle, receiver = (stack.enter_context(closing(PtyLink())) for _ in range(2))
     except LinkError as error:
         raise Failure(NO_LINK, f"{error}, or demo --speed max, which needs none") from None
     autopilot, port = (stack.enter_context(closing(common.open_or_fail(p.path, clock))) for p in (vehicle, receiver))
-    return (autopilot, vehicle), (port, receiver)
+    return Wires((autopilot, vehicle), memory.pair(), (port, receiver))

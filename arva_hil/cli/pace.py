@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -13,13 +12,16 @@ _BEHIND_S: Final = 0.5  # less changes nothing in a flight
 
 
 class Pace:
-    """A task of the loop that remembers how far behind its clock the loop was at worst. `worst_s`: seconds of it."""
+    """A task of the loop that remembers how far behind its clock the loop was at worst. `worst_s`: seconds of it.
+
+    `start`: of the loop, s on its clock.
+    """
 
     links: Sequence[Waitable] = ()
 
-    def __init__(self) -> None:
+    def __init__(self, start: float) -> None:
         self.worst_s = 0.0
-        self._due = math.inf
+        self._due = start
 
     def service(self, clock: Clock) -> float:
         now = clock.now()

@@ -1,44 +1,180 @@
-"""The closed loop on one machine: built-in vehicle, emulator and search, connected by links."""
+"""The closed loop on one machine: built-in vehicles, one emulator for all, and a search for each."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 from arva_hil.autopilot.following.session import Session
-from arva_hil.config import Scenario
+from arva_hil.config import Lla, ReceiverConfig, Scenario, VehicleConfig
 from arva_hil.emulator.build import moving_transmitters
+from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 from arva_hil.emulator.engine import Emulator
-from arva_hil.emulator.setup import one_vehicle
+from arva_hil.emulator.setup import VehicleSetup, one_vehicle, sink_name, vehicle_setups
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch
-from arva_hil.links import Link
+from arva_hil.links import Link, memory
+from arva_hil.model.field import LocalFrame
 from arva_hil.registry import FORMATS
 from arva_hil.runtime.audience import Audience, Observer
 from arva_hil.runtime.drivers import Live
 from arva_hil.search.flight.client import COMPONENT, SearchClient
+from arva_hil.search.mission.mission import Mission
 from arva_hil.search.mission.outcome import SearchStep
 from arva_hil.search.mission.victims import Victim
 from arva_hil.search.strategies.plan import SearchPlan
+from arva_hil.search.team.team import Bus
+from arva_hil.search.team.team_field import TeamField
 from arva_hil.simulated.messages import SENSORS
 from arva_hil.simulated.multirotor import Vector
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
 
 HOME = (46.0123, 7.7456, 1650.0)  # degrees, degrees, metres AMSL
+APART_M = 5.0  # between the vehicles of a team at the start, from west to east
 
-Ends = tuple[Link, Link]  # of one link: the program's, and the far one
+Ends = tuple[Link, Link]  # of one link
+
+
+class Wires(NamedTuple):
+    """The three links of one drone, both ends of each."""
+
+    autopilot: Ends
+    """The emulator's end, the vehicle's end."""
+    commands: Ends
+    """The search's end, the vehicle's end."""
+    port: Ends
+    """The search's end, the emulator's end."""
+
+
+def in_memory() -> Wires:
+    return Wires(memory.pair(), memory.pair(), memory.pair())
+
+
+def several(scenario: Scenario, count: int) -> Scenario:
+    """Return the scenario with one datum for all and with `count` vehicles, each with its receiver, unless it has
+    vehicles.
+    """
+    scenario = replace(scenario, datum=_datum(scenario))
+    if scenario.vehicles:
+        return scenario
+    vehicles = []
+    for n in range(count):
+        receiver = ReceiverConfig("receiver", "pty", scenario.receiver, scenario.output_format, scenario.seed + n)
+        vehicles.append(VehicleConfig(f"drone-{n + 1}", system=n + 1, receivers=(receiver,)))
+    return replace(scenario, vehicles=tuple(vehicles))
+
+
+def _datum(scenario: Scenario) -> Lla:
+    """Its own, or the place where the vehicles stand: all of them have the same, though each has its own home."""
+    return Lla(*HOME) if scenario.datum == "home" else scenario.datum
+
+
+class Berth(NamedTuple):
+    """The place of one drone at the start, and the engine's names of its links: `link` to the vehicle, `sink` for
+    frames. A drone that is alone has no name and no `system` to follow.
+    """
+
+    name: str
+    link: str
+    sink: str
+    home: tuple[float, float, float]
+    system: int | None
+    format: str
+
+
+@dataclass(frozen=True)
+class Drone:
+    """One vehicle with its search. `commands`: the vehicle's end of the link on which the search sends commands.
+
+    `emulated`: the same vehicle in the emulator of `scenario`. Distances are horizontal, in m.
+    """
+
+    name: str
+    vehicle: SimulatedVehicle
+    search: SearchClient
+    commands: Link
+    emulated: EmulatedVehicle
+    scenario: Scenario
+
+    @property
+    def mission(self) -> Mission | None:
+        return self.search.mission
+
+    @property
+    def decided(self) -> bool:
+        """True if the search has ended. The vehicle may still be in the air."""
+        return self.search.outcome is not None or (self.mission is not None and bool(self.mission.ended))
+
+    @property
+    def several(self) -> bool:
+        """True if this drone searches for more than one transmitter."""
+        return self.mission is not None and self.mission.victims.several
+
+    def truth(self) -> dict[int, tuple[float, float]]:
+        """Return the true places of the transmitters at the newest frame, by id: north and east of the take-off point.
+
+        Without a take-off point there are none.
+        """
+        origin, datum = self.search.origin, self.emulated.world.datum.frame
+        if origin is None or datum is None:
+            return {}
+        last = self.emulated.units[0].port.last
+        there = moving_transmitters(self.scenario, datum).at(last.instant_s if last else 0.0)
+        ned = [origin.ned(*datum.lla(position)) for position in there.positions]
+        return {id_: (float(n), float(e)) for id_, (n, e, _) in zip(there.ids, ned, strict=True)}
+
+    def off(self, now: float) -> float | None:
+        """Return the distance from the true place of the vehicle to the transmitter searched for."""
+        if self.search.origin is None:
+            return None
+        north, east, _ = self.search.origin.ned(*self.vehicle.truth(now).lla).tolist()
+        return self._distance((north, east))
+
+    def error(self) -> float | None:
+        """Return the distance from the reported place to the transmitter searched for; None: no place yet.
+
+        If several are searched for: the largest distance.
+        """
+        if self.several:
+            return max(self.errors().values(), default=None)
+        found = self.mission.found if self.mission else None
+        return None if found is None else self._distance((found.north, found.east))
+
+    def errors(self) -> dict[Victim, float]:
+        """Return `error` for each place that a search for several reports. No transmitter is counted twice."""
+        left, found = self.truth(), dict[Victim, float]()
+        for victim in self.mission.victims.places if self.mission else ():
+            place = victim.found[:2]
+            nearest = min(left, key=lambda id_: math.dist(place, left[id_]), default=None)
+            id_ = victim.id if victim.id in left else nearest
+            found[victim] = math.inf if id_ is None else math.dist(place, left.pop(id_))
+        return found
+
+    def _distance(self, place: tuple[float, float]) -> float | None:
+        """Return the distance from a place to the transmitter searched for; to the nearest without ids."""
+        if self.mission is None or self.mission.target is None:
+            return None
+        places = self.truth()
+        of = [places[self.mission.target]] if self.mission.target in places else places.values()
+        return min(math.dist(place, true) for true in of)
 
 
 class ClosedLoop:
-    """Remembers vehicle, emulator and search of one flight; `tasks` are for the loop.
+    """Remembers the drones of one field and their emulator; `tasks` are for the loop.
 
-    The receiver is at the true pose of the vehicle; the search uses the reported pose.
+    A scenario without vehicles has one drone. The vehicles of a scenario are a team, each with one receiver: they
+    stand in a row from west to east, 5 m apart, and divide the plan's area, which is around the middle of the row, in
+    that order; neighbours fly at different heights. Receivers are at the true pose of their vehicle; searches use the
+    reported pose.
 
-    `autopilot`, `commands`, `port`: the emulator's link to the vehicle, the search's link to it, and the receiver's
-    port (the search's end, the emulator's end). `stream_hz`: of the pose, on both links. `start`: s. `sensors`: of the
-    vehicle, besides its GPS. `tell_packets`: whether the observers get all packets, for a record.
+    `stream_hz`: of the pose, on both links. `start`: s. `sensors`: of the vehicles, besides their GPS. `wind`: NED,
+    m/s. `tell_packets`: whether the observers get all packets, for a record. `emit` gets the events of each search,
+    with its vehicle's name; by default the observers get them. `log` gets the steps of each search. `wires`: of each
+    drone; by default in memory.
     """
 
     def __init__(
@@ -46,108 +182,88 @@ class ClosedLoop:
         scenario: Scenario,
         plan: SearchPlan,
         *,
-        autopilot: Ends,
-        commands: Ends,
-        port: Ends,
         start: float,
+        wires: Sequence[Wires] | None = None,
         wind: Vector = (0.0, 0.0, 0.0),
         gps_noise_m: float = 0.0,
         sensors: int = SENSORS,
         stream_hz: float = 50.0,
         observers: Sequence[Observer] = (),
         tell_packets: bool = False,
+        emit: Callable[[str, Event], None] | None = None,
         log: Callable[[SearchStep], None] | None = None,
     ) -> None:
-        format = scenario.output_format
-        self._scenario = scenario
-        self.vehicle = SimulatedVehicle(
-            HOME, wind=wind, gps_noise_m=gps_noise_m, seed=scenario.seed, boot_time=start, sensors=sensors
-        )
-        audience = Audience(observers)
+        datum = _datum(scenario)
+        self.frame = LocalFrame(datum.lat, datum.lon, datum.alt)
+        if scenario.vehicles:
+            scenario = replace(scenario, datum=datum)
         if gps_noise_m:  # otherwise the report is the truth, and needs less time
             scenario = replace(scenario, pose="truth", navigation_error=None)
-        self.emulator = Emulator(
-            [one_vehicle(scenario, Session(rate_hz=stream_hz))],
-            start=start,
-            timeout_s=10.0,
-            tell_packets=tell_packets,
-            tell_status=bool(observers),
-        )
-
-        def emit(event: Event) -> None:
-            audience.tell([FromSearch(event.time_s, event)])
-
-        live = Live(self.emulator, {"autopilot": autopilot[0]}, {"port": port[1]}, audience)
-        self.search = SearchClient(
-            plan,
-            Session(rate_hz=stream_hz, component=COMPONENT),
-            commands[0],
-            port[0],
-            FORMATS[format].decoder(),
-            start=start,
-            emit=emit if observers else lambda _: None,
-            log=log,
-            host=getattr(FORMATS[format], "host", None),
-        )
-        simulator = Simulator([self.vehicle], [autopilot[1], commands[1]])
-        self.tasks: list[Simulator | Live | SearchClient] = [simulator, live, self.search]
+        audience = Audience(observers)
+        if emit is None:
+            emit = _teller(audience) if observers else lambda name, event: None
+        told = {"tell_packets": tell_packets, "tell_status": bool(observers)}
+        self.emulator = Emulator(_setups(scenario, stream_hz), start=start, timeout_s=10.0, **told)
+        berths = self._berths(scenario)
+        bus = Bus(TeamField(plan.area, self.frame, len(berths)))
+        make = partial(SimulatedVehicle, wind=wind, gps_noise_m=gps_noise_m, sensors=sensors, boot_time=start)
+        self.drones: list[Drone] = []
+        autopilots, ports, simulators = dict[str, Link](), dict[str, Link](), list[Simulator]()
+        for n, (berth, links) in enumerate(zip(berths, wires or [in_memory() for _ in berths], strict=True)):
+            vehicle = make(berth.home, berth.system or 1, seed=scenario.seed + n)
+            simulators.append(Simulator([vehicle], [links.autopilot[1], links.commands[1]]))
+            autopilots[berth.link], ports[berth.sink] = links.autopilot[0], links.port[1]
+            kind, mate = FORMATS[berth.format], bus.join() if scenario.vehicles else None
+            search = SearchClient(
+                mate.layered(plan) if mate else plan,
+                Session(target_system=berth.system, rate_hz=stream_hz, component=COMPONENT),
+                links.commands[0],
+                links.port[0],
+                kind.decoder(),
+                start=start,
+                emit=partial(emit, berth.name),
+                log=log,
+                host=getattr(kind, "host", None),
+                team=mate,
+            )
+            emulated = self.emulator.vehicles[n]
+            self.drones.append(Drone(berth.name, vehicle, search, links.commands[1], emulated, scenario))
+        live = Live(self.emulator, autopilots, ports, audience)
+        self.tasks: list[Simulator | Live | SearchClient] = [*simulators, live, *(one.search for one in self.drones)]
 
     @property
     def over(self) -> bool:
-        """True if the search has ended. The vehicle may still be in the air."""
-        mission = self.search.mission
-        return self.search.outcome is not None or (mission is not None and bool(mission.ended))
+        """True if every search has ended, with its vehicle landed or hovering."""
+        return all(drone.search.outcome is not None for drone in self.drones)
 
     @property
-    def several(self) -> bool:
-        """True if more than one transmitter is searched for."""
-        return self.search.mission is not None and self.search.mission.victims.several
+    def found(self) -> set[int]:
+        """The ids of the transmitters found surely."""
+        missions = [drone.mission for drone in self.drones]
+        return {m.target for m in missions if m and m.found is not None and m.sure and m.target is not None}
 
-    def truth(self) -> dict[int, tuple[float, float]]:
-        """The true places of the transmitters at the newest frame, by id: north and east [m] of the take-off point of
-        the search, which must have one.
-        """
-        (vehicle,) = self.emulator.vehicles
-        origin, datum, last = self.search.origin, vehicle.world.datum.frame, vehicle.units[0].port.last
-        assert origin is not None
-        assert datum is not None
-        there = moving_transmitters(self._scenario, datum).at(last.instant_s if last else 0.0)
-        ned = [origin.ned(*datum.lla(position)) for position in there.positions]
-        return {id_: (float(n), float(e)) for id_, (n, e, _) in zip(there.ids, ned, strict=True)}
+    def _berths(self, scenario: Scenario) -> list[Berth]:
+        if not scenario.vehicles:
+            return [Berth("", "autopilot", "port", HOME, None, scenario.output_format)]
+        berths = []
+        for n, config in enumerate(scenario.vehicles):
+            east = (n - (len(scenario.vehicles) - 1) / 2) * APART_M
+            lat, lon, alt = (float(value) for value in self.frame.lla([0.0, east, 0.0]))
+            (receiver,) = config.receivers
+            sink, system = sink_name(config, receiver), config.system or n + 1
+            berths.append(Berth(config.name, config.name, sink, (lat, lon, alt), system, receiver.output_format))
+        return berths
 
-    def off(self, now: float) -> float | None:
-        """Horizontal distance [m] from the true place of the vehicle to the transmitter searched for."""
-        if self.search.origin is None:
-            return None
-        north, east, _ = self.search.origin.ned(*self.vehicle.truth(now).lla).tolist()
-        return self.distance((north, east))
 
-    def error(self) -> float | None:
-        """Horizontal distance [m] from the reported place to the transmitter searched for; None: no place yet.
+def _setups(scenario: Scenario, stream_hz: float) -> list[VehicleSetup]:
+    if not scenario.vehicles:
+        return [one_vehicle(scenario, Session(rate_hz=stream_hz))]
 
-        If several are searched for: the largest distance.
-        """
-        if self.several:
-            return max(self.errors().values(), default=None)
-        found = self.search.mission.found if self.search.mission else None
-        return None if found is None else self.distance((found.north, found.east))
+    def session(vehicle: VehicleConfig) -> Session:
+        return Session(target_system=vehicle.system, rate_hz=stream_hz, name=vehicle.name)
 
-    def errors(self) -> dict[Victim, float]:
-        """`error` for each place that a search for several reports. No transmitter is counted twice."""
-        left, found = self.truth() if self.search.origin else {}, dict[Victim, float]()
-        for victim in self.search.mission.victims.places if self.search.mission else ():
-            place = victim.found[:2]
-            id_ = (
-                victim.id if victim.id in left else min(left, key=lambda id_: math.dist(place, left[id_]), default=None)
-            )
-            found[victim] = math.inf if id_ is None else math.dist(place, left.pop(id_))
-        return found
+    return vehicle_setups(scenario, lambda v: v.name, session)
 
-    def distance(self, place: tuple[float, float]) -> float | None:
-        """Horizontal distance [m] from a place to the transmitter searched for; to the nearest without ids."""
-        mission = self.search.mission
-        if mission is None or mission.target is None:
-            return None
-        places = self.truth()
-        of = [places[mission.target]] if mission.target in places else places.values()
-        return min(math.dist(place, true) for true in of)
+
+def _teller(audience: Audience) -> Callable[[str, Event], None]:
+    return lambda name, event: audience.tell([FromSearch(event.time_s, event, name)])

@@ -13,7 +13,6 @@ from arva_hil.clock import StepClock
 from arva_hil.config import parse
 from arva_hil.config.campaign import parse_plan
 from arva_hil.events import StatusReport
-from arva_hil.links import memory
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import SearchStep
@@ -64,11 +63,8 @@ def test_several_drones_find_one_transmitter_each_and_the_time_is_that_of_the_la
 def test_who_watches_a_flight_changes_nothing_of_it() -> None:
     def flown(observers: list[Diary]) -> list[SearchStep]:
         steps: list[SearchStep] = []
-        links = {name: memory.pair() for name in ("autopilot", "commands", "port")}
         one = parse("transmitters: [{id: 1, ned: [12, 9, 0]}]\n", "one.yaml")
-        loop = ClosedLoop(
-            one, SearchPlan(STRATEGIES["flux"]), **links, start=0.0, observers=observers, log=steps.append
-        )
+        loop = ClosedLoop(one, SearchPlan(STRATEGIES["flux"]), start=0.0, observers=observers, log=steps.append)
         run(loop.tasks, StepClock(), until=15.0)
         return steps
 

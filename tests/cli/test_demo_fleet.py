@@ -54,7 +54,7 @@ def test_a_computer_that_is_too_slow_for_the_speed_is_named_as_the_cause(arva: A
 
 
 def test_who_keeps_pace_is_not_told_that_it_did_not() -> None:
-    clock, pace = StepClock(), Pace()
+    clock, pace = StepClock(), Pace(0.0)
     clock.wait(pace.service(clock))
     assert pace.service(clock) == pytest.approx(0.2)
     clock.wait(0.4)

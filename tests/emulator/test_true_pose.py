@@ -324,18 +324,15 @@ def flown(gps_noise_m: float, seed: int, strategy: str = "estimate") -> tuple[fl
     loop = ClosedLoop(
         Scenario((Transmitter(1, ned=(14.0, 9.0, 1.0)),), seed=seed),
         SearchPlan(STRATEGIES[strategy]),
-        autopilot=memory.pair(),
-        commands=memory.pair(),
-        port=memory.pair(),
         start=clock.now(),
         gps_noise_m=gps_noise_m,
         stream_hz=10.0,
     )
-    run(loop.tasks, clock, until=600.0, stopped=lambda: loop.search.outcome is not None)
-    error, off = loop.error(), loop.off(clock.now())
+    run(loop.tasks, clock, until=600.0, stopped=lambda: loop.drones[0].search.outcome is not None)
+    error, off = loop.drones[0].error(), loop.drones[0].off(clock.now())
     assert error is not None
     assert off is not None
-    assert loop.vehicle.truth(clock.now()).ned[2] == pytest.approx(0.0, abs=0.05)
+    assert loop.drones[0].vehicle.truth(clock.now()).ned[2] == pytest.approx(0.0, abs=0.05)
     return error, off
 
 

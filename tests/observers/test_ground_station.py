@@ -18,7 +18,7 @@ from arva_hil.observers.ground_station import GroundStation
 from arva_hil.runtime.loop import run
 from arva_hil.search.strategies.estimate import Estimate
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.simulated.closed_loop import HOME, ClosedLoop
+from arva_hil.simulated.closed_loop import HOME, ClosedLoop, in_memory
 from firmware_proto import MID, Channel, Frame
 
 FRAME = Frame(1, 1, (Channel(9, MID, 4500, -40), Channel(4, MID, 2000, 10)))
@@ -117,14 +117,12 @@ def test_a_search_that_finds_shows_where_and_the_vehicle_hears_nothing_of_it() -
     loop = ClosedLoop(
         DEFAULT,
         SearchPlan(Estimate),
-        autopilot=memory.pair(),
-        commands=commands,
-        port=memory.pair(),
         start=0.0,
+        wires=[in_memory()._replace(commands=commands)],
         observers=[station],
     )
-    run(loop.tasks, clock, until=200.0, stopped=lambda: loop.search.outcome is not None)
-    found = loop.search.mission.found if loop.search.mission else None
+    run(loop.tasks, clock, until=200.0, stopped=lambda: loop.drones[0].search.outcome is not None)
+    found = loop.drones[0].search.mission.found if loop.drones[0].search.mission else None
     assert found is not None
     places = on_map(decoded(theirs))
     lat, lon, _ = (float(value) for value in LocalFrame(*HOME).lla([found.north, found.east, 0.0]))
@@ -138,9 +136,8 @@ def test_a_search_that_finds_shows_where_and_the_vehicle_hears_nothing_of_it() -
 def test_a_mark_that_somebody_forwards_to_the_autopilot_is_not_shown_any_more() -> None:
     ours, theirs = memory.pair()
     clock, commands = StepClock(), memory.pair()
-    station = GroundStation(ours, lambda: 1, 193)
-    pairs = {"autopilot": memory.pair(), "commands": commands, "port": memory.pair()}
-    loop = ClosedLoop(DEFAULT, SearchPlan(Estimate), **pairs, start=0.0, observers=[station])
+    station, wires = GroundStation(ours, lambda: 1, 193), [in_memory()._replace(commands=commands)]
+    loop = ClosedLoop(DEFAULT, SearchPlan(Estimate), start=0.0, wires=wires, observers=[station])
     shown: list[Any] = []
 
     def forwarded() -> bool:

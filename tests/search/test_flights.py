@@ -12,7 +12,6 @@ from arva_hil.clock import StepClock
 from arva_hil.config import parse
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, HeightSource, SearchPaused
-from arva_hil.links import memory
 from arva_hil.mavlink.codec import dialect
 from arva_hil.model.field.mount import Mount
 from arva_hil.model.field.rotation import from_euler
@@ -48,9 +47,6 @@ class Flight:
         self.loop = ClosedLoop(
             parse(text, "flight"),
             SearchPlan(STRATEGIES[strategy], **plan),
-            autopilot=memory.pair(),
-            commands=memory.pair(),
-            port=memory.pair(),
             start=clock.now(),
             stream_hz=10.0,
             wind=wind,
@@ -60,15 +56,15 @@ class Flight:
             log=lambda row: self._note(row.phase, clock.now()),
         )
         self._searching = True
-        run(self.loop.tasks, clock, until=1200.0, stopped=lambda: self.loop.search.outcome is not None)
-        outcome = self.loop.search.outcome
+        run(self.loop.tasks, clock, until=1200.0, stopped=lambda: self.loop.drones[0].search.outcome is not None)
+        outcome = self.loop.drones[0].search.outcome
         assert outcome is not None
         self.outcome = outcome
-        self.touchdown = self.loop.vehicle.truth(clock.now()).ned
+        self.touchdown = self.loop.drones[0].vehicle.truth(clock.now()).ned
 
     def _note(self, phase: str, now: float) -> None:
-        if phase == "flying" and not self.loop.over:
-            self.heights.append(-self.loop.vehicle.truth(now).ned[2])
+        if phase == "flying" and not self.loop.drones[0].decided:
+            self.heights.append(-self.loop.drones[0].vehicle.truth(now).ned[2])
 
     def observe(self, event: Event) -> None:
         if isinstance(event, FromSearch):
@@ -85,7 +81,7 @@ class Flight:
     @property
     def off(self) -> float | None:
         """The place reported to the transmitter, horizontally, m."""
-        return self.loop.error()
+        return self.loop.drones[0].error()
 
 
 # -- the ground --------------------------------------------------------------------------------------------

@@ -8,7 +8,6 @@ import pytest
 
 from arva_hil.clock import StepClock
 from arva_hil.config import parse
-from arva_hil.links import memory
 from arva_hil.model.field import LocalFrame
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
@@ -52,11 +51,11 @@ def test_a_transmitter_is_found_and_its_place_on_earth_said(home: Place, autopil
 def test_the_emulator_and_a_search_agree_there(monkeypatch: pytest.MonkeyPatch, home: Place) -> None:
     monkeypatch.setattr(closed_loop, "HOME", home)
     scenario = parse("spec: 1\ntransmitters: [{id: 1, ned: [9, 6, 0.5]}]", "test")
-    plan, clock, pair = SearchPlan(STRATEGIES["flux"], area=(-20, -20, 20, 20)), StepClock(), memory.pair
-    loop = ClosedLoop(scenario, plan, autopilot=pair(), commands=pair(), port=pair(), start=0.0, stream_hz=10.0)
-    run(loop.tasks, clock, until=300.0, stopped=lambda: loop.search.outcome is not None)
-    assert loop.search.outcome is not None
-    assert loop.search.outcome.kind == "found"
-    error = loop.error()
+    plan, clock = SearchPlan(STRATEGIES["flux"], area=(-20, -20, 20, 20)), StepClock()
+    loop = ClosedLoop(scenario, plan, start=0.0, stream_hz=10.0)
+    run(loop.tasks, clock, until=300.0, stopped=lambda: loop.drones[0].search.outcome is not None)
+    assert loop.drones[0].search.outcome is not None
+    assert loop.drones[0].search.outcome.kind == "found"
+    error = loop.drones[0].error()
     assert error is not None
     assert error < 1.0

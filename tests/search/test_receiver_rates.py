@@ -12,7 +12,7 @@ from arva_hil.links import Link, memory
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.strategies.plan import SearchPlan
-from arva_hil.simulated.closed_loop import ClosedLoop
+from arva_hil.simulated.closed_loop import ClosedLoop, in_memory
 from firmware_proto import Decoder, encode
 
 
@@ -47,12 +47,11 @@ def test_a_transmitter_is_found_with_a_receiver_of_any_rate(rate_hz: float, paus
         f"spec: 1\ntransmitters: [{{id: 1, enu: [12, 15, -1]}}]\nreceiver: {{rate_hz: {min(rate_hz, 50.0)}}}", "field"
     )
     taken, given = memory.pair()
-    port = taken, doubled(given) if rate_hz > 50.0 else given
+    wires = in_memory()._replace(port=(taken, doubled(given) if rate_hz > 50.0 else given))
     plan, paused, clock = SearchPlan(STRATEGIES["estimate"], area=(-30.0, -30.0, 30.0, 30.0)), Paused(), StepClock()
-    ends = {"autopilot": memory.pair(), "commands": memory.pair(), "port": port}
-    loop = ClosedLoop(scenario, plan, **ends, start=0.0, stream_hz=10.0, observers=[paused])  # type: ignore[arg-type]
-    run(loop.tasks, clock, until=400.0, stopped=lambda: loop.search.outcome is not None)
-    outcome, error_m = loop.search.outcome, loop.error()
+    loop = ClosedLoop(scenario, plan, start=0.0, wires=[wires], stream_hz=10.0, observers=[paused])
+    run(loop.tasks, clock, until=400.0, stopped=lambda: loop.drones[0].search.outcome is not None)
+    outcome, error_m = loop.drones[0].search.outcome, loop.drones[0].error()
     assert outcome is not None
     assert (outcome.kind, outcome.how) == ("found", "found")
     assert error_m is not None

@@ -32,7 +32,7 @@ from arva_hil.search.team.team_field import TeamField, divide
 from arva_hil.search.team.team_news import HeardAt, News
 from arva_hil.search.team.team_strips import strips_of
 from arva_hil.simulated.autopilot import Mode
-from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
+from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
 from firmware_proto import Channel, Frame
 
 HOME = (46.0, 7.0, 1000.0)
@@ -418,7 +418,7 @@ def test_a_vehicle_under_another_one_does_not_take_off(other: News, under: bool)
 def test_who_takes_off_late_waits_until_nobody_is_above(until_s: float, flies: bool) -> None:
     """The first one hovers above the second one's place until then; the second one waits a minute."""
     clock, plan = StepClock(), SearchPlan(STRATEGIES["flux"], area=(-20, -20, 20, 20))
-    loop = ClosedFleet(several(parse(TWO, "test"), 2), plan, start=0.0, stream_hz=10.0)
+    loop = ClosedLoop(several(parse(TWO, "test"), 2), plan, start=0.0, stream_hz=10.0)
     first, second = loop.drones
     lat, lon, alt = second.vehicle.truth(0.0).lla
     flying: list[float] = []
@@ -452,7 +452,7 @@ class Field:
     def __init__(self, strategy: str, *, pilot_of: int | None = None, pilot_s: float = math.inf) -> None:
         self.clock = StepClock()
         plan = SearchPlan(STRATEGIES[strategy], area=(-15.0, -15.0, 15.0, 15.0))
-        self.loop = ClosedFleet(several(parse(TWO, "field"), 3), plan, start=0.0, stream_hz=10.0)
+        self.loop = ClosedLoop(several(parse(TWO, "field"), 3), plan, start=0.0, stream_hz=10.0)
         self.gap_m, self.early = math.inf, set[str]()
         self.orders: dict[str, list[tuple[float, object]]] = {drone.name: [] for drone in self.loop.drones}
         self._pilot_of, self._pilot_s = pilot_of, pilot_s
@@ -494,7 +494,7 @@ def test_a_team_finds_every_transmitter_once_and_its_vehicles_keep_apart() -> No
     missions = [drone.search.mission for drone in field.loop.drones]
     ids = [mission.target for mission in missions if mission and mission.found is not None]
     assert sorted(ids, key=str) == [1, 2]
-    assert all(error is None or error < 1.5 for error in map(field.loop.error, field.loop.drones))
+    assert all(error is None or error < 1.5 for error in (drone.error() for drone in field.loop.drones))
     assert field.gap_m > 2.5
     assert not field.early
     for drone in field.loop.drones:  # nobody commands another's

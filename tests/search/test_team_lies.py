@@ -26,7 +26,7 @@ from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_field import TeamField
 from arva_hil.search.team.team_news import HeardAt, News
 from arva_hil.search.team.team_strips import strips_of
-from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
+from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
 
 HOME = (46.0, 7.0, 1000.0)
 FRAME = LocalFrame(*HOME)
@@ -80,7 +80,7 @@ class Lied:
 
     def __init__(self, lie: Lie) -> None:
         plan = SearchPlan(STRATEGIES["flux"], area=(-15.0, -15.0, 15.0, 15.0), limit_s=LIMIT_S)
-        self.loop = ClosedFleet(several(parse(TWO, "field"), 3), plan, start=0.0, stream_hz=10.0)
+        self.loop = ClosedLoop(several(parse(TWO, "field"), 3), plan, start=0.0, stream_hz=10.0)
         *self.flown, liar = self.loop.drones
         self.gap_m, self.lowest, self.outside_m = math.inf, math.inf, 0.0
         self._lie = lie
@@ -116,7 +116,7 @@ def test_beside_a_liar_two_searches_end_in_time_and_keep_off_the_ground_and_each
     for outcome, drone in zip(lied.outcomes, lied.flown, strict=True):
         assert outcome is not None, "it does not end"
         assert outcome.kind in ("found", "not sure", "not found", "failed")
-        error_m = lied.loop.error(drone)
+        error_m = drone.error()
         assert outcome.kind != "found" or (error_m is not None and error_m < 1.5)
         hovers = "hovers, because another vehicle of the team reports that it is below" in outcome.how
         assert drone.vehicle.flying == hovers, outcome.how

@@ -22,7 +22,7 @@ from arva_hil.search.team.team_field import TeamField
 from arva_hil.search.team.team_news import HeardAt, News
 from arva_hil.search.team.team_strips import strips_of
 from arva_hil.simulated.autopilot import Mode
-from arva_hil.simulated.closed_fleet import ClosedFleet, Drone, several
+from arva_hil.simulated.closed_loop import ClosedLoop, Drone, several
 
 HOME = (46.0, 7.0, 1000.0)
 FRAME = LocalFrame(*HOME)
@@ -150,7 +150,7 @@ def test_the_others_know_of_one_on_the_ground_of_one_that_its_pilot_flies_and_of
     said: list[tuple[str, Event]] = []
     plan = SearchPlan(STRATEGIES["flux"], area=(-30.0, -30.0, 30.0, 30.0))
     scenario = several(parse("spec: 2\ntransmitters: [{id: 1, ned: [-25, 25, 1]}]", "field"), 4)
-    loop = ClosedFleet(scenario, plan, start=0.0, stream_hz=10.0, emit=lambda name, event: said.append((name, event)))
+    loop = ClosedLoop(scenario, plan, start=0.0, stream_hz=10.0, emit=lambda name, event: said.append((name, event)))
     waiting, taken, lost, watching = loop.drones
     mate = watching.search._team
     assert mate is not None

@@ -12,7 +12,6 @@ from arva_hil.clock import StepClock
 from arva_hil.config import DEFAULT
 from arva_hil.events import Event
 from arva_hil.events.searches import BeliefChanged, FrameHeard, FromSearch, PlaceFound, TakeOffPoint
-from arva_hil.links import memory
 from arva_hil.model.field import LocalFrame, Mount
 from arva_hil.runtime.loop import run
 from arva_hil.search.flight.frames_told import FramesTold, take_off_point
@@ -52,13 +51,10 @@ def test_a_flight_tells_its_take_off_point_its_frames_its_beliefs_and_the_place(
     loop = ClosedLoop(
         DEFAULT,
         SearchPlan(Estimate),
-        autopilot=memory.pair(),
-        commands=memory.pair(),
-        port=memory.pair(),
         start=clock.now(),
         observers=[watcher],
     )
-    run(loop.tasks, clock, until=300.0, stopped=lambda: loop.search.outcome is not None)
+    run(loop.tasks, clock, until=300.0, stopped=lambda: loop.drones[0].search.outcome is not None)
     (point,) = (event for event in watcher.told if isinstance(event, TakeOffPoint))
     assert (point.lat, point.lon, point.alt) == pytest.approx(HOME, abs=1e-3)
     frames = [event for event in watcher.told if isinstance(event, FrameHeard)]
