@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from arva_hil.autopilot.following.received import Received
 from arva_hil.emulator import build
 from arva_hil.emulator.followed_system import FollowedSystem
 from arva_hil.emulator.formats import encoder, host_form
@@ -15,6 +14,7 @@ from arva_hil.emulator.receivers import EmulatedReceiver
 from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.emulator.world import VehicleWorld
 from arva_hil.events import Event, FrameMade, HeartbeatMissing, ReceiverStatus, VehicleStatus
+from arva_hil.mavlink.packet import Packet
 
 _SPREAD_S: Final = 0.1  # the first frames of several vehicles wait no longer than this
 
@@ -57,11 +57,12 @@ class EmulatedVehicle:
         self.next_due = start
         self._missing_from: float | None = missing_from  # None: reported, or found
 
-    def receive(self, received: Received, now: float) -> Sequence[Event]:
-        """Use what its session received at `now`."""
-        events = self.world.update(received, now)
-        self.next_due = min(self.next_due, max(self.session.next_due, now))
-        return events
+    def receive(self, packets: Sequence[Packet], now: float, sender: Hashable) -> Sequence[Event]:
+        """Use the packets of one chunk on its link."""
+        received = self.session.receive(packets, now, sender)
+        if self.session.next_due < self.next_due:
+            self.next_due = min(self.next_due, max(self.session.next_due, now))
+        return self.world.update(received, now)
 
     def receive_commands(self, link: str, data: bytes, now: float) -> None:
         """Use bytes of the host on the port of a receiver. They are answered at the next call."""

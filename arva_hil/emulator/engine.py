@@ -17,18 +17,28 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from arva_hil.emulator.emulated_vehicle import EmulatedVehicle
 from arva_hil.emulator.followed_system import FollowedSystem
 from arva_hil.emulator.ports import Output, Parcel, Port
 from arva_hil.emulator.setup import VehicleSetup
-from arva_hil.emulator.vehicle_link import Addressees, VehicleLink
 from arva_hil.events import Event, PacketsReceived, StatusReport
 from arva_hil.mavlink.codec import Packet
 
 _STATUS_S: Final = 0.25
 _SLACK_S: Final = 0.1  # a status report may be this late, to share a wake-up
+
+
+class Addressees(NamedTuple):
+    """The senders to which a link writes."""
+
+    peer: Hashable
+    """The sender of the link's only vehicle; None if it is not known, or if there are several vehicles."""
+    others: Sequence[Hashable]
+    """The senders to which the link writes without a peer: all that may be one of the vehicles."""
+
+
 _NOBODY: Final = Addressees(None, ())
 
 
@@ -78,6 +88,53 @@ class _Chunks:
             events.append(self._newest)
 
 
+class _VehicleLink:
+    """Remembers the vehicles on one link. Raises ValueError if the readers of their sessions differ.
+
+    `open_to_all`: packets count also if their sender cannot be one of the vehicles.
+    """
+
+    def __init__(self, vehicles: Sequence[EmulatedVehicle], *, open_to_all: bool) -> None:
+        self.vehicles = vehicles
+        self._sessions = [vehicle.session for vehicle in vehicles]
+        if len({id(session.reader) for session in self._sessions}) > 1:
+            raise ValueError("the sessions of vehicles on one link need the same reader")
+        self._reader = self._sessions[0].reader
+        self._open_to_all = open_to_all
+        targets = {session.target_system for session in self._sessions}
+        self._shares = [(vehicle, targets - {vehicle.session.target_system}) for vehicle in vehicles]
+
+    def read(self, data: bytes, now: float, sender: Hashable, *, whole: bool) -> list[Packet]:
+        """Split bytes into packets."""
+        stranger = False
+        if sender is not None:
+            accepted = [session.accepts(sender, now) for session in self._sessions]
+            stranger = not (self._open_to_all or any(accepted))
+        return self._reader.feed(data, now, sender, stranger=stranger, whole=whole)
+
+    def give(self, packets: Sequence[Packet], now: float, sender: Hashable) -> list[Event]:
+        """Give each vehicle its own packets, and all vehicles the packets of other systems."""
+        events: list[Event] = []
+        for vehicle, siblings in self._shares:
+            share = [packet for packet in packets if packet.system not in siblings] if siblings else packets
+            if share:
+                events += vehicle.receive(share, now, sender)
+        return events
+
+    def follows(self, sender: Hashable) -> bool:
+        """Return True if a sender may be one of the vehicles."""
+        return any(session.follows(sender) for session in self._sessions)
+
+    @property
+    def addressees(self) -> Addressees:
+        """The senders to which outputs go."""
+        first, *others = (session.senders for session in self._sessions)
+        if not others:
+            return Addressees(first.vehicle, first.candidates)
+        every = (sender for one in (first, *others) for sender in (one.vehicle, *one.candidates))
+        return Addressees(None, [sender for sender in dict.fromkeys(every) if sender is not None])
+
+
 class Emulator:
     """Remembers its vehicles, the outputs and the events. Times are seconds on the driver's clock.
 
@@ -116,10 +173,11 @@ class Emulator:
             )
             for n, setup in enumerate(vehicles)
         ]
-        self._on_link: dict[str, list[EmulatedVehicle]] = {}
+        on_link: dict[str, list[EmulatedVehicle]] = {}
         for vehicle in self.vehicles:
-            self._on_link.setdefault(vehicle.link, []).append(vehicle)
-        self._links = {link: VehicleLink([one.session for one in every]) for link, every in self._on_link.items()}
+            on_link.setdefault(vehicle.link, []).append(vehicle)
+        open_to_all = bool(self._followed)
+        self._links = {link: _VehicleLink(every, open_to_all=open_to_all) for link, every in on_link.items()}
         self._lost: set[str] = set()
         self._outputs: list[Output] = []
         self._number = 0  # of the newest output
@@ -136,30 +194,28 @@ class Emulator:
         `sender`: one of several on the link. `whole`: no packet continues in the next bytes. Returns to whom the link
         writes from now on.
         """
-        if (vehicles := self._on_link.get(link)) is None:
+        if (vehicles := self._links.get(link)) is None:
             for vehicle in self.vehicles:
                 vehicle.receive_commands(link, data, now)
             return _NOBODY
-        sessions = self._links[link]
-        packets, results = sessions.receive(data, now, sender, whole=whole, open_to_all=bool(self._followed))
+        packets = vehicles.read(data, now, sender, whole=whole)
         for followed in self._followed.values():
-            followed.on_packets(packets.accepted, now)
+            followed.on_packets(packets, now)
         if self._options.tell_packets:
-            self._chunks.add(self._events, link, sessions.recorded(packets, sender), now)
-        for number, received in results:
-            self._events += vehicles[number].receive(received, now)
-        return sessions.addressees
+            self._chunks.add(self._events, link, packets if vehicles.follows(sender) else (), now)
+        self._events += vehicles.give(packets, now, sender)
+        return _NOBODY if sender is None else vehicles.addressees
 
     def link_lost(self, link: str, why: str, now: float) -> None:
         """A link is lost: until `link_back` nothing can be sent there, and silence does not count."""
         self._lost.add(link)
-        for vehicle in self._on_link.get(link, ()):
+        for vehicle in self._vehicles_on(link):
             vehicle.session.interrupt(why)
 
     def link_back(self, link: str, now: float) -> None:
         """The link is back. Its vehicles may have rebooted."""
         self._lost.discard(link)
-        for vehicle in self._on_link.get(link, ()):
+        for vehicle in self._vehicles_on(link):
             vehicle.session.resume(now)
             vehicle.next_due = now
 
@@ -208,6 +264,10 @@ class Emulator:
                 self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
         events, self._events = self._events, []
         return events
+
+    def _vehicles_on(self, link: str) -> Sequence[EmulatedVehicle]:
+        """Return the vehicles on a link; none on a receiver's port."""
+        return self._links[link].vehicles if link in self._links else ()
 
     def _put(
         self, link: str, data: bytes, due: float, sent: tuple[EmulatedVehicle, Port, Parcel] | None = None

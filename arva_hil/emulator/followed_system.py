@@ -31,7 +31,9 @@ class FollowedSystem:
     def on_packets(self, packets: Sequence[Packet], now: float) -> None:
         """Use those packets of a chunk that are the system's."""
         for packet in packets:
-            if packet.system != self.system or packet.msgid not in _POSES or (message := decode(packet)) is None:
+            if packet.system != self.system or packet.msgid not in _POSES or packet.refused:
+                continue
+            if (message := decode(packet)) is None:
                 continue
             if self._component is None and packet.msgid == _POSITION:
                 self._component = packet.component

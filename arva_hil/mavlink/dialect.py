@@ -13,6 +13,10 @@ from typing import Any, Final, cast
 from fastcrc import crc16
 from pymavlink.dialects.v20 import ardupilotmega
 
+from arva_hil.mavlink.packet import Packet
+
+Message = Any  # pymavlink's generated classes carry no types
+
 MAVLINK_MSG_ID_CURRENT_MODE: Final = 436
 MAVLINK_MSG_ID_ESC_STATUS: Final = 291
 
@@ -155,3 +159,21 @@ def constructor(msgid: int) -> Callable[..., Any]:
     layout = layout_of(msgid)
     assert layout is not None
     return layout.make
+
+
+CRC_EXTRA: Final[dict[int, bytes]] = {k: bytes([m.crc_extra]) for k, m in ardupilotmega.mavlink_map.items()}
+_CODEC: Final = ardupilotmega.MAVLink(None)  # decodes what has text in it; without a key it remembers nothing
+
+
+def decode(packet: Packet) -> Message | None:
+    """Return the message in a packet; None if the dialect cannot decode it."""
+    raw, msgid = packet.raw, packet.msgid
+    if not packet.known or (packet.version == 1 and raw[1] < length_v1(msgid)):
+        return None
+    if layout := layout_of(msgid):  # pymavlink would verify the checksum again
+        header = 10 if packet.version == 2 else 6
+        return layout.message(raw[header : header + raw[1]])
+    try:
+        return _CODEC.decode(bytearray(raw))
+    except ardupilotmega.MAVError:
+        return None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
+
+Verdict = Literal["", "unsigned", "forged", "replayed"]
 
 
 class Packet(NamedTuple):
@@ -15,3 +17,4 @@ class Packet(NamedTuple):
     component: int
     msgid: int
     known: bool  # the dialect can decode it
+    refused: Verdict = ""  # the reason why its signature is not valid; "" also on a link without a key

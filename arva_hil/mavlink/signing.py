@@ -10,12 +10,10 @@ import hmac
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final
 
-if TYPE_CHECKING:
-    from arva_hil.mavlink.packet import Packet
+from arva_hil.mavlink.packet import Packet, Verdict
 
-Verdict = Literal["", "unsigned", "forged", "replayed"]
 Stream = tuple[int, int, int]  # link, system, component
 
 _EPOCH_US: Final = 1_420_070_400_000_000  # the start of 2015, in µs since 1970

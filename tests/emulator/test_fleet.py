@@ -118,7 +118,7 @@ def test_the_packets_of_a_shared_link_are_split_and_counted_once() -> None:
     setups = two_on_one_link(fleet(), reader)
     _, diary = sent(setups, said)
     alone = PacketReader()
-    packets = [packet for now, data in said for packet in alone.feed(data, now).every]
+    packets = [packet for now, data in said for packet in alone.feed(data, now)]
     assert (reader.bytes, reader.parser.packets) == (alone.bytes, len(packets))
     assert reader.parser.skipped == reader.parser.bad_crc == 0
     recorded = [packet for event in diary.packets for packet in event.packets]

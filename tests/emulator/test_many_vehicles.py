@@ -15,7 +15,8 @@ from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup
 from arva_hil.events import FramesLate
 from arva_hil.links import Link, memory
 from arva_hil.mavlink.codec import Encoder, dialect
-from arva_hil.mavlink.packet_reader import PacketReader, Packets
+from arva_hil.mavlink.packet import Packet
+from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
@@ -34,7 +35,7 @@ class Counted(Session):
         self.polls += 1
         return super().poll(now)
 
-    def receive(self, packets: Packets, now: float, sender: Hashable = None) -> Received:
+    def receive(self, packets: Sequence[Packet], now: float, sender: Hashable = None) -> Received:
         self.given += 1
         return super().receive(packets, now, sender)
 

@@ -13,8 +13,9 @@ from arva_hil.autopilot.following.streams import Stream, Streams
 from arva_hil.events import Event
 from arva_hil.events.reasons import NoPose, NoVehicle, SilentStream
 from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.mavlink.packet import Verdict
 from arva_hil.mavlink.packet_reader import PacketReader
-from arva_hil.mavlink.signing import Signing, Verdict
+from arva_hil.mavlink.signing import Signing
 from arva_hil.model.field import LocalFrame
 
 COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER  # 191

@@ -14,7 +14,6 @@ from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.streams import Streams
 from arva_hil.events import Event, vehicles
 from arva_hil.mavlink.codec import Packet, decode, dialect
-from arva_hil.mavlink.packet_reader import Packets
 
 _HEARTBEAT_S: Final = 1.0
 _LOST_S: Final = 5.0  # without a heartbeat
@@ -63,26 +62,34 @@ class Session(FollowedVehicle):
         """Return True if the vehicle uses this sender; also while there is no vehicle."""
         return self.vehicle is None or bool(sender == self.senders.vehicle)
 
-    def receive(self, packets: Packets, now: float, sender: Hashable = None) -> Received:
+    def receive(self, packets: Sequence[Packet], now: float, sender: Hashable = None) -> Received:
         """Use the packets of one chunk, which the link's `reader` has split and checked."""
-        if not self.accepts(sender, now):
-            self._on_strangers(packets.every, now)
+        if sender != self.senders.vehicle and not self.accepts(sender, now):
+            self._on_strangers(packets, now)
             return Received(events=self._emitted())
-        for packet, why in packets.refused:
-            if why not in self._disbelieved:  # each reason is reported once, with the first sender
-                self._disbelieved.add(why)
-                self._emit(vehicles.SignatureRefused(now, self.name, packet.system, packet.component, why))
         own: list[Packet] = []
         others: list[Packet] = []
-        for packet in packets.accepted:
-            (own if self._on_packet(packet, now, sender) else others).append(packet)
+        refused: list[Packet] = []
+        for packet in packets:
+            vehicle, msgid = self.vehicle, packet.msgid
+            if packet.refused:
+                refused.append(packet)
+                self._on_refused(packet, now)
+            elif vehicle is None or msgid == _HEARTBEAT:
+                (own if self._look_around(packet, now, sender) else others).append(packet)
+            elif vehicle.sent(packet) and sender == self.senders.vehicle:
+                own.append(packet)
+                if msgid in _DECODED and (message := decode(packet)) is not None:
+                    self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)
+            else:
+                self.ignored += 1
+                others.append(packet)
         if sender is not None and own:
             self.senders.hear(sender, now)
         if self._extras and (streams := self._streams):
             for packet in own:
                 if packet.msgid in streams.extra_ids:
                     streams.note(packet.msgid, now)
-        refused = [packet for packet, _ in packets.refused] if packets.refused else ()
         return Received(own, others, refused, self._emitted())
 
     def want(self, streams: Mapping[int, float]) -> None:
@@ -150,17 +157,12 @@ class Session(FollowedVehicle):
         self._events.clear()
         return events
 
-    def _on_packet(self, packet: Packet, now: float, sender: Hashable) -> bool:
-        """Use a packet. Returns True if it is the vehicle's."""
-        (_, _, _, system, component, msgid, _), vehicle = packet, self.vehicle
-        if vehicle is None or msgid == _HEARTBEAT:
-            return self._look_around(packet, now, sender)
-        if system != vehicle.system or component != vehicle.component or sender != self.senders.vehicle:
-            self.ignored += 1
-            return False
-        if msgid in _DECODED and (message := decode(packet)) is not None:
-            self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)
-        return True
+    def _on_refused(self, packet: Packet, now: float) -> None:
+        """Report each reason to refuse packets once, with the first sender."""
+        if packet.refused not in self._disbelieved:
+            self._disbelieved.add(packet.refused)
+            about = packet.system, packet.component, packet.refused
+            self._emit(vehicles.SignatureRefused(now, self.name, *about))
 
     def _look_around(self, packet: Packet, now: float, sender: Hashable) -> bool:
         """Use a heartbeat, or any packet before the vehicle is known. Returns True if it is the vehicle's."""
