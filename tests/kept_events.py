@@ -8,7 +8,7 @@ from typing import Any
 from arva_hil.autopilot.following.received import Received
 from arva_hil.autopilot.following.session import Session
 from arva_hil.events import Event
-from arva_hil.mavlink.packet_reader import Packets
+from arva_hil.mavlink.packet import Packet
 
 
 class KeepingSession(Session):
@@ -18,7 +18,7 @@ class KeepingSession(Session):
         super().__init__(**options)
         self.kept: list[Event] = []
 
-    def receive(self, packets: Packets, now: float, sender: Hashable = None) -> Received:
+    def receive(self, packets: Sequence[Packet], now: float, sender: Hashable = None) -> Received:
         received = super().receive(packets, now, sender)
         self.kept += received.events
         return received
