@@ -62,45 +62,47 @@ def _say(name: str, known: Iterable[str], typed: Iterable[str]) -> str:
 
 
 COMMANDS: Final = {
-    "run": "emulate the receiver: reads the autopilot, sends frames (the default command)",
-    "replay": "the same from a recorded flight (.tlog), at any speed",
-    "demo": "a simulated vehicle searches for a transmitter and finds it; no hardware",
-    "search": "find the victim: reads the receiver's port, flies the autopilot",
-    "report": "a page about a record, or two side by side",
-    "plot": "draw a record: track, distance, timeline, lateness, rates",
+    "run": "emulate the receiver (the default command)",
+    "replay": "emulate the receiver from a recorded flight (.tlog)",
+    "demo": "search and find a transmitter, all simulated; no hardware",
+    "search": "find the victim: read the receiver's port, fly the autopilot",
+    "report": "write a page about a record, or about two side by side",
+    "plot": "draw a record or a campaign",
     "export": "write a record for maps, spreadsheets and other programs",
-    "range-test": "carry the scenario's receiver towards a transmitter: how far it hears",
+    "range-test": "measure at which distance the scenario's receiver detects",
     "campaign": "fly a plan of many trials and compare the strategies",
     "listen": "decode and print frames, like a consumer",
-    "command": "send a command to a receiver, e.g. mark 3, and print its answer",
-    "view": "look at a record on a page in a browser, with a slider for the time",
+    "command": "send a command to a receiver, e.g. mark 3, print its answer",
+    "view": "show a record on a page in a browser, with a time slider",
     "check": "validate scenario files",
-    "vehicle": "run the built-in simulated vehicle alone, on one or more links",
+    "vehicle": "run the built-in simulated vehicle alone",
     "scenarios": "list the built-in scenarios",
     "ports": "list the serial ports",
     "doctor": "find what is wrong with the links, and the cure",
-    "config": "show the settings of `run`, and where each value comes from",
-    "completion": "print a script that completes command lines in bash, zsh or fish",
+    "config": "show the settings of `run`, and the source of each value",
+    "completion": "print a script that completes command lines in a shell",
 }
 HELP: Final = """\
 usage: arva-hil [COMMAND] [OPTIONS]
 
-Emulates an avalanche transceiver (ARVA) receiver on a drone: reads the autopilot's
-MAVLink position and attitude, and sends the frames that a real receiver would send there.
+Emulates an avalanche transceiver (ARVA) receiver on a drone: reads the
+autopilot's MAVLink position and attitude, and sends the frames that a real
+receiver would send there.
 
 commands:
 {commands}
 
 examples:
-  arva-hil --port /dev/ttyUSB0                      frames to a serial port; finds the autopilot on USB
+  arva-hil --port /dev/ttyUSB0      frames to a serial port; autopilot on USB
   arva-hil --port pty:/tmp/arva0 --autopilot udpin:127.0.0.1:14550
   arva-hil replay flight.tlog --out frames.bin
   arva-hil demo
 
-`arva-hil COMMAND --help` shows the options of a command. Most can also be set in the environment
-as ARVA_HIL_<OPTION>. A warning names variables that begin so and are not an option of any command.
-Exit codes: 0 ok, 1 failed while running, 2 usage or configuration, 3 no link or no heartbeat in
-time, 130 interrupted."""
+`arva-hil COMMAND --help` shows the options of a command. Most options can also
+be set in the environment as ARVA_HIL_<OPTION>. A variable of that form that is
+no option of any command causes a warning.
+Exit codes: 0 ok, 1 failed while running, 2 usage or configuration, 3 no link or
+no heartbeat in time, 130 interrupted."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -21,8 +21,30 @@ DEFAULT_AUTOPILOT: Final = "udpin:127.0.0.1:14550"
 _LINKS: Final = ("--autopilot", "--port", "--receiver", "--link")  # options whose value may have a baud rate
 _BAUD: Final = ("--baud", "--baudrate", "--baud-rate")
 PREFIX: Final = "ARVA_HIL_"
-# argparse makes one for each option, to check it; without a width it would ask for the terminal's, with slow imports.
-_formatter: Final = partial(argparse.RawDescriptionHelpFormatter, width=80)
+_WIDTH: Final = 80  # columns of the help
+_ALL: Final = "--help-all"
+
+
+class HelpFormatter(argparse.HelpFormatter):
+    """A formatter that wraps between words only, and keeps paragraphs and indented lines of a description.
+
+    argparse makes one for each option. Without a width it would ask for the terminal's, with slow imports.
+    """
+
+    def _split_lines(self, text: str, width: int) -> list[str]:
+        import textwrap  # slow to import
+
+        return textwrap.wrap(" ".join(text.split()), width, break_long_words=False, break_on_hyphens=False)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        paragraphs = []
+        for paragraph in text.split("\n\n"):
+            kept = any(line.startswith(" ") or "  " in line for line in paragraph.splitlines())
+            paragraphs += [*(paragraph.splitlines() if kept else self._split_lines(paragraph, width)), ""]
+        return "\n".join(indent + line for line in paragraphs[:-1])
+
+
+_formatter: Final = partial(HelpFormatter, width=_WIDTH)
 _NUMBER: Final = r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][-+]?[0-9]+)?|inf"
 
 
@@ -31,6 +53,8 @@ class CommandParser(argparse.ArgumentParser):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(formatter_class=_formatter, allow_abbrev=False, **kwargs)
+        self._usual: Sequence[str] = ()  # the flags that --help shows; all without groups
+        self._group: argparse._ActionsContainer = self
         self._environment: dict[str, argparse.Action] = {}
         self.typed_only: list[str] = []  # flags without an environment variable
         self._given: Sequence[str] = ()
@@ -64,11 +88,21 @@ class CommandParser(argparse.ArgumentParser):
             more["action"], default = "store_true", False
         if "default" not in help and isinstance(default, int | float | str) and "action" not in more:
             help += f"; default {default if isinstance(default, str) else f'{default:g}'}"
-        action = self.add_argument(*flags, default=default, help=help, **more)
+        into = self if flags[0] in self._usual else self._group
+        action = into.add_argument(*flags, default=default, help=help, **more)
         if environment:
             self._environment[PREFIX + action.dest.upper()] = action
         else:
             self.typed_only += flags
+
+    def usual(self, flags: str) -> None:
+        """Name the flags that `--help` shows. `--help-all` shows the others too, in groups."""
+        self._usual = flags.split()
+        self.add_argument(_ALL, action="help", help="show all options and exit")
+
+    def group(self, title: str) -> None:
+        """Put the options that follow into a group of `--help-all`, if they are not usual."""
+        self._group = self.add_argument_group(title)
 
     @property
     def arguments(self) -> Sequence[argparse.Action]:
@@ -83,6 +117,8 @@ class CommandParser(argparse.ArgumentParser):
     def parse(self, arguments: Sequence[str], environment: Mapping[str, str] | None = None) -> argparse.Namespace:
         """Parse the command line and the environment. Raises UsageError."""
         environment = os.environ if environment is None else environment
+        if not self._usual:
+            arguments = ["--help" if argument == _ALL else argument for argument in arguments]
         self._given = arguments
         weaker: list[str] = []
         for name, action in self._environment.items():
@@ -125,8 +161,19 @@ class CommandParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(action, str(error)) from None
 
     def format_help(self) -> str:
-        self.formatter_class = argparse.RawDescriptionHelpFormatter  # as wide as the terminal
-        return super().format_help()
+        """Return the help: of the usual options alone, unless --help-all was given."""
+        shown = {"-h", "--help", _ALL, *self._usual}
+        hidden = [one for one in self._actions if one.option_strings and not shown & set(one.option_strings)]
+        if not self._usual or _ALL in self._given:
+            return super().format_help()
+        kept = [(one, one.help) for one in hidden]
+        for one in hidden:
+            one.help = argparse.SUPPRESS
+        try:
+            return super().format_help() + f"\n{len(hidden)} more options: {self.prog} {_ALL}\n"
+        finally:
+            for one, text in kept:
+                one.help = text
 
     def _print_message(self, message: str, file: object = None) -> None:
         """Print the help on stdout. argparse itself hides an error of stdout."""

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from arva_hil.cli.main import COMMANDS
 from tests.every import every
 
 DATA = Path(__file__).parent.parent / "data"
@@ -140,3 +142,34 @@ def test_a_rate_must_leave_room_for_the_scenarios_jitter(arva: Arva, tmp_path: P
     code, _, err = arva("replay", LOG, "--scenario", file, "--rate", 10)
     assert code == 2
     assert "--rate 10: the scenario's jitter_s of 0.1 is not less than half the period" in err
+
+
+HELPS = [(), *((command,) for command in COMMANDS)]
+
+
+@pytest.mark.parametrize("command", HELPS)
+@pytest.mark.parametrize("flag", ["--help", "--help-all"])
+def test_help_has_80_columns_and_whole_words(arva: Arva, command: tuple[str, ...], flag: str) -> None:
+    if not command and flag == "--help-all":
+        return
+    code, out, err = arva(*command, flag)
+    assert (code, err) == (0, "")
+    assert [line for line in out.splitlines() if len(line) > 80] == []
+    assert not re.search(r"\w-$", out, re.MULTILINE), "a word is broken at its hyphen"
+
+
+def options_in(text: str) -> list[str]:
+    """The options that a help explains."""
+    return re.findall(r"^  (?:-\w.*, )?(--[a-z-]+)", text, re.MULTILINE)
+
+
+@pytest.mark.parametrize("command", ["run", "replay", "demo", "search"])
+def test_help_shows_the_ten_usual_options_and_help_all_the_rest_in_groups(arva: Arva, command: str) -> None:
+    few, every = arva(command, "--help").out, arva(command, "--help-all").out
+    usual = options_in(few)
+    assert len(usual) == 12  # with --help and --help-all
+    assert options_in(every)[:12] == usual, "they come first"
+    rest = len(options_in(every)) - len(usual)
+    assert few.endswith(f"\n{rest} more options: arva-hil {command} --help-all\n")
+    assert "\noutput:\n" in every
+    assert len(few.splitlines()) <= 60

@@ -18,7 +18,7 @@ def check(parser: CommandParser) -> None:
     summary.
     """
     parser.add_argument("files", nargs="*", metavar="FILE", help="scenario, plan of a campaign or profile (YAML)")
-    schema = "print the JSON Schema of these files, for editors, and check nothing; default: scenario"
+    schema = "print the JSON Schema of these files for editors instead; default: scenario"
     kinds = ("scenario", "campaign", "receiver", "transmitter")
     parser.option("--schema", schema, environment=False, const="scenario", choices=kinds)
 
@@ -31,9 +31,12 @@ def scenarios(parser: CommandParser) -> None:
 def completion(parser: CommandParser) -> None:
     """Print a script that completes commands, options and file names in a shell.
 
-    bash:  eval "$(arva-hil completion bash)"                      in ~/.bashrc
-    zsh:   arva-hil completion zsh > ~/.zfunc/_arva-hil            with ~/.zfunc in $fpath, before compinit
-    fish:  arva-hil completion fish > ~/.config/fish/completions/arva-hil.fish
+    bash, in ~/.bashrc:
+      eval "$(arva-hil completion bash)"
+    zsh, with ~/.zfunc in $fpath before compinit:
+      arva-hil completion zsh > ~/.zfunc/_arva-hil
+    fish:
+      arva-hil completion fish > ~/.config/fish/completions/arva-hil.fish
     """
     parser.add_argument("shell", choices=SHELLS, metavar="SHELL", help="bash, zsh or fish")
 
@@ -49,19 +52,18 @@ def campaign(parser: CommandParser) -> None:
     parser.option("--out DIR", "folder of the results and the report; default: PLAN-results")
     parser.option("--jobs N", "number of processes; default: one for each core", whole(1, 1024))
     parser.option("--scheduler tcp://HOST:PORT", "run on a Dask cluster instead", scheduler)
-    part = "fly only the K-th of N parts of the plan, which has every N-th seed; default folder: PLAN-results-K-of-N"
+    part = "fly only part K of N of the plan, every N-th seed; default folder: PLAN-results-K-of-N"
     parser.option("--shard K/N", part, shard)
-    parser.option("--merge DIR", "fly nothing: copy the results in these folders, and write the report", nargs="+")
+    parser.option("--merge DIR", "fly nothing: copy the results of these folders and write the report", nargs="+")
     parser.option("--dry-run", "list the trials, without flying or writing")
     parser.option("--json", "print a JSON object for each trial on stdout")
 
 
 def report(parser: CommandParser) -> None:
-    """Write a report of a record: one HTML page that needs no other file, so that it can be sent by mail.
+    """Write a report of a record: one HTML page that needs no other file, and can be sent by mail.
 
-    RUN is a folder that --record has written. Two records are shown side by side. Of a folder with several records
-    all are shown.
-    Its pictures need matplotlib: pip install 'arva-hil[plots]'.
+    RUN is a folder that --record has written. The page shows two records side by side, and all records of a folder
+    of records. Its pictures need matplotlib: pip install 'arva-hil[plots]'.
     """
     parser.add_argument("run", metavar="RUN", help="folder of a record, or a folder with records in it")
     parser.add_argument("other", nargs="?", metavar="RUN2", help="another record, to compare")
@@ -69,14 +71,16 @@ def report(parser: CommandParser) -> None:
 
 
 def plot(parser: CommandParser) -> None:
-    """Draw a record: the track over flux lines, d against the true range, a timeline, lateness, rates of the streams.
+    """Draw a record or a campaign.
 
-    RUN is a folder that --record has written. It needs matplotlib: pip install 'arva-hil[plots]'.
+    RUN is a folder that --record has written: track over flux lines, d against the true range, timeline, lateness,
+    rates of the streams. Or it is the folder of a campaign's results: success, time, error. Needs matplotlib: pip
+    install 'arva-hil[plots]'.
     """
-    parser.add_argument("run", metavar="RUN", help="folder of a record")
+    parser.add_argument("run", metavar="RUN", help="folder of a record or of a campaign's results")
     parser.option(
         "--out DIR|FILE",
-        "a folder for one file a picture, or a file that ends with .png, .svg or .pdf for all on one sheet; "
+        "folder for one file per picture, or a file name that ends with .png, .svg or .pdf for one sheet; "
         "default: the folder RUN/plots",
     )
     what, kinds = "format of the pictures in a folder; default png", ("png", "svg", "pdf")
@@ -86,12 +90,12 @@ def plot(parser: CommandParser) -> None:
 def export(parser: CommandParser) -> None:
     """Write a record for maps, spreadsheets and other programs.
 
-    RUN is a folder that --record has written. The place found is a point, and an ellipse around it of 95 % probability.
+    RUN is a folder that --record has written. The place found is a point, with the ellipse of 95 % probability.
     """
     parser.add_argument("run", metavar="RUN", help="folder of a record")
-    names = f"{', '.join(EXPORTS)}; default: what the name of FILE ends with"
+    names = f"{', '.join(EXPORTS)}; default: the ending of FILE"
     parser.option("--format NAME", names, kind(EXPORTS), environment=False, dest="export_format")
-    parser.option("--out FILE", "file to write, which is replaced if it is there; - is stdout")
+    parser.option("--out FILE", "file to write, which replaces an older one; - is stdout")
 
 
 def view(parser: CommandParser) -> None:

@@ -14,14 +14,19 @@ HOME = (46.0123, 7.7456, 1650.0)
 
 def run(parser: CommandParser) -> None:
     """Emulate the receiver: read the autopilot's MAVLink packets, send the receiver's frames."""
-    parser.option("--port URL", "where frames go: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:…, tcp:…, -", link)
+    parser.usual("--port --autopilot --scenario --format --rate --fault --duration --record --web --json")
+    where = "link for the frames: /dev/ttyUSB0[,BAUD], pty[:LINK], udpout:HOST:PORT, tcp:HOST:PORT, or - for stdout"
+    parser.option("--port URL", where, link)
+    parser.group("autopilot")
     shared.add_autopilot(parser)
-    shared.add_scenario(parser)
     shared.add_target(parser)
     shared.add_signing(parser)
     shared.add_max_age(parser)
+    parser.option("--timeout S", "end if no heartbeat comes in this time", number(0.1, math.inf, " of s"), 10.0)
+    parser.group("scenario")
+    shared.add_scenario(parser)
     shared.add_duration(parser)
-    parser.option("--timeout S", "give up if no heartbeat comes in this time", number(0.1, math.inf, " of s"), 10.0)
+    parser.group("output")
     shared.add_common(parser)
 
 
@@ -38,13 +43,19 @@ def config(parser: CommandParser) -> None:
 
 def replay(parser: CommandParser) -> None:
     """Replay a recorded flight through the emulator. The same log, scenario and seed give the same bytes."""
+    parser.usual("--port --out --speed --scenario --format --rate --fault --record --web --json")
     parser.add_argument("log", metavar="LOG.tlog", help="MAVLink telemetry log")
-    parser.option("--port URL", "send the frames there, at the speed of the log unless --speed is given", link)
+    parser.option(
+        "--port URL", "link for the frames, which are sent at the speed of the log unless --speed is given", link
+    )
     parser.option("--out FILE", "write the frames to a file; - is stdout")
     parser.option("--speed N|max", "multiple of real time; default 1 with --port, else max", speed)
+    parser.group("scenario")
     shared.add_scenario(parser)
+    parser.group("autopilot")
     shared.add_target(parser)
     shared.add_max_age(parser)
+    parser.group("output")
     shared.add_common(parser)
 
 
@@ -70,7 +81,7 @@ def vehicle(parser: CommandParser) -> None:
 def doctor(parser: CommandParser) -> None:
     """Find what is wrong with the links, and the cure. Opens both sides as `run` would, and prints each finding."""
     shared.add_autopilot(parser)
-    parser.option("--port URL", "where frames go; without it only the autopilot is examined", link)
+    parser.option("--port URL", "link for the frames; without it only the autopilot is examined", link)
     shared.add_format(parser, default="binary")
     shared.add_target(parser)
     shared.add_signing(parser)

@@ -16,60 +16,70 @@ _MOST_VICTIMS = 16
 def search(parser: CommandParser) -> None:
     """Search for the victim: read the receiver's port, fly the vehicle to the transmitter, and land there.
 
-    The vehicle arms, takes off, searches and lands by itself. The pilot can take it back at any time. With the mode
-    switch: the search gives no more orders. By moving a stick: the vehicle stops, the search orders LOITER (PX4: Hold)
-    once, and nothing after that. After Ctrl-C the vehicle hovers; a landing that has begun goes on.
-    If the receiver is unplugged, the vehicle hovers and the search looks for the receiver. If the autopilot's link is
-    lost before arming, the search looks for it; if it is lost later, the vehicle is left to its own failsafe.
-    A simulator says that it is one. Any other vehicle is armed only if somebody types yes at the terminal, or with
-    --yes; without either the search ends with 2.
-    On the bench: take the propellers off. Serial ports of flight controllers have 3.3 V levels, not 5 V, not RS-232.
-    Say who has the sticks: one person, with a thumb on the mode switch, who does nothing else. Try --dry-run first:
-    it orders nothing.
-    Exit codes: 0 found (all that --victims asks for), or a dry run that would have flown, 1 not sure, not found or
-    failed, 2 usage or not allowed to arm, 3 no autopilot or no frames, 130 interrupted.
+    Before a flight: take the propellers off on the bench. The serial ports of flight controllers have 3.3 V levels,
+    not 5 V and not RS-232. One person holds the sticks, with a thumb on the mode switch, and does nothing else. Try
+    --dry-run first: it sends no command.
+
+    The vehicle arms, takes off, searches and lands by itself. A simulator identifies itself as one. For any other
+    vehicle, search asks at the terminal before it arms, or needs --yes; without either it ends with 2.
+
+    The pilot can take over at any time. Mode switch: the search sends no more commands. Stick: the vehicle stops, the
+    search requests LOITER (PX4: Hold) once, and sends nothing after that. Ctrl-C: the vehicle hovers; a landing that
+    has begun continues.
+
+    If the receiver is unplugged, the vehicle hovers and the search reopens the port. If the autopilot's link is lost
+    before arming, the search reopens it. If it is lost after arming, the vehicle's own failsafe takes over.
+
+    Exit codes: 0 found (all that --victims asks for), or a dry run that would have flown; 1 not sure, not found or
+    failed; 2 usage or not allowed to arm; 3 no autopilot or no frames; 130 interrupted.
     """
+    parser.usual("--autopilot --receiver --strategy --victims --height --take-off --area --limit --dry-run --record")
     parser.option("--autopilot --master URL", "link to the autopilot", link)
-    parser.option("--receiver URL", "the receiver's port", link)
+    parser.option("--receiver URL", "link to the receiver's port", link)
+    parser.group("search")
     shared.add_format(parser, default="binary", without=MAVLINK_FORMATS)
     add_plan(parser)
-    team = "a scenario of spec 2: its vehicles divide the area, around its datum; its transmitters are not used"
+    parser.group("several vehicles")
+    team = "scenario of spec 2: its vehicles divide the area around its datum; its transmitters are not used"
     parser.option("--scenario FILE", f"{team}; has no ARVA_HIL_ variable", environment=False)
-    one = "fly only this vehicle of the scenario; other programs fly the others; they tell each other by MAVLink TUNNEL"
+    one = "fly only this vehicle of the scenario; other programs fly the others and exchange data by MAVLink TUNNEL"
     parser.option("--vehicle NAME", one, environment=False)
-    parser.option("--end", "what to do at the end", None, "land", choices=("land", "hover"))
+    parser.group("start and end of the flight")
     seconds = number(0.1, math.inf, " of s")
-    until = "give up if both links, a heartbeat, frames and a pose are not there this long after the start"
+    until = "end if both links, a heartbeat, frames and a pose are not there this long after the start"
     parser.option("--timeout S", until, seconds, 60.0)
-    parser.option("--arm-timeout S", "give up if the autopilot does not arm in this time", seconds, 60.0)
+    parser.option("--arm-timeout S", "end if the autopilot does not arm in this time", seconds, 60.0)
+    parser.option("--countdown S", "count down this long before arming, when all is ready", number(0, 60, " of s"), 3.0)
     yes = "arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable"
     parser.option("--yes", yes, environment=False)
     parser.option(
         "--dry-run",
-        "wait for everything, check everything, print what would be asked and ordered, with the set-points for the "
-        "readings of 5 s, and end; nothing is armed or moved: only heartbeats and questions are sent (streams, "
-        "parameters, whether it is a simulator)",
+        "check everything, print the question and the commands of the flight, with set-points for 5 s of readings, "
+        "and end; search arms and moves nothing: it sends only heartbeats and requests (streams, parameters, "
+        "the simulator's identity)",
     )
-    parser.option("--countdown S", "count down this long before arming, when all is ready", number(0, 60, " of s"), 3.0)
     parser.option(
         "--take-over",
-        "begin in the air: take a vehicle that hovers, armed, in AUTO, GUIDED, LOITER or BRAKE (PX4: mission or "
-        "hold), for a second and 1 m above home at least; has no ARVA_HIL_ variable",
+        "start in the air: take over an armed vehicle that hovers for 1 s, at least 1 m above home, in AUTO, GUIDED, "
+        "LOITER or BRAKE (PX4: mission or hold); has no ARVA_HIL_ variable",
         environment=False,
     )
+    parser.option("--end", "action at the end", None, "land", choices=("land", "hover"))
+    parser.group("autopilot")
     shared.add_target(parser)
     shared.add_signing(parser)
     parser.option("--stream-rate HZ", "rate of position and attitude to request", number(4, 50, " of Hz"), 10.0)
+    parser.group("output")
     shared.add_live(parser)
     parser.option(
         "--gcs URL",
-        "show the place found, as ADSB_VEHICLE, and readings on a ground station: a link of its own, which nobody "
-        "forwards to an autopilot, e.g. udpout:127.0.0.1:14555",
+        "send the place found, as ADSB_VEHICLE, and readings to a ground station: a separate link that is not "
+        "forwarded to an autopilot, e.g. udpout:127.0.0.1:14555",
         link,
     )
-    parser.option("--record DIR", "record the flight, how it ended and a picture into DIR")
+    parser.option("--record DIR", "record the flight, its outcome and a picture in the folder DIR")
     shared.add_web(parser)
-    parser.option("--json", "print how the search ended as a JSON object on stdout")
+    parser.option("--json", "print the outcome of the search as a JSON object on stdout")
 
 
 def demo(parser: CommandParser) -> None:
@@ -77,12 +87,16 @@ def demo(parser: CommandParser) -> None:
 
     Unless --speed is max, the vehicle's link and the receiver's port are pseudo-terminals.
     """
+    parser.usual("--speed --headless --count --strategy --victims --height --area --scenario --record --web")
     parser.option("--speed N|max", "multiple of real time", speed, 1.0)
     parser.option("--headless", "print plain lines only, without a live status")
     count = "number of drones that divide the area, 5 m apart at the start; default 1, or the scenario's vehicles"
     parser.option("--count N", count, whole(1, 64))
+    parser.group("search")
     add_plan(parser)
+    parser.group("scenario")
     shared.add_scenario(parser)
+    parser.group("output")
     shared.add_common(parser, web="on, with --headless off")
 
 
@@ -92,40 +106,39 @@ def add_plan(parser: CommandParser) -> None:
     parser.option("--strategy NAME", names, kind(STRATEGIES), "estimate")
     parser.option(
         "--victims N|all",
-        "number of transmitters to find, one after the other; all: every one that is heard from the strips of the "
-        "whole area",
+        "number of transmitters to find, one after the other; all: every one that the receiver detects from the strips "
+        "of the whole area",
         victims,
         1,
     )
     parser.option("--max-speed M/S", "largest horizontal speed", number(0.2, 10, " of m/s"), 1.0)
     metres, seconds = number(0.3, 100, " of m"), number(1, 86400, " of s")
     parser.option("--height M", "height above the ground to hold", metres, 3.0)
-    trust = "hold --height also if only GPS tells the height; without this option the vehicle then flies 3 sigma higher"
+    trust = "hold --height also if only GPS measures the height; otherwise the vehicle then flies 3 sigma higher"
     parser.option("--trust-height", trust)
     parser.option("--take-off M", "height of the take-off", metres, 3.0)
     parser.option(
         "--mount X,Y,Z[,R,P,Y]",
-        "where the receiver sits on the vehicle, m forward, right and down of its centre, and its roll, pitch and "
-        "yaw there, degrees; default 0,0,0,0,0,0",
+        "place of the receiver on the vehicle: m forward, right and down of its centre; then roll, pitch and yaw in "
+        "degrees; default 0,0,0,0,0,0",
         mount,
         (0.0,) * 6,
     )
     parser.option(
         "--area S,W,N,E",
-        "area to search in strips before the first signal, m from the take-off point; if the vehicle is 100 m outside "
-        "it, the search ends; "
-        "default=-50,-50,50,50",
+        "area to search in strips before the first signal: south, west, north, east of the take-off point, m; the "
+        "search ends if the vehicle is 100 m outside; default=-50,-50,50,50",
         area,
         (-50.0, -50.0, 50.0, 50.0),
     )
     parser.option(
         "--strip-width M|auto|PROFILE",
-        "width of the strips; auto: as wide as the scenario's receiver allows for the weakest transmitter; the profile "
-        "of a receiver (a file or builtin:NAME): as wide as that one allows",
+        "width of the strips; auto: the largest at which the scenario's receiver detects the weakest transmitter; a "
+        "receiver profile (a file or builtin:NAME): the largest for that receiver",
         strip_width,
         40.0,
     )
-    silent = "if no frames come or the strategy does not answer, hover this long, then end"
+    silent = "hover this long, then end, if no frames come or the strategy does not answer"
     parser.option("--patience S", silent, seconds, 10.0)
     parser.option("--limit S", "end the search after this long", seconds, 900.0)
 

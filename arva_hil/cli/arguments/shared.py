@@ -19,25 +19,25 @@ OFF: Final = "off"
 
 
 def add_format(parser: CommandParser, *, default: str | None = None, without: Collection[str] = ()) -> None:
-    """The format of frames; without a default the scenario's."""
+    """Add the option for the format of frames; without a default it is the scenario's."""
     names = ", ".join(name for name in FORMATS if name not in without)
     usual = default or "the scenario's"
     parser.option("--format NAME", f"format of the frames: {names}; default {usual}", kind(FORMATS, without), default)
 
 
 def add_scenario(parser: CommandParser) -> None:
-    """Options of what is emulated."""
+    """Add the options of the scenario."""
     default = "one transmitter 20 m N, 5 m E of home"
     parser.option("--scenario FILE", f"scenario (YAML), or builtin:NAME; default: {default}")
     add_format(parser)
     parser.option("--rate HZ", "frames per second, 0.1…50", number(*FRAMES_HZ, " of Hz"))
     parser.option("--seed N", "seed of the noise and the faults", whole(0, LARGEST_SEED))
-    how = "add a fault, e.g. drop=0.02@10-60, in seconds from the start; `none` removes all faults before it"
+    how = "add a fault, e.g. drop=0.02@10-60, in seconds from the start; none removes all faults before it"
     parser.option("--fault NAME=VALUE@FROM-UNTIL", how, fault, action="append")
 
 
 def add_autopilot(parser: CommandParser) -> None:
-    """Options of the autopilot's side."""
+    """Add the options of the autopilot's link."""
     usual = f"link to the autopilot; default: the one on USB, else {DEFAULT_AUTOPILOT}"
     parser.option("--autopilot --master URL", usual, link)
     rate = number(1, 200, " of Hz")
@@ -45,64 +45,64 @@ def add_autopilot(parser: CommandParser) -> None:
 
 
 def add_target(parser: CommandParser) -> None:
-    """Options that choose the vehicle to follow."""
+    """Add the options that choose the vehicle to follow."""
     parser.option("--target-system N", "follow only this MAVLink system id", whole(1, 255))
-    parser.option("--target-component N", "… and component id; default 1", whole(1, 255))
+    parser.option("--target-component N", "follow only this MAVLink component id; default 1", whole(1, 255))
 
 
 def add_signing(parser: CommandParser) -> None:
-    """MAVLink 2 signing."""
+    """Add the option for MAVLink 2 signing."""
     parser.option(
         "--signing-key FILE",
-        "sign packets, and accept only packets signed with the same key; the file contains 64 hexadecimal digits "
-        "or a passphrase as in MAVProxy and QGroundControl, and only its owner may read it",
+        "sign packets, and accept only packets signed with the same key; the file has 64 hexadecimal digits or a "
+        "passphrase as in MAVProxy and QGroundControl; only its owner may read it",
     )
 
 
 def add_max_age(parser: CommandParser) -> None:
     """Add the option for the greatest age of a pose."""
-    parser.option("--max-age S", "do not use older poses", number(0.05, 60, " of s"), 2.0)
+    parser.option("--max-age S", "ignore poses older than this", number(0.05, 60, " of s"), 2.0)
 
 
 def add_duration(parser: CommandParser) -> None:
-    """The time to run."""
+    """Add the option for the time to run."""
     parser.option("--duration S", "end after this long; default: never", number(0.001, math.inf, " of s"), math.inf)
 
 
 def add_common(parser: CommandParser, *, web: str = OFF) -> None:
-    """Options of every command that runs or replays a scenario. `web`: what is the default of --web, for a person."""
+    """Add the options of every command that runs or replays a scenario. `web`: default of --web, in words."""
     add_live(parser)
     parser.option("--record DIR", "record packets, frames and readings in the folder DIR")
     parser.option("--json", "print a JSON object for each frame and event on stdout")
-    own = "add an observer of an installed package, which gets every event"
+    own = "add an observer of an installed package"
     parser.option("--observer NAME", own, kind(OBSERVERS), action="append")
     parser.option("-v --verbose", "print a line for every frame", None, 0, action="count")
     add_web(parser, default=web)
 
 
 def add_live(parser: CommandParser) -> None:
-    """Options that send what happens to other people's tools while the program runs."""
+    """Add the options that send events to other programs during a run."""
     parser.option(
         "--foxglove HOST:PORT",
-        "serve ROS 2 messages to Foxglove, Lichtblick and PlotJuggler: HOST, PORT or HOST:PORT; if the port is "
-        f"taken, the next free one; without a value {FOXGLOVE}. Needs the extra foxglove. Every program and every web "
-        "page on this computer can read them",
+        "serve ROS 2 messages to Foxglove, Lichtblick and PlotJuggler: HOST, PORT or HOST:PORT; the next free port if "
+        f"this one is taken; without a value {FOXGLOVE}; needs the extra foxglove; all programs and web pages on this "
+        "computer can read the messages",
         foxglove,
         const=FOXGLOVE,
     )
     parser.option(
         "--ros2",
-        "publish the same messages in ROS 2, on this computer unless ROS_AUTOMATIC_DISCOVERY_RANGE says "
-        "otherwise; needs rclpy, which a sourced ROS 2 environment has",
+        "publish the same messages in ROS 2, on this computer only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set; "
+        "needs rclpy of a sourced ROS 2 environment",
     )
 
 
 def add_web(parser: CommandParser, *, default: str = OFF) -> None:
-    """The page in a browser."""
+    """Add the option for the page in a browser."""
     parser.option(
         "--web HOST:PORT",
-        "show the run on a page in a browser: on, off, HOST, PORT or HOST:PORT; if the port is taken, the next "
-        f"free one; without a value {HostPort()}; default {default}",
+        "show the run on a page in a browser: on, off, HOST, PORT or HOST:PORT; the next free port if this one is "
+        f"taken; without a value {HostPort()}; default {default}",
         web,
         const=HostPort(),
     )
