@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
+from typing import Any
 
 from arva_hil.clock import RealClock
-from arva_hil.config import Scenario, load
+from arva_hil.config import Scenario, load, parse
 from arva_hil.emulator.engine import Emulator
 from arva_hil.events import Event, FrameMade, HeartbeatMissing
 from arva_hil.events.words.reasons import no_vehicle
@@ -24,16 +27,30 @@ from arva_hil.runtime.fleet_links import FleetSides, fleet_sides, live_vehicles,
 from arva_hil.runtime.loop import run
 
 
-def load_scenario(path: str | os.PathLike[str]) -> Scenario:
-    """Load a scenario file (YAML). Raises ScenarioError with all mistakes, each with file, line and column.
+def load_scenario(source: str | os.PathLike[str] | Mapping[str, Any]) -> Scenario:
+    """Load a scenario: of a YAML file by its path or `builtin:NAME`, of YAML text, or of a mapping with the same keys.
+
+    A string with a line break, or with a colon and a blank, is text. Raises ScenarioError with all mistakes, each with
+    file, line and column.
 
     >>> import pathlib, tempfile
     >>> path = pathlib.Path(tempfile.mkdtemp(), "one.yaml")
     >>> _ = path.write_text("transmitters: [{id: 1, enu: [5, 20, 0]}]")
     >>> load_scenario(path).transmitters[0].ned
     (20.0, 5.0, 0.0)
+    >>> load_scenario({"transmitters": [{"id": 1, "enu": [5, 20, 0]}]}).transmitters[0].ned
+    (20.0, 5.0, 0.0)
     """
-    return load(path)
+    if isinstance(source, Mapping):
+        return parse(json.dumps(source, default=_plain), "mapping")
+    if isinstance(source, str) and ("\n" in source or ": " in source):
+        return parse(source, "text")
+    return load(source)
+
+
+def _plain(value: Any) -> Any:
+    """Return an array as a list, another value as text, for JSON."""
+    return value.tolist() if hasattr(value, "tolist") else str(value)
 
 
 def run_live(
@@ -62,6 +79,7 @@ def run_live(
     Raises AddressError for a wrong connection string; LinkError if a link cannot be opened or is lost for good, or if
     no heartbeat comes in time; ValueError for arguments that do not fit together.
     """
+    _check_scenario(scenario)
     sides = _sides(scenario, autopilot, port, target_system)
     clock, watcher = RealClock(), _Watcher(on_event, len(scenario.vehicles) or 1)
     with ExitStack() as stack:
@@ -101,6 +119,7 @@ def replay(
     arguments see `run_live`. Raises LinkError if the file cannot be read or is not a log; ValueError for arguments
     that do not fit together.
     """
+    _check_scenario(scenario)
     if scenario.vehicles:
         _check_own(scenario, port, target_system)
     vehicles = vehicles_in_log(scenario, os.fspath(log), target_system, target_component)
@@ -115,10 +134,13 @@ def replay(
     emulator = Emulator(vehicles, start=0.0, max_age_s=max_age_s, look_ahead_s=drivers.LOOK_AHEAD_S)
     with ExitStack() as stack:
         reader = stack.enter_context(closing(TlogReader(log)))
+        timeline = Timeline(reader, stamped=reader.stamped)
+        if (first := next(timeline, None)) is None:
+            raise LinkError(reader.path, "no MAVLink packet in this file", "is it a telemetry log (.tlog)?")
         out = stack.enter_context(closing(open_link(port, clock=RealClock()))) if port is not None else None
         drivers.replay(
             emulator,
-            Timeline(reader, stamped=reader.stamped),
+            itertools.chain([first], timeline),
             "autopilot",
             lambda output: out is None or out.write(output.data),
             Audience([watcher]),
@@ -126,6 +148,13 @@ def replay(
         )
     watcher.finish()
     return frames
+
+
+def _check_scenario(scenario: object) -> None:
+    """Raise ValueError for the name of a file in place of a scenario."""
+    if not isinstance(scenario, Scenario):
+        cure = f": write load_scenario({scenario!r})" if isinstance(scenario, str | os.PathLike | Mapping) else ""
+        raise ValueError(f"scenario: {scenario!r}, expected a Scenario{cure}")
 
 
 def _sides(scenario: Scenario, autopilot: str | None, port: str | None, target_system: int | None) -> FleetSides:

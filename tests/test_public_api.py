@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import arva_hil
+from arva_hil.config.transmitter import Transmitter
 from arva_hil.links.pty import PtyLink
 from tests.cli.far_ends import Autopilot
 from tests.every import every
@@ -116,6 +117,21 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: arva_hil.SimulatedVehicle((46.0, 7.7)), "home: the shape (2,), expected (3,)"),
     (lambda: arva_hil.SimulatedVehicle("home"), "home: 'home', expected numbers"),
     (lambda: arva_hil.SimulatedVehicle((46.0, 7.7, 0.0), wind=3.0), "wind: the shape (), expected (3,)"),
+    (lambda: arva_hil.LocalFrame(46, 460, 0), "lon_deg: 460 is out of range (-180…180)"),
+    (lambda: arva_hil.LocalFrame(-91, 7, 0), "lat_deg: -91 is out of range (-90…90)"),
+    (lambda: arva_hil.SimulatedVehicle((46.0, 460.0, 0.0)), "lon_deg: 460 is out of range"),
+    (
+        lambda: arva_hil.run_live("s.yaml", autopilot="pty", port="pty"),  # type: ignore[arg-type]
+        "scenario: 's.yaml', expected a Scenario: write load_scenario('s.yaml')",
+    ),
+    (
+        lambda: arva_hil.replay("flight.tlog", "s.yaml"),  # type: ignore[arg-type]
+        "scenario: 's.yaml', expected a Scenario: write load_scenario('s.yaml')",
+    ),
+    (lambda: arva_hil.Emulator([], start=0.0), "vehicles: none, expected one VehicleSetup at least"),
+    (lambda: _emulator().receive("autopilto", b"", 0.0), "link: 'autopilto', expected one of autopilot, port"),
+    (lambda: _emulator().link_lost("autopilto", "gone", 0.0), "link: 'autopilto', expected one of autopilot, port"),
+    (lambda: _back_in_time(), "now: 4, expected 5 s or later: time does not go back"),
     (lambda: arva_hil.run_live(_scenario(), autopilot="pty"), "port: None, expected a port for frames of the format"),
     (lambda: arva_hil.run_live(_scenario(), port="pty"), "autopilot: None, expected the connection string"),
     (
@@ -148,11 +164,39 @@ def _scenario() -> arva_hil.Scenario:
     return DEFAULT
 
 
+def _emulator() -> arva_hil.Emulator:
+    return arva_hil.Emulator([arva_hil.one_vehicle(_scenario(), arva_hil.Session())], start=0.0)
+
+
+def _back_in_time() -> None:
+    emulator = _emulator()
+    emulator.advance(5.0)
+    emulator.advance(5.0)
+    emulator.advance(4.0)
+
+
 @every("call, said", MISTAKES)
 def test_a_caller_s_mistake_is_a_value_error_that_names_the_argument(call: Callable[[], Any], said: str) -> None:
     with pytest.raises(ValueError) as error:  # noqa: PT011
         call()
     assert said in str(error.value)
+
+
+def test_a_file_that_is_no_log_is_a_link_error(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text("transmitters: [{id: 1, enu: [5, 20, 0]}]")
+    with pytest.raises(arva_hil.LinkError, match=r"s\.yaml: no MAVLink packet in this file; is it a telemetry log"):
+        arva_hil.replay(tmp_path / "s.yaml", _scenario())
+
+
+def test_a_scenario_is_loaded_from_text_and_from_a_mapping() -> None:
+    wanted = arva_hil.Scenario((Transmitter(1, ned=(20.0, 5.0, 0.0)),), seed=3)
+    assert arva_hil.load_scenario("transmitters: [{id: 1, enu: [5, 20, 0]}]\nseed: 3") == wanted
+    place = np.array([5.0, 20.0, 0.0])
+    assert arva_hil.load_scenario({"transmitters": [{"id": 1, "enu": place}], "seed": 3}) == wanted
+    with pytest.raises(arva_hil.ScenarioError, match=r"^text:1:23: enu: 1 number, expected 3 \(east, north, up\)$"):
+        arva_hil.load_scenario("{transmitters: [{enu: [5], id: 1}]}")
+    with pytest.raises(arva_hil.ScenarioError, match="seed: '-1', expected a whole number"):
+        arva_hil.load_scenario({"transmitters": [{"id": 1, "enu": [5, 20, 0]}], "seed": -1})
 
 
 def test_lists_are_taken_as_arrays() -> None:

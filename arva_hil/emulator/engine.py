@@ -143,6 +143,8 @@ class Emulator:
     how long a frame waits for a pose after its instant, so that its pose can be interpolated; 0 for live: a frame is
     made at its instant, with what is known then. `tell_packets`: make an event for every chunk, for a record;
     `tell_status`: make a `StatusReport` four times a second.
+
+    Raises ValueError without a vehicle, for a link that the vehicles do not have, and for a time before the last one.
     """
 
     def __init__(
@@ -157,7 +159,10 @@ class Emulator:
         tell_packets: bool = False,
         tell_status: bool = True,
     ) -> None:
+        if not vehicles:
+            raise ValueError("vehicles: none, expected one VehicleSetup at least, e.g. one_vehicle(scenario)")
         self._options = _Options(look_ahead_s, tell_packets, tell_status)
+        self._now = start  # of the last `advance`
         scenarios = [receiver.scenario for setup in vehicles for receiver in setup.receivers]
         followed = (t.follows.system for scenario in scenarios for t in scenario.transmitters if t.follows)
         self._followed = {system: FollowedSystem(system, start) for system in followed}
@@ -195,6 +200,7 @@ class Emulator:
         writes from now on.
         """
         if (vehicles := self._links.get(link)) is None:
+            self._check_port(link)
             for vehicle in self.vehicles:
                 vehicle.receive_commands(link, data, now)
             return _NOBODY
@@ -221,6 +227,9 @@ class Emulator:
 
     def advance(self, now: float, *, final: bool = False) -> None:
         """Do what is due until `now`. `final`: nothing more will come; the frames that waited for it are made."""
+        if now < self._now:
+            raise ValueError(f"now: {now:g}, expected {self._now:g} s or later: time does not go back")
+        self._now = now
         for vehicle in self.vehicles:  # frames first: they are urgent
             if vehicle.next_due > now and not final:
                 continue
@@ -267,7 +276,16 @@ class Emulator:
 
     def _vehicles_on(self, link: str) -> Sequence[EmulatedVehicle]:
         """Return the vehicles on a link; none on a receiver's port."""
-        return self._links[link].vehicles if link in self._links else ()
+        if link in self._links:
+            return self._links[link].vehicles
+        self._check_port(link)
+        return ()
+
+    def _check_port(self, link: str) -> None:
+        """Raise ValueError if no receiver has this port."""
+        ports = {port.link for vehicle in self.vehicles for _, port in vehicle.units}
+        if link not in ports:
+            raise ValueError(f"link: {link!r}, expected one of {', '.join(sorted({*self._links, *ports}))}")
 
     def _put(
         self, link: str, data: bytes, due: float, sent: tuple[EmulatedVehicle, Port, Parcel] | None = None

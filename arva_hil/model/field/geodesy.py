@@ -48,7 +48,7 @@ class LocalFrame:
     """A frame with north, east, down in metres, tangent to the ellipsoid at the datum.
 
     The datum is WGS-84 latitude and longitude in degrees, altitude in metres above mean sea level. Lists are accepted
-    as arrays. Raises ValueError for values that are not numbers, or have a wrong shape.
+    as arrays. Raises ValueError for values that are not numbers, are out of range, or have a wrong shape.
 
     >>> frame = LocalFrame(46.0, 7.0, 1650.0)
     >>> frame.ned(46.001, 7.0, 1640.0).round(1)  # north, east, down
@@ -59,6 +59,9 @@ class LocalFrame:
 
     def __init__(self, lat_deg: float, lon_deg: float, alt_m: float) -> None:
         lat_deg, lon_deg = float(vector("lat_deg", lat_deg)), float(vector("lon_deg", lon_deg))
+        for name, value, limit in (("lat_deg", lat_deg, 90), ("lon_deg", lon_deg, 180)):
+            if not -limit <= value <= limit:
+                raise ValueError(f"{name}: {value:g} is out of range ({-limit}…{limit})")
         self._origin = to_ecef(lat_deg, lon_deg, vector("alt_m", alt_m))
         lat, lon = np.radians(lat_deg), np.radians(lon_deg)
         sin_lat, cos_lat, sin_lon, cos_lon = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
