@@ -1,33 +1,22 @@
-"""The plan and the client that the options of a search ask for, for one drone and for several."""
+"""The plan that the options of a search ask for, for one drone and for several."""
 
 from __future__ import annotations
 
 import argparse
 import json
 import math
-from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
-from arva_hil.autopilot.following.session import Session
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario, ScenarioError, parse
-from arva_hil.events import Event
-from arva_hil.links import Link
 from arva_hil.model.field.mount import Mount
 from arva_hil.model.field.rotation import from_euler
-from arva_hil.registry import FORMATS, FORMATS_WITH_IDS, STRATEGIES
-from arva_hil.search.flight.client import SearchClient
-from arva_hil.search.flight.permission import Permission, Question
-from arva_hil.search.mission.outcome import SearchStep
-from arva_hil.search.strategies.analysis import Worker
+from arva_hil.registry import FORMATS_WITH_IDS, STRATEGIES
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strips import Strips
-from arva_hil.search.team.team import Teammate
 from arva_hil.search.team.team_field import divide
-from arva_hil.search.team.team_tunnel import TeamTunnel
 
 _NARROWEST_M: Final = 4.0  # part of an area: narrower ones are not worth a drone
 
@@ -76,49 +65,6 @@ def _strip_width(options: argparse.Namespace, scenario: Scenario | None) -> floa
         f"{width.detection:.1%} of simulated flights along such a strip hear it"
     )
     return width.metres
-
-
-def client_of(
-    options: argparse.Namespace,
-    plan: SearchPlan,
-    vehicle: tuple[Session, Link, Link],
-    format_: str,
-    *,
-    start: float,
-    question: Question | None,
-    emit: Callable[[Event], None],
-    log: Callable[[SearchStep], None],
-    team: Teammate | None,
-    tunnel: TeamTunnel | None = None,
-    worker: Worker | None = None,
-) -> SearchClient:
-    """One search. `vehicle`: its session, its link, and the receiver's, which speaks `format_`."""
-    session, autopilot, receiver = vehicle
-    kind = FORMATS[format_]
-    plan = replace(
-        plan,
-        land=options.end == "land",
-        timeout_s=options.timeout,
-        arm_timeout_s=options.arm_timeout,
-        take_over=options.take_over,
-        countdown_s=options.countdown,
-        dry_run=options.dry_run,
-    )
-    return SearchClient(
-        plan,
-        session,
-        autopilot,
-        receiver,
-        kind.decoder(),
-        start=start,
-        permission=Permission(session, yes=options.yes, question=question, dry_run=options.dry_run),
-        emit=emit,
-        log=log,
-        host=getattr(kind, "host", None),
-        team=team,
-        tunnel=tunnel,
-        worker=worker,
-    )
 
 
 def describe(plan: SearchPlan) -> str:

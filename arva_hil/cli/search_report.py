@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, Final
 
@@ -87,6 +87,24 @@ def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({}))
         there = f"{north:z.1f} m north, {east:z.1f} m east of the take-off point"
         lines.append(f"{name(id_)} was heard and not found; nearest, {heard.nearest_m:.1f} m away, at {there}")
     return lines
+
+
+def exit_code(outcomes: Sequence[Outcome]) -> int:
+    """Return 0 if something was found surely and nothing has failed. A search of a team that finds nothing on its
+    strips has not failed.
+    """
+    kinds = [outcome.kind for outcome in outcomes]
+    wrong = [kind for kind in kinds if kind not in ("found", "would fly", "not found", "not sure")]
+    if wrong or not {"found", "would fly"} & set(kinds):
+        return max(EXIT[kind] for kind in wrong or kinds)
+    return OK
+
+
+def found_by(outcomes: Mapping[str, Outcome]) -> dict[int, str]:
+    """Return the drone that has found each transmitter for sure, by the transmitter's id."""
+    return {
+        outcome.id: name for name, outcome in outcomes.items() if outcome.kind == "found" and outcome.id is not None
+    }
 
 
 def as_dict(outcome: Outcome) -> dict[str, Any]:

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from arva_hil.cli.search_report import result
-from arva_hil.cli.search_team import exit_code, far_end, found_by
+from arva_hil.cli.search_members import far_end
+from arva_hil.cli.search_report import exit_code, found_by, result
 from arva_hil.search.mission.choice import HeardTransmitter
 from arva_hil.search.mission.outcome import Outcome
 from tests.free_ports import free_port
