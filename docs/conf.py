@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tomllib
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
@@ -19,7 +20,7 @@ exclude_patterns = ["examples/**"]
 nitpicky = True
 nitpick_ignore_regex = [("py:.*", r"(?!arva_hil\.\w+$).*")]  # types of others, and what of ours is not public
 
-myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_enable_extensions = ["alert", "dollarmath", "amsmath"]
 myst_heading_anchors = 4
 myst_links_external_new_tab = False
 
@@ -32,6 +33,18 @@ doctest_global_setup = "import math\nfrom arva_hil import *"
 
 html_theme = "furo"
 html_title = f"arva-hil {release}"
+html_static_path = ["_static"]
+html_css_files = ["pages.css"]
 html_copy_source = False
 html_show_sphinx = False
+html_use_index = False
+html_domain_indices = False
 html_math_renderer = "mathml"
+
+_settings = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))
+_source = _settings["tool"]["hatch"]["metadata"]["hooks"]["custom"]["source"]
+html_theme_options = {
+    "source_view_link": f"{_source}/blob/main/docs/{{filename}}",
+    "source_edit_link": f"{_source}/edit/main/docs/{{filename}}",
+    "top_of_page_buttons": ["view", "edit"],
+}

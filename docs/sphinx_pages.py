@@ -15,6 +15,7 @@ from docutils import nodes
 from latex2mathml.converter import convert
 from sphinx.application import Sphinx
 
+import arva_hil
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import CommandParser
@@ -28,6 +29,16 @@ ELSEWHERE: Final = {  # a page here → the document that is its text
     "reference/ardupilot-search": "firmware_proto/ardupilot/arva_search.md",
     "reference/px4-driver": "firmware_proto/px4/README.md",
     "contributing": "CONTRIBUTING.md",
+    "changelog": "CHANGELOG.md",
+}
+API: Final = {  # groups of the public names, in the order of the page
+    "Run": "run_live replay load_scenario Scenario Recording ArvaError ScenarioError RecordError",
+    "Engine": "Emulator Output VehicleSetup ReceiverSetup one_vehicle Session SimulatedVehicle Event FrameMade",
+    "Field and receivers": "dipole_field Transmitters LocalFrame readings Readings PaperReceiver Antennas Pose Look "
+    "Reading ChannelReading Zone",
+    "Search strategies": "Strategy Observation Found Position Velocity STILL towards",
+    "Plug-ins": "ReceiverModel ReceiverSettings Answer Link Address Opening AddressError LinkError LinkEnded FaultKind "
+    "Number Whole Observer KindError UnknownKindError",
 }
 _PAGES: Final = {ROOT / text: HERE / f"{page}.md" for page, text in ELSEWHERE.items()}
 _LINK: Final = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^()\s#]+)(#[^()\s]*)?(?=\))")
@@ -48,8 +59,10 @@ def read(app: Sphinx, page: str, source: list[str]) -> None:
         at = ROOT / ELSEWHERE[page]
         text = at.read_text(encoding="utf-8")
         app.env.note_dependency(str(at))
+    if page == "reference/python":
+        text += "\n" + "\n\n".join(api_sections())
     if page == "reference/commands":
-        text += "\n" + "\n\n".join(command_page(name, what) for name, what in COMMANDS.items())
+        text += "\n" + "\n\n".join(command_page(name) for name in COMMANDS)
 
     def link(match: re.Match[str]) -> str:
         target = Path(os.path.normpath(at.parent / match[1]))
@@ -77,31 +90,49 @@ def signature(
     return arguments, returns
 
 
-def command_page(name: str, what: str) -> str:
+def api_sections() -> Iterator[str]:
+    """Yield a section for each group of public names; names of no group are in the last one."""
+    left = list(arva_hil.__all__)
+    groups = {title: names.split() for title, names in API.items()}
+    grouped = {name for names in groups.values() for name in names}
+    groups["Plug-ins"] += [name for name in left if name not in grouped]
+    for title, names in groups.items():
+        lines = "\n\n".join(_directive(name) for name in names if name in left)
+        yield f"## {title}\n\n```{{eval-rst}}\n{lines}\n```"
+
+
+def _directive(name: str) -> str:
+    """Return the directive that documents one public name."""
+    item = getattr(arva_hil, name)
+    if inspect.isclass(item):
+        kind = "autoexception" if issubclass(item, BaseException) else "autoclass"
+        return f".. {kind}:: arva_hil.{name}\n   :members:"
+    return f".. {'autofunction' if inspect.isfunction(item) else 'autodata'}:: arva_hil.{name}"
+
+
+def command_page(name: str) -> str:
     """A command's section: its description and its options, from its parser."""
     add_options = arguments_of(name)
     parser = CommandParser(prog=f"arva-hil {name}")
     add_options(parser)
-    variables = {variable.removeprefix("ARVA_HIL_") for variable in parser.variables}
-    rows = "\n".join(_rows(parser, variables))
-    usage = " ".join(parser.format_usage().removeprefix("usage: ").split())
+    variables = {variable.removeprefix("ARVA_HIL_").lower() for variable in parser.variables}
+    rows = "\n".join(_rows(parser))
     about = _prose(inspect.getdoc(add_options) or "")
-    return (
-        f"## {name}\n\n{what[0].upper()}{what[1:]}.\n\n```text\n{usage}\n```\n\n{about}\n\n"
-        f"| option | what it is | environment |\n|---|---|---|\n{rows}"
-    )
+    options = [one for one in parser._actions if one.option_strings and not isinstance(one, argparse._HelpAction)]
+    never = [f"`{one.option_strings[0]}`" for one in options if one.dest not in variables]
+    note = f"\n\nNot in the environment: {', '.join(never)}." if variables and never else ""
+    return f"## {name}\n\n{about}\n\n| option | meaning |\n|---|---|\n{rows}{note}"
 
 
-def _rows(parser: argparse.ArgumentParser, variables: set[str]) -> Iterator[str]:
+def _rows(parser: argparse.ArgumentParser) -> Iterator[str]:
     for action in parser._actions:
         if isinstance(action, argparse._HelpAction):
             continue
         value = action.metavar or (action.choices and "{" + ",".join(map(str, action.choices)) + "}") or ""
         value = "" if action.nargs == 0 else str(value)
         names = [f"{flag} {value}".strip() for flag in action.option_strings] or [value or action.dest]
-        variable = f"`ARVA_HIL_{action.dest.upper()}`" if action.dest.upper() in variables else ""
         help_text = (action.help or "") % {**vars(action), "prog": parser.prog}
-        yield f"| {', '.join(f'`{_cell(n)}`' for n in names)} | {_cell(_escaped(help_text))} | {variable} |"
+        yield f"| {', '.join(f'`{_cell(n)}`' for n in names)} | {_cell(_escaped(help_text))} |"
 
 
 def _prose(text: str) -> str:
