@@ -19,6 +19,7 @@ import arva_hil
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import CommandParser
+from tools import write_reference
 
 HERE: Final = Path(__file__).parent
 ROOT: Final = HERE.parent
@@ -61,6 +62,8 @@ def read(app: Sphinx, page: str, source: list[str]) -> None:
         app.env.note_dependency(str(at))
     if page == "reference/python":
         text += "\n" + "\n\n".join(api_sections())
+    if page == "scenario":
+        text += "\n" + write_reference.page()
     if page == "reference/commands":
         text += "\n" + "\n\n".join(command_page(name) for name in COMMANDS)
 

@@ -1,9 +1,10 @@
-"""Writes what follows from the declarations in arva_hil/config: the JSON Schemas there and docs/scenario.md."""
+"""Writes the JSON Schemas from the declarations in arva_hil/config, and makes the tables of docs/scenario.md."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -25,34 +26,24 @@ ROOT = Path(__file__).parent.parent
 def main() -> None:
     for kind in FILES:
         (ROOT / f"arva_hil/config/{kind}.schema.json").write_text(schema_text(kind), encoding="utf-8")
-    (ROOT / "docs").mkdir(exist_ok=True)
-    (ROOT / "docs/scenario.md").write_text(page(), encoding="utf-8")
 
 
 def page() -> str:
-    """The reference page in Markdown: every key of every kind of file."""
+    """Return the tables of the reference page, for each kind of file, in Markdown. Sphinx calls this (docs)."""
     lines = [
-        "# The files: every key",
-        "",
-        "Made from the declarations in `arva_hil/config` by `tools/write_reference.py`; do not edit.",
-        "`arva-hil check FILE…` checks a file; `arva-hil check --schema` prints the JSON Schema for editors.",
-        "A key of spec 2 needs `spec: 2` in the file.",
-        "Each transmitter has exactly one of `enu`, `ned`, `lla`, `path` and `follows`.",
-        "",
         "## Scenarios",
         "",
         *_table(_rows(Scenario)),
         "",
-        "A vehicle's receiver has every key of `receiver` too; what it has not is as in `receiver`.",
+        "A vehicle's receiver has every key of `receiver` too; without them, those of `receiver` hold.",
         "",
-        "`profile` names a file of which the keys are taken over that are not given: `builtin:NAME`, or a path from",
-        "the scenario's folder. A receiver's has `spec` and `receiver`; a transmitter's has `spec` and `transmitter`,",
-        "with `strength` and `keying`.",
+        "`profile` names a file with keys that are not given here: `builtin:NAME`, or a path from the scenario's",
+        "folder. A receiver's file has `spec` and `receiver`; a transmitter's has `spec` and `transmitter`.",
         "",
         "## Receivers of pulses",
         "",
-        "The own keys of `model: pulsed`, beside those of every receiver. `vector` and `rssi` have them too, with",
-        "other defaults; but `rssi` neither reverts to sending nor tests itself.",
+        "`model: pulsed` has these keys beside those of every receiver. `vector` and `rssi` have them with other",
+        "defaults; `rssi` neither reverts to sending nor tests itself.",
         "",
         *_model_table("pulsed"),
         "",
@@ -61,13 +52,13 @@ def page() -> str:
         "",
         "## Faults",
         "",
-        "Each item of `faults` has the key of one fault, what that fault needs, and when it is on.",
+        "Each item of `faults` has the key of one fault, the keys that it needs, and the time when it is on.",
         "",
         *_table(_fault_rows()),
         "",
         "## Plans of campaigns",
         "",
-        "Each axis is one value or a list of them, and all are crossed.",
+        "Each axis is one value or a list; all axes are crossed.",
         "",
         *_table([*_rows(CampaignPlan), *_rows(Random, "scenarios[].random.")]),
     ]
@@ -75,10 +66,26 @@ def page() -> str:
 
 
 def _table(rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
-    yield "| key | type | range | unit | default | meaning |"
-    yield "|---|---|---|---|---|---|"
+    """Three columns, so that a page shows the meaning without scrolling."""
+    yield "| key | value | meaning |"
+    yield "|---|---|---|"
     for row in rows:
-        yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |"
+        key, kind, allowed, unit, default, meaning = (cell.replace("|", chr(92) + "|") for cell in row)
+        default = f"= {default}" if default.startswith("`") else default
+        size = f"{_brief(allowed)} {unit}".strip()
+        value = ", ".join(part for part in (_short(kind, allowed), size, default) if part)
+        yield f"| {key} | {value} | {meaning} |"
+
+
+def _short(kind: str, allowed: str) -> str:
+    """A kind of value without its article; nothing where the range says enough."""
+    plain = re.sub(r"^(a|an) ", "", kind)
+    return "" if plain == "mapping" or (plain == "number" and allowed) else plain
+
+
+def _brief(allowed: str) -> str:
+    """A range as FROM…TO; a range above a number, without that number, as >FROM…TO."""
+    return re.sub(r"from (\S+) to (\S+)", r"\1…\2", re.sub(r"above (\S+), at most (\S+)", r">\1…\2", allowed))
 
 
 def _rows(cls: Any, prefix: str = "", spec: int = 1) -> Iterator[tuple[str, ...]]:
@@ -88,7 +95,7 @@ def _rows(cls: Any, prefix: str = "", spec: int = 1) -> Iterator[tuple[str, ...]
             continue
         constraint, below = one.constraint, one.constraint.table
         usual = "required" if name in cls.__required__ else _default(one)
-        said = one.help + (f" (spec {one.since})" if one.since > spec else "")
+        said = ("*2* " if one.since > spec else "") + one.help
         yield f"`{prefix}{name}`", constraint.kind, constraint.range, constraint.unit, usual, said
         if below is not None and below is not Fault:
             dot = "[]." if isinstance(constraint, ListOf) else "."

@@ -17,7 +17,7 @@ DOI = "10.1109/ICRA40945.2020.9196914"
 
 
 def test_it_is_short() -> None:
-    assert len(README.split()) < 1300
+    assert len(README.split()) < 900
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md"])
@@ -45,8 +45,15 @@ def test_the_citation_is_this_version_and_names_the_paper() -> None:
     assert DOI in README
 
 
-def test_the_picture_of_the_demo_is_small() -> None:
-    assert Path(ROOT / "docs/pictures/demo.png").stat().st_size < 100_000
+def test_pictures_are_small() -> None:
+    assert Path(ROOT / "docs/pictures/demo.gif").stat().st_size < 1_000_000
+    assert [path for path in (ROOT / "docs/pictures").glob("*.png") if path.stat().st_size > 100_000] == []
+
+
+def test_how_to_cite_has_this_version_and_the_paper() -> None:
+    page = (ROOT / "docs/cite.md").read_text(encoding="utf-8")
+    assert f"{{{arva_hil.__version__}}}" in page
+    assert DOI in page
 
 
 def test_the_list_of_tools_has_every_program() -> None:
