@@ -43,7 +43,7 @@ NOT_RUN = {  # what a line begins with → why it is not run here
     r"python tools/fly_simulators\.py": "needs a simulator",
     r"cmake |ninja ": "needs PX4's sources; tests/firmware_proto/test_px4_module.py compiles the module",
     r"arm-none-eabi-gcc|qemu-system-arm": "tests/firmware_proto/test_stm32.py runs it where they are installed",
-    r"arva-hil demo --foxglove$": "flies for half a minute; tests/cli/test_foxglove.py watches a faster one",
+    r"arva-hil demo( --foxglove)?$": "flies for half a minute; tests/cli/test_demo.py and test_foxglove.py fly faster",
     r"arva-hil (vehicle --count 8|(run|search) --scenario builtin:eight)": "tests/cli/test_search_team.py flies two",
     r"arva-hil demo (--count 4|--scenario builtin:eight_drones)$": "tests/cli/test_demo_fleet.py flies it, faster",
     r"mkdir .*arva_msgs|cd ~/ros2_ws|ros2 |rviz2 |arva-hil demo --ros2|ARVA_ROS2_PYTHON": "needs ROS 2: "
