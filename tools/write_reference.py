@@ -84,8 +84,9 @@ def _short(kind: str, allowed: str) -> str:
 
 
 def _brief(allowed: str) -> str:
-    """A range as FROM…TO; a range above a number, without that number, as >FROM…TO."""
-    return re.sub(r"from (\S+) to (\S+)", r"\1…\2", re.sub(r"above (\S+), at most (\S+)", r">\1…\2", allowed))
+    """A range as FROM…TO or ±TO; a range above a number, without that number, as >FROM…TO."""
+    text = re.sub(r"from -(\S+) to \1(?=;|$)", r"±\1", allowed)
+    return re.sub(r"from (\S+) to (\S+)", r"\1…\2", re.sub(r"above (\S+), at most (\S+)", r">\1…\2", text))
 
 
 def _rows(cls: Any, prefix: str = "", spec: int = 1) -> Iterator[tuple[str, ...]]:
