@@ -1,4 +1,4 @@
-"""Reads an ARVA receiver's port and says what to do with each frame: python client.py /tmp/arva0."""
+"""Read an ARVA receiver's port and print advice for each frame: python client.py /tmp/arva0."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ LOST_S = 2.0  # without a good frame
 
 
 def advice(frame: Frame) -> str:
-    """What a searcher should do."""
+    """Return the advice for a searcher."""
     nearest = frame.channels[0]  # the nearest transmitter comes first
     if frame.status & SELF_TEST_FAULT:
         return "the receiver is broken: do not search with it"
-    if not nearest.valid:  # d alone says whether anything is heard
+    if not nearest.valid:  # d alone decides whether anything is received
         return "nothing is heard"
-    said = f"transmitter {nearest.id}: d {nearest.d / 100:.2f} m"
-    if nearest.zone == INNER:  # δ means nothing here
-        return f"{said}: go slowly, look for the smallest d"
+    text = f"transmitter {nearest.id}: d {nearest.d / 100:.2f} m"
+    if nearest.zone == INNER:  # δ is not valid here
+        return f"{text}: go slowly, look for the smallest d"
     if frame.status & INTERFERENCE:
-        return f"{said}: disturbed, wait for the next reading"
+        return f"{text}: disturbed, wait for the next reading"
     side = "right" if nearest.delta > 0 else "left"
-    return f"{said}: turn {abs(nearest.delta)} degrees {side}, or the opposite way"
+    return f"{text}: turn {abs(nearest.delta)} degrees {side}, or the opposite way"
 
 
 def main() -> None:
     decoder = Decoder()
-    heard_s = time.monotonic()
+    newest_s = time.monotonic()
     with serial.Serial(sys.argv[1], 115200, timeout=0.05) as port:
         while True:
             now = time.monotonic()
             for frame in decoder.feed(port.read(port.in_waiting or 1), now):
-                heard_s = now
+                newest_s = now
                 print(f"{frame.sequence:3}  {advice(frame)}", flush=True)
-            if now - heard_s > LOST_S:
+            if now - newest_s > LOST_S:
                 print("no frames for 2 s: stop where you are", flush=True)
-                heard_s = now
+                newest_s = now
 
 
 if __name__ == "__main__":

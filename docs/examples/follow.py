@@ -1,4 +1,4 @@
-"""A search strategy from nothing: along the flux line, then crosses about the place where d was smallest."""
+"""A search strategy: along the flux line, then crosses about the place with the smallest d."""
 
 from __future__ import annotations
 
@@ -6,36 +6,36 @@ import math
 
 from arva_hil import STILL, Found, Observation, Position, Velocity, towards
 
-NEAR_M = 8.0  # d from which on crosses are flown
-ARM_M = 3.0  # of a cross
-SAME_M = 1.0  # a cross that moves the best place by less is the last one
+NEAR_M = 8.0  # fly crosses if d is smaller
+ARM_M = 3.0  # length of a cross's arm
+SAME_M = 1.0  # end if a cross moves the best place by less
 
 
 class Follow:
-    """Remembers its course, where d was smallest, and which corners of the cross are still to be visited."""
+    """State: the course, the place with the smallest d, and the corners of the cross that are left."""
 
     def __init__(self, speed: float) -> None:
         self.found: Found | None = None
-        self._speed = speed  # m/s, not to be exceeded
+        self._speed = speed  # m/s, the limit
         self._course: float | None = None  # radians from north
         self._last_d = math.inf  # m
         self._best = math.inf, (0.0, 0.0)  # d, and where: m north, m east
-        self._centre: tuple[float, float] | None = None  # of the cross that is flown
+        self._centre: tuple[float, float] | None = None  # of the present cross
         self._corners: list[tuple[float, float]] = []
 
     def hear(self, observation: Observation) -> None:
-        """Once a frame: take what it says."""
+        """Use one frame."""
         if not observation.heard:
             return
         self._best = min(self._best, (observation.d_m, observation.position[:2]))
         if self._centre is None and observation.d_m < NEAR_M:
             self._begin_cross()
-        elif not observation.inner:  # in the inner zone the direction means nothing
+        elif not observation.inner:  # δ is not valid in the inner zone
             self._turn(observation)
         self._last_d = observation.d_m
 
     def velocity(self, time_s: float, position: Position) -> Velocity:
-        """Many times a second: where to fly now, m/s north and east."""
+        """Return the velocity to fly now, m/s north and east."""
         if self._centre is not None:
             return self._fly_cross(position)
         if self._course is None:
@@ -43,7 +43,7 @@ class Follow:
         return self._speed * math.cos(self._course), self._speed * math.sin(self._course)
 
     def _turn(self, observation: Observation) -> None:
-        """δ shows a line, not an arrow: keep going the same way along it, and turn round when d grows."""
+        """Follow the line that δ gives, in the same direction as before; turn round if d grows."""
         line = observation.bearing
         if self._course is not None:
             ahead = self._course + (math.pi if observation.d_m > self._last_d else 0.0)

@@ -22,13 +22,13 @@ class Receiver(Node):
         self.create_timer(0.05, self.read)
 
     def read(self) -> None:
-        """Twenty times a second: publish what has come."""
+        """Publish the frames that have arrived."""
         for frame in self._decoder.feed(self._port.read(4096), time.monotonic()):
             nearest = frame.channels[0]
-            if not nearest.valid:  # nothing is heard: publish nothing, so that nobody uses an old value
+            if not nearest.valid:  # no signal: publish nothing, so that no old value is used
                 continue
             self._distance.publish(Float32(data=nearest.d / 100))
-            if nearest.zone != INNER:  # in the inner zone the direction means nothing
+            if nearest.zone != INNER:  # δ is not valid in the inner zone
                 self._direction.publish(Float32(data=math.radians(nearest.delta)))
 
 
