@@ -127,7 +127,7 @@ def make_unit(vehicle: VehicleSetup, setup: ReceiverSetup, start: float, phase: 
     """Make a receiver of a vehicle. `phase`: see `EmulatedVehicle`."""
     about, scenario = (vehicle.name, setup.name), setup.scenario
     model, faults = build.receiver(scenario), None
-    if scenario.faults:
+    if scenario.faults or setup.faults_change:
         from arva_hil.emulator.faults.plan import Faults  # slow to import, and most runs have none
 
         faults = Faults(scenario, model)

@@ -96,7 +96,7 @@ class Port:
         self.commands = commands
         self._about = vehicle, name
         self._encode = encode
-        self._faults = faults
+        self.faults = faults
         self._refused = False
         self._next_number = 0
         self._late_watch = LateWatch(vehicle, name)
@@ -104,7 +104,7 @@ class Port:
     @property
     def next_due(self) -> float:
         """The time of the next bytes that a fault has delayed."""
-        return self._faults.outbox.next_due if self._faults else math.inf
+        return self.faults.outbox.next_due if self.faults else math.inf
 
     def send(self, made: FrameMade, t: float) -> tuple[list[Parcel], list[Event]]:
         """Encode the frame of the instant `t`, with faults. Returns the bytes, and the events.
@@ -116,8 +116,8 @@ class Port:
         boot_ms = 0 if made.boot_s is None else max(0, round(made.boot_s * 1e3)) % 2**32
         if self.commands:
             self.commands.channels = len(made.frame.channels)
-        if self._faults:
-            parcels, unsent = self._send_with_faults(self._faults, made, t, boot_ms)
+        if self.faults:
+            parcels, unsent = self._send_with_faults(self.faults, made, t, boot_ms)
         else:
             data = self._encode(made.frame, boot_ms)
             parcels = [Parcel(data, t, made=made)] if data else []
@@ -131,8 +131,8 @@ class Port:
     def release(self, until: float) -> list[Parcel]:
         """Return the bytes that faults have delayed until then."""
         parcels: list[Parcel] = []
-        if self._faults:
-            outbox = self._faults.outbox
+        if self.faults:
+            outbox = self.faults.outbox
             while (due := outbox.next_due) <= until and (queued := outbox.take(until)):
                 self.counters.waiting = len(outbox)
                 data = self._encode(queued.frame, queued.boot_ms) if queued.data is None else queued.data
@@ -176,7 +176,7 @@ class Port:
 
     def fault_counts(self) -> dict[str, dict[str, int]]:
         """Return for each fault by name how many frames and how many bytes it changed."""
-        return self._faults.counts() if self._faults else {}
+        return self.faults.counts() if self.faults else {}
 
     def _count(self, made: FrameMade) -> None:
         counters = self.counters

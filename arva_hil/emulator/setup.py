@@ -13,11 +13,15 @@ from arva_hil.registry import MAVLINK_FORMATS
 
 @dataclass(frozen=True)
 class ReceiverSetup:
-    """One receiver. `sink`: the link for its frames; for formats inside MAVLink, the autopilot's own."""
+    """One receiver. `sink`: the link for its frames; for formats inside MAVLink, the autopilot's own.
+
+    `faults_change`: its faults may change during the run.
+    """
 
     name: str
     sink: str
     scenario: Scenario
+    faults_change: bool = False
 
 
 @dataclass(frozen=True)

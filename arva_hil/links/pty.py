@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import os
 import selectors
+import sys
 import weakref
 from typing import Any, Final
 
@@ -131,6 +132,13 @@ class PtyLink(FdLink):
         if self._open and (self._closings.seen() or self._current() is None):
             self._restore()
         return super().write(data)
+
+    def unread(self) -> int:
+        """Return the number of bytes that the other program has not read."""
+        import fcntl
+        import termios
+
+        return int.from_bytes(fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4)), sys.byteorder)
 
     def _receive(self) -> bytes:
         try:

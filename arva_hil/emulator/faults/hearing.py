@@ -87,13 +87,18 @@ class FaultyReceiver:
     Remembers its last reading, for the fault `stuck`, and its newest look. `scenario`: has the receiver's noise.
     """
 
-    def __init__(self, model: ReceiverModel, scenario: Scenario, switches: Sequence[Switch]) -> None:
+    def __init__(self, model: ReceiverModel, scenario: Scenario) -> None:
         self._model = model
-        self._changes = [s for s in switches if s.stage == "heard"]
-        self._stuck = [s for s in switches if s.fault.name == "stuck"]
-        self._loud = [(s, _interference(scenario, s)) for s in switches if s.fault.name == "interference"]
+        self._scenario = scenario
         self._shown: Reading | None = None
         self._look: Look | None = None
+        self.use(())
+
+    def use(self, switches: Sequence[Switch]) -> None:
+        """Apply these faults from now on."""
+        self._changes = [s for s in switches if s.stage == "heard"]
+        self._stuck = [s for s in switches if s.fault.name == "stuck"]
+        self._loud = [(s, _interference(self._scenario, s)) for s in switches if s.fault.name == "interference"]
 
     def next_look(self, after_s: float, frame_s: float) -> float:
         return self._model.next_look(after_s, frame_s)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from arva_hil.config import Scenario
+from arva_hil.config import Fault, Scenario
 from arva_hil.emulator.faults.hearing import FaultyReceiver, Switch
 from arva_hil.emulator.faults.sending import Outbox, QueuedFrame, Sending
 from arva_hil.model.receiver import ReceiverModel
@@ -16,24 +16,31 @@ from firmware_proto import Frame
 class Faults:
     """Remembers the faults that are on, those that changed the present frame, and the frames that wait to be sent.
 
-    `receiver`: the `model` with the faults of hearing. Call `begin`, then `send`, for each frame. The same scenario
-    gives the same faults in each frame.
+    `receiver`: the `model` with the faults of hearing. `present`: the faults; those of the scenario until `change`.
+    Call `begin`, then `send`, for each frame. The same scenario gives the same faults in each frame.
     """
 
     def __init__(self, scenario: Scenario, model: ReceiverModel) -> None:
-        order = [*FAULTS, *(fault.name for fault in scenario.faults)]  # in which they strike
-        seen: Counter[str] = Counter()
-        self._switches = []
-        for fault in sorted(scenario.faults, key=lambda fault: order.index(fault.name)):
-            seen[fault.name] += 1
-            self._switches.append(Switch(fault, f"{scenario.seed} {fault.name} {seen[fault.name]}"))
-        self.receiver = FaultyReceiver(model, scenario, self._switches)
+        self._seed = scenario.seed
+        self.receiver = FaultyReceiver(model, scenario)
         self.outbox = Outbox()
         self.met: tuple[str, ...] = ()  # names, in the order in which they struck
         self._frames: Counter[str] = Counter()
         self._bytes: Counter[str] = Counter()
         self._on: list[Switch] = []
         self._number = 0
+        self.change(scenario.faults)
+
+    def change(self, faults: Sequence[Fault]) -> None:
+        """Use other faults from the next frame on."""
+        self.present = tuple(faults)
+        order = [*FAULTS, *(fault.name for fault in faults)]  # in which they strike
+        seen: Counter[str] = Counter()
+        self._switches = []
+        for fault in sorted(faults, key=lambda fault: order.index(fault.name)):
+            seen[fault.name] += 1
+            self._switches.append(Switch(fault, f"{self._seed} {fault.name} {seen[fault.name]}"))
+        self.receiver.use(self._switches)
 
     def begin(self, number: int, time_s: float) -> None:
         """Frame `number` is about to be made; `time_s` is its instant from the start of the run."""
