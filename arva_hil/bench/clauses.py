@@ -36,7 +36,7 @@ class Step(NamedTuple):
     pause_s: float = 0.0
     """Silence after them."""
     lines: int = 0
-    """The lines that must have come, at most 2 s later, before the next step."""
+    """The lines that must come, on a silent line, before the next step."""
     unplug: bool = False
     """The port is unplugged after them."""
 
@@ -125,7 +125,7 @@ def _split() -> Clause:
 
 def _bytewise() -> Clause:
     frames = _frames(2, 2)
-    steps = [Step(bytes([byte]), 0.001) for frame in frames for byte in encode(frame)]
+    steps = [Step(bytes([byte])) for frame in frames for byte in encode(frame)]
     return _clause(
         "bytewise", "Finding frames: the rules of a decoder", "a frame may come byte by byte", frames, *steps
     )

@@ -13,10 +13,7 @@ from arva_hil.bench.clauses import NO_ID, Clause, Line, Step
 from arva_hil.clock import RealClock, await_descriptors
 from arva_hil.links.processes import holders
 
-PROMPT_S: Final = 2.0  # a line on a silent line comes within this time
-END_S: Final = 5.0  # a decoder ends this long after its input
-_OPEN_S: Final = 5.0  # and opens its port this long after its start
-_LATE_S: Final = 0.5  # before the end of the input, for lines that are due 100 ms later
+PATIENCE_S: Final = 5.0  # for a decoder's start, for a line that is due in 100 ms, and for its end
 _TOO_MUCH: Final = 65536  # bytes of output more than the expected lines may have
 _LINE_BYTES: Final = 256
 _PIECE: Final = 4096
@@ -30,8 +27,8 @@ class Verdict(NamedTuple):
     why: str
 
 
-class Decoder:
-    """A running decoder. Remembers its output. `pty`: it opens the port named in ARVA_PORT; otherwise it reads stdin."""
+class RunningDecoder:
+    """A decoder as a process. Remembers its output. `pty`: it opens the port in $ARVA_PORT; otherwise it reads stdin."""
 
     def __init__(self, command: Sequence[str], *, pty: bool) -> None:
         self.output = b""
@@ -61,9 +58,9 @@ class Decoder:
         if self._process.stdin is not None:
             os.set_blocking(self._process.stdin.fileno(), False)
 
-    def opened(self) -> bool:
+    def opened(self, seconds: float) -> bool:
         """Wait until the decoder has opened its port. Returns False if it does not."""
-        end = self._clock.now() + _OPEN_S
+        end = self._clock.now() + seconds
         while self._port is not None and len(holders(self._port.path)) < 2:  # the bench holds it as well
             if self._process.poll() is not None or self._clock.now() > end:
                 return False
@@ -143,34 +140,34 @@ class Decoder:
         process.wait()
 
 
-def judge(clause: Clause, command: Sequence[str], *, pty: bool = False, end_s: float = END_S) -> Verdict:
+def judge(clause: Clause, command: Sequence[str], *, pty: bool = False, patience_s: float = PATIENCE_S) -> Verdict:
     """Run a decoder for one clause. Raises OSError if the command cannot be started."""
-    decoder = Decoder(command, pty=pty)
+    decoder = RunningDecoder(command, pty=pty)
     try:
-        why = "" if decoder.opened() else "it does not open the port in $ARVA_PORT"
-        return Verdict(clause, why or _run(clause, decoder, end_s))
+        why = "" if decoder.opened(patience_s) else "it does not open the port in $ARVA_PORT"
+        return Verdict(clause, why or _run(clause, decoder, patience_s))
     finally:
         decoder.close()
 
 
-def _run(clause: Clause, decoder: Decoder, end_s: float) -> str:
+def _run(clause: Clause, decoder: RunningDecoder, patience_s: float) -> str:
     expected = len(clause.expected)
     for step in clause.steps:
-        if why := _step(step, decoder, end_s):
+        if why := _step(step, decoder, patience_s):
             return _first(_mistake(decoder.output, clause.expected, ended=False), why)
-    decoder.wait(_LATE_S, expected)
+    decoder.wait(patience_s, expected)
     if len(decoder.output) > _TOO_MUCH + _LINE_BYTES * expected:
         return f"it prints too much: {len(decoder.output)} bytes for {expected} lines"
-    ended = decoder.finish(end_s)
+    ended = decoder.finish(patience_s)
     return _first(_mistake(decoder.output, clause.expected, ended=True), ended)
 
 
-def _step(step: Step, decoder: Decoder, end_s: float) -> str:
+def _step(step: Step, decoder: RunningDecoder, patience_s: float) -> str:
     """Do one step. Returns the mistake, "" if there is none."""
-    if not decoder.send(step.data, end_s):
+    if not decoder.send(step.data, patience_s):
         return "it does not read its input"
-    if step.lines and not decoder.wait(PROMPT_S, step.lines):
-        return f"line {step.lines} does not come within {PROMPT_S:g} s of silence (is each line flushed?)"
+    if step.lines and not decoder.wait(patience_s, step.lines):
+        return f"line {step.lines} does not come within {patience_s:g} s of silence (is each line flushed?)"
     if step.pause_s:
         decoder.wait(step.pause_s)
     return ""
@@ -225,10 +222,10 @@ def _difference(line: Line, expected: Line) -> str:
     """Return the first field that differs; "" if none does."""
     for name, value, wanted in zip(Line._fields, line, expected, strict=True):
         if name == "d_cm" and wanted == 0:
-            if value > 0:
+            if line.d_cm > 0:
                 return f"d_cm is {value}, expected nothing heard: -1, 0 or null"
         elif wanted is not None and value != wanted:
-            return f"{name} is {value}, expected {wanted}: {_text(expected)}"
+            return f"{name} is {value}, expected {wanted}, in {_text(expected)}"
     return ""
 
 

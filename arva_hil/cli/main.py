@@ -73,6 +73,8 @@ COMMANDS: Final = {
     "campaign": "fly a plan of many trials and compare the strategies",
     "listen": "decode and print frames, like a consumer",
     "command": "send a command to a receiver, e.g. mark 3, print its answer",
+    "serve": "serve a receiver and a vehicle for your tests, by JSON lines",
+    "conform": "judge your decoder by the clauses of PROTOCOL.md",
     "view": "show a record on a page in a browser, with a time slider",
     "check": "validate scenario files",
     "vehicle": "run the built-in simulated vehicle alone",

@@ -1,0 +1,85 @@
+"""`arva-hil conform`: judges a decoder by the clauses of PROTOCOL.md."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from arva_hil.cli.options import CommandParser, number
+
+if TYPE_CHECKING:
+    from arva_hil.bench.judge import Verdict
+
+
+def options(parser: CommandParser) -> None:
+    """Judge your decoder of binary frames by each clause of PROTOCOL.md.
+
+    The command reads bytes on stdin, prints one JSON line for each valid frame and channel, flushes it, and ends when
+    its input ends:
+    {"seq": 0, "slot": 1, "id": 1, "zone": 1, "d_cm": 1905, "delta_deg": 22}
+    """
+    parser.option("--junit FILE", "write the results as JUnit XML, too")
+    parser.option("--list", "list the clauses, and judge nothing")
+    parser.option("--only CLAUSE", "judge this clause; may be given again", str, action="append")
+    parser.option("--pty", "the command opens the port named in $ARVA_PORT, instead of reading stdin")
+    parser.option("--timeout S", "patience with the command", number(0.5, 600, " of s"), 5.0)
+    parser.add_argument("command", metavar="COMMAND", nargs="*", help="the decoder and its arguments, after --")
+
+
+def main(options: argparse.Namespace) -> int:
+    from arva_hil.bench.clauses import clauses
+    from arva_hil.bench.judge import judge
+    from arva_hil.cli.outcome import FAILED, OK, UsageError
+    from arva_hil.cli.terminal import show
+    from arva_hil.errors import nearest
+
+    every = {clause.name: clause for clause in clauses()}
+    for name in options.only or ():
+        if name not in every:
+            near = nearest(name, every)
+            hint = f"did you mean {near}?" if near else "see arva-hil conform --list"
+            raise UsageError(f"--only: no clause {name!r}; {hint}")
+    chosen = [clause for clause in every.values() if not options.only or clause.name in options.only]
+    if options.list:
+        for clause in chosen:
+            show(f"{clause.name:<15} {clause.text} ({clause.section}){'; with --pty' if clause.pty else ''}")
+        return OK
+    if not options.command:
+        raise UsageError("no command: write arva-hil conform -- ./my_decoder")
+    if options.only and not options.pty and (needy := [clause.name for clause in chosen if clause.pty]):
+        raise UsageError(f"--only {needy[0]}: this clause needs a port: add --pty")
+    verdicts = []
+    for clause in chosen:
+        if clause.pty and not options.pty:
+            continue
+        try:
+            verdict = judge(clause, options.command, pty=options.pty, patience_s=options.timeout)
+        except OSError as error:
+            raise UsageError(f"{options.command[0]}: cannot be started: {error.strerror}") from None
+        verdicts.append(verdict)
+        show(f"{'FAIL' if verdict.why else 'ok':<4} {clause.name:<15} {verdict.why or clause.text} ({clause.section})")
+    failed = sum(bool(verdict.why) for verdict in verdicts)
+    show(f"{len(verdicts) - failed} of {len(verdicts)} clauses hold")
+    if options.junit:
+        _write_junit(options.junit, verdicts)
+    return FAILED if failed else OK
+
+
+def _write_junit(path: str, verdicts: Sequence[Verdict]) -> None:
+    """Write the results as JUnit XML. Raises UsageError."""
+    from xml.etree import ElementTree
+
+    from arva_hil.cli.outcome import UsageError
+
+    failed = sum(bool(verdict.why) for verdict in verdicts)
+    suite = ElementTree.Element("testsuite", name="arva-hil conform", tests=str(len(verdicts)), failures=str(failed))
+    for clause, why in verdicts:
+        case = ElementTree.SubElement(suite, "testcase", classname=f"PROTOCOL.md.{clause.section}", name=clause.name)
+        if why:
+            printable = "".join(letter if letter.isprintable() else "?" for letter in why)
+            ElementTree.SubElement(case, "failure", message=printable)
+    try:
+        ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)
+    except OSError as error:
+        raise UsageError(f"--junit {path}: cannot be written: {error.strerror}") from None
