@@ -44,7 +44,7 @@ dist: $(VENV)/.dist $(VENV)/.dev
 	build/whole/bin/python -m pip install --quiet dist/*.whl
 	cd build && whole/bin/arva-hil demo --speed max
 	$(BIN)/cyclonedx-py environment --output-file dist/sbom.json build/whole/bin/python
-	build/whole/bin/python -m pip install --quiet "$$(ls dist/*.whl)[plots,mcap,foxglove]"
+	build/whole/bin/python -m pip install --quiet "$$(ls dist/*.whl)[plots,mcap,foxglove]" pytest
 	PROGRAM_UNDER_TEST=$(CURDIR)/build/whole/bin/arva-hil $(BIN)/python -m pytest --numprocesses $(WORKERS) tests/pages/test_command_lines.py tests/pages/test_tutorial.py
 	$(PYTHON) -m venv build/codec
 	build/codec/bin/python -m pip install --quiet --no-deps dist/*.whl fastcrc

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from arva_hil.api import load_scenario, replay, run_live
     from arva_hil.autopilot.following.session import Session
+    from arva_hil.bench.bench import Bench, BenchTruth
+    from arva_hil.bench.ports import BenchError
     from arva_hil.config import FaultKind, Scenario, ScenarioError
     from arva_hil.config.constraints import Number, Whole
     from arva_hil.emulator.engine import Emulator
@@ -44,6 +46,8 @@ __version__ = "0.1.0"
 
 _MODULES: Final = {
     "api": "load_scenario replay run_live",
+    "bench.bench": "Bench BenchTruth",
+    "bench.ports": "BenchError",
     "config": "FaultKind Scenario ScenarioError",
     "config.constraints": "Number Whole",
     "emulator.engine": "Emulator",
@@ -65,6 +69,7 @@ _MODULES: Final = {
 }
 
 __all__ = ["FaultKind", "Number", "Scenario", "ScenarioError", "Whole", "load_scenario", "replay", "run_live"]
+__all__ += ["Bench", "BenchError", "BenchTruth"]
 __all__ += ["Emulator", "Output", "ReceiverSetup", "VehicleSetup", "one_vehicle"]
 __all__ += ["ArvaError", "Event", "FrameMade", "KindError", "UnknownKindError"]
 __all__ += ["LocalFrame", "Transmitters", "dipole_field"]

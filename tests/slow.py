@@ -36,6 +36,8 @@ COUNTED: Final = (
 )
 
 SLOW: Final = {
+    "bench/test_conform.py": PROCESS,
+    "bench/test_pytest_plugin.py": PROCESS,
     "campaign/test_plan.py::test_transmitters_are_drawn_uniformly": EXAMPLES,
     "campaign/test_report.py": EXAMPLES,
     "campaign/test_results.py::test_every_row_is_one_line_and_is_read_as_it_was_written": EXAMPLES,

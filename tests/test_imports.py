@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 FLOORS = """mavlink model links config events autopilot emulator runtime search records observers simulated
-    campaign api cli""".split()  # from the ground up: a room imports rooms below it, and none above
+    campaign bench api cli""".split()  # from the ground up: a room imports rooms below it, and none above
 SMALL_FLOORS = {  # the same inside a room
     "arva_hil/autopilot": "following commanding",
     "arva_hil/model": "field receiver",
@@ -42,6 +42,12 @@ for name in ("SIGALRM", "SIGHUP", "SIGKILL", "SIGUSR1", "SIG_BLOCK", "SIG_SETMAS
 for module in pkgutil.walk_packages(arva_hil.__path__, "arva_hil."):
     if not module.name.endswith("__main__"):
         importlib.import_module(module.name)
+with arva_hil.Bench(port="memory") as bench:
+    assert len(bench.advance(3)) == 3
+try:
+    arva_hil.Bench()
+except arva_hil.LinkError as error:
+    assert "tcpin:127.0.0.1:5760" in str(error) and "com0com" in str(error), error
 """
 
 
@@ -138,6 +144,16 @@ def test_only_the_clock_asks_for_the_time() -> None:
 def test_every_module_can_be_imported_without_what_only_unix_has() -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT_UNIX], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_bench_the_codec_the_emulator_and_listen_need_no_module_of_unix_at_their_top() -> None:
+    of_unix = {"fcntl", "grp", "pty", "pwd", "resource", "termios", "tty"}
+    for room in ("arva_hil/bench", "arva_hil/emulator", "arva_hil/cli/listen.py", "firmware_proto"):
+        for path in files(room):
+            top = ast.parse(path.read_text()).body
+            names = {alias.name for node in top if isinstance(node, ast.Import) for alias in node.names}
+            names |= {node.module or "" for node in top if isinstance(node, ast.ImportFrom)}
+            assert not names & of_unix, path
 
 
 def test_what_is_printed_goes_through_one_place() -> None:

@@ -127,7 +127,8 @@ def command(mutant: Mutant | None, language: str, folder: Path) -> list[str]:
     if language == "c":
         sources = [str(EXAMPLES / "decoder.cpp"), str(copy / "c" / "arva_frame.c")]
         built = folder / "decoder"
-        subprocess.run(["g++", "-w", f"-I{copy / 'c'}", *sources, "-o", str(built)], check=True)
+        warnings = ["-w"] if mutant else ["-Wall", "-Wextra", "-Werror"]
+        subprocess.run(["g++", *warnings, f"-I{copy / 'c'}", *sources, "-o", str(built)], check=True)
         return [str(built)]
     return ["env", f"PYTHONPATH={ROOT}", sys.executable, "-m", "tests.bench.lua_decoder", str(copy / "ardupilot")]
 

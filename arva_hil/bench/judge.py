@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import signal
 import subprocess
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -28,10 +29,14 @@ class Verdict(NamedTuple):
 
 
 class RunningDecoder:
-    """A decoder as a process. Remembers its output. `pty`: it opens the port in $ARVA_PORT; otherwise it reads stdin."""
+    """A decoder as a process. Remembers its output. `pty`: it opens the port in $ARVA_PORT, else it reads stdin.
 
-    def __init__(self, command: Sequence[str], *, pty: bool) -> None:
+    `most`: the output is not read any further after so many bytes.
+    """
+
+    def __init__(self, command: Sequence[str], most: int, *, pty: bool) -> None:
         self.output = b""
+        self._most = most
         self._clock = RealClock()
         self._closed = False  # its output
         self._port: Any = None
@@ -89,10 +94,15 @@ class RunningDecoder:
                 self.wait(0.001)
         return not data
 
+    @property
+    def prints_too_much(self) -> bool:
+        """True if the output is longer than any right output."""
+        return len(self.output) > self._most
+
     def read(self) -> None:
         """Read what it has printed."""
         with contextlib.suppress(BlockingIOError):
-            while not self._closed:
+            while not self._closed and not self.prints_too_much:
                 chunk = os.read(self._out, 65536)
                 self._closed = not chunk
                 self.output += chunk
@@ -105,7 +115,7 @@ class RunningDecoder:
             there = lines is not None and self.output.count(b"\n") >= lines
             if there or (left := end - self._clock.now()) <= 0:
                 return there
-            if self._closed:
+            if self._closed or self.prints_too_much:
                 return False
             await_descriptors([self._out], timeout_s=left)
 
@@ -132,6 +142,8 @@ class RunningDecoder:
         if process is None:
             return
         if process.poll() is None:
+            with contextlib.suppress(OSError, AttributeError):  # a script may have started other programs
+                os.killpg(process.pid, signal.SIGKILL)
             process.kill()
         for stream in (process.stdin, process.stdout):
             if stream is not None:
@@ -142,7 +154,7 @@ class RunningDecoder:
 
 def judge(clause: Clause, command: Sequence[str], *, pty: bool = False, patience_s: float = PATIENCE_S) -> Verdict:
     """Run a decoder for one clause. Raises OSError if the command cannot be started."""
-    decoder = RunningDecoder(command, pty=pty)
+    decoder = RunningDecoder(command, _TOO_MUCH + _LINE_BYTES * len(clause.expected), pty=pty)
     try:
         why = "" if decoder.opened(patience_s) else "it does not open the port in $ARVA_PORT"
         return Verdict(clause, why or _run(clause, decoder, patience_s))
@@ -156,16 +168,16 @@ def _run(clause: Clause, decoder: RunningDecoder, patience_s: float) -> str:
         if why := _step(step, decoder, patience_s):
             return _first(_mistake(decoder.output, clause.expected, ended=False), why)
     decoder.wait(patience_s, expected)
-    if len(decoder.output) > _TOO_MUCH + _LINE_BYTES * expected:
-        return f"it prints too much: {len(decoder.output)} bytes for {expected} lines"
-    ended = decoder.finish(patience_s)
+    ended = "" if decoder.prints_too_much else decoder.finish(patience_s)
+    if decoder.prints_too_much:
+        return f"it prints too much: more than {len(decoder.output)} bytes for {expected} lines"
     return _first(_mistake(decoder.output, clause.expected, ended=True), ended)
 
 
 def _step(step: Step, decoder: RunningDecoder, patience_s: float) -> str:
     """Do one step. Returns the mistake, "" if there is none."""
     if not decoder.send(step.data, patience_s):
-        return "it does not read its input"
+        return decoder.finish(patience_s) or "it does not read its input"
     if step.lines and not decoder.wait(patience_s, step.lines):
         return f"line {step.lines} does not come within {patience_s:g} s of silence (is each line flushed?)"
     if step.pause_s:

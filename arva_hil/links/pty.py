@@ -93,7 +93,9 @@ class PtyLink(FdLink):
 
             master, self._slave = os.openpty()
         except ImportError:
-            raise LinkError(name, "this system has no pseudo-terminals", "use tcpin:127.0.0.1:5760") from None
+            raise LinkError(
+                name, "this system has no pseudo-terminals", "use tcpin:127.0.0.1:5760 or a pair of ports by com0com"
+            ) from None
         except OSError as error:
             raise LinkError(name, f"no pseudo-terminal: {error.strerror}") from error
         self.path = os.ttyname(self._slave)

@@ -18,7 +18,7 @@ from tests.cli.far_ends import UNDER_TEST
 
 from .pages import ROOT, Typed, console, pattern
 
-LESSONS = ["first-victim", "own-client", "own-search"]
+LESSONS = ["first-victim", "own-client", "own-search", "driver-in-ci"]
 DEADLINE_S = 60.0
 
 
