@@ -38,7 +38,7 @@ _LOOK_S: Final = 0.02  # of real time, between checks for a `close`
 
 @dataclass(frozen=True)
 class BenchTruth:
-    """The true state at one instant, without the wire."""
+    """The true state at one instant, without the wire. Lengths are in metres."""
 
     time_s: float
     """Time on the bench's clock, from 0 at its start."""
