@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 from collections.abc import Callable, Generator, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -18,6 +19,8 @@ TESTS = Path(__file__).parent
 DATA = TESTS / "data"
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as in the program; else the workers' threads wait for each other
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)  # or each worker and each program compiles everything again
+sys.dont_write_bytecode = False
 settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=40)
 settings.register_profile("thorough", deadline=None, max_examples=500)  # --hypothesis-profile=thorough
 settings.load_profile("repeatable")

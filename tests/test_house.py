@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections import Counter
-from collections.abc import Iterator
 from pathlib import Path
 
 from arva_hil.emulator.engine import Emulator
@@ -14,10 +14,13 @@ from tools import house
 ROOT = Path(__file__).parent.parent
 
 
-def _nodes() -> Iterator[tuple[str, ast.AST]]:
-    for path in sorted([*ROOT.glob("arva_hil/**/*.py"), *ROOT.glob("firmware_proto/**/*.py")]):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            yield f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}", node
+@functools.cache
+def _nodes() -> list[tuple[str, ast.AST]]:
+    return [
+        (f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 1)}", node)
+        for path in sorted([*ROOT.glob("arva_hil/**/*.py"), *ROOT.glob("firmware_proto/**/*.py")])
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    ]
 
 
 def test_the_engine_has_few_methods_and_its_classes_few_attributes() -> None:

@@ -75,21 +75,6 @@ def within(name: str, allowed: set[str]) -> bool:
     return any(name == room or name.startswith(room + ".") for room in allowed)
 
 
-def name_of(path: Path) -> str:
-    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
-
-
-@functools.cache
-def imported_modules(path: Path) -> frozenset[str]:
-    """Names of the modules of ours that a file imports; for a name of a package its `__init__`."""
-    ours = {name_of(one) for one in files("arva_hil")}
-    found = set(imports(path))
-    for node in parsed(path):
-        if isinstance(node, ast.ImportFrom):
-            found |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return frozenset((found & ours) - {name_of(path)})
-
-
 def rooms_of(path: Path, below: str) -> set[str]:
     """The rooms directly below the package `below` that a module imports."""
     return {name.removeprefix(below + ".").partition(".")[0] for name in imports(path) if name.startswith(below + ".")}
@@ -114,13 +99,6 @@ def test_the_house_has_few_places_at_the_top() -> None:
 def test_what_is_on_the_wire_imports_nothing_of_the_program() -> None:
     for path in files("firmware_proto"):
         assert not rooms_of(path, "arva_hil"), path
-
-
-def test_no_files_import_each_other_in_a_circle() -> None:
-    waiting = {name_of(path): imported_modules(path) for path in files("arva_hil") if path.name != "__init__.py"}
-    while free := {name for name, wanted in waiting.items() if not wanted & waiting.keys()}:
-        waiting = {name: wanted for name, wanted in waiting.items() if name not in free}
-    assert not waiting
 
 
 @pytest.mark.parametrize("room", OF_OTHERS)
