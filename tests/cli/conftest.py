@@ -5,20 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 import pytest
 
 from arva_hil.cli.main import main
 from arva_hil.links.pty import PtyLink
 
-from .far_ends import Autopilot, Program
-
-
-class Ended(NamedTuple):
-    code: int
-    out: str
-    err: str
+from .far_ends import Arva, Autopilot, Ended, Program, Start
 
 
 class Closes(Protocol):
@@ -81,7 +75,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestR
 
 
 @pytest.fixture
-def arva(capsys: pytest.CaptureFixture[str]) -> Callable[..., Ended]:
+def arva(capsys: pytest.CaptureFixture[str]) -> Arva:
     """The program, in this process."""
 
     def call(*arguments: object) -> Ended:
@@ -93,7 +87,7 @@ def arva(capsys: pytest.CaptureFixture[str]) -> Callable[..., Ended]:
 
 
 @pytest.fixture
-def start(keep: Callable[..., Any]) -> Callable[..., Program]:
+def start(keep: Callable[..., Any]) -> Start:
     """The program, as a process that is gone after the test."""
     return lambda *arguments, **options: keep(Program(*arguments, **options))
 

@@ -15,7 +15,7 @@ import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from arva_hil.clock import Clock, RealClock
 from arva_hil.links import Link, LinkError
@@ -46,6 +46,14 @@ def full_disk() -> dict[str, Any]:
         "preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8000, 8000)),
         "env": os.environ | {"PYTHONDONTWRITEBYTECODE": "1"},
     }
+
+
+class Ended(NamedTuple):
+    """An end of the program in this process: its exit code and what it printed."""
+
+    code: int
+    out: str
+    err: str
 
 
 class Program:
@@ -204,6 +212,11 @@ class Autopilot:
     def close(self) -> None:
         self.pause()
         self.link.close()
+
+
+Arva = Callable[..., Ended]  # these three are fixtures
+Start = Callable[..., Program]
+Keep = Callable[[Any], Any]
 
 
 class Denier:

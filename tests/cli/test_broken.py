@@ -25,11 +25,11 @@ import pytest
 from arva_hil.safe_text import one_line
 from tests.every import every
 
+from .far_ends import Arva
+
 BROKEN = Path(__file__).parent.parent / "broken"
 DATA = Path(__file__).parent.parent / "data"
 GOOD = "transmitters: [{id: 1, ned: [1, 2, 3]}]\n"
-
-Arva = Callable[..., Any]
 
 
 class Entry(NamedTuple):

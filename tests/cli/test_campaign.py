@@ -9,10 +9,8 @@ import socket
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -22,15 +20,12 @@ from arva_hil.cli import campaign
 from tests.campaign import fakes
 
 from . import far_ends
-from .far_ends import Program, until
+from .far_ends import Arva, Start, until
 from .test_terminal import Terminal
 
 TESTS = Path(__file__).parent.parent
 PLAN = fakes.PLAN.replace("estimate", "estimate, extremum")
 TRIALS = 6 * 2 * 3
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
 
 
 @pytest.fixture

@@ -6,10 +6,9 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,16 +16,13 @@ from arva_hil.campaign.results import opened, row
 from tests.campaign import fakes
 
 from . import far_ends
-from .far_ends import Program
+from .far_ends import Arva, Start
 from .test_campaign import flights, plan_file, rows, until
 
 TESTS = Path(__file__).parent.parent
 SEEDS = 260
 TRIALS = 4 * SEEDS
 PLAN = fakes.PLAN.replace("seeds: 6", f"seeds: {SEEDS}")
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
 
 
 @pytest.fixture

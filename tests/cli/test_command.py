@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -15,10 +15,8 @@ from arva_hil.links.pty import PtyLink
 from arva_hil.registry import FORMATS
 from firmware_proto import Channel, CommandAnswer, Frame, encode
 
-from .far_ends import Program
+from .far_ends import Arva, Start
 
-Arva = Callable[..., Any]
-Start = Callable[..., Program]
 FRAME = Frame(1, 1, (Channel(7, 1, 1234, -15),))
 
 

@@ -9,9 +9,7 @@ import re
 import shlex
 import signal
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,15 +18,12 @@ from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial_ports import list_ports
 from firmware_proto import Channel, Frame, encode
 
-from .far_ends import PROGRAM, Program, frames_in, until
+from .far_ends import PROGRAM, Arva, Start, frames_in, until
 
 ROOT = Path(__file__).parent.parent.parent
 DEFAULT = ROOT / "configs" / "default.yaml"
 LOG = ROOT / "tests" / "data" / "px4.tlog"
 FRAMES = [Frame(n, 1, (Channel(7, 1, 1234 + n, -15), Channel())) for n in range(5)]
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
 
 
 # -- listen ------------------------------------------------------------------------------------------------

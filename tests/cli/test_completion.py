@@ -5,15 +5,14 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from arva_hil.cli.main import COMMANDS
 
-Arva = Callable[..., Any]
+from .far_ends import Arva
+
 LINES = [
     (["arva-hil", "re"], ["replay", "report"]),
     (["arva-hil", "replay", "--sp"], ["--speed"]),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,8 @@ import pytest
 
 from arva_hil.config import load, parse
 from arva_hil.config.profiles import builtin_files
+
+from .far_ends import Arva
 
 SCENARIO = """\
 transmitters:
@@ -23,7 +24,6 @@ receiver:
   rate_hz: 2
 faults: [{drop: 0.02, from_s: 10, until_s: 60}]
 """
-Arva = Callable[..., Any]
 
 
 @pytest.fixture

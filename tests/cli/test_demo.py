@@ -6,20 +6,15 @@ import csv
 import json
 import re
 import signal
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from .far_ends import Program, full_disk
+from .far_ends import Arva, Start, full_disk
 from .flown import demo
 
 CONFIGS = Path(__file__).parent.parent.parent / "configs"
 MAX = ("demo", "--speed", "max", "--headless")
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
 
 
 def error_m(err: str) -> float:

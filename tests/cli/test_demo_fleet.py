@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from arva_hil.cli.pace import Pace
 from arva_hil.clock import StepClock
 
+from .far_ends import Arva
+
 MAX = ("demo", "--speed", "max", "--headless")
 FIELD = "spec: 2\ntransmitters: [{id: 1, ned: [14, -10, 0.5]}, {id: 2, ned: [-12, 12, 1]}]\n"
-
-Arva = Callable[..., Any]
 
 
 @pytest.fixture

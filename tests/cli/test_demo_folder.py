@@ -6,15 +6,14 @@ import os
 import re
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from arva_hil.cli.demo import new_folder
 
-Arva = Callable[..., Any]
+from .far_ends import Arva
+
 WEEK_S = 7 * 86400
 
 

@@ -36,16 +36,12 @@ from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Frame, encode
 from tests.free_ports import free_port
 
-from .far_ends import DEADLINE_S, HOME, Autopilot, Denier, Program, heartbeat, until
+from .far_ends import DEADLINE_S, HOME, Arva, Autopilot, Denier, Keep, Start, heartbeat, until
 
 LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
 HEALTHY_S = 0.9  # as long after its first heartbeat a vehicle streams what it was asked for
 HEARTBEAT_S = 1.3  # one comes within, from who speaks anyhow
 GARBAGE = bytes(n * 7 % 251 for n in range(500))
-
-Arva = Callable[..., Any]
-Keep = Callable[[Any], Any]
-Start = Callable[..., Program]
 
 
 def encoded(frame: Frame, boot_ms: int) -> bytes:

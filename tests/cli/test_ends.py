@@ -28,12 +28,9 @@ from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
 from arva_hil.records.writing import growing_files
 
-from .far_ends import Autopilot, Program, frames_in, read_frames, until
+from .far_ends import Arva, Autopilot, Start, frames_in, read_frames, until
 
 DATA = Path(__file__).parent.parent / "data"
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
 
 
 # -- signals -----------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ import pytest
 from arva_hil.registry import EXPORTS
 from tests.made_records import write
 
-Arva = Callable[..., Any]
+from .far_ends import Arva
 
 
 @pytest.mark.parametrize("name", EXPORTS)

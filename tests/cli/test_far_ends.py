@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,9 +10,7 @@ from arva_hil.links.pty import PtyLink
 
 from . import far_ends
 from .conftest import pytest_runtest_makereport
-from .far_ends import Autopilot, Program, read_frames
-
-Start = Callable[..., Program]
+from .far_ends import Autopilot, Start, read_frames
 
 
 def report_of(item: pytest.Item) -> str:

@@ -10,10 +10,8 @@ import resource
 import socket
 import sys
 import termios
-from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -26,12 +24,18 @@ from firmware_proto import Frame
 from tests.free_ports import free_port
 from tests.mavlink.test_codec import packet
 
-from .conftest import Ended
-from .far_ends import Autopilot, Consumer, Program, frames_in, hears, read_frames, read_until_heard, until
-
-Start = Callable[..., Program]
-Keep = Callable[[Any], Any]
-Arva = Callable[..., Ended]
+from .far_ends import (
+    Arva,
+    Autopilot,
+    Consumer,
+    Keep,
+    Start,
+    frames_in,
+    hears,
+    read_frames,
+    read_until_heard,
+    until,
+)
 
 TRANSMITTER = "spec: 2\ntransmitters: [{id: 1, ned: [20, 5, 0]}]\nreceiver: {noise: {kind: off}}\n"
 

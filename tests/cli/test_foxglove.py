@@ -14,15 +14,13 @@ import pytest
 
 from arva_hil.links.pty import PtyLink
 
-from .far_ends import Autopilot, Program, until
+from .far_ends import Autopilot, Program, Start, until
 from .test_search import Beacon
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("foxglove") is None, reason="foxglove-sdk is not installed")
 
 if importlib.util.find_spec("foxglove"):
     from tests.foxglove_client import FoxgloveClient
-
-Start = Callable[..., Program]
 
 
 def client(program: Program) -> FoxgloveClient:

@@ -7,9 +7,7 @@ import select
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,11 +19,7 @@ from arva_hil.observers.console.printer import status_line
 from firmware_proto import Channel, Frame, encode
 from tests.every import every
 
-from .far_ends import DEADLINE_S, Autopilot, Program
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
-Keep = Callable[[Any], Any]
+from .far_ends import DEADLINE_S, Arva, Autopilot, Keep, Start
 
 # sets the title, clears the screen, writes over the line, fakes one, colours, turns the direction
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\r\nerror: all is well\x9b31m\u202e"

@@ -7,8 +7,7 @@ import os
 import shutil
 import socket
 import threading
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
 
 import pytest
 import serial
@@ -23,19 +22,16 @@ from tests.free_ports import free_port
 from .far_ends import (
     DEADLINE_S,
     ORDINARY,
+    Arva,
     Autopilot,
     Consumer,
     Denier,
-    Program,
+    Keep,
+    Start,
     heartbeat,
     read_frames,
     read_until_heard,
 )
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
-Keep = Callable[[Any], Any]
-
 
 # -- before anything runs ----------------------------------------------------------------------------------
 

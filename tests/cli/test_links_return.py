@@ -21,10 +21,7 @@ from arva_hil.mavlink.codec import Encoder, dialect
 from firmware_proto import Decoder, Frame
 from tests.free_ports import free_port
 
-from .far_ends import Autopilot, Program, hears, heartbeat, read_frames, read_until_heard, until
-
-Start = Callable[..., Program]
-Keep = Callable[[Any], Any]
+from .far_ends import Autopilot, Keep, Start, hears, heartbeat, read_frames, read_until_heard, until
 
 
 @pytest.fixture(params=["pty", "tcp"])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,12 +14,9 @@ from arva_hil.registry import FORMATS
 from arva_hil.simulated.vehicle import SimulatedVehicle
 from firmware_proto import Channel, Frame
 
-from .far_ends import HOME, Program, heartbeat
+from .far_ends import HOME, Arva, Start, heartbeat
 
 FRAMES = [Frame(n, 1, (Channel(7, 1, 1234 + n, -15), Channel())) for n in range(5)]
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
 
 
 def sent_as(format: str) -> bytes:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -14,7 +12,7 @@ from arva_hil.campaign.results import row
 from tests.campaign.fakes import fake, planned
 from tests.made_records import write
 
-Arva = Callable[..., Any]
+from .far_ends import Arva
 
 
 def test_a_sheet_is_of_the_kind_that_its_name_says(arva: Arva, tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import jsonschema
 import pytest
@@ -17,14 +16,12 @@ from arva_hil.registry import EXPORTS, FAULTS, FORMATS, LINKS, OBSERVERS, RECEIV
 from firmware_proto import Decoder
 from tests.made_records import write
 
-from .far_ends import Autopilot
+from .far_ends import Arva, Autopilot
 
 EXAMPLE = Path(__file__).parent.parent / "plugins" / "example"
 LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
 REGISTRIES = [RECEIVERS, FORMATS, LINKS, FAULTS, STRATEGIES, OBSERVERS, EXPORTS]
 HOLD = "spec: 2\ntransmitters: [{id: 1, enu: [5, 20, 0]}]\nreceiver: {model: hold, %s}\n"
-
-Arva = Callable[..., Any]
 
 
 @pytest.fixture(autouse=True)

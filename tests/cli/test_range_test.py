@@ -5,13 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-Arva = Callable[..., Any]
+from .far_ends import Arva
 
 
 def test_it_prints_a_sheet_and_leaves_it_with_a_table_and_a_picture_in_a_folder(arva: Arva, tmp_path: Path) -> None:

@@ -7,9 +7,8 @@ import json
 import os
 import signal
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 from pymavlink import mavutil
@@ -20,17 +19,26 @@ from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.records.reading import load
 from firmware_proto import Frame
 
-from .far_ends import ORDINARY, Autopilot, Program, contents, frames_in, full_disk, hears, heartbeat, read_frames
+from .far_ends import (
+    ORDINARY,
+    Arva,
+    Autopilot,
+    Keep,
+    Program,
+    Start,
+    contents,
+    frames_in,
+    full_disk,
+    hears,
+    heartbeat,
+    read_frames,
+)
 
 DATA = Path(__file__).parent.parent / "data"
 COLUMNS = (
     "seq,time_s,boot_ms,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg,pose_age_ms,"
     "slot,id,zone,d_cm,delta_deg,true_range_m,faults,reported_north_m,reported_east_m,reported_down_m,late_ms"
 ).split(",")
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
-Keep = Callable[[Any], Any]
 
 
 class Recorded(NamedTuple):

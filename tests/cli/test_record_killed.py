@@ -7,7 +7,6 @@ import json
 import random
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -17,9 +16,8 @@ from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
 from arva_hil.records.writing import COLUMNS
 
-from .far_ends import Autopilot, Program, frames_in, read_frames
+from .far_ends import Autopilot, Program, Start, frames_in, read_frames
 
-Start = Callable[..., Program]
 LOST_S = 1.0  # docs/howto/recordings.md
 
 

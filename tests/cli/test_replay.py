@@ -10,7 +10,6 @@ import re
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -20,12 +19,9 @@ from arva_hil.links.tlog import TlogReader, tlog_record
 from arva_hil.mavlink.codec import Encoder, dialect
 from firmware_proto import SYNTHETIC
 
-from .far_ends import Program, contents, frames_in, heartbeat, read_frames
+from .far_ends import Arva, Start, contents, frames_in, heartbeat, read_frames
 
 LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
 
 
 def frames_of(err: str) -> int:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -13,9 +11,7 @@ from arva_hil.links.tlog import TlogReader, tlog_record
 from arva_hil.mavlink.codec import Parser, dialect
 from arva_hil.simulated.vehicle import SimulatedVehicle
 
-from .far_ends import frames_in
-
-Arva = Callable[..., Any]
+from .far_ends import Arva, frames_in
 
 HOMES = {1: (46.0123, 7.7456, 1650.0), 2: (46.1, 7.9, 2100.0)}
 STREAMS = {dialect.MAVLINK_MSG_ID_ATTITUDE: 10.0, dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0}

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from arva_hil.records.report import page
 from tests.made_records import write
 
-Arva = Callable[..., Any]
+from .far_ends import Arva
 
 
 def test_the_page_is_in_the_record_or_where_it_is_wanted(

@@ -25,10 +25,7 @@ from arva_hil.mavlink.codec import Encoder, dialect
 from firmware_proto import SYNTHETIC, NmeaDecoder, TextDecoder
 from tests.free_ports import free_port
 
-from .far_ends import Autopilot, Program, frames_in, hears, heartbeat, read_frames, read_until_heard, until
-
-Start = Callable[..., Program]
-Keep = Callable[[Any], Any]
+from .far_ends import Autopilot, Keep, Start, frames_in, hears, heartbeat, read_frames, read_until_heard, until
 
 
 def test_frames_go_from_one_terminal_to_another_at_the_rate_asked_for(

@@ -11,7 +11,6 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,11 +22,7 @@ from arva_hil.simulated.autopilot import Mode
 from firmware_proto import MID, Channel, Frame, encode, encode_nmea
 from tests.free_ports import free_port
 
-from .far_ends import Autopilot, Program
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
-Keep = Callable[[Any], Any]
+from .far_ends import Arva, Autopilot, Keep, Program, Start
 
 LOW = ("--take-off", 0.5, "--height", 0.5)
 ARM, SET_MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MODE

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +11,9 @@ import pytest
 
 from arva_hil.mavlink.codec import Parser, dialect
 
-from .far_ends import Autopilot, Program
+from .far_ends import Autopilot, Keep, Start
 from .test_search import Beacon, orders
 from .test_search_permission import arguments
-
-Start = Callable[..., Program]
-Keep = Callable[[Any], Any]
 
 QUESTIONS = {
     dialect.MAV_CMD_SET_MESSAGE_INTERVAL,

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 
 from arva_hil.cli.terminal import TerminalQuestion
 from arva_hil.mavlink.codec import Parser, dialect
 
-from .far_ends import Autopilot, Program
+from .far_ends import Autopilot, Keep, Start
 from .test_search import ARM, Beacon, orders
 from .test_terminal import Terminal
-
-Start = Callable[..., Program]
-Keep = Callable[[Any], Any]
 
 TRUTHS = (dialect.MAVLINK_MSG_ID_SIMSTATE, dialect.MAVLINK_MSG_ID_SIM_STATE)
 QUESTION = r"is not known to be a simulator: propellers will turn\. Type yes to let it fly"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import socket
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +15,13 @@ from arva_hil.search.mission.choice import HeardTransmitter
 from arva_hil.search.mission.outcome import Outcome
 from tests.free_ports import free_port
 
-from .far_ends import Program
+from .far_ends import Arva, Keep, Start
 from .test_search import Beacon
 
 DATUM = "datum: {lat: 46.0123, lon: 7.7456, alt: 1650}\n"
 FIELD = f"spec: 2\n{DATUM}transmitters: [{{id: 4, ned: [14, -10, 0.5]}}]\nvehicles:\n"
 ONE = "  - {name: a, system: 1, receivers: [{name: r, port: 'pty:/tmp/none-a'}]}\n"
 TWO = "  - {name: b, system: 2, receivers: [{name: r, port: 'pty:/tmp/none-b'}]}\n"
-
-Arva = Callable[..., Any]
-Start = Callable[..., Program]
-Keep = Callable[[Any], Any]
 
 
 @pytest.fixture

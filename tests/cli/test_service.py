@@ -7,7 +7,7 @@ import shlex
 import shutil
 import subprocess
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,13 @@ from arva_hil.cli.options import CommandParser
 from arva_hil.cli.outcome import INTERRUPTED, USAGE
 from tests.service_manager import Manager
 
-from .far_ends import Autopilot, Program, until
+from .far_ends import Autopilot, Start, until
 
 ROOT = Path(__file__).parent.parent.parent
 SYSTEMD = ROOT / "tools" / "systemd"
 UNIT, ENVIRONMENT, RECORD = (SYSTEMD / name for name in ("arva-hil.service", "arva-hil.env", "record.conf"))
 CONTAINER = ROOT / "tools" / "container" / "Containerfile"
 ASSIGNMENT = re.compile(r"\bARVA_HIL_\w+=[^\s\"']*")
-
-Start = Callable[..., Program]
 
 
 # -- what it says ------------------------------------------------------------------------------------------

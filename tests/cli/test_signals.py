@@ -7,7 +7,6 @@ import os
 import shutil
 import signal
 import socket
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +21,10 @@ from arva_hil.runtime import drivers
 from tests.free_ports import free_port
 from tests.signal_at import signalled
 
+from .far_ends import Arva
+
 DATA = Path(__file__).parent.parent / "data"
 SAMPLES = 8  # lines, spread over all that are run
-
-Arva = Callable[..., Any]
 
 
 @pytest.fixture

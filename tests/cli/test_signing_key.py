@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tlog import TlogReader
 
-from .far_ends import Autopilot, Program, hears, read_frames, read_until_heard
+from .far_ends import Arva, Autopilot, Keep, Start, hears, read_frames, read_until_heard
 
-Start = Callable[..., Program]
-Keep = Callable[[Any], Any]
-Arva = Callable[..., Any]
 KEY = "0123456789abcdef" * 4
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +15,11 @@ from arva_hil.cli.main import COMMANDS
 from arva_hil.cli.options import CommandParser
 from arva_hil.links.pty import PtyLink
 
-from .far_ends import Autopilot, Program, frames_in, read_frames, until
+from .far_ends import Arva, Autopilot, Start, frames_in, read_frames, until
 
 ROOT = Path(__file__).parent.parent.parent
 DEFAULT = ROOT / "configs" / "default.yaml"
 LOG = ROOT / "tests" / "data" / "px4.tlog"
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
 
 
 def shut(which: str) -> dict[str, list[str]]:

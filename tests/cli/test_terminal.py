@@ -19,15 +19,13 @@ import pytest
 
 from arva_hil.events.words.text import BAD
 
-from .far_ends import DEADLINE_S, Autopilot, Program
+from .far_ends import DEADLINE_S, Autopilot, Start
 
 DATA = Path(__file__).parent.parent / "data"
 STATUS = (
     r"(?:\x1b\[1m)?#1 +mid +\d+ cm +[+-]\d+°(?:\x1b\[0m)? \| pose \d+ ms \| "
     r"\d+ sent, 0 dropped \| pos \d+ Hz att \d+ Hz \| quadrotor 1/1"
 )
-
-Start = Callable[..., Program]
 
 
 class Terminal:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from arva_hil.cli.main import COMMANDS
 from tests.every import every
 
+from .far_ends import Arva
+
 DATA = Path(__file__).parent.parent / "data"
 LOG = str(DATA / "px4.tlog")
-
-Arva = Callable[..., Any]
 
 
 @every(

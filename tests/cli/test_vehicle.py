@@ -18,10 +18,8 @@ from arva_hil.simulated.arducopter import FAILSAFES
 from tests.free_ports import free_port
 
 from .conftest import Ended
-from .far_ends import DEADLINE_S, Program
+from .far_ends import DEADLINE_S, Keep, Start
 
-Start = Callable[..., Program]
-Keep = Callable[[Any], Any]
 GUIDED, RTL = 4, 6
 
 

@@ -7,7 +7,7 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from arva_hil.observers.web.state import State
 from firmware_proto import Channel, Frame, encode
 from tests.browser import Tab, browser
 
-from .far_ends import Autopilot, Program
+from .far_ends import Autopilot, Keep, Program, Start
 from .test_search import Beacon
 
 __all__ = ["browser"]
@@ -39,10 +39,6 @@ ARRANGED = """async ([things, width, height]) => {
   for (const [name, x, y] of things) { names.avoid(x, y, 12); names.add(name, x, y, "", 0, BESIDE(17)); }
   return names.arranged(width, height, (text) => 8 * text.length).map(({ box }) => box);
 }"""
-
-Start = Callable[..., Program]
-Arva = Callable[..., Any]
-Keep = Callable[[Any], Any]
 
 
 @pytest.fixture

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import re
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
+from .far_ends import Arva
 
-Arva = Callable[..., Any]
+LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
 
 
 @pytest.fixture
