@@ -23,6 +23,7 @@ from arva_hil.observers.web.state import State
 from firmware_proto import Channel, Frame, encode
 from tests.browser import Tab, browser
 
+from . import flown
 from .far_ends import Autopilot, Keep, Program, Start
 from .test_search import Beacon
 
@@ -180,13 +181,9 @@ def test_a_search(start: Start, autopilot: Autopilot, keep: Keep, tab: Tab, tmp_
     assert int(tab.text("#belief").split("hypotheses\n")[1].split("\n")[0]) > 0
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def record(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from arva_hil.cli.main import main
-
-    folder = tmp_path_factory.mktemp("view") / "record"
-    assert main(["demo", "--headless", "--speed", "max", "--rate", "5", "--record", str(folder)]) == 0
-    return folder
+    return flown.demo(tmp_path_factory).record
 
 
 def test_a_record_at_any_time(start: Start, tab: Tab, record: Path) -> None:

@@ -27,11 +27,8 @@ def agrees(heard: list[Observation], place: tuple[float, float], height_m: float
 @pytest.mark.parametrize(
     ("strategy", "seed", "height_m", "aside_m"),
     [
-        (Flux, 0, 1.0, (7.7, 0.0)),
         (Flux, 1, 3.0, (0.0, -15.0)),
         (Extremum, 2, 1.0, (0.0, -15.0)),
-        (Extremum, 3, 3.0, (7.7, 0.0)),
-        (Estimate, 0, 1.0, (7.7, 0.0)),
         (Estimate, 3, 3.0, (7.7, 0.0)),
     ],
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from itertools import product
 
 import numpy as np
 import pytest
@@ -12,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from arva_hil.search.strategies.extremum import Extremum, minimum
-from arva_hil.search.strategies.strategy import STILL, Observation
-from tests.search.world import PAPER, buried, fly
+from arva_hil.search.strategies.strategy import Observation
+from tests.search.world import PAPER, fly
 
 
 def frame(time_s: float, d_m: float, north: float = 0.0, east: float = 0.0) -> Observation:
@@ -21,33 +20,11 @@ def frame(time_s: float, d_m: float, north: float = 0.0, east: float = 0.0) -> O
     return Observation(time_s, (north, east, -1.0), np.eye(3), round(100 * d_m) or -1, 0, 0 < d_m <= 3)
 
 
-@pytest.mark.parametrize("transmitter", PAPER)
-@pytest.mark.parametrize("seed", range(3))
-def test_the_cases_of_the_paper(transmitter: str, seed: int) -> None:
-    flight = fly(Extremum(1.0), transmitter, height_m=1 + 0.2 * seed, seed=seed)
-    assert flight.error_m < 1
-    assert flight.fastest <= 1.0 + 1e-9
-    assert flight.time_s < 250
-
-
-@pytest.mark.parametrize(("transmitter", "rate_hz"), [*product(PAPER, [0.5, 5]), (PAPER[3], 50)])
-def test_with_a_position_that_is_not_known_well_and_at_any_rate(transmitter: str, rate_hz: float) -> None:
-    assert fly(Extremum(1.0), transmitter, gps_m=0.3, rate_hz=rate_hz, seed=1).error_m < 2
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_however_it_lies_buried(seed: int) -> None:
-    transmitter, start = buried(seed)
-    flight = fly(Extremum(2.0), transmitter, start=start, seed=seed)
-    assert flight.error_m < 2
-    assert flight.fastest <= 2.0 + 1e-9
-
-
-@pytest.mark.parametrize("lag_s", [0.3, 1.0, 2.0])
+@pytest.mark.parametrize("lag_s", [0.3, 2.0])
 def test_the_faster_it_may_fly_the_sooner_it_is_there_though_the_vehicle_is_slow_to_follow(lag_s: float) -> None:
     took = []
     for speed in (1.0, 3.0):
-        flights = [fly(Extremum(speed), one, height_m=3.0, lag_s=lag_s, seed=seed) for one in PAPER for seed in (0, 1)]
+        flights = [fly(Extremum(speed), one, height_m=3.0, lag_s=lag_s, seed=seed) for seed, one in enumerate(PAPER)]
         assert max(flight.error_m for flight in flights) < 1.3
         took.append(sum(flight.time_s for flight in flights))
     assert took[1] < 0.8 * took[0]
@@ -57,17 +34,6 @@ def test_needs_no_direction() -> None:
     """Where the receiver's nose points makes no difference while it is level."""
     a, b = (fly(Extremum(1.0), PAPER[0], yaw=yaw) for yaw in (0.0, 2.0))
     assert a.error_m == pytest.approx(b.error_m, abs=0.3)
-
-
-def test_the_same_flight_again() -> None:
-    a, b = (fly(Extremum(1.0), PAPER[3], gps_m=0.3, seed=7) for _ in range(2))
-    assert (a.found, a.time_s) == (b.found, b.time_s)
-
-
-def test_before_the_first_signal_it_stays() -> None:
-    seeker = Extremum(1.0)
-    seeker.hear(frame(0.0, 0))
-    assert seeker.velocity(5.0, (0.0, 0.0, -1.0)) == STILL
 
 
 @given(st.floats(-100, 100), st.floats(-100, 100), st.floats(0, 30), st.floats(0.2, 10))

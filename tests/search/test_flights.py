@@ -87,7 +87,7 @@ class Flight:
 # -- the ground --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("height", "seed"), [(1.0, 0), (1.0, 2), (3.0, 0), (3.0, 4)])
+@pytest.mark.parametrize(("height", "seed"), [(1.0, 0), (3.0, 4)])
 def test_the_ground_is_not_touched_though_the_position_wanders(height: float, seed: int) -> None:
     flight = Flight("estimate", gps_noise_m=1.5, height=height, seed=seed, limit_s=60.0)
     assert flight.outcome.kind in ("found", "not found")
@@ -95,17 +95,16 @@ def test_the_ground_is_not_touched_though_the_position_wanders(height: float, se
     assert "rangefinder" in flight.height_sources
 
 
-@pytest.mark.parametrize("seed", [0, 3])
-def test_without_a_rangefinder_the_barometer_keeps_it_up(seed: int) -> None:
+def test_without_a_rangefinder_the_barometer_keeps_it_up() -> None:
     flight = Flight(
-        "estimate", gps_noise_m=1.5, seed=seed, sensors=dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE, limit_s=60.0
+        "estimate", gps_noise_m=1.5, seed=3, sensors=dialect.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE, limit_s=60.0
     )
     assert flight.outcome.kind in ("found", "not found")
     assert flight.lowest > 1.5
     assert "estimate" in flight.height_sources
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_with_gps_alone_it_flies_higher(seed: int) -> None:
     flight = Flight("estimate", gps_noise_m=1.5, seed=seed, sensors=0, limit_s=45.0)
     assert flight.lowest > 1.5
@@ -184,7 +183,7 @@ NEAR = (  # searches that end 20 to 22 s from the start of the vehicle
 )
 
 
-@pytest.mark.parametrize("since", [18.0, 18.6, 19.2, 19.8])
+@pytest.mark.parametrize("since", [18.0, 19.2])
 @pytest.mark.parametrize(("seed", "victim"), [(4, NEAR[0]), (12, NEAR[1])])
 def test_a_receiver_that_sticks_near_the_end_has_found_nothing_it_cannot_know(
     seed: int, victim: str, since: float
