@@ -6,7 +6,7 @@ WORKERS := $(shell expr 3 '*' $$(getconf _NPROCESSORS_ONLN))
 
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test test-fast coverage lint docs dist clean
+.PHONY: demo test test-fast coverage lint docs dist lowest clean
 
 demo: $(VENV)/.run
 	$(BIN)/arva-hil demo
@@ -49,6 +49,14 @@ dist: $(VENV)/.dist $(VENV)/.dev
 	$(PYTHON) -m venv build/codec
 	build/codec/bin/python -m pip install --quiet --no-deps dist/*.whl fastcrc
 	build/codec/bin/python -c "import firmware_proto as f; print(f.Decoder().feed(f.encode(f.Frame(1, 1, (f.Channel(1, 1, 1234, 17),))), 0.0))"
+
+# the fast tests with the lowest versions that pyproject.toml allows at run time
+lowest:
+	mkdir -p build
+	sed -n '/^dependencies/,/^]/s/ *"\(.*\)>=\(.*\)",/\1==\2/p' pyproject.toml >build/lowest.txt
+	$(PYTHON) -m venv build/lowest
+	build/lowest/bin/python -m pip install --quiet --constraint build/lowest.txt --editable '.[test]'
+	build/lowest/bin/python -m pytest --numprocesses auto -m 'not slow'
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
