@@ -53,4 +53,4 @@ def test_the_program_prints_what_fails(capsys: pytest.CaptureFixture[str]) -> No
 def test_an_end_names_both_values_and_the_vehicle_is_disarmed() -> None:
     flight = Flight(Lie("rangefinder", "offset", 5.0, 0.0), sensors=SENSORS, limit_s=60.0)
     assert flight.report().how.startswith("the rangefinder says 7.")
-    assert flight.loop.vehicle.state == "LAND, disarmed, on the ground"
+    assert flight.loop.drones[0].vehicle.state == "LAND, disarmed, on the ground"

@@ -1,1 +1,0 @@
-"""What soak_strangers.py disturbs."""
