@@ -6,6 +6,7 @@ import ast
 import functools
 import re
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 
 from arva_hil.emulator.engine import Emulator
@@ -62,6 +63,26 @@ def test_no_two_classes_have_one_name() -> None:
     ]
     times = Counter(name for name, _ in named)
     assert [(name, at) for name, at in named if times[name] > 1] == []
+
+
+def test_no_function_has_more_than_fifty_lines() -> None:
+    lengths = {
+        f"{at} {node.name}": (node.end_lineno or 0) - node.lineno + 1
+        for at, node in _nodes()
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    }
+    assert {name: length for name, length in lengths.items() if length > 50} == {}
+
+
+def test_no_statement_shares_its_line() -> None:
+    blocks = [
+        (at, block)
+        for at, node in _nodes()
+        for name in ("body", "orelse", "finalbody")
+        if isinstance(block := getattr(node, name, None), list)
+    ]
+    shared = [at for at, block in blocks for a, b in pairwise(block) if a.end_lineno == b.lineno]
+    assert shared == []
 
 
 def test_no_conditional_expression_holds_another() -> None:

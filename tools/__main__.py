@@ -19,7 +19,7 @@ PROGRAMS = {
     "fuzz c": "tools.fuzz.c",
     "fuzz frames": "tools.compare_decoders",
     "fuzz messages": "tools.compare_messages",
-    "fuzz mutants": "tools.mutants.__main__",
+    "fuzz mutants": "tools.mutants",
     "fuzz autopilot": "tools.hostile",
     "fuzz sensors": "tools.lying_sensors",
     "sitl fly": "tools.fly_simulators",

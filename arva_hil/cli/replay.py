@@ -31,12 +31,7 @@ _BAR_STEP_BYTES = 1 << 16
 
 
 def main(options: argparse.Namespace) -> int:
-    if not options.log:
-        raise UsageError("the log's name is empty: write LOG.tlog")
-    if options.port and options.out:
-        raise UsageError("--port and --out: choose one")
-    if options.json and "-" in (options.out, options.port):
-        raise UsageError("--json and the frames both want stdout: choose one")
+    _check(options)
     chosen = common.scenario(options, fleet=True)
     vehicles = _vehicles(options, chosen)
     with ExitStack() as stack:
@@ -50,15 +45,9 @@ def main(options: argparse.Namespace) -> int:
         first = next(timeline, None)
         if first is None:
             raise UsageError(f"{options.log}: no MAVLink packet in its {log.size} bytes: is it a telemetry log?")
+        lines = not (options.port or options.out or options.record)
         surroundings = stack.enter_context(
-            common.Run(
-                options,
-                chosen,
-                first.time_us,
-                patient=True,
-                kind="replay",
-                lines=not (options.port or options.out or options.record),
-            )
+            common.Run(options, chosen, first.time_us, patient=True, kind="replay", lines=lines)
         )
         if isinstance(out, StdoutLink):
             out.give_up = surroundings.stopped
@@ -88,6 +77,15 @@ def main(options: argparse.Namespace) -> int:
             )
 
         return surroundings.drive(emulator, loop, tally.counts, tally.summary_lines)
+
+
+def _check(options: argparse.Namespace) -> None:
+    if not options.log:
+        raise UsageError("the log's name is empty: write LOG.tlog")
+    if options.port and options.out:
+        raise UsageError("--port and --out: choose one")
+    if options.json and "-" in (options.out, options.port):
+        raise UsageError("--json and the frames both want stdout: choose one")
 
 
 def _vehicles(options: argparse.Namespace, chosen: Scenario) -> list[VehicleSetup]:

@@ -10,7 +10,7 @@ from arva_hil.cli import common
 from arva_hil.cli.run_links import chosen_sides, signing
 from arva_hil.cli.summary import lost_links
 from arva_hil.cli.terminal import tell
-from arva_hil.clock import RealClock
+from arva_hil.clock import Clock, RealClock
 from arva_hil.emulator.engine import Emulator
 from arva_hil.links import Link, parse
 from arva_hil.links.reconnecting import open_reconnecting
@@ -18,7 +18,7 @@ from arva_hil.links.stdout import StdoutLink
 from arva_hil.mavlink.packet_reader import PacketReader
 from arva_hil.observers.systemd import Watchdog
 from arva_hil.runtime.drivers import Live
-from arva_hil.runtime.fleet_links import live_vehicles
+from arva_hil.runtime.fleet_links import FleetSides, live_vehicles
 from arva_hil.runtime.loop import Task, run
 
 
@@ -28,13 +28,6 @@ def main(options: argparse.Namespace) -> int:
     _allow_files()
     clock = RealClock()
     with ExitStack() as stack:
-
-        def opened(address: str, *, answered: bool = False) -> Link:
-            """A link that is opened again after a loss. Waits for a TCP server; others must be there at the start."""
-            patient = parse(address).kind == "tcp"
-            link = common.open_or_fail(address, clock, open_reconnecting, answered=answered, patient=patient)
-            return stack.enter_context(closing(link))
-
         readers = {
             name: PacketReader(signing(options.signing_key, clock.epoch_us, stack, number))
             for number, name in enumerate(sides.autopilots)
@@ -42,16 +35,7 @@ def main(options: argparse.Namespace) -> int:
         vehicles = live_vehicles(
             chosen, sides, readers, options.target_system, options.target_component, options.stream_rate
         )
-        autopilots, ports = dict[str, Link](), dict[str, Link]()
-        for name, address in sides.autopilots.items():
-            of = ", ".join(vehicle for vehicle, link in sides.of_vehicle.items() if link == name)
-            tell(f"autopilot{of and f' of {of}'}: {address}")
-            autopilots[name] = opened(address, answered=True)
-        for name, address in sides.ports.items():
-            ports[name] = out = opened(address)
-            if isinstance(out, StdoutLink):
-                out.give_up = lambda: True  # drop a frame rather than delay the next one
-            tell(f"frames{f' of {name}' if chosen.vehicles else ''} to: {out.name}")
+        autopilots, ports = _opened(sides, clock, stack, named=bool(chosen.vehicles))
         surroundings = stack.enter_context(
             common.Run(options, chosen, clock.epoch_us, record_links=list(sides.autopilots))
         )
@@ -79,6 +63,29 @@ def main(options: argparse.Namespace) -> int:
                 live.finish(clock)
 
         return surroundings.drive(emulator, loop, live.counts, lambda: lost_links(live))
+
+
+def _opened(
+    sides: FleetSides, clock: Clock, stack: ExitStack, *, named: bool
+) -> tuple[dict[str, Link], dict[str, Link]]:
+    """Open the links of the autopilots, and those for frames, by the engine's names. Lost links are opened again."""
+
+    def opened(address: str, *, answered: bool = False) -> Link:
+        patient = parse(address).kind == "tcp"  # wait for a TCP server; others must be there at the start
+        link = common.open_or_fail(address, clock, open_reconnecting, answered=answered, patient=patient)
+        return stack.enter_context(closing(link))
+
+    autopilots, ports = dict[str, Link](), dict[str, Link]()
+    for name, address in sides.autopilots.items():
+        of = ", ".join(vehicle for vehicle, link in sides.of_vehicle.items() if link == name)
+        tell(f"autopilot{of and f' of {of}'}: {address}")
+        autopilots[name] = opened(address, answered=True)
+    for name, address in sides.ports.items():
+        ports[name] = out = opened(address)
+        if isinstance(out, StdoutLink):
+            out.give_up = lambda: True  # drop a frame rather than delay the next one
+        tell(f"frames{f' of {name}' if named else ''} to: {out.name}")
+    return autopilots, ports
 
 
 def _allow_files() -> None:

@@ -74,10 +74,8 @@ class TlogReader(Iterable[Record]):
 
     def _read(self) -> Generator[Record, None, None]:
         layout, before = self._layout, self._layout.before
-        buffer, at, ended = self._start, 0, False
-        self._start = b""
+        buffer, self._start, at, ended = self._start, b"", 0, False
         length = time_us = 0  # of the record at `at`; 0: not known yet, or no record starts there
-        unpack, back, ahead, most = layout.unpack, -DAY_US, DAY_US, _AHEAD  # the loop below is for every record
         in_step = True  # at the file's start or directly after a record
         while True:
             if len(buffer) - at < _AHEAD and not ended:
@@ -86,17 +84,7 @@ class TlogReader(Iterable[Record]):
                 continue
             size, last = len(buffer), self.last_us
             if length and last is not None and layout is not BARE and -DAY_US <= time_us - last <= DAY_US:
-                while size - at >= most:  # the usual case, without the calls below
-                    next_us, magic, payload, flags = unpack(buffer, end := at + length)
-                    if not back <= next_us - time_us <= ahead or (magic != 0xFD and magic != 0xFE):
-                        break
-                    self.last_us = time_us
-                    self.records += 1
-                    self.consumed += length
-                    yield _record((time_us, buffer[at + before : end]))
-                    at, time_us = end, next_us
-                    around = 33 if flags & 1 else 20
-                    length = payload + (16 if magic == 0xFE else around)
+                at, length, time_us = yield from self._in_step(buffer, at, length, time_us)
                 if size - at < _AHEAD and not ended:
                     continue
                 last = self.last_us
@@ -134,6 +122,28 @@ class TlogReader(Iterable[Record]):
             if ended and at == size:
                 self._file.close()
                 return
+
+    def _in_step(
+        self, buffer: bytes, at: int, length: int, time_us: int
+    ) -> Generator[Record, None, tuple[int, int, int]]:
+        """Yield records that follow each other without a gap: the usual case, in few calls.
+
+        Takes and returns where a record begins, its length, and its time.
+        """
+        unpack, before, back, ahead = self._layout.unpack, self._layout.before, -DAY_US, DAY_US
+        last = len(buffer) - _AHEAD
+        while at <= last:
+            next_us, magic, payload, flags = unpack(buffer, end := at + length)
+            if not back <= next_us - time_us <= ahead or (magic != 0xFD and magic != 0xFE):
+                break
+            self.last_us = time_us
+            self.records += 1
+            self.consumed += length
+            yield _record((time_us, buffer[at + before : end]))
+            at, time_us = end, next_us
+            around = 33 if flags & 1 else 20
+            length = payload + (16 if magic == 0xFE else around)
+        return at, length, time_us
 
     def _chunk(self) -> bytes:
         try:

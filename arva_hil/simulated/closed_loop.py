@@ -73,6 +73,10 @@ def _datum(scenario: Scenario) -> Lla:
     return Lla(*HOME) if scenario.datum == "home" else scenario.datum
 
 
+def _with_truth(scenario: Scenario) -> Scenario:
+    return replace(scenario, pose="truth", navigation_error=None)
+
+
 class Berth(NamedTuple):
     """The place of one drone at the start, and the engine's names of its links: `link` to the vehicle, `sink` for
     frames. A drone that is alone has no name and no `system` to follow.
@@ -197,15 +201,12 @@ class ClosedLoop:
         self.frame = LocalFrame(datum.lat, datum.lon, datum.alt)
         if scenario.vehicles:
             scenario = replace(scenario, datum=datum)
-        if gps_noise_m:  # otherwise the report is the truth, and needs less time
-            scenario = replace(scenario, pose="truth", navigation_error=None)
+        scenario = _with_truth(scenario) if gps_noise_m else scenario  # without noise the report is the truth
         audience = Audience(observers)
-        if emit is None:
-            emit = _teller(audience) if observers else lambda name, event: None
+        emit = emit or _teller(audience if observers else None)
         told = {"tell_packets": tell_packets, "tell_status": bool(observers)}
         self.emulator = Emulator(_setups(scenario, stream_hz), start=start, timeout_s=10.0, **told)
-        berths = self._berths(scenario)
-        bus = Bus(TeamField(plan.area, self.frame, len(berths)))
+        bus = Bus(TeamField(plan.area, self.frame, len(berths := self._berths(scenario))))
         make = partial(SimulatedVehicle, wind=wind, gps_noise_m=gps_noise_m, sensors=sensors, boot_time=start)
         self.drones: list[Drone] = []
         autopilots, ports, simulators = dict[str, Link](), dict[str, Link](), list[Simulator]()
@@ -265,5 +266,7 @@ def _setups(scenario: Scenario, stream_hz: float) -> list[VehicleSetup]:
     return vehicle_setups(scenario, lambda v: v.name, session)
 
 
-def _teller(audience: Audience) -> Callable[[str, Event], None]:
+def _teller(audience: Audience | None) -> Callable[[str, Event], None]:
+    if audience is None:
+        return lambda name, event: None
     return lambda name, event: audience.tell([FromSearch(event.time_s, event, name)])

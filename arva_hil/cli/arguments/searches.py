@@ -45,26 +45,7 @@ def search(parser: CommandParser) -> None:
     one = "fly only this vehicle of the scenario; other programs fly the others and exchange data by MAVLink TUNNEL"
     parser.option("--vehicle NAME", one, environment=False)
     parser.group("start and end of the flight")
-    seconds = number(0.1, math.inf, " of s")
-    until = "end if both links, a heartbeat, frames and a pose are not there this long after the start"
-    parser.option("--timeout S", until, seconds, 60.0)
-    parser.option("--arm-timeout S", "end if the autopilot does not arm in this time", seconds, 60.0)
-    parser.option("--countdown S", "count down this long before arming, when all is ready", number(0, 60, " of s"), 3.0)
-    yes = "arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable"
-    parser.option("--yes", yes, environment=False)
-    parser.option(
-        "--dry-run",
-        "check everything, print the question and the commands of the flight, with set-points for 5 s of readings, "
-        "and end; search arms and moves nothing: it sends only heartbeats and requests (streams, parameters, "
-        "the simulator's identity)",
-    )
-    parser.option(
-        "--take-over",
-        "start in the air: take over an armed vehicle that hovers for 1 s, at least 1 m above home, in AUTO, GUIDED, "
-        "LOITER or BRAKE (PX4: mission or hold); has no ARVA_HIL_ variable",
-        environment=False,
-    )
-    parser.option("--end", "action at the end", None, "land", choices=("land", "hover"))
+    add_flight(parser)
     parser.group("autopilot")
     shared.add_target(parser)
     shared.add_signing(parser)
@@ -98,6 +79,30 @@ def demo(parser: CommandParser) -> None:
     shared.add_scenario(parser)
     parser.group("output")
     shared.add_common(parser, web="on, with --headless off")
+
+
+def add_flight(parser: CommandParser) -> None:
+    """Add the options of the start and the end of a flight."""
+    seconds = number(0.1, math.inf, " of s")
+    until = "end if both links, a heartbeat, frames and a pose are not there this long after the start"
+    parser.option("--timeout S", until, seconds, 60.0)
+    parser.option("--arm-timeout S", "end if the autopilot does not arm in this time", seconds, 60.0)
+    parser.option("--countdown S", "count down this long before arming, when all is ready", number(0, 60, " of s"), 3.0)
+    yes = "arm a vehicle that is not known to be a simulator, without asking; has no ARVA_HIL_ variable"
+    parser.option("--yes", yes, environment=False)
+    parser.option(
+        "--dry-run",
+        "check everything, print the question and the commands of the flight, with set-points for 5 s of readings, "
+        "and end; search arms and moves nothing: it sends only heartbeats and requests (streams, parameters, "
+        "the simulator's identity)",
+    )
+    parser.option(
+        "--take-over",
+        "start in the air: take over an armed vehicle that hovers for 1 s, at least 1 m above home, in AUTO, GUIDED, "
+        "LOITER or BRAKE (PX4: mission or hold); has no ARVA_HIL_ variable",
+        environment=False,
+    )
+    parser.option("--end", "action at the end", None, "land", choices=("land", "hover"))
 
 
 def add_plan(parser: CommandParser) -> None:

@@ -85,33 +85,19 @@ class SearchClient:
         self._claim = ClaimAnnouncer(COMPONENT)
         self._first: Claim | None = None  # of another search that has the vehicle
         self._line = AutopilotLink(autopilot, start, hear=self._hear, anew=self._begin_anew)
-        self._receiver = ReceiverLink(receiver, decoder, self._events.append, host)
-        self._commander = Commander(
-            session, self._events.append, take_off_m=plan.take_off, arm_timeout_s=plan.arm_timeout_s
-        )
+        emit_later = self._events.append
+        self._receiver = ReceiverLink(receiver, decoder, emit_later, host)
+        self._commander = Commander(session, emit_later, take_off_m=plan.take_off, arm_timeout_s=plan.arm_timeout_s)
         needed = autopilot, self._receiver, self._commander.battery, self._commander.sticks, permission
-        self._preflight = Preflight(plan, session, *needed, start=start, emit=self._events.append)
-        self._ground = Ground(session, plan, self._events.append)
-        flown = plan, session, self._commander, self._ground
-        self._flight = Flight(
-            *flown,
-            start=start,
-            emit=self._events.append,
-            log=log,
-            team=team,
-            host=self._receiver.host,
-            worker=worker,
-        )
+        self._preflight = Preflight(plan, session, *needed, start=start, emit=emit_later)
+        self._ground = Ground(session, plan, emit_later)
+        flown, host_of = (plan, session, self._commander, self._ground), self._receiver.host
+        self._flight = Flight(*flown, start=start, emit=emit_later, log=log, team=team, host=host_of, worker=worker)
         self._dry_run: DryRun | None = None
         if plan.dry_run:
             grounded = plan, session, self._ground
-            self._dry_run = DryRun(
-                *grounded,
-                start=start,
-                emit=self._events.append,
-                log=log or (lambda _: None),
-                worker=worker,
-            )
+            rows = log or (lambda _: None)
+            self._dry_run = DryRun(*grounded, start=start, emit=emit_later, log=rows, worker=worker)
         self._emit = emit
         self._next_step = self._now_s = start
         self._begin = self._commander.take_over if plan.take_over else self._commander.launch
