@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from arva_hil.model.field.arrays import Array
-from arva_hil.model.field.dipole import Transmitters, field_of
+from arva_hil.model.field.dipole import Transmitters, dipole_field
 from arva_hil.model.receiver import Zone, outputs
 
 MOST: Final = 8  # transmitters with lines
@@ -54,7 +54,7 @@ def field_lines(transmitters: Transmitters, down_m: float, kappa_eq: float) -> l
 
 
 def _field(one: Transmitters, points: Array) -> Array:
-    field: Array = field_of(points, one.positions, one.rotations, one.strengths)[..., 0, :]
+    field: Array = dipole_field(points, one.positions, one.rotations, one.strengths)[..., 0, :]
     return field
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from arva_hil.model.field import Transmitters
-from arva_hil.model.field.dipole import field_of
+from arva_hil.model.field.dipole import dipole_field
 from arva_hil.model.field.medium import AIR, Medium, skin_depth_m
 from arva_hil.model.field.vehicle_noise import VehicleNoise
 
@@ -18,7 +18,7 @@ THERE = Transmitters((1, 2), [[10, 0, 2], [0, 20, -1]], [np.eye(3)] * 2, [1.0, 0
 
 def test_in_air_the_field_is_the_dipole_to_the_last_bit() -> None:
     point = np.array([3.0, 4.0, -2.0])
-    expected = field_of(point, THERE.positions, THERE.rotations, THERE.strengths)
+    expected = dipole_field(point, THERE.positions, THERE.rotations, THERE.strengths)
     assert (THERE.field_at(point) == expected).all()
     assert THERE.medium is AIR
 

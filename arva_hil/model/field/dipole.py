@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from arva_hil.model.field.arrays import Array, floats, vector
-from arva_hil.model.field.blocks import fill_field
 from arva_hil.model.field.keying import Keying
 from arva_hil.model.field.medium import AIR, Medium
 
 NEAREST_M: Final = 0.01  # nearer than this the field is that at this distance: it stays finite
+_FAR_M2: Final = 1e200  # squares of longer distances overflow
+_PAIRS: Final = 32_000  # of a point and a dipole, calculated at a time: their arrays fit into the processor's cache
 
-_MANY: Final = 300  # numbers: blocks are faster from here on
-
-Dipole = Sequence[float]  # position NED [m], axis NED, strength / 4π: seven numbers
+Dipole = Sequence[float]  # position NED [m], moment NED: six numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,17 +52,17 @@ class Transmitters:
     @cached_property
     def dipoles(self) -> list[Dipole]:
         """All transmitters as plain numbers."""
-        axes = self.rotations[:, :, 0]
-        numbers: list[Dipole] = np.column_stack((self.positions, axes, self.strengths / (4 * np.pi))).tolist()
+        moments = _moments(self.rotations, self.strengths)
+        numbers: list[Dipole] = np.column_stack((self.positions, moments)).tolist()
         return numbers
 
     def field_at(self, point: Array) -> Array:
         """The field (M, 3) of each transmitter at a point (3,), NED, as from `dipole_field`, in the medium."""
-        strengths, medium = self.strengths, self.medium
-        if medium is AIR:
-            return field_of(point, self.positions, self.rotations, strengths)
-        h = field_of(point, self.positions, self.rotations, strengths * medium.loss(self.positions))
-        return medium.applied(h, point - self.positions)
+        if self.medium is AIR:
+            return dipole_field(point, self.positions, self.rotations, self.strengths)
+        strengths = self.strengths * self.medium.loss(self.positions)
+        h = dipole_field(point, self.positions, self.rotations, strengths)
+        return self.medium.applied(h, point - self.positions)
 
     def ranges(self, point: ArrayLike) -> dict[int, float]:
         """The distance [m] of each transmitter from a point (3,) in NED, by id."""
@@ -91,26 +90,74 @@ def dipole_field(points: ArrayLike, positions: ArrayLike, rotations: ArrayLike, 
     m = len(positions)
     positions = vector("positions", positions, m, 3)
     rotations, strengths = vector("rotations", rotations, m, 3, 3), vector("strengths", strengths, m)
-    if points.size < _MANY:
-        return field_of(points, positions, rotations, strengths)
-    h = np.empty((*points.shape[:-1], m, 3))
-    every, all_h = points.reshape(-1, 3), h.reshape(-1, m, 3)
-    odd = fill_field(all_h, every, positions, np.ascontiguousarray(rotations[..., 0]), strengths)
-    for point, dipole in odd.T:
-        of = slice(dipole, dipole + 1)
-        all_h[point, of] = field_of(every[point], positions[of], rotations[of], strengths[of])
+    every, h = points.reshape(-1, 3), np.empty((points.size // 3, m, 3))
+    dipoles = _columns(positions), _columns(_moments(rotations, strengths))
+    step = max(1, _PAIRS // max(m, 1))
+    for first in range(0, len(every), step):
+        block = slice(first, first + step)
+        h[block] = field_of(np.ascontiguousarray(every[block].T)[:, None], *dipoles).T
+    return h.reshape(*points.shape[:-1], m, 3)
+
+
+@np.errstate(all="ignore")  # where the formula fails, `one_field` is used
+def field_of(places: Array, positions: Array, moments: Array) -> Array:
+    """The field (3, M, N) of dipoles at places, NED: each argument (3, M, N), with 1 for M or N where it does not vary.
+
+    `moments`: axis times strength / 4π.
+    """
+    h, squared = field_times_cube(places - positions, moments)
+    h /= squared * np.sqrt(squared)
+    if not (squared.min(initial=1.0) > NEAREST_M**2 and squared.max(initial=1.0) < _FAR_M2):
+        all_r, all_moments = np.broadcast_arrays(places - positions, moments)
+        for m, n in np.argwhere(~((squared > NEAREST_M**2) & (squared < _FAR_M2))).tolist():
+            h[:, m, n] = one_field(*all_r[:, m, n].tolist(), *all_moments[:, m, n].tolist())[1:]
     return h
 
 
-def field_of(points: Array, positions: Array, rotations: Array, strengths: Array) -> Array:
-    """As `dipole_field`, without checking the arrays."""
-    r = points[..., None, :] - positions
-    axis = rotations[..., 0]
-    distance = np.hypot(np.hypot(r[..., 0], r[..., 1]), r[..., 2])[..., None]
-    n = np.empty_like(r)
-    n[:] = axis  # remains where r is 0
-    np.divide(r, distance, out=n, where=distance > 0)
-    inverse = 1 / np.maximum(distance, NEAREST_M)
-    along = np.add.reduce(n * axis, axis=-1, keepdims=True)
-    h: Array = (strengths / (4 * np.pi))[:, None] * inverse * inverse * inverse * (3 * along * n - axis)
-    return h
+def field_times_cube(r: Array, moments: Array) -> tuple[Array, Array]:
+    """The field times the cube of the distance (3, M, N), and the square of the distance (M, N).
+
+    `r` (3, M, N): from the dipoles to the places; it is overwritten. `moments` as for `field_of`.
+    """
+    squared, along = _dot(r, r), _dot(r, 3 * moments)
+    along /= squared
+    r *= along
+    r -= moments
+    return r, squared
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """The scalar products (M, N). `einsum` would round differently for other shapes."""
+    product: Array = a[0] * b[0]
+    product += a[1] * b[1]
+    product += a[2] * b[2]
+    return product
+
+
+def one_field(
+    north: float, east: float, down: float, mn: float, me: float, md: float
+) -> tuple[float, float, float, float]:
+    """The distance [m], and the field in NED, of one dipole at one place.
+
+    The formula of `field_of` in plain numbers: one reading takes a third of the time. `north`, `east`, `down`: from the
+    dipole to the place; `mn`, `me`, `md`: its moment.
+    """
+    distance = math.hypot(north, east, down)
+    inverse = 1 / (distance if distance > NEAREST_M else NEAREST_M)
+    size = inverse * inverse * inverse
+    if distance == 0:  # as along the axis
+        return 0.0, 2 * size * mn, 2 * size * me, 2 * size * md
+    north, east, down = north / distance, east / distance, down / distance
+    along = 3 * (north * mn + east * me + down * md)
+    return distance, size * (along * north - mn), size * (along * east - me), size * (along * down - md)
+
+
+def _moments(rotations: Array, strengths: Array) -> Array:
+    """The moments (M, 3): axis times strength / 4π."""
+    moments: Array = (strengths / (4 * np.pi))[:, None] * rotations[:, :, 0]
+    return moments
+
+
+def _columns(rows: Array) -> Array:
+    """Vectors (M, 3) as (3, M, 1), for `field_of`."""
+    return np.ascontiguousarray(rows.T)[:, :, None]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from arva_hil.model.receiver.one_look import near, output
+from arva_hil.model.receiver.paper import near, output
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from arva_hil.model.receiver.reading import Zone
 from arva_hil.model.receiver.separation import Vector

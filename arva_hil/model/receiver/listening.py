@@ -7,13 +7,13 @@ from typing import ClassVar, Final, Self
 
 import numpy as np
 
-from arva_hil.model.field.dipole import Transmitters
+from arva_hil.model.field.dipole import Transmitters, one_field
 from arva_hil.model.field.keying import KEYING_CLASSES, Keying, draw_keying
 from arva_hil.model.field.medium import AIR
 from arva_hil.model.field.pulse_timeline import PulseTimeline, SentPulse
 from arva_hil.model.receiver.display import Display
 from arva_hil.model.receiver.noise import noise_bound
-from arva_hil.model.receiver.one_look import FEW, signals
+from arva_hil.model.receiver.paper import FEW
 from arva_hil.model.receiver.pulsed_options import PulsedOptions
 from arva_hil.model.receiver.receiver_model import Impairment, Look, ReceiverSettings
 from arva_hil.model.receiver.separation import Signals, Vector
@@ -22,7 +22,6 @@ _IDLE_S: Final = 1.0  # the longest time between two looks
 _FLOOR_RANGE_M: Final = 80.0  # the specified noise is the reference transmitter's field at this distance
 _BATCH: Final = 256
 _SOUND: Final = Impairment()
-_SILENCE: Final = [(0.0, 0.0, 0.0)]  # no noise
 
 
 class NoiseDraws:
@@ -100,10 +99,13 @@ class Listening:
         a, b, c = a * x, b * y, c * z
         there, position, rotation = look.transmitters, look.pose.position, look.pose.rotation
         if len(there.ids) <= FEW and there.medium is AIR:
-            point, turn = position.tolist(), rotation.tolist()
+            north, east, down = position.tolist()
+            (nx, ny, nz), (ex, ey, ez), (dx, dy, dz) = rotation.tolist()
 
             def signal(index: int) -> Vector:
-                ((_, (x, y, z)),) = signals(point, turn, (1.0, 1.0, 1.0), [there.dipoles[index]], _SILENCE)
+                pn, pe, pd, *moment = there.dipoles[index]
+                _, hn, he, hd = one_field(north - pn, east - pe, down - pd, *moment)
+                x, y, z = (hn * n + he * e + hd * d for n, e, d in ((nx, ex, dx), (ny, ey, dy), (nz, ez, dz)))
                 return x * a, y * b, z * c
 
             return signal

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.model.field import Transmitters
 from arva_hil.model.field.arrays import Array, floats
-from arva_hil.model.field.dipole import field_of
+from arva_hil.model.field.dipole import field_of, field_times_cube
 from arva_hil.model.field.medium import AIR
 from arva_hil.model.receiver.noise import noise_bound, noise_of
 from arva_hil.model.receiver.paper import INNER_M, MID_M, Antennas, outputs, receive
@@ -146,13 +146,8 @@ class _Looks:
 
     def _fields(self, places: Array, turns: Array) -> tuple[Array, Array]:
         """The field at the antennas x and y, times the cube of the distance, (2, M, N), and its square (M, N)."""
-        r = places[:, None] - self._from[:, :, None]  # (3, M, N)
-        squared = np.einsum("imn,imn->mn", r, r)
-        along = np.einsum("imn,im->mn", r, 3 * self._dipoles)
-        along /= squared
-        r *= along
-        r -= self._dipoles[:, :, None]
-        return np.einsum("imn,jin->jmn", r, turns), squared
+        h, squared = field_times_cube(places[:, None] - self._from[:, :, None], self._dipoles[:, :, None])
+        return np.einsum("imn,jin->jmn", h, turns), squared
 
     def _draws(self, first: int, count: int) -> Array:
         """The random numbers (`count`, 3) of the pairs from the number `first` on."""
@@ -180,11 +175,10 @@ class _Looks:
 
     def read_exactly(self, pair: Index, draws: Array) -> None:
         """Write the readings of pairs (K,) as a receiver does it, from their random numbers (K, 3)."""
-        t = self._transmitters
-        pose, transmitter = np.divmod(pair, len(t.ids))
-        of_pairs = (one[transmitter][:, None] for one in (t.positions, t.rotations, t.strengths))
-        h = field_of(self._positions[pose], *of_pairs)
-        signal = receive(h, self._rotations[pose], self._q, self._noise(draws).T[:, None])
+        pose, transmitter = np.divmod(pair, len(self._transmitters.ids))
+        dipoles = (one[:, None, transmitter] for one in (self._from, self._dipoles))
+        h = field_of(self._positions[pose].T[:, None], *dipoles)
+        signal = receive(h.T, self._rotations[pose], self._q, self._noise(draws).T[:, None])
         for column, values in zip(self.readings, outputs(signal[:, 0], self._antennas.kappa_eq), strict=True):
             column[pose, transmitter] = values
 

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from arva_hil.model.field.arrays import Array
+from arva_hil.model.field.dipole import one_field
 from arva_hil.model.field.medium import AIR
 from arva_hil.model.receiver.noise import NoiseKind, NoiseSource, noise_bound
-from arva_hil.model.receiver.one_look import FEW, near, output, signals
 from arva_hil.model.receiver.reading import ChannelReading, Reading, Zone
 from arva_hil.model.receiver.receiver_model import Answer, Commands, Impairment, Look, Pose, ReceiverSettings, obey
 
@@ -21,6 +21,9 @@ Ints = NDArray[np.int64]
 
 INNER_M: Final = 3.0
 MID_M: Final = 50.0
+FEW: Final = 24  # transmitters: arrays are faster for more
+_SMALLEST: Final = 1e-200  # of a field: d stays finite without a field
+_DEGREES: Final = 180 / math.pi
 _FLOOR_RANGE_M: Final = 80.0  # the paper's r_en
 _REFERENCE_NA_M: Final = 2e6 * math.pi  # of a field of 1, if the reference transmitter has 1 µA/m on its axis at 10 m
 _Heard = tuple[int, int, int, int]  # d in cm, id, δ in degrees, zone; sorted like slots
@@ -75,6 +78,39 @@ def outputs(h_r: ArrayLike, kappa_eq: float, inner_m: float = INNER_M, mid_m: fl
     delta = rounded(np.degrees(np.arctan2(np.where(x < 0, -y, y), np.abs(x))))
     delta_deg = np.where(heard & ~inner, np.minimum(np.maximum(delta, -89), 89), inner - 1)
     return d_cm.astype(np.int64), delta_deg.astype(np.int64), inner.astype(np.int64) + heard
+
+
+def near(kappa_eq: float, inner_m: float) -> float:
+    """A field that is weaker is not in the inner zone."""
+    return 0.9999 / inner_m**3 * kappa_eq / (4 * math.pi)
+
+
+def output(
+    signal: tuple[float, float, float], scale: float, near: float, inner_m: float, mid_m: float
+) -> tuple[int, int, int] | None:
+    """The output (d in cm, δ in degrees, zone) for a signal at the antennas; None: it is not heard.
+
+    `outputs` in plain numbers, for one transmitter.
+
+    `scale`: d [m] of a field of 1; `near`: a weaker field is not in the inner zone; `inner_m`, `mid_m`: see
+    `outputs`.
+    """
+    x, y, z = signal
+    flat = math.hypot(x, y)
+    if (field := math.hypot(flat, z)) >= near and (d := scale / math.cbrt(field)) <= inner_m:
+        d *= 100
+        d_cm = int(d)
+        return d_cm + int(2 * (d - d_cm)), 0, 2
+    d = scale / math.cbrt(flat if flat > _SMALLEST else _SMALLEST)
+    if d > mid_m:
+        return None
+    d *= 100
+    d_cm = int(d)
+    turn = math.atan2(-y if x < 0 else y, abs(x)) * _DEGREES
+    delta = int(turn)
+    delta += int(2 * (turn - delta))  # half away from zero, as d
+    delta = delta if delta > -89 else -89
+    return d_cm + int(2 * (d - d_cm)), delta if delta < 89 else 89, 1
 
 
 def distance(h: Array, kappa_eq: float) -> Array:
@@ -181,10 +217,18 @@ class PaperReceiver:
             every = zip(t.ids, *columns, strict=True)
             return [(d_cm, id_, delta, zone) for id_, d_cm, delta, zone in every if zone], t.ranges(pose.position)
         heard, ranges = [], {}
-        there = signals(pose.position.tolist(), pose.rotation.tolist(), self._sensitivity, t.dipoles, w)
-        for id_, (metres, signal) in zip(t.ids, there, strict=True):
+        north, east, down = pose.position.tolist()
+        (nx, ny, nz), (ex, ey, ez), (dx, dy, dz) = pose.rotation.tolist()
+        qx, qy, qz = self._sensitivity
+        for id_, (pn, pe, pd, *moment), (wn, we, wd) in zip(t.ids, t.dipoles, w, strict=True):
+            metres, hn, he, hd = one_field(north - pn, east - pe, down - pd, *moment)
             if id_ not in t.unplaced:
                 ranges[id_] = metres
+            signal = (  # `receive` in plain numbers
+                hn * nx + he * ex + hd * dx + qx * (wn * nx + we * ex + wd * dx),
+                hn * ny + he * ey + hd * dy + qy * (wn * ny + we * ey + wd * dy),
+                hn * nz + he * ez + hd * dz + qz * (wn * nz + we * ez + wd * dz),
+            )
             if one := output(signal, self._scale, self._near, INNER_M, MID_M):
                 d_cm, delta, zone = one
                 heard.append((d_cm, id_, delta, zone))

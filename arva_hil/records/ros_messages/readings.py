@@ -14,7 +14,7 @@ from arva_hil.emulator.setup import receivers_of
 from arva_hil.events import DatumSet, Event, FrameMade, StatusReport
 from arva_hil.model.field import LocalFrame, MovingTransmitters, Transmitters
 from arva_hil.model.field.arrays import Array
-from arva_hil.model.field.dipole import field_of
+from arva_hil.model.field.dipole import dipole_field
 from arva_hil.model.receiver import Pose
 from arva_hil.model.receiver.reading import ChannelReading
 from arva_hil.records.ros_messages import frames, markers
@@ -177,7 +177,7 @@ def _directions(pose: Pose | None, there: Transmitters | None) -> dict[int, ros.
     """The field at the receiver by transmitter id, FLU."""
     if pose is None or there is None or not there.ids:
         return {}
-    field = field_of(pose.position, there.positions, there.rotations, there.strengths) @ pose.rotation
+    field = dipole_field(pose.position, there.positions, there.rotations, there.strengths) @ pose.rotation
     every = zip(there.ids, field.tolist(), strict=True)
     return {id_: frames.body_vector(frd) for id_, frd in every if id_ not in there.unplaced}
 
