@@ -11,8 +11,7 @@ from typing import Final
 from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario, ScenarioError, parse
-from arva_hil.model.field.mount import Mount
-from arva_hil.model.field.rotation import from_euler
+from arva_hil.model.field.rotation import Mount, from_euler
 from arva_hil.registry import FORMATS_WITH_IDS, STRATEGIES
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strips import Strips

@@ -6,14 +6,13 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from arva_hil.autopilot.following.navigation import Place
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import Scenario
+from arva_hil.events import Event, FrameMade, TooFar
 from arva_hil.mavlink.codec import dialect
 from arva_hil.model.field import LocalFrame
-from arva_hil.model.receiver import Reading
 
 HOME_WAIT_S: Final = 5.0  # for HOME_POSITION, before the first valid position is used instead
 _FAR_M: Final = 1000.0  # if every transmitter is farther away, something is wrong
@@ -96,18 +95,15 @@ class Datum:
             self._flown = self.lla
         return changed
 
-    def far(self, position: NDArray[np.float64], reading: Reading) -> tuple[float, float] | None:
-        """The distances [m] of the datum (horizontally) and of the nearest transmitter, if none can be heard from here.
-
-        Returned once for each place of the datum, otherwise None. `position` (3,): of the receiver, NED from the datum,
-        metres; `reading`: its reading there.
-        """
-        nearest = reading.channels[0]
+    def check_distance(self, made: FrameMade) -> list[Event]:
+        """Return an event if a receiver is too far from all transmitters to hear one: once for each place."""
+        nearest = made.reading.channels[0]
         away_m = nearest.true_range_m or 0.0
-        if self._far_said or nearest.id is not None or away_m <= _FAR_M:
-            return None
+        if made.pose is None or self._far_said or nearest.id is not None or away_m <= _FAR_M:
+            return []
         self._far_said = True
-        return math.hypot(*position[:2].tolist()), away_m
+        from_datum_m = math.hypot(*made.pose.position[:2].tolist())
+        return [TooFar(made.time_s, made.vehicle, made.receiver, from_datum_m, away_m, self.fixed)]
 
     def _take_home(self, home: Place, now: float) -> bool:
         if home == self.lla:

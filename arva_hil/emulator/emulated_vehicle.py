@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from itertools import repeat
 from typing import Final, NamedTuple
 
 from arva_hil.emulator import build
@@ -55,7 +56,7 @@ class EmulatedVehicle:
         self.world = VehicleWorld(setup, followed, start=start, max_age_s=max_age_s)
         self.units = [make_unit(setup, one, start, phase) for one in setup.receivers]
         self.next_due = start
-        self._missing_from: float | None = missing_from  # None: reported, or found
+        self.missing_from: float | None = missing_from  # None: reported, or found
 
     def receive(self, packets: Sequence[Packet], now: float, sender: Hashable) -> Sequence[Event]:
         """Use the packets of one chunk on its link."""
@@ -83,33 +84,30 @@ class EmulatedVehicle:
             while (t := receiver.next_due) <= now and (final or now - t >= look_ahead_s or self.world.is_known(t)):
                 for event in receiver.advance(self.world.at(t), t if look_ahead_s else now):
                     if isinstance(event, FrameMade):
-                        events += self.world.check_distance(event)
+                        events += self.world.datum.check_distance(event)
                         bytes_, more = port.send(event, t)
                         sent += bytes_
                         events += more
                     else:
                         events.append(event)
-            sent += port.release(min(now, receiver.schedule.deadline))
-            answers, received = port.answer(now, receiver.schedule.deadline)
-            parcels += [(port, parcel) for parcel in (*sent, *answers)]
+            waited, received = port.release(now, receiver.schedule.deadline)
+            parcels += zip(repeat(port), [*sent, *waited])
             events += received
         return Made(parcels, events)
 
     def poll(self, now: float) -> tuple[bytes, Sequence[Event]]:
         """Return the messages to the autopilot to send now, and the events. Sets `next_due`."""
         polled = self.world.poll(now)
-        dues = [min(receiver.next_due, port.next_due) for receiver, port in self.units]
-        self.next_due = min([self.session.next_due, *dues])
+        due = self.session.next_due
+        for receiver, port in self.units:
+            due = min(due, receiver.next_due, port.next_due)
+        self.next_due = due
         return polled
 
-    def check_missing(self, now: float, *, final: bool) -> Sequence[Event]:
-        """Return an event, once, if the vehicle was not found in time. `final`: there is no more time."""
-        if self._missing_from is None or (now < self._missing_from and not final):
-            return ()
-        self._missing_from = None
-        if self.session.vehicle is not None:
-            return ()
-        return [HeartbeatMissing(now, self.name, self.session.heard())]
+    def check_missing(self, now: float) -> Sequence[Event]:
+        """Return an event if the vehicle is not found. Called once, at `missing_from` or at the end."""
+        self.missing_from = None
+        return [] if self.session.vehicle else [HeartbeatMissing(now, self.name, self.session.heard())]
 
     def status(self, now: float) -> VehicleStatus:
         """Return the status of the vehicle and its receivers."""

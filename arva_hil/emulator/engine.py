@@ -51,25 +51,6 @@ class _Options:
     tell_status: bool
 
 
-class _StatusClock:
-    """Remembers when the next status is due, and the time of one that is due and not reported yet."""
-
-    def __init__(self, start: float) -> None:
-        self.next = start
-        self.due: float | None = None
-
-    def advance(self, now: float) -> None:
-        """Make a status due every quarter of a second."""
-        if now >= self.next:
-            self.next = max(self.next + _STATUS_S, now)
-            self.due = now
-
-    def take(self) -> float | None:
-        """Return the time of a status that is due, once."""
-        due, self.due = self.due, None
-        return due
-
-
 class _Chunks:
     """Remembers the newest event of packets, to add the chunks that follow it on its link before another event."""
 
@@ -104,22 +85,19 @@ class _VehicleLink:
         targets = {session.target_system for session in self._sessions}
         self._shares = [(vehicle, targets - {vehicle.session.target_system}) for vehicle in vehicles]
 
-    def read(self, data: bytes, now: float, sender: Hashable, *, whole: bool) -> list[Packet]:
-        """Split bytes into packets."""
+    def receive(self, data: bytes, now: float, sender: Hashable, *, whole: bool) -> tuple[list[Packet], list[Event]]:
+        """Give each vehicle its own packets, and all vehicles the packets of other systems. Returns all packets."""
+        events: list[Event] = []
         stranger = False
         if sender is not None:
             accepted = [session.accepts(sender, now) for session in self._sessions]
             stranger = not (self._open_to_all or any(accepted))
-        return self._reader.feed(data, now, sender, stranger=stranger, whole=whole)
-
-    def give(self, packets: Sequence[Packet], now: float, sender: Hashable) -> list[Event]:
-        """Give each vehicle its own packets, and all vehicles the packets of other systems."""
-        events: list[Event] = []
+        packets = self._reader.feed(data, now, sender, stranger=stranger, whole=whole)
         for vehicle, siblings in self._shares:
             share = [packet for packet in packets if packet.system not in siblings] if siblings else packets
             if share:
                 events += vehicle.receive(share, now, sender)
-        return events
+        return packets, events
 
     def follows(self, sender: Hashable) -> bool:
         """Return True if a sender may be one of the vehicles."""
@@ -188,7 +166,8 @@ class Emulator:
         self._number = 0  # of the newest output
         self._unwritten: dict[int, tuple[EmulatedVehicle, Port, Parcel]] = {}
         self._events: list[Event] = []
-        self._status = _StatusClock(start)
+        self._next_status = start
+        self._status_at: float | None = None  # the time of a status that is due and not reported yet
         self._chunks = _Chunks()
 
     def receive(
@@ -204,12 +183,12 @@ class Emulator:
             for vehicle in self.vehicles:
                 vehicle.receive_commands(link, data, now)
             return _NOBODY
-        packets = vehicles.read(data, now, sender, whole=whole)
+        packets, events = vehicles.receive(data, now, sender, whole=whole)
         for followed in self._followed.values():
             followed.on_packets(packets, now)
         if self._options.tell_packets:
             self._chunks.add(self._events, link, packets if vehicles.follows(sender) else (), now)
-        self._events += vehicles.give(packets, now, sender)
+        self._events += events
         return _NOBODY if sender is None else vehicles.addressees
 
     def link_lost(self, link: str, why: str, now: float) -> None:
@@ -245,12 +224,15 @@ class Emulator:
             if data:
                 self._put(vehicle.link, data, now)
         for vehicle in self.vehicles:
-            self._events += vehicle.check_missing(now, final=final)
-        self._status.advance(now)
+            if vehicle.missing_from is not None and (now >= vehicle.missing_from or final):
+                self._events += vehicle.check_missing(now)
+        if now >= self._next_status:
+            self._next_status = max(self._next_status + _STATUS_S, now)
+            self._status_at = now
 
     def next_deadline(self) -> float:
         """The latest time for the next call of `advance`."""
-        return min([self._status.next + _SLACK_S, *[vehicle.next_due for vehicle in self.vehicles]])
+        return min([self._next_status + _SLACK_S, *[vehicle.next_due for vehicle in self.vehicles]])
 
     def output(self) -> list[Output]:
         """Return the outputs to write, in this order. Call `written` for each of them."""
@@ -266,7 +248,8 @@ class Emulator:
 
     def events(self) -> list[Event]:
         """Return the events since the last call, in their order."""
-        if (now := self._status.take()) is not None:
+        if (now := self._status_at) is not None:
+            self._status_at = None
             for followed in self._followed.values():
                 self._events += followed.check(now)
             if self._options.tell_status:

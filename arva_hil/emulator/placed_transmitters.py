@@ -47,8 +47,11 @@ class PlacedTransmitters:
         return [GroundFound(now, self._vehicle)]
 
     def poll(self, now: float) -> tuple[bytes, Sequence[Event]]:
-        """Return the requests to the autopilot to send now; an event if heights are missing."""
-        if self._frame is None or not self.present.unplaced:
+        """Return the requests to the autopilot to send now; an event if heights are missing.
+
+        Called only while there are `present.unplaced`.
+        """
+        if self._frame is None:
             return b"", ()
         if self._missing_since is None:
             self._missing_since = now

@@ -112,7 +112,12 @@ class Port:
         The frame itself is an event here only if no bytes go out for it, otherwise when they are written.
         """
         events = self._late_watch.check(made.late_s, made.time_s)
-        self._count(made)
+        counters = self.counters
+        counters.frames += 1
+        counters.no_pose += made.pose is None
+        counters.skipped += made.number - self._next_number
+        counters.latest_s = max(counters.latest_s, made.late_s)
+        self._next_number = made.number + 1
         boot_ms = 0 if made.boot_s is None else max(0, round(made.boot_s * 1e3)) % 2**32
         if self.commands:
             self.commands.channels = len(made.frame.channels)
@@ -122,13 +127,25 @@ class Port:
             data = self._encode(made.frame, boot_ms)
             parcels = [Parcel(data, t, made=made)] if data else []
             unsent = None if data else replace(made, sent=False)
-            self.counters.dropped += not data
+            counters.dropped += not data
         if unsent is not None:
             self.last = unsent
             events.append(unsent)
         return parcels, events
 
-    def release(self, until: float) -> list[Parcel]:
+    def release(self, now: float, next_frame: float) -> tuple[Sequence[Parcel], Sequence[Event]]:
+        """Return the bytes that faults have delayed until now, or until the next frame, and the answers to commands.
+
+        Commands are executed after all that is due; they are answered if no frame is due soon.
+        """
+        parcels = self._delayed(min(now, next_frame)) if self._faults else []
+        if not self.commands or not self.commands.heard:
+            return parcels, ()
+        events = self.commands.advance(now)
+        answers = self.commands.answers(now, min(next_frame, self.next_due))
+        return parcels + [Parcel(data, now, answer=answer) for data, answer in answers], events
+
+    def _delayed(self, until: float) -> list[Parcel]:
         """Return the bytes that faults have delayed until then."""
         parcels: list[Parcel] = []
         if self.faults:
@@ -141,14 +158,6 @@ class Port:
                 else:
                     self.counters.dropped += 1
         return parcels
-
-    def answer(self, now: float, next_frame: float) -> tuple[list[Parcel], Sequence[Event]]:
-        """Execute the commands that came, after all that is due until `now`; answer if no frame is due soon."""
-        if not self.commands or not self.commands.heard:
-            return [], ()
-        events = self.commands.advance(now)
-        answers = self.commands.answers(now, min(next_frame, self.next_due))
-        return [Parcel(data, now, answer=answer) for data, answer in answers], events
 
     def written(self, parcel: Parcel, accepted: bool, now: float, *, quiet: bool) -> list[Event]:
         """Count bytes that were written. `accepted`: the link has taken all of them.
@@ -178,26 +187,18 @@ class Port:
         """Return for each fault by name how many frames and how many bytes it changed."""
         return self.faults.counts() if self.faults else {}
 
-    def _count(self, made: FrameMade) -> None:
-        counters = self.counters
-        counters.frames += 1
-        counters.no_pose += made.pose is None
-        counters.skipped += made.number - self._next_number
-        counters.latest_s = max(counters.latest_s, made.late_s)
-        self._next_number = made.number + 1
-
     def _send_with_faults(
         self, faults: Faults, made: FrameMade, t: float, boot_ms: int
     ) -> tuple[list[Parcel], FrameMade | None]:
         """Return the bytes to write now; the frame, if none of them are for it."""
         faults.begin(made.number, made.instant_s)
-        before = self.release(t)
+        before = self._delayed(t)
         frame, copies = faults.send(made.frame, t, boot_ms, self._encode)
         counters = self.counters
         counters.withheld += not copies
         counters.duplicated += max(0, copies - 1)
         counters.waiting = len(faults.outbox)
-        parcels = self.release(t)
+        parcels = self._delayed(t)
         made = replace(made, frame=frame, sent=copies > 0, faults=faults.met)
         if parcels:
             parcels[-1] = parcels[-1]._replace(made=made)

@@ -82,7 +82,7 @@ class Mounting:
     def __init__(self, scenario: Scenario) -> None:
         self._mount = mount(scenario)
         self._sling = sling(scenario)
-        self._noise = vehicle_noise(scenario)
+        self.noise = vehicle_noise(scenario)  # None: the vehicle makes none
         x, y, z = scenario.receiver.mount.position
         self._place = x, y, z + (self._sling.length_m if self._sling else 0.0)  # at rest, body FRD
 
@@ -97,9 +97,10 @@ class Mounting:
             position = position + np.array([0.0, 0.0, self._sling.length_m])
         return Pose(position, rotation)
 
-    def impairment(self, load: float) -> Impairment | None:
-        """Return the noise of motors with this load; None if the vehicle makes none."""
-        return Impairment(noise_na_m=self._noise.sigma_na_m(self._place, load)) if self._noise else None
+    def impairment(self, load: float) -> Impairment:
+        """Return the noise of motors with this load."""
+        assert self.noise is not None
+        return Impairment(noise_na_m=self.noise.sigma_na_m(self._place, load))
 
 
 class Seen(NamedTuple):
@@ -188,7 +189,7 @@ class EmulatedReceiver:
         if seen.reported is not seen.pose:
             reported_pose = self._mounting.pose(seen.reported, time_s, swings=False)
         self.seen = Seen(time_s, seen.t, pose, reported_pose, seen.age_s, seen.transmitters)
-        impairment = self._mounting.impairment(seen.load)
+        impairment = self._mounting.impairment(seen.load) if self._mounting.noise else None
         return bool(self._model.look(Look(time_s, pose, seen.transmitters, impairment=impairment)))
 
     def _made(self, seen: Snapshot, now: float) -> FrameMade:

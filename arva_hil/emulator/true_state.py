@@ -81,35 +81,20 @@ class PoseError:
         return before + (steps - number) * (after - before)
 
 
-class TrueState:
-    """The true state of a session's vehicle: what it reports. Times are seconds on the driver's clock."""
+class ReportWithError:
+    """The truth is the report and an error. Reports are `latency_s` old: the truth is the report at that time later.
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
-
-    def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
-        """The true state at `t` in the NED frame `frame`; `reported`: what the vehicle reports for that instant."""
-        return reported
-
-    def known_at(self, t: float) -> bool:
-        """Return True if no later message can change the state at `t`."""
-        return self._session.track.is_known(self._session.clock.boot(t))
-
-    def lacking(self) -> NoPose | None:
-        """Why there is no true state; None if the reason is that the vehicle reports no state."""
-        return None
-
-
-class _WithError(TrueState):
-    """The truth is the report and an error. Reports are `latency_s` old: the truth is the report at that time later."""
+    Times are seconds on the driver's clock.
+    """
 
     def __init__(self, error: NavigationError, seed: int, session: Session, start: float) -> None:
-        super().__init__(session)
+        self._session = session
         self._latency_s = error.latency_s
         self._error = PoseError(error.bias_ned, error.walk_sigma_m, error.walk_tau_s, error.heading_deg, seed=seed)
         self._start = start
 
     def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
+        """The true state at `t` in the NED frame `frame`; `reported`: what the vehicle reports for that instant."""
         later = self._session.state_at(t + self._latency_s, frame) if self._latency_s else reported
         if later is None or reported is None:
             return None
@@ -117,10 +102,11 @@ class _WithError(TrueState):
         return reported._replace(position=position, velocity=later.velocity, attitude=attitude)
 
     def known_at(self, t: float) -> bool:
-        return super().known_at(t + self._latency_s)
+        """Return True if no later message can change the state at `t`."""
+        return self._session.track.is_known(self._session.clock.boot(t + self._latency_s))
 
 
-class SimulatorTruth(TrueState):
+class SimulatorTruth:
     """The truth is what the vehicle's simulator sends. Remembers its last seconds, and makes the session request it.
 
     ArduPilot's simulator has SIM_STATE (its older SIMSTATE has no altitude), PX4's HIL_STATE_QUATERNION. Neither has a
@@ -129,7 +115,7 @@ class SimulatorTruth(TrueState):
     """
 
     def __init__(self, session: Session) -> None:
-        super().__init__(session)
+        self._session = session
         self.track = PoseTrack()
         self.refused = 0
         self._asked: int | None = None
@@ -150,12 +136,15 @@ class SimulatorTruth(TrueState):
         return []
 
     def at(self, t: float, frame: LocalFrame, reported: VehicleState | None) -> VehicleState | None:
+        """The true state at `t` in the NED frame `frame`."""
         return self.track.at(self._session.clock.boot(t), frame)
 
     def known_at(self, t: float) -> bool:
+        """Return True if no later message can change the state at `t`."""
         return self.track.is_known(self._session.clock.boot(t))
 
     def lacking(self) -> NoPose | None:
+        """Why there is no true state; None if the reason is that the vehicle reports no state."""
         if self._session.track.newest is None:
             return None
         return NoPose("no truth", message=dialect.mavlink_map[self._asked].msgname if self._asked else "")
@@ -200,9 +189,9 @@ def _is_pose(position: PositionSample, attitude: AttitudeSample) -> bool:
     return somewhere and 0.9 < math.hypot(*attitude.angles) < 1.1 and math.hypot(*attitude.rates) < _FASTEST
 
 
-def true_state(scenario: Scenario, session: Session, start: float) -> TrueState:
-    """The true state according to the scenario. `start`: of the run."""
+def true_state(scenario: Scenario, session: Session, start: float) -> ReportWithError | SimulatorTruth | None:
+    """The true state according to the scenario; None if it is the reported state. `start`: of the run."""
     if scenario.pose == "truth":
         return SimulatorTruth(session)
     error = scenario.navigation_error
-    return _WithError(error, scenario.seed, session, start) if error else TrueState(session)
+    return ReportWithError(error, scenario.seed, session, start) if error else None

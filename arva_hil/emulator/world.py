@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from operator import attrgetter
+from typing import Final
 
 from arva_hil.autopilot.following.motor_load import MotorLoad
 from arva_hil.autopilot.following.received import Received
@@ -12,8 +14,10 @@ from arva_hil.emulator.placed_transmitters import PlacedTransmitters
 from arva_hil.emulator.setup import VehicleSetup
 from arva_hil.emulator.snapshot import Snapshot
 from arva_hil.emulator.true_state import SimulatorTruth, true_state
-from arva_hil.events import DatumSet, Event, FrameMade, TooFar
+from arva_hil.events import DatumSet, Event
 from arva_hil.events.reasons import NoPose
+
+_MSGID: Final = attrgetter("msgid")
 
 
 class VehicleWorld:
@@ -49,9 +53,12 @@ class VehicleWorld:
         events = [*received.events]
         for part in self._observing:
             events += part.observe(received, now)
-        for packet in received.own:
-            if packet.msgid in MOVE_DATUM:
-                return events + self._move(now)
+        moves = not MOVE_DATUM.isdisjoint(map(_MSGID, received.own))
+        if moves and self.datum.update(self._session, now):
+            assert self.datum.frame is not None
+            self._transmitters.place(self.datum.frame)
+            change = self.datum.changes[-1]
+            events.append(DatumSet(now, self._name, *change.lat_lon_alt, change.why))
         return events
 
     def at(self, t: float) -> Snapshot:
@@ -61,7 +68,7 @@ class VehicleWorld:
         pose = reported = None
         if frame is not None:
             reported = session.navigation.track.at(boot_s, frame)
-            pose = self._truth.at(t, frame, reported)
+            pose = self._truth.at(t, frame, reported) if self._truth else reported
         age_s = pose.age_s if pose else None
         if pose and pose.age_s > self._max_age_s:
             pose = None
@@ -77,33 +84,23 @@ class VehicleWorld:
 
     def is_known(self, t: float) -> bool:
         """Return True if no later message can change the snapshot at `t`."""
-        return self._truth.known_at(t) and all(system.is_known(t) for system in self._followed.values())
+        navigation = self._session.navigation
+        known = self._truth.known_at(t) if self._truth else navigation.track.is_known(navigation.clock.boot(t))
+        return known and all(system.is_known(t) for system in self._followed.values())
 
-    def poll(self, now: float) -> tuple[bytes, list[Event]]:
+    def poll(self, now: float) -> tuple[bytes, Sequence[Event]]:
         """Return the messages to the autopilot to send now, and the events."""
-        requests, events = self._transmitters.poll(now)
-        data, own = self._session.poll(now)
-        return data + requests, [*own, *events]
-
-    def check_distance(self, made: FrameMade) -> list[Event]:
-        """Return an event if a receiver is too far from all transmitters: once for each datum."""
-        if made.pose is None or not (far := self.datum.far(made.pose.position, made.reading)):
-            return []
-        return [TooFar(made.time_s, made.vehicle, made.receiver, *far, self.datum.fixed)]
-
-    def _move(self, now: float) -> list[Event]:
-        """Move the datum if necessary."""
-        if not self.datum.update(self._session, now):
-            return []
-        assert self.datum.frame is not None
-        self._transmitters.place(self.datum.frame)
-        change = self.datum.changes[-1]
-        return [DatumSet(now, self._name, *change.lat_lon_alt, change.why)]
+        data, events = self._session.poll(now)
+        if not self._transmitters.present.unplaced:
+            return data, events
+        requests, more = self._transmitters.poll(now)
+        return data + requests, [*events, *more]
 
     def _lacking(self) -> NoPose:
         if self.datum.frame is None and self._session.track.newest is not None:
             return NoPose("no home")
-        return self._truth.lacking() or self._session.why_no_pose()
+        lacking = self._truth.lacking() if isinstance(self._truth, SimulatorTruth) else None
+        return lacking or self._session.why_no_pose()
 
 
 def _motors(setup: VehicleSetup) -> MotorLoad | None:

@@ -11,11 +11,12 @@ import pytest
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import DEFAULT, Lla
 from arva_hil.emulator.datum import HOME_WAIT_S, Datum
-from arva_hil.events import TooFar
+from arva_hil.events import Event, FrameMade, TooFar
 from arva_hil.events.words.sentences import sentence
 from arva_hil.mavlink.codec import Encoder, dialect
 from arva_hil.model.field import LocalFrame
-from arva_hil.model.receiver import ChannelReading, Reading, Zone
+from arva_hil.model.receiver import ChannelReading, Pose, Reading, Zone
+from firmware_proto import Frame
 
 Place = tuple[float, float, float]
 A, B, C = (46.5, 11.35, 1800.0), (46.5, 11.35, 1801.3), (46.6, 11.4, 1700.0)
@@ -306,20 +307,24 @@ def test_in_flight_a_home_that_comes_late_does_not_move_the_transmitters(told: T
 # -- too far away --------------------------------------------------------------------------------------------------
 
 
-def reading(id_: int | None, true_range_m: float | None) -> Reading:
-    return Reading((ChannelReading(id_, Zone.OUTER, -1, -1, true_range_m),), False, False)
-
-
 def test_a_vehicle_far_from_everything_is_said_once_for_each_place_of_the_datum(told: Told) -> None:
     told.home(A, 0.1)
-    away = np.array([100_000.0, 55_000.0, -10.0])
-    assert told.datum.far(away, reading(None, 900.0)) is None
-    assert told.datum.far(away, reading(None, None)) is None  # no transmitter at all
-    assert told.datum.far(away, reading(3, 5000.0)) is None  # heard
-    assert told.datum.far(away, reading(None, 114_130.0)) == pytest.approx((114_127.0, 114_130.0), abs=1)
-    assert told.datum.far(away, reading(None, 114_131.0)) is None
+    away = Pose(np.array([100_000.0, 55_000.0, -10.0]), np.eye(3))
+    frame = Frame(0, 0, ())
+
+    def too_far(id_: int | None, true_range_m: float | None) -> list[Event]:
+        what = Reading((ChannelReading(id_, Zone.OUTER, -1, -1, true_range_m),), False, False)
+        return told.datum.check_distance(FrameMade(0.0, "v", "r", 0, 0.0, None, away, None, what, frame, True, 0.0))
+
+    assert too_far(None, 900.0) == []
+    assert too_far(None, None) == []  # no transmitter at all
+    assert too_far(3, 5000.0) == []  # heard
+    (event,) = too_far(None, 114_130.0)
+    assert isinstance(event, TooFar)
+    assert (event.from_datum_m, event.nearest_m) == pytest.approx((114_127.0, 114_130.0), abs=1)
+    assert too_far(None, 114_131.0) == []
     told.home(C, 1.0)
-    assert told.datum.far(away, reading(None, 114_131.0))
+    assert too_far(None, 114_131.0)
 
 
 @pytest.mark.parametrize(

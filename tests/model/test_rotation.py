@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from arva_hil.model.field import quaternion
-from arva_hil.model.field.mount import Mount
-from arva_hil.model.field.rotation import from_euler, to_euler, to_matrix
+from arva_hil.model.field.rotation import Mount, from_euler, to_euler, to_matrix
 
 N = 10_000
 ANGLE = st.floats(-10, 10)

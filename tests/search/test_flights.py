@@ -13,8 +13,7 @@ from arva_hil.config import parse
 from arva_hil.events import Event
 from arva_hil.events.searches import FromSearch, HeightSource, SearchPaused
 from arva_hil.mavlink.codec import dialect
-from arva_hil.model.field.mount import Mount
-from arva_hil.model.field.rotation import from_euler
+from arva_hil.model.field.rotation import Mount, from_euler
 from arva_hil.registry import STRATEGIES
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.mission import NOT_SURE

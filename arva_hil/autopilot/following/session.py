@@ -77,7 +77,7 @@ class Session(FollowedVehicle):
                 self._on_refused(packet, now)
             elif vehicle is None or msgid == _HEARTBEAT:
                 (own if self._look_around(packet, now, sender) else others).append(packet)
-            elif vehicle.sent(packet) and sender == self.senders.vehicle:
+            elif (packet.system, packet.component, sender) == (vehicle.system, vehicle.component, self.senders.vehicle):
                 own.append(packet)
                 if msgid in _DECODED and (message := decode(packet)) is not None:
                     self._on_ack(message, now) if msgid == _ACK else self._navigate(message, now)
@@ -90,7 +90,7 @@ class Session(FollowedVehicle):
             for packet in own:
                 if packet.msgid in streams.extra_ids:
                     streams.note(packet.msgid, now)
-        return Received(own, others, refused, self._emitted())
+        return Received(own, others, refused, self._emitted() if self._events else ())
 
     def want(self, streams: Mapping[int, float]) -> None:
         """Request these optional streams too: message id → Hz."""
@@ -108,11 +108,14 @@ class Session(FollowedVehicle):
         if now - self._last_heartbeat > _LOST_S and self.vehicle and not self.lost and not self._interrupted:
             self.lost = True
             self._emit(vehicles.VehicleLost(now, self.name, str(self.vehicle), _LOST_S))
-        self.senders.look(now)
         if self._signing:
             self._signing.advance(now)
-        self.next_due = math.inf if self._passive else now + _POLL_S
-        if self._passive or self._interrupted:
+        if self._passive:
+            self.next_due = math.inf
+            return b"", self._emitted() if self._events else ()
+        self.next_due = now + _POLL_S
+        self.senders.look(now)
+        if self._interrupted:
             return b"", self._emitted()
         out = b""
         if now >= self._next_heartbeat:
@@ -151,8 +154,6 @@ class Session(FollowedVehicle):
 
     def _emitted(self) -> Sequence[Event]:
         """Return the events since the last call."""
-        if not self._events:
-            return ()
         events = self._events[:]
         self._events.clear()
         return events

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-
-_FLOAT: Final = np.dtype(np.float64)  # each such array has this object
 
 
 def floats(name: str, value: ArrayLike, *shape: int | None) -> Array:
@@ -30,8 +26,6 @@ def floats(name: str, value: ArrayLike, *shape: int | None) -> Array:
 
 def vector(name: str, value: ArrayLike, *shape: int) -> Array:
     """`value` as an array of floats of exactly this shape. Raises ValueError as `floats`."""
-    if isinstance(value, np.ndarray) and value.shape == shape and value.dtype is _FLOAT:
-        return value
     array = floats(name, value)
     if array.shape != shape:
         raise ValueError(f"{name}: the shape {array.shape}, expected {shape}")

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Literal, Protocol
 
+import numpy as np
+
 from arva_hil.model.field.arrays import Array, vector
 from arva_hil.model.field.dipole import Transmitters
 from arva_hil.model.receiver.reading import Reading
@@ -27,8 +29,10 @@ class Pose:
     rotation: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "position", vector("position", self.position, 3))
-        object.__setattr__(self, "rotation", vector("rotation", self.rotation, 3, 3))
+        for name, shape in ("position", (3,)), ("rotation", (3, 3)):
+            value = getattr(self, name)
+            if type(value) is not np.ndarray or value.shape != shape or value.dtype != float:
+                object.__setattr__(self, name, vector(name, value, *shape))
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from arva_hil.autopilot.following.pose_track import VehicleState
 from arva_hil.events import Event
 from arva_hil.events.searches import FrameHeard, TakeOffPoint
 from arva_hil.model.field.geodesy import LocalFrame
-from arva_hil.model.field.mount import Mount
+from arva_hil.model.field.rotation import Mount
 from arva_hil.search.strategies.strategy import Position
 from firmware_proto import Frame
 

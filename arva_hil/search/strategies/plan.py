@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from arva_hil.model.field.mount import Mount
+from arva_hil.model.field.rotation import Mount
 from arva_hil.search.strategies.strategy import Position, Strategy
 
 FAR_M: Final = 100.0  # from area and take-off point: a farther place ends the search
