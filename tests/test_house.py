@@ -39,8 +39,8 @@ def test_the_ways_through_the_house_grow_no_longer() -> None:
     assert packet.changes <= 49, str(packet)
     assert len(frame.calls) <= 315, str(frame)
     assert frame.files <= 53, str(frame)
-    assert len(transmitter.calls) <= 420, str(transmitter)
-    assert transmitter.files <= 17, str(transmitter)
+    assert len(transmitter.calls) <= 220, str(transmitter)
+    assert transmitter.files <= 16, str(transmitter)
 
 
 def test_no_two_rooms_import_each_other_and_no_modules_do_in_a_circle() -> None:

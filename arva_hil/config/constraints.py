@@ -233,7 +233,7 @@ class Numbers(Constraint):
         if len(value) != len(self.each):
             count = f"{len(value)} number{'' if len(value) == 1 else 's'}"
             raise wrong(f"{len(self.each)}{self.names}", count)
-        values, violations = read_each(value, (one.read for one in self.each))
+        values, violations = read_each(value, [one.read for one in self.each])
         if violations:
             raise ConstraintError(*violations)
         return tuple(values)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Iterable
-from typing import Any, Final, NoReturn, TypeGuard, TypeVar
+from typing import Any, Final, NoReturn, TypeVar
 
 import yaml
 
@@ -92,7 +92,7 @@ class _Loader(yaml.BaseLoader):
             found, expected = f"the alias *{short(str(event.anchor))}", "the value itself"
         elif self._depth == _DEEPEST:
             self._problems.fail(event.start_mark, f"more than {_DEEPEST} levels", "fewer")
-        elif _is_part(parent, event) and len(parent.value) == _MOST_PARTS:
+        elif parent is not None and len(parent.value) >= _MOST_PARTS and _is_part(parent, event):
             what = "keys" if isinstance(parent, yaml.MappingNode) else "mappings in a list"
             self._problems.fail(event.start_mark, f"more than {_MOST_PARTS} {what}", "fewer")
         else:
@@ -107,8 +107,8 @@ class _Loader(yaml.BaseLoader):
         return yaml.ScalarNode(_REFUSED, "", event.start_mark, event.end_mark)
 
 
-def _is_part(parent: yaml.Node | None, event: yaml.Event) -> TypeGuard[yaml.CollectionNode]:
-    return isinstance(parent, yaml.MappingNode) or (parent is not None and isinstance(event, yaml.MappingStartEvent))
+def _is_part(parent: yaml.Node, event: yaml.Event) -> bool:
+    return isinstance(parent, yaml.MappingNode) or isinstance(event, yaml.MappingStartEvent)
 
 
 def keys_in(text: str) -> set[str]:

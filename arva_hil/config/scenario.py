@@ -6,7 +6,7 @@ metres, degrees, seconds, hertz. World frame NED, body frame FRD.
 
 import os
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import InitVar, replace
+from dataclasses import InitVar
 from typing import Any, Final, Literal, get_args
 
 from arva_hil.config import nodes
@@ -134,10 +134,10 @@ def parse(text: str, source: str) -> Scenario:
     """The scenario in `text`; `source` names it in messages. Raises ScenarioError with all mistakes."""
     from arva_hil.config.reading import read  # slow to import
 
-    return replace(read(text, source, WHAT, _read, nodes.NEWEST_SPEC), source=source)
+    return read(text, source, WHAT, lambda top: _read(top, source), nodes.NEWEST_SPEC)
 
 
-def _read(top: nodes.Value) -> Scenario:
+def _read(top: nodes.Value, source: str) -> Scenario:
     violations: list[Violation] = []
     if isinstance(top, nodes.Mapping):
         receivers = [one for vehicle in top.tables("vehicles") for one in vehicle.tables("receivers")]
@@ -145,7 +145,7 @@ def _read(top: nodes.Value) -> Scenario:
             violations = _take_profiles(top, receivers)
         _inherit(top, receivers)
     try:
-        scenario: Scenario = TableOf(Scenario).read(top)
+        scenario: Scenario = TableOf(Scenario, source=source).read(top)
     except ConstraintError as error:
         violations += error.violations
     if violations:

@@ -7,6 +7,7 @@ is one key of a file, checked there and in Python, and has its place in the JSON
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import MISSING, InitVar, dataclass, field, replace
 from types import SimpleNamespace
@@ -36,10 +37,6 @@ class Field(NamedTuple):
     file_only: bool
     optional: bool  # may be None in Python
 
-    def is_usual(self, value: Any) -> bool:
-        """Return True if a value needs no check."""
-        return value is self.default or (value is None and self.optional)
-
 
 class Given(SimpleNamespace):
     """A table of a file that is not valid as a whole: its fields, None where they are wrong. `mapping`: the file's."""
@@ -68,7 +65,7 @@ class Table:
         made.__post_init__ = _check
         dataclass(frozen=True)(cls)
         made.__table__ = {one.name: _declared(one) for one in made.__dataclass_fields__.values()}
-        made.__required__ = [*(name for name, one in keys(cls).items() if one.default is MISSING), *required.split()]
+        made.__required__ = [*(name for name, one in keys(made).items() if one.default is MISSING), *required.split()]
         made.__one_of__ = one_of.split()
 
     @classmethod
@@ -111,7 +108,8 @@ def fields_of(cls: Any) -> dict[str, Field]:
     return declared
 
 
-def keys(cls: Any, spec: int = 1_000) -> dict[str, Field]:
+@functools.cache
+def keys(cls: Any, spec: int = 1_000) -> Mapping[str, Field]:
     """The keys of a table that files of a spec have."""
     return {name: one for name, one in fields_of(cls).items() if 0 < one.since <= spec}
 
@@ -119,7 +117,8 @@ def keys(cls: Any, spec: int = 1_000) -> dict[str, Field]:
 def newer_keys(value: Any) -> set[str]:
     """The keys of a table, and of tables in it, that files of spec 1 do not have and that are not as usual."""
     found = set()
-    for name, one in keys(type(value)).items() if is_table(value) else ():
+    cls: Any = type(value)
+    for name, one in keys(cls).items() if is_table(value) else ():
         item = getattr(value, name)
         if one.since > 1 and item != one.default:
             found.add(name)
@@ -131,7 +130,11 @@ def _check(self: Any, *init_vars: Any) -> None:
     """The `__post_init__` of a table: checks the values that it was made with."""
     fields, for_file = fields_of(type(self)), iter(init_vars)
     values = {name: next(for_file) if one.file_only else getattr(self, name) for name, one in fields.items()}
-    unusual = {name: value for name, value in values.items() if not fields[name].is_usual(value)}
+    unusual = {
+        name: values[name]
+        for name, one in fields.items()
+        if values[name] is not one.default and not (values[name] is None and one.optional)
+    }
     right, violations = read_keys(unusual, {name: one.constraint for name, one in fields.items()})
     for name, value in right.items():
         if not fields[name].file_only:
@@ -142,6 +145,20 @@ def _check(self: Any, *init_vars: Any) -> None:
         self.__finish__(*((values | right)[name] for name, one in fields.items() if one.file_only))
 
 
+def _made(cls: Any, values: Mapping[str, Any]) -> Any:
+    """Make a table of values that are checked."""
+    made, for_file = object.__new__(cls), []
+    for name, one in fields_of(cls).items():
+        value = values.get(name, one.default)
+        if one.file_only:
+            for_file.append(value)
+        else:
+            object.__setattr__(made, name, value)
+    if hasattr(cls, "__finish__"):
+        made.__finish__(*for_file)
+    return made
+
+
 def _described(violation: Violation, value: Any) -> Violation:
     """A violation of values of Python, with what was found."""
     for step in violation.path if violation.found is None else ():
@@ -150,12 +167,13 @@ def _described(violation: Violation, value: Any) -> Violation:
 
 
 class TableOf(Constraint):
-    """A table: a mapping in a file, an object of the class in Python."""
+    """A table: a mapping in a file, an object of the class in Python. `more`: fields that are no keys of a file."""
 
     kind = "a mapping"
 
-    def __init__(self, cls: Any) -> None:
+    def __init__(self, cls: Any, **more: Any) -> None:
         self.table = cls
+        self._more = more
 
     def __str__(self) -> str:
         return f"a mapping with {', '.join(keys(self.table))}"
@@ -174,12 +192,13 @@ class TableOf(Constraint):
         newer = {name: one.since for name, one in keys(cls).items() if one.since > spec}
         values, violations = read_keys(value, valid, cls.__required__, cls.__one_of__, newer)
         default = {name: None if one.default is MISSING else one.default for name, one in fields_of(cls).items()}
-        given = Given(**default | {name: values[name] for name in values if name in known}, mapping=value)
+        known_values = {name: values[name] for name in values if name in known}
+        given = Given(**default | known_values, mapping=value)
         violations += [*other.violations, *cls.conflicts(given)]
         if violations:
             raise ConstraintError(*violations, given=given)
         options = {"options": other.options} if other.names else {}
-        return cls(**{name: values[name] for name in values if name in known} | options)
+        return _made(cls, known_values | options | self._more)
 
     def plain(self, value: Any, spec: int) -> Any:
         file_keys: dict[str, Any] = dict(value.file_keys())

@@ -58,11 +58,11 @@ class Transmitters:
 
     def field_at(self, point: Array) -> Array:
         """The field (M, 3) of each transmitter at a point (3,), NED, as from `dipole_field`, in the medium."""
-        if self.medium is AIR:
-            return dipole_field(point, self.positions, self.rotations, self.strengths)
-        strengths = self.strengths * self.medium.loss(self.positions)
-        h = dipole_field(point, self.positions, self.rotations, strengths)
-        return self.medium.applied(h, point - self.positions)
+        air = self.medium is AIR
+        strengths = self.strengths if air else self.strengths * self.medium.loss(self.positions)
+        moments = _columns(_moments(self.rotations, strengths))
+        h = field_of(point[:, None, None], _columns(self.positions), moments)[:, :, 0].T
+        return h if air else self.medium.applied(h, point - self.positions)
 
     def ranges(self, point: ArrayLike) -> dict[int, float]:
         """The distance [m] of each transmitter from a point (3,) in NED, by id."""
