@@ -17,7 +17,7 @@ from arva_hil.model.receiver import Pose, Reading
 from firmware_proto import Frame
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 @dataclass_transform(frozen_default=True)
 class Event:
     """Something that happened at `time_s`. Each subclass is a frozen dataclass without a decorator of its own."""
@@ -25,7 +25,16 @@ class Event:
     time_s: float
 
     def __init_subclass__(cls) -> None:
-        dataclass(frozen=True)(cls)
+        dataclass(frozen=True, eq=False, repr=False)(cls)  # those below serve all: a start takes 10 ms less
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and vars(other) == vars(self)
+
+    def __hash__(self) -> int:
+        return hash(tuple(vars(self).values()))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in vars(self).items())})"
 
 
 class ObserverFailed(Event):
