@@ -43,12 +43,14 @@ _NOBODY: Final = Addressees(None, ())
 
 
 @dataclass(frozen=True)
-class _Options:
+class EngineOptions:
     """The options of an `Emulator`, which explains them."""
 
     look_ahead_s: float
     tell_packets: bool
     tell_status: bool
+    needs_times: bool
+    """Packets count at the times at which they come: for a record, and for a simulator's truth, which has no clock."""
 
 
 class _Chunks:
@@ -139,8 +141,9 @@ class Emulator:
     ) -> None:
         if not vehicles:
             raise ValueError("vehicles: none, expected one VehicleSetup at least, e.g. one_vehicle(scenario)")
-        self._options = _Options(look_ahead_s, tell_packets, tell_status)
         self._now = start  # of the last `advance`
+        truth = any(setup.scenario.pose == "truth" for setup in vehicles)
+        self.options = EngineOptions(look_ahead_s, tell_packets, tell_status, needs_times=tell_packets or truth)
         scenarios = [receiver.scenario for setup in vehicles for receiver in setup.receivers]
         followed = (t.follows.system for scenario in scenarios for t in scenario.transmitters if t.follows)
         self._followed = {system: FollowedSystem(system, start) for system in followed}
@@ -167,7 +170,6 @@ class Emulator:
         self._unwritten: dict[int, tuple[EmulatedVehicle, Port, Parcel]] = {}
         self._events: list[Event] = []
         self._next_status = start
-        self._status_at: float | None = None  # the time of a status that is due and not reported yet
         self._chunks = _Chunks()
 
     def receive(
@@ -186,7 +188,7 @@ class Emulator:
         packets, events = vehicles.receive(data, now, sender, whole=whole)
         for followed in self._followed.values():
             followed.on_packets(packets, now)
-        if self._options.tell_packets:
+        if self.options.tell_packets:
             self._chunks.add(self._events, link, packets if vehicles.follows(sender) else (), now)
         self._events += events
         return _NOBODY if sender is None else vehicles.addressees
@@ -212,7 +214,7 @@ class Emulator:
         for vehicle in self.vehicles:  # frames first: they are urgent
             if vehicle.next_due > now and not final:
                 continue
-            parcels, events = vehicle.make_frames(now, self._options.look_ahead_s, final=final)
+            parcels, events = vehicle.make_frames(now, self.options.look_ahead_s, final=final)
             self._events += events
             for port, parcel in parcels:
                 self._put(port.link, parcel.data, parcel.due, (vehicle, port, parcel))
@@ -226,9 +228,6 @@ class Emulator:
         for vehicle in self.vehicles:
             if vehicle.missing_from is not None and (now >= vehicle.missing_from or final):
                 self._events += vehicle.check_missing(now)
-        if now >= self._next_status:
-            self._next_status = max(self._next_status + _STATUS_S, now)
-            self._status_at = now
 
     def next_deadline(self) -> float:
         """The latest time for the next call of `advance`."""
@@ -248,11 +247,11 @@ class Emulator:
 
     def events(self) -> list[Event]:
         """Return the events since the last call, in their order."""
-        if (now := self._status_at) is not None:
-            self._status_at = None
+        if (now := self._now) >= self._next_status:
+            self._next_status = max(self._next_status + _STATUS_S, now)
             for followed in self._followed.values():
                 self._events += followed.check(now)
-            if self._options.tell_status:
+            if self.options.tell_status:
                 self._events.append(StatusReport(now, [vehicle.status(now) for vehicle in self.vehicles]))
         events, self._events = self._events, []
         return events

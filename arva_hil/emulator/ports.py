@@ -138,7 +138,7 @@ class Port:
 
         Commands are executed after all that is due; they are answered if no frame is due soon.
         """
-        parcels = self._delayed(min(now, next_frame)) if self._faults else []
+        parcels = self._delayed(min(now, next_frame)) if self.faults else []
         if not self.commands or not self.commands.heard:
             return parcels, ()
         events = self.commands.advance(now)

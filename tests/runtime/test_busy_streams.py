@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,6 +15,8 @@ from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import one_vehicle
 from arva_hil.links.memory import MemoryLink, pair
 from arva_hil.mavlink.codec import Encoder, dialect
+from arva_hil.runtime.audience import Audience
+from arva_hil.runtime.drivers import Live
 from arva_hil.runtime.loop import run
 from tests.one_receiver import Diary, OneReceiver
 
@@ -98,3 +101,35 @@ def test_frames_and_records_are_the_same_as_if_each_packet_were_used_when_it_cam
     assert together.bytes == alone.bytes
     assert poses(together) == poses(alone)
     assert received(together) == received(alone)
+
+
+class RealisticClock(StepClock):
+    """A clock of a processor that is slow when it wakes up, as `RealClock`."""
+
+    early_s = 0.0005
+
+
+class CountedLive(Live):
+    """Counts how often it wakes up."""
+
+    wakes = 0
+
+    def service(self, clock: Clock) -> float:
+        self.wakes += 1
+        return super().service(clock)
+
+
+def test_a_live_run_rests_between_the_packets_of_a_busy_stream_and_its_poses_stay_as_new() -> None:
+    """Each packet tells the pose at its time: the newest one is 20 ms old at most, and extrapolated."""
+    vehicle = one_vehicle(parse(SCENARIO % 10, "test"), Session(passive=True))
+    wakes = {}
+    for tell_packets in (False, True):
+        diary, (near, far), (port, _) = Diary(), pair(), pair()
+        engine = Emulator([replace(vehicle, session=Session(passive=True))], start=0.0, tell_packets=tell_packets)
+        live = CountedLive(engine, {"autopilot": near}, {"port": port}, Audience([diary]))
+        run([Autopilot(far, [n / 50 + 1e-4 for n in range(150)]), live], RealisticClock(), until=SECONDS)
+        ages = [frame.age_s for frame in diary.frames[5:] if frame.age_s is not None]
+        assert max(ages) < 0.025
+        assert all(abs(frame.instant_s - (frame.boot_s or 0.0)) < 0.005 for frame in diary.frames[5:])
+        wakes[tell_packets] = live.wakes
+    assert wakes[False] < 0.75 * wakes[True]
