@@ -17,6 +17,7 @@ import pytest
 import arva_hil
 from arva_hil.cli.main import COMMANDS
 from tests.browser import browser
+from tests.once import once
 
 __all__ = ["browser"]
 
@@ -75,8 +76,11 @@ sys.exit(codes[0] + 2 * codes[1])
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder with the pages in `html` and what became of their examples in `doctest`: built without a warning."""
-    folder = tmp_path_factory.mktemp("pages")
+    """The folder with the pages in `html` and the results of their examples in `doctest`, built once."""
+    return once(tmp_path_factory, "pages", build)
+
+
+def build(folder: Path) -> None:
     environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
     done = subprocess.run(
         [sys.executable, "-P", "-c", SPHINX, str(ROOT / "docs")],
@@ -86,7 +90,6 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
         text=True,
     )
     assert (done.returncode, done.stderr) == (0, ""), done.stdout
-    return folder
 
 
 def test_the_pages_build_without_a_warning_and_lead_where_they_say(built: Path) -> None:
