@@ -572,6 +572,15 @@ def test_frames_that_stop_for_a_moment_while_it_arms_only_delay_it() -> None:
     assert world.end() == ("found", "found")
 
 
+def test_a_heartbeat_that_is_missing_before_arming_is_reported() -> None:
+    vehicle = px4(healthy=False)
+    world = World(vehicle)
+    world.reach("arming")
+    world.between = lambda data: b""
+    world.pass_s(8)
+    assert any("no heartbeat" in text for text in world.said)
+
+
 def test_what_it_does_when_it_is_left_alone_is_said_before_it_arms() -> None:
     for make, words in (
         (
