@@ -190,6 +190,16 @@ def test_ground_that_is_lower_after_a_long_silence_is_not_believed(gap_s: float,
     assert check.height(there, 9.0, 9.0, 9.0) == pytest.approx(height)
 
 
+def test_ground_that_slopes_below_a_descent_is_no_drift() -> None:
+    check = RangeCheck(0.9)
+    for n in range(200):
+        time_s = 0.1 * n
+        sunk, aside = 0.45 * max(0.0, time_s - 12.5), 0.2 * max(0.0, time_s - 12.5)
+        metres = 5.0 - sunk + 0.4 * aside
+        check.height(Odometry(time_s, -sunk, aside, 0.2, (aside, 0.0)), metres, metres, metres - 2.0)
+    assert check.deviation(20.0) is None
+
+
 def test_a_place_that_is_not_reached_is_not_waited_for_for_ever() -> None:
     _, _, down, took = sunk((0.0, 0.0, -4.0), measured=True, drift=(-2.0, 0.0))
     assert took == pytest.approx(50, abs=1)

@@ -47,7 +47,7 @@ class Lie:
         age_s, kind = time.monotonic() - self._began_s, type(message).id
         if wrong := RANGES.get(self.name):
             if kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR:
-                message.current_distance = max(0, round(100 * wrong(message.current_distance / 100, age_s)))
+                message.current_distance = min(max(0, round(100 * wrong(message.current_distance / 100, age_s))), 65535)
             elif kind == dialect.MAVLINK_MSG_ID_RANGEFINDER:
                 message.distance = wrong(message.distance, age_s)
         elif wrong := CLIMBS.get(self.name):

@@ -19,6 +19,7 @@ _DRIFT: Final = 0.05  # m/s: more is found as a change of the ground
 _DRIFTED_M: Final = 0.6  # that it may have drifted before it is checked
 _HOVER_M_S: Final = 0.3
 _CHECK_S: Final = 4.0  # of hovering
+_SUNK_M: Final = 1.0  # of climb or descent in that time: it does not hover
 _STEADY_M: Final = 0.1  # of change in that time
 
 
@@ -112,7 +113,7 @@ class RangeCheck:
         self.still = self.still or height - lowest > _DRIFTED_M
         if not self.still or motion.speed > _HOVER_M_S:
             self._hover = None
-        elif self._hover is None:
+        elif self._hover is None or abs(motion.climbed - self._hover[0].climbed) > _SUNK_M:
             self._hover = motion, height
         elif motion.time_s - self._hover[0].time_s >= _CHECK_S:
             before, was = self._hover
