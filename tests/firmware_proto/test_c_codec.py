@@ -35,7 +35,7 @@ def test_no_compiler_is_said_so(monkeypatch):
 @pytest.mark.parametrize("language", [("-std=c99",), ("-x", "c++", "-std=c++11")], ids=["C99", "C++"])
 @pytest.mark.parametrize("name", list(INSTALLED.values()) or ["cc"])
 def test_it_compiles_without_a_warning(tmp_path, name, language):
-    for extra in ["-fsyntax-only"] if "clang" in name else ["-O0", "-O2", "-Os"]:  # clang warns before it optimizes
+    for extra in ["-fsyntax-only"] if "clang" in name else ["-O2", "-Os"]:  # clang warns before it optimizes
         for source in (SOURCE, MESSAGES):
             compile_c(name, tmp_path / "out.o", extra, "-Wshadow", "-c", *language, source)
 
@@ -135,7 +135,7 @@ def test_frames_are_counted_without_a_function_to_take_them(codec):
 
 
 def test_python_and_c_make_the_same_of_the_same_bytes(run_tool):
-    assert "5000 streams, no difference" in run_tool("tools.compare_decoders", "5000")
+    assert "2000 streams, no difference" in run_tool("tools.compare_decoders", "2000")
 
 
 def test_sanitizers_find_nothing(run_tool):

@@ -16,7 +16,7 @@ from tests.firmware_proto.wire_vectors import MESSAGES, VECTORS, by_name, follow
 from tools.codecs.c_messages import python_decoder
 from tools.codecs.random_streams import SECONDS, message_streams, streams
 
-STREAMS = int(os.environ.get("ARVA_HIL_LUA_STREAMS", "500"))
+STREAMS = int(os.environ.get("ARVA_HIL_LUA_STREAMS", "200"))
 COUNTERS = ("good", "bad_crc", "dropped", "lost")
 PAUSES_MS = (0, 0, 1, 3, 20, 40, 60, 99, 100, 101, 1000, 70_000)
 PIECES = [bytes.fromhex(text) for text in ("A4", "A457", "A45701", "A4570163", "A4570163000010", "A4570109", "")]

@@ -52,7 +52,7 @@ class Confused(Estimate):
 
 def test_though_its_cause_changes_whenever_it_looks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimate, "Evidence", Wavering)
-    flight = fly(Estimate(1.0), NEAR, rate_hz=0.5, limit_s=400)
+    flight = fly(Estimate(1.0), NEAR, rate_hz=0.2, limit_s=400)
     assert flight.found is not None
     assert flight.time_s < ENDS_S
     assert flight.error_m < 1
@@ -60,7 +60,7 @@ def test_though_its_cause_changes_whenever_it_looks(monkeypatch: pytest.MonkeyPa
 
 def test_though_it_never_comes_above_a_place_again() -> None:
     strategy = Confused(1.0)
-    flight = fly(strategy, NEAR, rate_hz=0.3, limit_s=400)
+    flight = fly(strategy, NEAR, rate_hz=0.2, limit_s=400)
     assert strategy.circles
     assert flight.found is not None
     assert flight.time_s < ENDS_S
