@@ -371,23 +371,22 @@ def test_a_refused_take_off_is_tried_again_at_once() -> None:
         told.ack(NAV_TAKE_OFF, FAILED)
 
 
-@pytest.mark.parametrize("target", [(1, 191), (1, 190), (255, US), (255, 190), (2, US)])
-def test_what_is_answered_to_others_is_no_answer_to_us(target: tuple[int, int]) -> None:
+@pytest.mark.parametrize(
+    ("targets", "why"),
+    [
+        ([(1, 191), (1, 190), (255, US), (255, 190), (2, US)], "it says nothing of why"),
+        ([(1, US)], "arming: DENIED"),
+        ([(0, 0)], "arming: DENIED"),
+    ],
+)
+def test_what_is_answered_to_us_or_to_all_counts_and_no_other_answer(targets: list[tuple[int, int]], why: str) -> None:
     told = Told(arm_timeout_s=5.0)
     told.reach(Phase.ARMING)
-    told.ack(ARM, DENIED, target)
+    for target in targets:
+        told.ack(ARM, DENIED, target)
+        told.ack(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, FAILED, target)
     told.hear(6.0)
-    assert told.commander.why == "the vehicle does not arm: it says nothing of why"
-
-
-@pytest.mark.parametrize("target", [(1, US), (0, 0)])
-def test_what_is_answered_to_us_or_to_all_is(target: tuple[int, int]) -> None:
-    told = Told(arm_timeout_s=5.0)
-    told.reach(Phase.ARMING)
-    told.ack(ARM, DENIED, target)
-    told.ack(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, FAILED, target)
-    told.hear(6.0)
-    assert told.commander.why == "the vehicle does not arm: arming: DENIED"
+    assert told.commander.why == f"the vehicle does not arm: {why}"
 
 
 # -- refusals ----------------------------------------------------------------------------------------------

@@ -11,12 +11,16 @@ import pytest
 
 from arva_hil.cli.main import main
 from arva_hil.links.pty import PtyLink
+from arva_hil.mavlink.codec import Parser, dialect
 
-from .far_ends import Arva, Autopilot, Ended, Program, Start
+from .far_ends import Arva, Autopilot, Beacon, Ended, Keep, Program, Start
 
 
 class Closes(Protocol):
     def close(self) -> None: ...
+
+
+TRUTHS = (dialect.MAVLINK_MSG_ID_SIMSTATE, dialect.MAVLINK_MSG_ID_SIM_STATE)
 
 
 _C = TypeVar("_C", bound=Closes)
@@ -102,3 +106,20 @@ def autopilot(keep: Callable[..., Any]) -> Autopilot:
 def line(keep: Callable[..., Any]) -> PtyLink:
     """A pseudo-terminal to send frames to; this is the consumer's end."""
     return keep(PtyLink())
+
+
+@pytest.fixture
+def beacon(keep: Keep) -> Beacon:
+    return keep(Beacon())
+
+
+@pytest.fixture
+def real(autopilot: Autopilot) -> Autopilot:
+    """A vehicle that does not know its own truth, as real ones do not."""
+    write, parser = autopilot.link.write, Parser()
+
+    def truthless(data: bytes) -> bool:
+        return write(b"".join(packet.raw for packet in parser.feed(data) if packet.msgid not in TRUTHS))
+
+    autopilot.link.write = truthless  # type: ignore[method-assign]
+    return autopilot

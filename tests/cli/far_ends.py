@@ -25,7 +25,7 @@ from arva_hil.mavlink.signing import Signing
 from arva_hil.runtime.loop import run
 from arva_hil.simulated.simulator import Simulator
 from arva_hil.simulated.vehicle import SimulatedVehicle
-from firmware_proto import Decoder, Frame
+from firmware_proto import MID, Channel, Decoder, Frame, encode
 
 from .forked import Forked, possible
 
@@ -217,6 +217,33 @@ class Autopilot:
 Arva = Callable[..., Ended]  # these three are fixtures
 Start = Callable[..., Program]
 Keep = Callable[[Any], Any]
+
+
+class Beacon:
+    """A receiver's wire that says ten times a second what it hears, until it is `quiet`."""
+
+    def __init__(self, encode: Callable[[Frame], bytes] = encode, *, symlink: str = "") -> None:
+        self.link = PtyLink(symlink)
+        self.quiet = threading.Event()
+        self._encode = encode
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._speak)
+        self._thread.start()
+
+    def _speak(self) -> None:
+        clock, n = RealClock(), 0
+        while not self._stop.is_set():
+            if not self.quiet.is_set():
+                self.link.write(
+                    self._encode(Frame(n % 256, 1, (Channel(4, MID, 2000, 10), Channel(9, MID, 4500, -40))))
+                )
+            n += 1
+            clock.wait(n * 0.1)
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self.link.close()
 
 
 class Denier:

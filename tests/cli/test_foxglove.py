@@ -14,8 +14,7 @@ import pytest
 
 from arva_hil.links.pty import PtyLink
 
-from .far_ends import Autopilot, Program, Start, until
-from .test_search import Beacon
+from .far_ends import Autopilot, Beacon, Program, Start, until
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("foxglove") is None, reason="foxglove-sdk is not installed")
 

@@ -8,62 +8,27 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from arva_hil.clock import RealClock
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
 from arva_hil.simulated.autopilot import Mode
-from firmware_proto import MID, Channel, Frame, encode, encode_nmea
+from firmware_proto import encode_nmea
 from tests.free_ports import free_port
 
-from .far_ends import Arva, Autopilot, Keep, Program, Start
+from .far_ends import Arva, Autopilot, Beacon, Keep, Program, Start
 
 LOW = ("--take-off", 0.5, "--height", 0.5)
 ARM, SET_MODE = dialect.MAV_CMD_COMPONENT_ARM_DISARM, dialect.MAV_CMD_DO_SET_MODE
 FLYING = "going for transmitter 4"
 
 
-class Beacon:
-    """A receiver's wire that says ten times a second what it hears, until it is `quiet`."""
-
-    def __init__(self, encode: Callable[[Frame], bytes] = encode, *, symlink: str = "") -> None:
-        self.link = PtyLink(symlink)
-        self.quiet = threading.Event()
-        self._encode = encode
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._speak)
-        self._thread.start()
-
-    def _speak(self) -> None:
-        clock, n = RealClock(), 0
-        while not self._stop.is_set():
-            if not self.quiet.is_set():
-                self.link.write(
-                    self._encode(Frame(n % 256, 1, (Channel(4, MID, 2000, 10), Channel(9, MID, 4500, -40))))
-                )
-            n += 1
-            clock.wait(n * 0.1)
-
-    def close(self) -> None:
-        self._stop.set()
-        self._thread.join()
-        self.link.close()
-
-
 @pytest.fixture(autouse=True)
 def _no_countdown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ARVA_HIL_COUNTDOWN", "0")
-
-
-@pytest.fixture
-def beacon(keep: Keep) -> Beacon:
-    return keep(Beacon())
 
 
 def orders(autopilot: Autopilot) -> list[int]:

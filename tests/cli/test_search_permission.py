@@ -8,31 +8,12 @@ import signal
 import pytest
 
 from arva_hil.cli.terminal import TerminalQuestion
-from arva_hil.mavlink.codec import Parser, dialect
 
-from .far_ends import Autopilot, Keep, Start
-from .test_search import ARM, Beacon, orders
+from .far_ends import Autopilot, Beacon, Keep, Start
+from .test_search import ARM, orders
 from .test_terminal import Terminal
 
-TRUTHS = (dialect.MAVLINK_MSG_ID_SIMSTATE, dialect.MAVLINK_MSG_ID_SIM_STATE)
 QUESTION = r"is not known to be a simulator: propellers will turn\. Type yes to let it fly"
-
-
-@pytest.fixture
-def beacon(keep: Keep) -> Beacon:
-    return keep(Beacon())
-
-
-@pytest.fixture
-def real(autopilot: Autopilot) -> Autopilot:
-    """A vehicle that does not know its own truth, as real ones do not."""
-    write, parser = autopilot.link.write, Parser()
-
-    def truthless(data: bytes) -> bool:
-        return write(b"".join(packet.raw for packet in parser.feed(data) if packet.msgid not in TRUTHS))
-
-    autopilot.link.write = truthless  # type: ignore[method-assign]
-    return autopilot
 
 
 def arguments(autopilot: Autopilot, beacon: Beacon) -> tuple[str, ...]:

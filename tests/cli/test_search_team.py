@@ -15,8 +15,7 @@ from arva_hil.search.mission.choice import HeardTransmitter
 from arva_hil.search.mission.outcome import Outcome
 from tests.free_ports import free_port
 
-from .far_ends import Arva, Keep, Start
-from .test_search import Beacon
+from .far_ends import Arva, Beacon, Keep, Start
 
 DATUM = "datum: {lat: 46.0123, lon: 7.7456, alt: 1650}\n"
 FIELD = f"spec: 2\n{DATUM}transmitters: [{{id: 4, ned: [14, -10, 0.5]}}]\nvehicles:\n"

@@ -24,8 +24,7 @@ from firmware_proto import Channel, Frame, encode
 from tests.browser import Tab, browser
 
 from . import flown
-from .far_ends import Autopilot, Keep, Program, Start
-from .test_search import Beacon
+from .far_ends import Autopilot, Beacon, Keep, Program, Start
 
 __all__ = ["browser"]
 

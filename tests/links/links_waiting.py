@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from arva_hil.clock import RealClock
 from arva_hil.links import Link
 
+Keep = Callable[[Any], Any]  # the fixture
 DEADLINE_S = 60.0  # none is reached but by a mistake, however slow the machine
 
 

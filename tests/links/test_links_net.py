@@ -23,23 +23,17 @@ from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from arva_hil.links.udp import UdpInLink, UdpOutLink
 from tests.free_ports import free_port
-from tests.links.links_waiting import DEADLINE_S, receive, until
-
-Keep = Callable[[Link], Link]
+from tests.links.links_waiting import DEADLINE_S, Keep, receive, until
 
 
 @pytest.fixture
 def udpin(keep: Keep) -> UdpInLink:
-    link = keep(UdpInLink())
-    assert isinstance(link, UdpInLink)
-    return link
+    return keep(UdpInLink())
 
 
 @pytest.fixture
 def tcpin(keep: Keep) -> TcpServerLink:
-    link = keep(TcpServerLink())
-    assert isinstance(link, TcpServerLink)
-    return link
+    return keep(TcpServerLink())
 
 
 # UDP

@@ -13,22 +13,20 @@ import termios
 import time
 import tty
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from arva_hil.clock import RealClock
-from arva_hil.links import Link, LinkError, pty
+from arva_hil.links import LinkError, pty
 from arva_hil.links.base import Absent
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.serial import open_serial
-from tests.links.links_waiting import DEADLINE_S, receive, until
+from tests.links.links_waiting import DEADLINE_S, Keep, receive, until
 from tests.signal_at import signalled
-
-Keep = Callable[[Link], Link]
 
 FRAME = bytes(range(256))  # with all that a cooked terminal would change, take for itself or keep back
 
@@ -53,9 +51,7 @@ def consumer(link: PtyLink) -> int:
 
 @pytest.fixture
 def line(keep: Keep) -> PtyLink:
-    link = keep(PtyLink())
-    assert isinstance(link, PtyLink)
-    return link
+    return keep(PtyLink())
 
 
 def test_a_terminal_left_cooked_is_raw_for_the_next(line: PtyLink) -> None:

@@ -27,9 +27,7 @@ from arva_hil.links.serial_ports import Barred, SerialOpener, stable_name
 from arva_hil.links.tcp import TcpLink
 from arva_hil.links.tcp_server import TcpServerLink
 from tests.free_ports import free_port
-from tests.links.links_waiting import receive, until
-
-Keep = Callable[[Link], Link]
+from tests.links.links_waiting import Keep, receive, until
 
 
 class Cable:

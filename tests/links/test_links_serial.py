@@ -6,7 +6,6 @@ import errno
 import grp
 import os
 import select
-from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,23 +14,19 @@ import pytest
 import serial as pyserial
 
 from arva_hil.clock import StepClock
-from arva_hil.links import Link, LinkError, open_link
+from arva_hil.links import LinkError, open_link
 from arva_hil.links import serial as serial_module
 from arva_hil.links.pty import PtyLink
 from arva_hil.links.serial import open_serial, open_url
 from arva_hil.links.serial_ports import SerialPort, find_autopilot, list_ports
 from arva_hil.links.tcp_server import TcpServerLink
 from tests.every import every
-from tests.links.links_waiting import receive, until
-
-Keep = Callable[[Link], Link]
+from tests.links.links_waiting import Keep, receive, until
 
 
 @pytest.fixture
 def master(keep: Keep) -> PtyLink:
-    link = keep(PtyLink())
-    assert isinstance(link, PtyLink)
-    return link
+    return keep(PtyLink())
 
 
 @pytest.fixture

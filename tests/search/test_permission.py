@@ -64,13 +64,16 @@ def test_a_simulator_is_armed_without_a_question(make: Callable[[], Any]) -> Non
     assert sum("is a simulator: it answers with " in said for said in world.said) == 1
 
 
+def is_refused(world: World, why: str) -> None:
+    kind, how = world.end(90.0)
+    assert kind == "refused"
+    assert how.endswith(why)
+    assert world.orders() == []
+
+
 @BOTH
 def test_without_a_word_and_a_terminal_nothing_else_is_armed(make: Callable[[], Any]) -> None:
-    world = real(make)
-    kind, how = world.end()
-    assert kind == "refused"
-    assert how.endswith("is not known to be a simulator: to let it fly, write --yes")
-    assert world.orders() == []
+    is_refused(real(make), "is not known to be a simulator: to let it fly, write --yes")
 
 
 @BOTH
@@ -97,18 +100,12 @@ def test_a_yes_at_the_terminal_is_waited_for_while_the_vehicle_hears_of_us(make:
 @pytest.mark.parametrize("line", ["no", "", "y", "yes please", "\x1b[A"])
 def test_any_other_answer_is_no(line: str) -> None:
     world = real(lambda: SimulatedVehicle(HOME), question=Person(line))
-    kind, how = world.end()
-    assert kind == "refused"
-    assert how.endswith("the answer was not yes: nothing was done")
-    assert world.orders() == []
+    is_refused(world, "the answer was not yes: nothing was done")
 
 
 def test_a_person_who_is_not_there_does_not_hold_it_for_ever() -> None:
     world = real(lambda: SimulatedVehicle(HOME), question=Person("yes", looks=10**6))
-    kind, how = world.end(90.0)
-    assert kind == "refused"
-    assert how.endswith("nobody said yes within 60 s: nothing was done")
-    assert world.orders() == []
+    is_refused(world, "nobody said yes within 60 s: nothing was done")
 
 
 def test_the_truth_of_a_simulator_elsewhere_is_not_this_vehicles() -> None:
