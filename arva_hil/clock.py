@@ -37,7 +37,12 @@ def any_ready(links: Iterable[Waitable]) -> bool:
 
 
 class Clock(Protocol):
-    early_s: float  # how long before an instant a task that has slept longer should be called
+    """A source of time that can wait.
+
+    `early_s`: a task that has slept for longer than this is called this many seconds before its instant.
+    """
+
+    early_s: float
 
     def now(self) -> float:
         """Seconds."""

@@ -16,7 +16,7 @@ _FORMULA: Final = ("=", "+", "-", "@")  # the first character of a formula in a 
 
 
 def one_line(value: object) -> str:
-    """`str(value)` with all unprintable characters escaped as in Python: `\\x1b`, `\\n`, `\\u202e`, `\\udcff`.
+    r"""Return `str(value)` with all unprintable characters escaped as in Python: `\x1b`, `\n`, `\u202e`, `\udcff`.
 
     These are control characters (C0, DEL, C1), line and paragraph separators, format characters such as bidi
     overrides and zero-width ones, lone surrogates, private and unassigned characters, and all spaces but U+0020.

@@ -75,8 +75,9 @@ def wind(speed_m_s: float, seed: int) -> tuple[float, float, float]:
 
 
 def draw(kind: Random, seed: int) -> Scenario:
-    """The random scenario of a seed: `count` transmitters. Places are rounded to 1 mm and angles to 0.001°, to be the
-    same on all machines.
+    """Return the random scenario of a seed, with `count` transmitters.
+
+    Places are rounded to 1 mm and angles to 0.001°, so that all machines give the same scenario.
     """
     r = random.Random(f"transmitter {seed}")
     within_m = kind.within_m or 0.0

@@ -160,8 +160,10 @@ class Results:
         self.rows.update((one.key, one) for one in rows)
 
     def merge(self, folder: Path) -> None:
-        """Take over the rows in the folder of another campaign that this one has not. Raises ResultsError, also if a
-        trial that both have has ended differently."""
+        """Copy the rows that the folder of another campaign has and this one does not have.
+
+        Raises ResultsError, also if a trial has different results in the two campaigns.
+        """
         if not (folder / NAME).is_file():
             raise ResultsError(f"{folder}: no {NAME} there, expected the folder of a campaign")
         with opened(folder) as other:
@@ -237,8 +239,11 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True)
 class Summary:
-    """Statistics of some runs. `interval`: the 95 % confidence interval of the success rate. `time_s`, `path_m` (of
-    successes) and `error_m` (of all places reported): median and 90th percentile, None without values."""
+    """Statistics of some runs.
+
+    `interval`: the 95 % confidence interval of the success rate. `time_s`, `path_m` (of successes) and `error_m` (of
+    all places reported): median and 90th percentile, None without values.
+    """
 
     runs: int
     failed: int

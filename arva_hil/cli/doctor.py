@@ -53,8 +53,9 @@ def main(options: argparse.Namespace) -> int:
 
 @dataclass
 class Doctor:
-    """One examination of the links. Remembers them, what was found, and the right values of options that were wrong.
-    `stack` closes the links.
+    """One examination of the links.
+
+    It keeps the links, the findings, and the right values of options that were wrong. `stack` closes the links.
     """
 
     options: argparse.Namespace

@@ -90,8 +90,9 @@ def result(outcome: Outcome, found_by: Mapping[int, str] = MappingProxyType({}))
 
 
 def exit_code(outcomes: Sequence[Outcome]) -> int:
-    """Return 0 if something was found surely and nothing has failed. A search of a team that finds nothing on its
-    strips has not failed.
+    """Return 0 if a place is sure and no search has failed.
+
+    A search of a team that finds nothing on its strips has not failed.
     """
     kinds = [outcome.kind for outcome in outcomes]
     wrong = [kind for kind in kinds if kind not in ("found", "would fly", "not found", "not sure")]

@@ -83,8 +83,9 @@ def show(line: object) -> None:
 
 
 def show_marked(mark: str, line: object, *, paint: Callable[[str], str], further: int) -> None:
-    """Print a line for a person on stdout, behind a mark that `paint` may colour; a terminal that is too narrow gets it
-    in rows, indented by `further`. Raises StdoutError.
+    """Print a line on stdout after a mark, which `paint` may colour.
+
+    A terminal that is too narrow gets the line in rows, indented by `further`. Raises StdoutError.
     """
     rows = wrapped(mark + one_line(line), columns_of(sys.stdout), further)
     _print(paint(mark) + rows[len(mark) :])

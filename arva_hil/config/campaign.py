@@ -160,9 +160,14 @@ _AREA: Final = (-50.0, -50.0, 50.0, 50.0)
 
 
 class CampaignPlan(Table):
-    """The plan of a campaign: all its axes crossed. `scenarios` by name; `noise` None is the scenario's own; heights,
-    speeds and limits by strategy, or one for all; `victims`: how many are searched for, None: all; `drones`: how many
-    divide the area and search it together, each for one. Raises ValueError for what does not fit.
+    """The plan of a campaign: the product of all its axes.
+
+    - `scenarios`: by name. `noise`: None is the scenario's own.
+    - `height_m`, `speed_m_s`, `limit_s`: by strategy, or one for all.
+    - `victims`: the number of transmitters to find; None: all.
+    - `drones`: the number of drones that divide the area; each searches for one transmitter.
+
+    Raises ValueError for values that do not fit together.
     """
 
     spec: InitVar[int] = key(Whole(1, SPEC, "a spec"), "the version of this file format", default=SPEC, kw_only=True)

@@ -24,6 +24,8 @@ Area = tuple[float, float, float, float]  # south, west, north, east of home, m
 
 
 class AreaM(Numbers):
+    """An area: south, west, north and east edge."""
+
     def __init__(self) -> None:
         super().__init__(_FAR, _FAR, _FAR, _FAR, names="south, west, north, east")
 
@@ -57,8 +59,11 @@ class HowMany(Constraint):
 
 
 class Random(Table, one_of="within_m area_m"):
-    """`count` transmitters, others for each seed: uniform within ±`within_m` north and east of home, or in `area_m`,
-    uniform in depth from `depth_m`[0] to [1], their attitudes uniform among all rotations."""
+    """A scenario with `count` transmitters, drawn by the seed.
+
+    The places are uniform within ±`within_m` north and east of home, or in `area_m`. The depths are uniform from
+    `depth_m`[0] to `depth_m`[1], the attitudes uniform among all rotations.
+    """
 
     within_m: float | None = key(
         Number(0, 10_000, above=True, unit="m"), "north and east of home, each way", default=None

@@ -38,10 +38,15 @@ class ScenarioError(ArvaError):
 
 @dataclass(frozen=True)
 class Violation:
-    """A value that violates a constraint: what was `expected`; what was `found`, if describing the value is not enough;
-    the `nearest` valid value. `path` leads to it from the value that was read, through keys and indices; with `at_key`
-    not the value there is meant, but its key. `first`: the path of a value, or key, that it repeats. `problem`: that of
-    another file, which the value names."""
+    """A value that violates a constraint.
+
+    - `expected`: the valid values, in words.
+    - `found`: the value in words; None if a description of the value is enough.
+    - `nearest`: the nearest valid value.
+    - `path`: the keys and indices from the value that was read to the wrong one. With `at_key` the key there is wrong.
+    - `first`: the path of the value or key that this one repeats.
+    - `problem`: the problem of another file that the value names.
+    """
 
     expected: str
     found: str | None = None
@@ -92,4 +97,5 @@ def any_of(names: Collection[str]) -> str:
 
 
 def short(text: str) -> str:
+    """Return the first 40 characters of a text."""
     return text if len(text) <= 40 else text[:39] + "…"

@@ -157,8 +157,11 @@ class SlingOptions(Table):
 
 
 class MountOptions(Table):
-    """The mount of the receiver: `position` in body FRD, metres; `attitude` roll, pitch, yaw in degrees. With a `sling`
-    it hangs from there, leans with the rope, and has the heading of vehicle and `attitude`."""
+    """The mount of the receiver.
+
+    `position`: body FRD, metres. `attitude`: roll, pitch, yaw in degrees. With a `sling` the receiver hangs from there,
+    leans with the rope, and has the heading of the vehicle plus that of `attitude`.
+    """
 
     position: Triple = key(BODY_POINT, "body FRD, from the vehicle's position", default=(0.0, 0.0, 0.0))
     attitude: Triple = key(Attitude(), "receiver FRD to body FRD", default=(0.0, 0.0, 0.0))

@@ -166,8 +166,10 @@ def _take_profiles(top: nodes.Mapping, receivers: Iterable[nodes.Mapping]) -> li
 
 
 def _inherit(top: nodes.Mapping, receivers: Iterable[nodes.Mapping]) -> None:
-    """Add the keys that a vehicle's receiver does not have: those of `receiver`, the format, and a seed. The seed of
-    the n-th receiver (from 0) is the scenario's plus n, so that no two hear the same noise."""
+    """Add the keys that a vehicle's receiver lacks: those of `receiver`, the format, and a seed.
+
+    The seed of receiver n (from 0) is the scenario's plus n, so that no two receivers have the same noise.
+    """
     receiver, output = top.get("receiver"), top.get("output")
     seed = valid_value(Scenario, top, "seed") or 0
     for number, entry in enumerate(receivers):

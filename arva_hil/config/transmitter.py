@@ -134,8 +134,10 @@ _WAYPOINTS: Final = ListOf(_WAYPOINT, 1, 10_000, "waypoints", unit="s, m, m, m")
 
 
 class Path(Table, required="frame points"):
-    """Timed waypoints, straight between them: `points_ned` (s, north, east, down in metres from the datum), at times
-    from the start of the run that rise. After the last one the transmitter stays there, or starts again at the first.
+    """Timed waypoints with straight lines between them.
+
+    `points_ned`: (s, north, east, down in metres from the datum) each. The times count from the start of the run and
+    rise. `end`: after the last point the transmitter stays there, or starts again at the first.
 
     A file has `frame` and `points` instead. Raises ValueError without points, or if the times do not rise.
     """
@@ -182,11 +184,16 @@ STRENGTH: Final = Number(0, 1000, above=True)
 
 
 class Transmitter(Table, one_of="enu ned lla path follows"):
-    """A buried beacon, its place as given: `ned` (metres from the datum), `lla`, `path` or `follows`; the others are
-    None. `enu` is a way to give `ned`.
+    """A buried transmitter.
 
-    `attitude`: roll, pitch, yaw in degrees, FRD → NED; the dipole is the x axis. `strength`: κ‖m‖ relative to
-    the reference transmitter. `profile` is of files alone. Raises ValueError unless exactly one place is given.
+    Its place is given by one of `ned` (metres from the datum), `lla`, `path` and `follows`; the others are None. `enu`
+    is another way to give `ned`.
+
+    - `attitude`: roll, pitch, yaw in degrees, FRD → NED; the dipole is the x axis.
+    - `strength`: κ‖m‖ relative to the reference transmitter.
+    - `profile`: a key of files only.
+
+    Raises ValueError unless exactly one place is given.
     """
 
     id: int = key(TRANSMITTER_ID, "each its own")

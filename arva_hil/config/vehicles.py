@@ -73,8 +73,12 @@ class ReceiverEntry(ReceiverOptions):
 
 
 class ReceiverConfig(Table):
-    """One receiver of a vehicle: where its frames go (None: over the autopilot's link), in which format, and what it
-    is like. Raises ValueError for a format that needs a port and has none, or the other way round."""
+    """One receiver of a vehicle.
+
+    `port`: the link of its frames; None: the autopilot's link. `output_format`: the format of the frames.
+
+    Raises ValueError for a format that needs a port and has none, or the other way round.
+    """
 
     name: str = key(_NAME)
     port: str | None = key(_LINK)
@@ -105,8 +109,11 @@ class _Receiver(TableOf):
 
 
 class VehicleConfig(Table):
-    """A vehicle: the link of its autopilot (None: the command line's), its MAVLink system id (None: the first one
-    heard there), and its receivers."""
+    """A vehicle and its receivers.
+
+    `autopilot`: the link of its autopilot; None: the command line's. `system`: its MAVLink system id; None: the first
+    vehicle on that link.
+    """
 
     name: str = key(_NAME, "each its own")
     autopilot: str | None = key(_LINK, "the autopilot's link; two vehicles may have the same", default=None)

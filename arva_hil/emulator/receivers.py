@@ -117,10 +117,11 @@ class Seen(NamedTuple):
 
 
 class EmulatedReceiver:
-    """Remembers one receiver's model and schedule, and its newest look. Times are seconds on the driver's clock.
-    `next_due`: the time of the next look or frame.
+    """One receiver: its model, its schedule and its newest look. Times are seconds on the driver's clock.
 
-    `vehicle`, `name`: names for events. `start`: of the run. `first`: the time of the first frame.
+    - `vehicle`, `name`: names for events.
+    - `start`: of the run. `first`: the time of the first frame.
+    - `next_due`: the time of the next look or frame.
     """
 
     def __init__(

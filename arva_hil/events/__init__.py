@@ -80,8 +80,10 @@ class StrangersIgnored(LinkEvent):
 
 
 class PacketsReceived(Event):
-    """All packets of one chunk on the engine's `link`, of every sender, also those that are not used. `later`: the
-    chunks that came on the link before anything else happened, each with its time."""
+    """All packets of one chunk on the engine's `link`, of every sender, also those that are not used.
+
+    `later`: the chunks that followed on the link before another event, each with its time.
+    """
 
     link: str
     packets: Sequence[Packet]
@@ -102,8 +104,10 @@ class LogClockSet(Event):
 
 
 class FollowedSystemSilent(Event):
-    """No pose of MAVLink system `system` is heard on any link. Transmitters that follow it are silent. `was_heard`:
-    whether it was heard before."""
+    """No link receives a pose of MAVLink system `system`. Transmitters that follow it are silent.
+
+    `was_heard`: its poses were received before.
+    """
 
     system: int
     was_heard: bool
@@ -123,9 +127,11 @@ class ReceiverEvent(Event):
 
 
 class FrameMade(ReceiverEvent):
-    """One frame: its instant, the reading, the pose of this reading, and the frame's content. `pose`: the receiver's
-    true pose. `reported_pose`: its pose by the vehicle's reported pose; the same object if the reported pose counts as
-    true."""
+    """One frame: its instant, the reading, the pose of this reading, and the frame's content.
+
+    `pose`: the receiver's true pose. `reported_pose`: its pose by the vehicle's reported pose; the same object if the
+    reported pose counts as true.
+    """
 
     number: int  # 0…
     instant_s: float  # from the start of the run
@@ -147,8 +153,10 @@ class BytesSent(ReceiverEvent):
 
 
 class CommandReceived(ReceiverEvent):
-    """The receiver obeys a command of its host, or refuses it. Commands that it has no time for are only counted.
-    `number`: the host's; `name`: e.g. "mark"."""
+    """The receiver follows a command of its host, or refuses it. Commands for which it has no time are only counted.
+
+    `number`: the host's number of the command. `name`: e.g. "mark".
+    """
 
     number: int
     name: str
@@ -200,9 +208,11 @@ class PoseMissing(ReceiverEvent):
 
 
 class TooFar(ReceiverEvent):
-    """The receiver is too far from all transmitters to hear one. Once for each datum. `from_datum_m`: horizontal
-    distance; `nearest_m`: distance to the nearest transmitter; `fixed`: the scenario gives the datum, so it is not the
-    vehicle's home."""
+    """The receiver is too far from all transmitters to detect one. Emitted once for each datum.
+
+    `from_datum_m`: horizontal distance. `nearest_m`: distance to the nearest transmitter. `fixed`: the scenario gives
+    the datum, so it is not the vehicle's home.
+    """
 
     from_datum_m: float
     nearest_m: float
@@ -216,8 +226,10 @@ class VehicleEvent(Event):
 
 
 class DatumSet(VehicleEvent):
-    """The vehicle has a new datum, the origin of the scenario: degrees, degrees, metres AMSL. `reason`: why the datum
-    has changed, "" for the first one."""
+    """The vehicle has a new datum, the origin of the scenario: degrees, degrees, metres AMSL.
+
+    `reason`: the reason of a change, "" for the first datum.
+    """
 
     lat: float
     lon: float
@@ -226,8 +238,10 @@ class DatumSet(VehicleEvent):
 
 
 class GroundMissing(VehicleEvent):
-    """Transmitters with a depth are silent, because nobody has told the height of the ground there. `ids`: theirs;
-    `terrain`: the file of the grid, or "autopilot"."""
+    """Transmitters with a depth are silent, because the height of the ground is not known at their places.
+
+    `ids`: their ids. `terrain`: the file of the grid, or "autopilot".
+    """
 
     ids: Sequence[int]
     terrain: str
@@ -261,8 +275,11 @@ class StatusReport(Event):
 
 @dataclass(frozen=True)
 class VehicleStatus:
-    """`label`: the kind of vehicle and its ids, "" before it is found. `rates`: Hz by message name. `counters`: what
-    was heard of it and what of that was not used, by name, from the start."""
+    """The status of one vehicle.
+
+    `label`: the kind of vehicle and its ids, "" before it is found. `rates`: Hz by message name. `counters`: numbers of
+    received and of unused packets by name, from the start.
+    """
 
     name: str
     label: str
@@ -273,8 +290,12 @@ class VehicleStatus:
 
 @dataclass(frozen=True)
 class ReceiverStatus:
-    """`frames`: the number of frames to send; `dropped`: those nobody took. `last`: the newest, None if none.
-    `transmitters`: at the receiver's newest look, NED from the vehicle's datum; None before the first."""
+    """The status of one receiver.
+
+    - `frames`: the number of frames to send. `dropped`: the number of frames that no reader took.
+    - `last`: the newest frame; None before the first.
+    - `transmitters`: at the receiver's newest look, NED from the vehicle's datum; None before the first look.
+    """
 
     name: str
     last: FrameMade | None

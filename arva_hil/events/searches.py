@@ -10,8 +10,10 @@ from firmware_proto import Frame
 
 
 class FromSearch(Event):
-    """An event of a search that runs in one program with an emulator or with other searches. `vehicle`: whose search
-    it is, "" if there is one only."""
+    """An event of a search that runs in one program with an emulator or with other searches.
+
+    `vehicle`: the name of the search's vehicle, "" if there is only one.
+    """
 
     event: Event
     vehicle: str = ""
@@ -28,8 +30,11 @@ class WaitingFor(SearchEvent):
 
 
 class FailsafesKnown(SearchEvent):
-    """The vehicle's failsafe `parameters`: (name, value). They say what it does if it gets no orders. `autopilot`: the
-    kind of autopilot. Parameters that it did not report are left out. `remote`: it has a remote control that works."""
+    """The failsafe `parameters` of the vehicle: (name, value). They define its reaction if it gets no commands.
+
+    `autopilot`: the kind of autopilot. Parameters that it did not report are left out. `remote`: it has a remote
+    control that works.
+    """
 
     autopilot: Literal["ardupilot", "px4"]
     parameters: Sequence[tuple[str, float]]
@@ -69,8 +74,10 @@ class ArmingAllowed(SearchEvent):
 
 
 class ConsentNeeded(SearchEvent):
-    """In a dry run: the vehicle is not known to be a simulator, and would be flown only if somebody says so. `asked`: a
-    person would be asked at the terminal; else there is nobody, and --yes is needed."""
+    """In a dry run: the vehicle is not known to be a simulator, and would fly only after consent.
+
+    `asked`: search would ask at the terminal; otherwise there is no terminal, and --yes is needed.
+    """
 
     label: str
     asked: bool
@@ -183,8 +190,11 @@ class TakeOffPoint(SearchEvent):
 
 
 class FrameHeard(SearchEvent):
-    """A frame of the receiver, at most 10 a second. `position`: the receiver's by the vehicle's pose, NED;
-    `heading_deg`: its x axis, from north. None while there is no take-off point or no pose."""
+    """A frame of the receiver, at most 10 a second.
+
+    `position`: the receiver's by the vehicle's pose, NED. `heading_deg`: its x axis, from north. Both are None while
+    there is no take-off point or no pose.
+    """
 
     frame: Frame
     position: tuple[float, float, float] | None
@@ -212,8 +222,10 @@ class TransmitterChosen(TransmitterEvent):
 
 
 class TransmitterFaded(TransmitterEvent):
-    """The transmitter is not heard any more. The vehicle flies search strips again. `hardly`: it is heard now and then,
-    and is put off until it is nearer."""
+    """The receiver does not detect the transmitter any more. The vehicle flies search strips again.
+
+    `hardly`: the receiver detects it now and then; the search postpones it until it is nearer.
+    """
 
     hardly: bool = False
 
@@ -223,9 +235,12 @@ class TransmitterLeft(TransmitterEvent):
 
 
 class BeliefChanged(TransmitterEvent):
-    """The strategy's present estimate, at most twice a second. Only some strategies report one. `hypotheses`:
-    places (north_m, east_m) and their shares, which add up to 1. `covariance`: of the place that they give on average,
-    m², (nn, ne, ee), None if it is not known. `goal`: (north_m, east_m) of where it flies to, or None."""
+    """The strategy's present estimate, at most twice a second. Only some strategies report one.
+
+    - `hypotheses`: places (north_m, east_m) and their shares, which add up to 1.
+    - `covariance`: of the mean place, m², (nn, ne, ee); None if it is not known.
+    - `goal`: (north_m, east_m) of the place to which the vehicle flies, or None.
+    """
 
     hypotheses: Sequence[tuple[float, float, float]]
     covariance: tuple[float, float, float] | None
@@ -242,9 +257,12 @@ class PlaceFound(TransmitterEvent):
 
 
 class VictimNoted(TransmitterEvent):
-    """A search for several transmitters has noted one, the `number`-th of `wanted` (None: of all). `marked`: by the
-    receiver. `left`: how many more are heard, None if frames carry no ids; `more`: the receiver hears more than it
-    shows."""
+    """A search for several transmitters has noted one, the `number`-th of `wanted` (None: of all).
+
+    - `marked`: by the receiver.
+    - `left`: the number of other transmitters received; None if frames carry no ids.
+    - `more`: the receiver detects more transmitters than its frames have slots.
+    """
 
     number: int
     wanted: int | None
@@ -325,12 +343,18 @@ class SensorsDisagree(SearchEvent):
 
 
 class HeightSource(SearchEvent):
-    """The source of the height above the ground has changed. "rangefinder"; "estimate": there is no rangefinder, the
-    height is above the take-off point; "highest ground": the rangefinder gives no usable values any more, the height is
-    above the highest ground that it measured; "GPS": there is no rangefinder and no barometer, and the vehicle flies
-    `margin_m` higher than asked; "terrain": there is no rangefinder, and the ground falls by the autopilot's terrain
-    data, which may be `margin_m` wrong; "doubtful terrain": these data have disagreed with the vehicle's position and
-    are not used, otherwise as "estimate"."""
+    """The source of the height above the ground has changed.
+
+    - "rangefinder".
+    - "estimate": there is no rangefinder; the height is above the take-off point.
+    - "highest ground": the rangefinder gives no usable values any more; the height is above the highest ground that it
+      measured.
+    - "GPS": there is no rangefinder and no barometer; the vehicle flies `margin_m` higher than requested.
+    - "terrain": there is no rangefinder; the ground falls by the autopilot's terrain data, whose error may be
+      `margin_m`.
+    - "doubtful terrain": these data have disagreed with the vehicle's position and are not used, otherwise as
+      "estimate".
+    """
 
     source: Literal["rangefinder", "estimate", "highest ground", "GPS", "terrain", "doubtful terrain"]
     margin_m: float = 0.0

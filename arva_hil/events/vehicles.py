@@ -49,8 +49,10 @@ class OtherAutopilotIgnored(VehicleEvent):
 
 
 class SignatureRefused(VehicleEvent):
-    """Packets are ignored because of their signature. Once for each `verdict`: "unsigned", "forged" or "replayed".
-    `system`, `component`: the sender of the first such packet."""
+    """Packets are ignored because of their signature. Emitted once for each `verdict`.
+
+    `verdict`: "unsigned", "forged" or "replayed". `system`, `component`: the sender of the first such packet.
+    """
 
     system: int
     component: int
@@ -97,8 +99,10 @@ class AutopilotText(VehicleEvent):
 
 
 class ArmingTried(VehicleEvent):
-    """The `number`th order to arm is sent. The next one follows after `again_s`. `refused_order`, `refused_result`: the
-    last order that was refused, e.g. "arming", "FAILED"; "" if none was."""
+    """The `number`-th command to arm is sent. The next one follows after `again_s`.
+
+    `refused_order`, `refused_result`: the last command that was refused, e.g. "arming", "FAILED"; "" if none was.
+    """
 
     number: int
     again_s: float
@@ -107,8 +111,10 @@ class ArmingTried(VehicleEvent):
 
 
 class ThrottleAwaited(VehicleEvent):
-    """The pilot gets the vehicle as soon as the throttle stick is in the middle. `channel`: of the stick that was
-    moved, from 1; 0 if the battery is the reason. `by_us`: how far it was moved."""
+    """The pilot gets the vehicle as soon as the throttle stick is in the middle.
+
+    `channel`: of the stick that was moved, from 1; 0 if the battery is the reason. `by_us`: its movement, µs.
+    """
 
     channel: int
     by_us: int

@@ -33,10 +33,10 @@ def holders(device: str) -> list[str]:
 
 
 def other_readers(device: str) -> list[str]:
-    """Each other process that has a terminal open for reading, as `1234 (command)`. Each of two readers would get only
-    a part of the bytes, without an error.
+    """Return each other process that has a terminal open for reading, as `1234 (command)`.
 
-    The process with the master of a pseudo-terminal does not count. Empty if `device` is not a device.
+    Each of two readers gets only a part of the bytes, without an error. The process with the master of a
+    pseudo-terminal does not count. The list is empty if `device` is not a device.
     """
     try:
         if not stat.S_ISCHR(os.stat(device).st_mode):

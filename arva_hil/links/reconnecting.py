@@ -25,6 +25,7 @@ _LASTING_S: Final = 0.3  # a new connection counts as a return after this time, 
 
 
 def on_a_thread(job: Job) -> None:
+    """Run a job on a thread of its own."""
     threading.Thread(target=job, name="reopen", daemon=True).start()
 
 

@@ -31,17 +31,22 @@ def tlog_record(time_us: int, raw: bytes) -> bytes:
 
 
 class TlogReader(Iterable[Record]):
-    """Iterates once over the records of a log, in the file's order. Skips garbage. Needs little memory. Raises
-    LinkError if it cannot be opened: no such file, a directory, no permission.
+    """An iterator over the records of a log, in the file's order. It skips garbage, and needs little memory.
 
-    Counters, right during the iteration too: `records`; `skipped`: bytes of garbage between records; `torn`: bytes of
-    an incomplete last record; `consumed` of `size` bytes. `first_us` and `last_us`: the times of the first and the
-    latest record, None before the first.
+    Raises LinkError if the file cannot be opened: no such file, a directory, no permission.
 
-    A record's time must be within a day of the one before, and the first in 2001…2100. Other times are accepted if
-    records follow without a gap. After garbage, a record counts only if another record or the file's end follows it.
-    A record inside which another one starts counts as garbage. Without time stamps (`stamped` is false) every
-    record's time is 0. `layout` is the layout of the records, for a person.
+    Counters, right during the iteration too:
+
+    - `records`: the records so far. `consumed`: the bytes so far, of `size`.
+    - `skipped`: the bytes of garbage between records. `torn`: the bytes of an incomplete last record.
+    - `first_us`, `last_us`: the times of the first and the latest record; None before the first.
+
+    `stamped` is False for a log without time stamps; then every record's time is 0. `layout`: the layout of the
+    records, in words.
+
+    The time of a record must be within a day of the one before, and the first in 2001…2100. Other times are accepted if
+    records follow without a gap. After garbage, a record counts only if another record or the file's end follows it. A
+    record inside which another one starts counts as garbage.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:

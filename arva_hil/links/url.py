@@ -28,10 +28,12 @@ class AddressError(ArvaError, ValueError):
 
 
 class Address(NamedTuple):
-    """A parsed connection string. `kind`: a name in the registry of links. `path`: a device, a file, a symlink to make
-    (pty), or a URL of pyserial; for the kinds of other packages, all that follows the scheme.
+    """A parsed connection string. `parse(str(address))` gives the same address.
 
-    `baud` [bit/s]: None if the string has none. `parse(str(address))` gives the same address.
+    - `kind`: a name in the registry of links.
+    - `path`: a device, a file, a symlink to make (pty), or a URL of pyserial; for the kinds of other packages, all text
+      after the scheme.
+    - `baud`: in bit/s; None if the string has none.
     """
 
     kind: str

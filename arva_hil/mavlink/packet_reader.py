@@ -133,8 +133,9 @@ class Parser:
         return Packet(raw, 2 if later else 1, signed, system, component, msgid, msgid in CRC_EXTRA)
 
     def _is_false_head(self, data: bytes, at: int) -> bool:
-        """Return True if the header at `at` is certainly false. Its message id is unknown, and a verified packet
-        starts before its own would end, or its flags are unknown too.
+        """Return True if the header at `at` is certainly false.
+
+        Its message id is unknown, and a verified packet starts before its own would end, or its flags are unknown too.
         """
         if (msgid := _msgid(data, at)) is None or msgid in CRC_EXTRA:
             return False

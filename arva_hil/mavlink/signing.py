@@ -23,8 +23,9 @@ LARGEST: Final = 2**48 - 1  # the largest time stamp
 
 
 def key_of(text: str) -> bytes:
-    """The 32 bytes of a key from 64 hexadecimal digits, or the SHA-256 of a passphrase, as in MAVProxy, QGroundControl
-    and Mission Planner. Raises ValueError if `text` is not one line.
+    """Return the 32 bytes of a key: of 64 hexadecimal digits, or the SHA-256 of a passphrase.
+
+    MAVProxy, QGroundControl and Mission Planner do the same. Raises ValueError if `text` is not one line.
     """
     lines = text.splitlines()
     if len(lines) != 1 or not lines[0].strip():

@@ -18,10 +18,12 @@ _MOST: Final = 4096  # bytes; systemd ignores longer messages
 
 
 class Watchdog:
-    """Sends READY=1 after the loop's first turn, WATCHDOG=1 twice in every WATCHDOG_USEC after that, STATUS= every few
-    seconds, and STOPPING=1 when it is closed. Sends nothing if NOTIFY_SOCKET is not set.
+    """The messages to a service manager. Sends nothing if NOTIFY_SOCKET is not set.
 
-    It is the last task of the loop: a loop that is stuck sends no WATCHDOG=1, and the service manager kills the program
+    It sends READY=1 after the loop's first turn, WATCHDOG=1 twice in every WATCHDOG_USEC after that, STATUS= every few
+    seconds, and STOPPING=1 when it is closed.
+
+    It is the last task of the loop: a loop that hangs sends no WATCHDOG=1, and the service manager kills the program
     and starts it again. A socket that fails or is full does not block the loop.
     """
 

@@ -21,8 +21,11 @@ from arva_hil.mavlink.packet_reader import PacketReader
 
 
 class FleetSides(NamedTuple):
-    """`autopilots`: connection strings of the links, by the engine's names for them; `of_vehicle`: the name of the link
-    of each vehicle that the scenario names; `ports`: connection strings by the engine's names for receivers' ports.
+    """The links of a run.
+
+    - `autopilots`: connection strings of the autopilots' links, by the engine's names for them.
+    - `of_vehicle`: the name of the link of each vehicle in the scenario.
+    - `ports`: connection strings of the receivers' ports, by the engine's names for them.
     """
 
     autopilots: dict[str, str]

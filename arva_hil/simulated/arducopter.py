@@ -1,7 +1,6 @@
-"""ArduCopter's part of the built-in vehicle: commands for flying; failsafes by name, with their texts and modes; some
-parameters.
+"""ArduCopter's part of the built-in vehicle: commands for flying, failsafes by name with their texts and modes.
 
-https://ardupilot.org/copter/docs/failsafe-landing-page.html
+Also some parameters. https://ardupilot.org/copter/docs/failsafe-landing-page.html
 """
 
 from __future__ import annotations

@@ -51,12 +51,14 @@ class Wires(NamedTuple):
 
 
 def in_memory() -> Wires:
+    """Return wires in the memory of this program."""
     return Wires(memory.pair(), memory.pair(), memory.pair())
 
 
 def several(scenario: Scenario, count: int) -> Scenario:
-    """Return the scenario with one datum for all and with `count` vehicles, each with its receiver, unless it has
-    vehicles.
+    """Return the scenario with one datum for all and `count` vehicles, each with its receiver.
+
+    A scenario that has vehicles keeps them.
     """
     scenario = replace(scenario, datum=_datum(scenario))
     if scenario.vehicles:
@@ -78,8 +80,9 @@ def _with_truth(scenario: Scenario) -> Scenario:
 
 
 class Berth(NamedTuple):
-    """The place of one drone at the start, and the engine's names of its links: `link` to the vehicle, `sink` for
-    frames. A drone that is alone has no name and no `system` to follow.
+    """The place of one drone at the start, and the engine's names of its links.
+
+    `link`: to the vehicle. `sink`: for frames. A drone that is alone has no name and no `system` to follow.
     """
 
     name: str

@@ -11,8 +11,9 @@ from arva_hil.simulated.vehicle import SimulatedVehicle
 
 
 class Simulator:
-    """Simulated vehicles that all use all `links`. A task of the loop. `relays`: TUNNEL messages go on to all other
-    links, as those of autopilots that are in contact.
+    """Simulated vehicles that all use all `links`. A task of the loop.
+
+    `relays`: TUNNEL messages are forwarded to all other links, as by autopilots that are in contact.
     """
 
     def __init__(self, vehicles: Sequence[SimulatedVehicle], links: Sequence[Link], *, relays: bool = False) -> None:

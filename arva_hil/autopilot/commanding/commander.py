@@ -34,8 +34,11 @@ _ARM: Final = dialect.MAV_CMD_COMPONENT_ARM_DISARM
 
 
 class Commander(FlightState):
-    """Remembers the last order to one vehicle. `take_off_m`: height of the take-off. `held_back`: why it
-    may not be armed now, "" if it may. `emit` gets the events."""
+    """The last command to one vehicle.
+
+    `take_off_m`: height of the take-off. `held_back`: the reason why it may not be armed now, "" if it may. `emit` gets
+    the events.
+    """
 
     def __init__(
         self, session: Session, emit: Callable[[Event], None], *, take_off_m: float, arm_timeout_s: float = 60.0
@@ -190,8 +193,10 @@ class Commander(FlightState):
         return modes.to_set(vehicle, self.authority.wanted), _REPEAT_S
 
     def hear(self, received: Received, now: float, since: float | None = None) -> None:
-        """Use what the session received. It came after `since`, the time at which the link was last
-        read until it was empty; default: now."""
+        """Use the packets that the session received.
+
+        `since`: the time at which the link was last read until it was empty; default: now.
+        """
         self._heard_since = now if since is None else since
         for msgid, message in received.messages(_HEARD):
             _HEARD[msgid](self, message, now)

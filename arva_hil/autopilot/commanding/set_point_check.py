@@ -37,8 +37,11 @@ class Deviation(NamedTuple):
 
 
 class _Sample(NamedTuple):
-    """One step: its end and length [s], the integral of the squared order [m²/s], and those of the conjugate order
-    times the motion: by the velocity reported, and by the position."""
+    """One step of the comparison of commanded and flown velocity.
+
+    The fields are its end and length [s], the integral of the squared command [m²/s], and the integrals of the
+    conjugate command times the motion: by the reported velocity, and by the position.
+    """
 
     time_s: float
     seconds: float

@@ -119,8 +119,9 @@ class PositionSample(NamedTuple):
 
 
 class AttitudeSample(NamedTuple):
-    """Roll, pitch, yaw in radians or a quaternion (w, x, y, z), body FRD → NED; body rates in rad/s; boot time in
-    seconds. Most samples are never looked at, so they are kept as they came.
+    """One attitude as it was received, because most samples are never used.
+
+    Roll, pitch, yaw in radians or a quaternion (w, x, y, z), body FRD → NED; body rates in rad/s; boot time in seconds.
     """
 
     boot: float

@@ -21,8 +21,9 @@ _HEIGHTS_M: Final = (-500.0, 9000.0)
 
 
 class TerrainRequests:
-    """Remembers the places to request, and the answers in `heights` [m AMSL]. Each place is requested until it is
-    answered: the autopilot may have to fetch its data first.
+    """The places whose height is to be requested, and the answers in `heights` [m AMSL].
+
+    Each place is requested until the autopilot answers: it may have to fetch its data first.
     """
 
     def __init__(self, session: Session) -> None:

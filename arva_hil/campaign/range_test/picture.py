@@ -51,7 +51,7 @@ def draw_heard(axes: Axes, sheet: DataSheet) -> None:
 
 
 def draw_distances(axes: Axes, sheet: DataSheet) -> None:
-    """d over the true range."""
+    """Draw d over the true range."""
     highest = 1.0
     for n, row in enumerate(sheet.rows):
         range_m, d_m = _frames(row)

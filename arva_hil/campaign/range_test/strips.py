@@ -23,8 +23,11 @@ _BEFORE: Final = 1.2  # of the width: so far ahead of the transmitter a flight b
 
 @dataclass(frozen=True)
 class StripWidth:
-    """`metres`, by the formula; `detection`: the share of flights along a strip of that width that hear a transmitter
-    of any attitude, anywhere in it."""
+    """A width of search strips, and its share of detections.
+
+    `metres`: the width by the formula. `detection`: the share of flights along a strip of this width that detect a
+    transmitter of any attitude, anywhere in it.
+    """
 
     metres: float
     detection: float
@@ -52,8 +55,10 @@ def strip_width(scenario: Scenario, height_m: float, speed_m_s: float) -> StripW
 
 
 def detection(scenario: Scenario, plan: RangePlan, width_m: float, *, motors: bool = True) -> float:
-    """The share of flights along a strip that hear the scenario's first transmitter; its attitude and its place across
-    the strip are drawn by the seed."""
+    """Return the share of flights along a strip that detect the scenario's first transmitter.
+
+    The seed draws its attitude and its place across the strip.
+    """
     return sum(_is_heard(scenario, plan, width_m, number, motors) for number in range(plan.passes)) / plan.passes
 
 

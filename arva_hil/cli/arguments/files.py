@@ -14,8 +14,9 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def check(parser: CommandParser) -> None:
-    """Validate scenario files, plans of campaigns and profiles. Prints every mistake with line and column, or a
-    summary.
+    """Validate scenario files, plans of campaigns and profiles.
+
+    Prints every mistake with line and column, or a summary.
     """
     parser.add_argument("files", nargs="*", metavar="FILE", help="scenario, plan of a campaign or profile (YAML)")
     schema = "print the JSON Schema of these files for editors instead; default: scenario"

@@ -213,8 +213,10 @@ def slowest(streams: Sequence[StreamRate]) -> int | None:
 
 
 def position(place: tuple[float, float, float] | None, zeros: int, refused: int, fix: str = "") -> Finding:
-    """Judge whether the vehicle knows its position: degrees, degrees, metres AMSL. `zeros`, `refused`: messages with no
-    position, with an impossible one; `fix`: what GPS_RAW_INT says, if it comes.
+    """Judge whether the vehicle knows its position: degrees, degrees, metres AMSL.
+
+    `zeros`, `refused`: the numbers of messages without a position, and with an impossible one. `fix`: the fix type of
+    GPS_RAW_INT, if it comes.
     """
     fix = fix and f", {fix}"
     if place:

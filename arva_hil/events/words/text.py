@@ -14,6 +14,8 @@ Level = Literal["info", "warning", "error"]
 
 
 class Notice(NamedTuple):
+    """A line for a person, and its level."""
+
     level: Level
     text: str
 
@@ -96,8 +98,10 @@ def status_line(report: StatusReport, *, named: bool = False) -> str:
 
 
 def status_table(report: StatusReport, columns: int, most: int, *, named: bool = False) -> list[str]:
-    """At most `most` lines of at most `columns` characters: one for each receiver, and one for each further channel
-    that hears. Parts that do not fit are left out from the right, as a whole if possible.
+    """Return at most `most` lines of at most `columns` characters.
+
+    There is one line for each receiver, and one for each further channel that detects. Parts that do not fit are left
+    out from the right, as a whole if possible.
     """
     rows = list(_rows(report, in_columns=True))
     width = min(max((len(name) for name, _, _ in rows), default=0), columns // _NAMES) if named else 0

@@ -113,8 +113,9 @@ def pulses_of(keyings: Sequence[Keying], t0: float, t1: float) -> tuple[NDArray[
 
 @dataclass(frozen=True)
 class KeyingClass:
-    """A class of sets: their common values and distributions. `spread_s`: half the width of a uniform distribution of
-    the period, or the standard deviation of a normal one.
+    """A class of sets: their common values and distributions.
+
+    `spread_s`: half the width of a uniform distribution of the period, or the standard deviation of a normal one.
     """
 
     pulse_s: float

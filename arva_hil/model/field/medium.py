@@ -37,8 +37,11 @@ def skin_depth_m(conductivity_s_m: float, permittivity: float = 1.0) -> float:
 
 @dataclass(frozen=True)
 class Medium:
-    """`dipole`: the static dipole field, or with its induction and radiation terms. `snow_skin_depth_m`: of what
-    covers a transmitter; `surface_m`: its surface, down from the datum, one for all or (M,) of each.
+    """The medium between transmitters and receivers.
+
+    - `dipole`: the static dipole field, or the field with its induction and radiation terms.
+    - `snow_skin_depth_m`: the skin depth of the cover of a transmitter.
+    - `surface_m`: the surface of the cover, down from the datum; one for all, or (M,) of each.
 
     The loss is that of the way straight up: exp(−depth / skin depth). The phase between the radial and the transverse
     part of the full field, 11° at 60 m, is left out.

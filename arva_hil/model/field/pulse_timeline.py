@@ -27,10 +27,10 @@ class SentPulse(NamedTuple):
 
 
 class PulseTimeline:
-    """The pulses of transmitters with these `keyings`. Remembers those of the present stretch of time, which is short,
-    so that no call takes long.
+    """The pulses of transmitters with these `keyings`.
 
-    Calls go forward in time: `next_end` and `take` never return a pulse that ended before one already taken.
+    It keeps those of the present stretch of time, which is short, so that no call takes long. Calls go forward in time:
+    `next_end` and `take` never return a pulse that ended before one already taken.
     """
 
     def __init__(self, keyings: Sequence[Keying], start_s: float) -> None:

@@ -16,10 +16,10 @@ _LONGEST_S: Final = 5.0  # after a longer gap it hangs at rest
 
 
 class Sling:
-    """Remembers the swing of the load: a damped oscillator on each horizontal axis, for small swings. It is exact for a
-    constant acceleration between two known velocities of the vehicle.
+    """The swing of the load: a damped oscillator on each horizontal axis, for small swings.
 
-    `length_m`: of the rope. `damping`: of the swing, relative to critical, below 1.
+    It is exact for a constant acceleration between two known velocities of the vehicle. `length_m`: length of the rope.
+    `damping`: damping of the swing, relative to critical, below 1.
     """
 
     def __init__(self, length_m: float, damping: float) -> None:

@@ -15,9 +15,13 @@ _NEAREST_M: Final = 0.05
 
 @dataclass(frozen=True)
 class VehicleNoise:
-    """`motors`: their places, body FRD, metres. `motor_na_m`: standard deviation of the noise of one motor at full
-    load, 0.5 m away [nA/m]. `line_na_m`: the same of a harmonic of the motors' controllers within the receiver's band,
-    whatever the load. No real vehicle's noise at 457 kHz is published: the law is physics, the size is assumed.
+    """The noise that a vehicle's motors add to that of a receiver.
+
+    - `motors`: their places, body FRD, metres.
+    - `motor_na_m`: standard deviation of the noise of one motor at full load, 0.5 m away [nA/m].
+    - `line_na_m`: the same of a harmonic of the motors' controllers within the receiver's band, at any load.
+
+    No noise of a real vehicle at 457 kHz is published: the law is physics, the size is assumed.
     """
 
     motors: tuple[Point, ...]

@@ -40,10 +40,10 @@ class NoiseDraws:
 
 
 class Listening:
-    """Remembers the transmitters' next pulses, the newest look, and the noise. Signals are in units of the reference
-    transmitter's field. Three numbers are drawn for each pulse, also if it is not heard.
+    """The transmitters' next pulses, the newest look, and the noise.
 
-    `interference`: the noise of the newest pulse is above the specified noise.
+    Signals are in units of the reference transmitter's field. Three numbers are drawn for each pulse, also for one
+    below the threshold. `interference`: the noise of the newest pulse is above the specified noise.
     """
 
     def __init__(self, settings: ReceiverSettings, options: PulsedOptions, seed: int) -> None:

@@ -114,7 +114,7 @@ def output(
 
 
 def distance(h: Array, kappa_eq: float) -> Array:
-    """d [m] of a field's magnitude (...) (eq. 6, 8). If h is 0, a finite distance beyond every zone."""
+    """Return d [m] of a field's magnitude (...) (eq. 6, 8). If h is 0, it is a finite distance beyond every zone."""
     return math.cbrt(kappa_eq / (4 * math.pi)) / np.cbrt(np.maximum(h, 1e-200))
 
 

@@ -96,8 +96,11 @@ def obey(commands: Commands, name: str, values: Sequence[float]) -> Answer:
 
 
 class NoiseSettings(Protocol):
-    """The noise of a scenario's receiver. `kind`: uniform, gaussian or off. `floor_range_m`: it is at most as strong as
-    the reference transmitter is from there."""
+    """The noise of a scenario's receiver.
+
+    `kind`: uniform, gaussian or off. `floor_range_m`: the noise is at most as strong as the reference transmitter at
+    this distance.
+    """
 
     @property
     def kind(self) -> Literal["uniform", "gaussian", "off"]: ...

@@ -25,7 +25,7 @@ _PHASES: Final = {"arming": PALE, "climbing": SKY, "flying": PINK, "landing": OR
 
 
 def draw_distance(axes: Axes, recording: Recording, receiver: RecordedReceiver | None) -> None:
-    """d of each transmitter as points, its true range as a line, over the time of the frames."""
+    """Draw d of each transmitter as points, and its true range as a line, over the time of the frames."""
     axes.set(xlabel="time from the start of the run, s", ylabel="m", title="d that was read, and the true range")
     if receiver is None:
         _draw_search_distance(axes, recording)

@@ -40,8 +40,10 @@ class RecordedPlace:
     sure: bool = True
 
     def ellipse(self, probability: float = 0.95) -> tuple[float, float, float] | None:
-        """Semi-major and semi-minor axis [m], and the major one's bearing from north [rad], of the area in which the
-        transmitter is with this probability, if the errors are normal. None without a covariance.
+        """Return the ellipse in which the transmitter is with this probability, if the errors are normal.
+
+        Semi-major and semi-minor axis [m], and the bearing of the major axis from north [rad]; None without a
+        covariance.
         """
         if self.covariance is None:
             return None

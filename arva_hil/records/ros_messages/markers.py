@@ -55,8 +55,9 @@ def transmitter(header: Header, id_: int, pose: Pose) -> tuple[Marker, Marker]:
 
 
 def field(header: Header, slot: int, id_: int, direction: Vector3) -> Marker:
-    """An arrow of constant length from the receiver along the field of a slot's transmitter. `header`: of the
-    receiver's frame.
+    """Return an arrow of constant length from the receiver along the field of a slot's transmitter.
+
+    `header`: of the receiver's frame.
     """
     share = _FIELD_M / math.hypot(direction.x, direction.y, direction.z)
     tip = Point(direction.x * share, direction.y * share, direction.z * share)

@@ -12,8 +12,10 @@ DIAGNOSTICS: Final = "/diagnostics"
 
 
 class ReceiverNames(NamedTuple):
-    """The names for one receiver. `map`: the frame of its poses; `frame`: its own frame; `transmitter`: the prefix of
-    the transmitters' frames, before their ids. The others are topics.
+    """The names for one receiver.
+
+    `map`: the frame of its poses. `frame`: its own frame. `transmitter`: the prefix of the transmitters' frames, before
+    their ids. The others are topics.
     """
 
     map: str

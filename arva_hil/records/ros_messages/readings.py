@@ -33,8 +33,11 @@ _UNKNOWN: Final = (0.0,) * 9
 
 
 class Taken(NamedTuple):
-    """One reading. `stamp_ns`: its instant, since 1970; `instant_s`: the same from the start of the run; `pose`: the
-    receiver's true one; `reported`: from its vehicle's report; None: not known.
+    """One reading.
+
+    - `stamp_ns`: its instant, since 1970. `instant_s`: its instant, from the start of the run.
+    - `pose`: the receiver's true pose; None if it is not known.
+    - `reported`: the pose by its vehicle's report; None if it is not known.
     """
 
     vehicle: str

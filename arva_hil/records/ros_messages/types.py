@@ -182,12 +182,15 @@ class DiagnosticArray(Message, package="diagnostic_msgs"):
 
 
 class ArvaData(Message, package="arva_msgs"):
-    """One slot. An empty slot has the id −1 and the receiver's no-signal values, mostly −1. The id is −2 if the frames
-    carry no ids.
+    """One slot.
 
-    `distance`: the receiver's d [cm]. `direction`, in the receiver's frame FLU, (0, 0, 0) if it is not known: from an
-    emulator the model's field of this transmitter without noise, in 1/m³ for κ‖m‖ = 1; from a search the direction of δ
-    with length 1. `delta`: the receiver's δ, degrees, positive to the right. `zone`: 0 outer, 1 mid, 2 inner.
+    - `id`: −1 for an empty slot, whose values are the receiver's no-signal values, mostly −1; −2 if the frames carry no
+      ids.
+    - `distance`: the receiver's d [cm].
+    - `direction`: in the receiver's frame FLU; (0, 0, 0) if it is not known. From an emulator it is the model's field
+      of this transmitter without noise, in 1/m³ for κ‖m‖ = 1; from a search it is the direction of δ, with length 1.
+    - `delta`: the receiver's δ, degrees, positive to the right.
+    - `zone`: 0 outer, 1 mid, 2 inner.
     """
 
     id: Int32

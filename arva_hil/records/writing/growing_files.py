@@ -29,13 +29,15 @@ class RecordError(ArvaError):
 
 
 class GrowingFiles:
-    """New files in a folder. Remembers by name what is to be written to each, in `_pending`, and passes it on now and
-    then. `last`: a file of JSON that `close` replaces.
+    """New files in a folder. It keeps the bytes to write to each, and writes them now and then.
 
-    `what`: the word for all of them, e.g. "a record". `first`: what is in `last` until then, None for no such file.
-    `folders`: to make, outer ones first. `patient`: whether the loop may wait for a slow disk, as a replay may, until
-    5 s after `broken_off()` is first true. `clock`: real time, whatever the loop's clock is. Raises RecordError if the
-    folder cannot be written or one of the files is there; symlinks are not followed.
+    - `last`: a file of JSON that `close` replaces. `first`: its content until then, None for no such file.
+    - `what`: the word for all files together, e.g. "a record".
+    - `folders`: the folders to make, outer ones first.
+    - `patient`: the loop may wait for a slow disk, as in a replay, until 5 s after `broken_off()` is first true.
+    - `clock`: real time, whatever the loop's clock is.
+
+    Raises RecordError if the folder cannot be written or one of the files exists. Symlinks are not followed.
     """
 
     def __init__(

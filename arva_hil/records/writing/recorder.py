@@ -19,12 +19,14 @@ _BATCH_BYTES: Final = 1 << 16
 
 
 class Recorder(GrowingFiles):
-    """Writes `autopilot.tlog`, `frames.bin`, `frames.csv`, `readings.csv`, `events.jsonl` and `run.json` into a folder
-    of its own, and with several receivers or links into the files of `layout`.
+    """The record of a run, in a folder of its own.
 
-    `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: the first content of run.json, which also says
-    until `close` that the run has not ended. For the rest see `GrowingFiles`. Raises RecordError if the folder cannot
-    be written or contains a record already.
+    It writes `autopilot.tlog`, `frames.bin`, `frames.csv`, `readings.csv`, `events.jsonl` and `run.json`, and with
+    several receivers or links the files of `layout`.
+
+    `epoch_us`: microseconds since 1970 at the loop's time 0. `run`: the first content of run.json, which also contains
+    until `close` that the run has not ended. For the other arguments see `GrowingFiles`. Raises RecordError if the
+    folder cannot be written or already contains a record.
     """
 
     def __init__(

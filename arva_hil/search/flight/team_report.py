@@ -42,8 +42,9 @@ class TeamReport:
         self._lost = set(lost)
 
     def left(self, now: float, origin: LocalFrame | None, mission: Mission | None, *, searching: bool) -> None:
-        """The vehicle stands on the ground before its launch, or (not `searching`) is somebody else's after the search,
-        who may fly it. Once it has landed it is not told again.
+        """Return True if the vehicle stands on the ground before its launch, or is not the search's any more.
+
+        After the search (not `searching`) a pilot may fly it. Once it has landed, it is not reported again.
         """
         vehicle, last = self._session.vehicle, self._session.track.last_position
         if vehicle is None or last is None or not (searching or vehicle.armed or self._flying):

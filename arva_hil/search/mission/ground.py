@@ -211,8 +211,10 @@ class Ground:
         return min(max(lowest, down_slope), feared)
 
     def _surveyed(self, now: float, above: float, state: VehicleState) -> float | None:
-        """The ground by the terrain database, above the take-off point, if no rangefinder has ever measured; None if it
-        says nothing, is old, or has ever disagreed with the position."""
+        """Return the ground by the terrain database, above the take-off point, if no rangefinder has ever measured.
+
+        None if the database has no height, is old, or has ever disagreed with the position.
+        """
         survey, standing = self._sensors.survey(now), self._sensors.standing_survey
         measured = self._source in ("rangefinder", "highest ground")
         if survey is None or standing is None or measured:

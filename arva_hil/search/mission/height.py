@@ -34,11 +34,12 @@ _LIMIT_S: Final = 30.0  # plus 5 s per metre; then it lands where it is
 
 
 class HeightKeeper:
-    """Remembers whether the vehicle is too low. `too_low`: it only climbs. `failed`: it does not get higher. `pace`:
-    the share of the speed at which the height can follow the ground, before a rangefinder loses it.
+    """The height of the vehicle above the ground, and whether it is too low.
 
-    `wanted`: the height above the ground [m], with the margin of an uncertain height. `ground`: below, down from the
-    take-off point [m], None if it is not known.
+    - `too_low`: the vehicle only climbs. `failed`: it does not climb.
+    - `pace`: the share of the speed at which the height can follow the ground, before a rangefinder loses it.
+    - `wanted`: the height above the ground [m], with the margin of an uncertain height.
+    - `ground`: the ground below, down from the take-off point [m]; None if it is not known.
     """
 
     def __init__(self, wanted: float, emit: Callable[[Event], None]) -> None:
@@ -78,11 +79,13 @@ class HeightKeeper:
 
 
 class Descent:
-    """The descent onto `place` (north, east). `done`: the autopilot must land now; `blocked`: it cannot land there,
-    because another vehicle stays below.
+    """The descent onto `place` (north, east).
 
-    It descends only above the place; elsewhere it first flies there. Low above the place it comes to rest, and then
-    only sinks. `speed`: the highest of the search [m/s].
+    `done`: the autopilot must land now. `blocked`: it cannot land there, because another vehicle stays below. `speed`:
+    the highest of the search [m/s].
+
+    The vehicle descends only above the place; elsewhere it first flies there. Low above the place it stops, and then
+    only sinks.
     """
 
     def __init__(self, place: tuple[float, float], speed: float, start_s: float, height: float) -> None:

@@ -43,13 +43,18 @@ _LONG_S: Final = 240.0  # on the way to one transmitter: then another one of a t
 
 
 class Mission:
-    """Remembers the transmitters heard and the state of the search. `ended`: how it has ended, "" before; `broken`: it
-    has ended early; `sure`: the readings agree with the places found; `victims`: those of several.
+    """The received transmitters and the state of the search.
 
-    Places are NED metres from the take-off point. `start_s`: the end of the take-off. `land`: after the search it
-    descends onto the place found, until `over`, when only the landing or hovering is left. `emit` gets the events.
-    `team`: the other searches; a transmitter that is theirs is passed by. `host`: commands to the receiver. `worker`:
-    computes; None: in this loop.
+    - `ended`: the way it has ended, "" before. `broken`: it has ended early.
+    - `sure`: the readings agree with the places found. `victims`: those of several.
+    - `start_s`: the end of the take-off.
+    - `land`: after the search it descends onto the place found, until `over`, when only landing or hovering is left.
+    - `emit`: gets the events.
+    - `team`: the other searches; transmitters of theirs are passed by.
+    - `host`: commands to the receiver.
+    - `worker`: computes; None: in this loop.
+
+    Places are NED metres from the take-off point.
     """
 
     def __init__(

@@ -23,8 +23,10 @@ _MOST: Final = 3  # descents, while another one stays below
 
 
 class TeamDescent(Descent):
-    """A descent that uses the places of the others at each step. While another one stays below it begins again, at most
-    twice; then it is `blocked`."""
+    """A descent that uses the places of the other vehicles at each step.
+
+    While another vehicle stays below it begins again, at most twice; then it is `blocked`.
+    """
 
     def __init__(self, team: Teammate, place: tuple[float, float], speed: float, start_s: float, height: float) -> None:
         super().__init__(place, speed, start_s, height)

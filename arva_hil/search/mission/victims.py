@@ -158,8 +158,9 @@ class Victims:
         return True
 
     def put_aside(self, choice: Choice, others: Collection[int], time_s: float) -> bool:
-        """Return True if the transmitter flown to takes too long. `others`, received and not found, are searched for
-        first; without any it gets as long again.
+        """Return True if the search for the present transmitter takes too long.
+
+        `others`, received and not found, are searched for first; without any it gets as long again.
         """
         alone = not set(others) - self._aside - {choice.target}
         if choice.target is None or time_s - choice.since_s <= _LONG_S * (1 + alone):

@@ -141,8 +141,10 @@ class DipoleReadings:
         self.told, self.limit = told.ravel(), limit.ravel()
 
     def level(self, x: Array) -> Array:
-        """The ground where hypotheses (K, 6) are: below the reading nearest to each, down from the take-off point (K,);
-        0 if it is not known."""
+        """Return the ground where hypotheses (K, 6) are, down from the take-off point (K,); 0 if it is not known.
+
+        It is the ground below the reading nearest to each.
+        """
         if not self.sloping:
             return np.zeros(len(x))
         off = self.at[..., :2, :] - x[:, :2, None]
@@ -165,8 +167,9 @@ class Fit(NamedTuple):
 
 
 def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
-    """Hypotheses (K, 6) against readings, which may be at other places (K, 3, N) for each; `pose_error`: sigma of the
-    receiver's place on each axis, m.
+    """Compare hypotheses (K, 6) with readings, which may be at other places (K, 3, N) for each.
+
+    `pose_error`: sigma of the receiver's place on each axis [m].
     """
     m, r = x[:, 3:, None], o.at - x[:, :3, None]
     rho2 = np.maximum(_dot(r, r), _NEAREST**2)
@@ -215,8 +218,9 @@ def evaluate(x: Array, o: DipoleReadings, pose_error: float) -> Fit:
 
 
 def refine(x: Array, damping: Array, o: DipoleReadings, pose_error: float, rounds: int) -> tuple[Fit, Array]:
-    """At most so many steps of Levenberg and Marquardt for hypotheses (K, 6) with dampings (K,), until none gains any
-    more; also the next dampings.
+    """Return hypotheses (K, 6) after at most so many steps of Levenberg and Marquardt, and the next dampings.
+
+    `dampings` (K,) are those of the first step. It stops when no hypothesis improves.
     """
     now, settled = evaluate(x, o, pose_error), 0
     for _ in range(rounds):

@@ -71,11 +71,10 @@ def _linear(fit: dipole.Fit, k: int, drift: Array, pose_error: float, alike: Arr
 def fitted(
     x: Array, o: dipole.DipoleReadings, pose_error: float, drift_m: float, rounds: int, near: Sequence[DriftFit] = ()
 ) -> list[DriftFit]:
-    """For each hypothesis (K, 6) the one near it that fits the readings best; sigmas of each place and of the drift
-    [m].
+    """Return for each hypothesis (K, 6) the one near it that fits the readings best.
 
-    `near`: fits whose drifts the first of them begin with. The cost of a fit with `drift_m` 0 can be compared with
-    others.
+    Sigmas of each place and of the drift are in metres. `near`: fits whose drifts are the start of the first
+    hypotheses. The cost of a fit with `drift_m` 0 can be compared with others.
     """
     alike = drift_m**2 * _alike(o.time_s[:, None] - o.time_s)
     newest = drift_m**2 * _alike(o.time_s - o.time_s[1:].max(initial=0.0))
@@ -116,8 +115,9 @@ def _settled(x: Array, drift: Array, one: _Linear, newest: Array, drift_m: float
 
 
 def fitted_again(x: Array, before: Sequence[DriftFit], o: dipole.DipoleReadings, drift_m: float) -> list[DriftFit]:
-    """Hypotheses (K, 6) fitted to more readings, best first; the first of them are of the fits `before`, and begin with
-    their drifts. Unlikely and equal ones are dropped.
+    """Return hypotheses (K, 6) fitted to more readings, best first; without the unlikely and equal ones.
+
+    The first of them are those of the fits `before`, and begin with their drifts.
     """
     every = sorted(fitted(x[:_FEW], o, WHITE_M, drift_m, _ROUNDS, before[:_FEW]), key=lambda fit: fit.cost)
     kept: list[DriftFit] = []

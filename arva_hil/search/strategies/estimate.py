@@ -184,10 +184,10 @@ class Estimate:
     def _believe(
         self, every: Sequence[Explanation], evident: float, o: Observation, *, drift: float = _EVIDENT
     ) -> bool:
-        """Believe the best explanation, if it is more likely by e^evident than the present one, the first. Whether
-        there is more to hear then: not for a smaller drift.
+        """Take the best explanation, if it is more likely by e^`evident` than the present one, which is the first.
 
-        `drift`: the same for a drift where there was none, which takes long to average out.
+        Return True if further explanations may be better: not after a smaller drift. `drift`: the same limit for a
+        drift where there was none, which takes long to average out.
         """
         self._unexplained, before, present = 0, self._cause, every[0]
         new = 0.0 if before.drift_m else min(drift, _LIKELIER)

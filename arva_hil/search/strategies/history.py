@@ -42,8 +42,12 @@ Array = NDArray[np.float64]
 
 
 class Cause(NamedTuple):
-    """Why readings do not agree: how late they are, how their places drift, the gains of the antennas x and y, from
-    where the reference transmitter is no louder than noise, and since when the readings are of where it is now."""
+    """The reasons for which readings do not agree.
+
+    The fields are the delay of the readings, the drift of their places, the gains of the antennas x and y, the distance
+    at which the reference transmitter is no stronger than noise, and the time since which the transmitter is at its
+    present place.
+    """
 
     lag_s: float = 0.0
     drift_m: float = 0.0
@@ -101,8 +105,10 @@ class History:
         return min(self._read, key=_distance, default=None)
 
     def readings(self, cause: Cause = NOTHING) -> dipole.DipoleReadings:
-        """The newest readings and some of all the time before, where the receiver was when each was made, by its
-        antennas."""
+        """Return the newest readings and some of all the time before.
+
+        They are at the receiver's places at their times, with the gains of its antennas.
+        """
         there = dipole.DipoleReadings(cause.gains, cause.deaf_m, cause.since_s)
         rest, newest = self._read[:-_NEWEST], self._read[-_NEWEST:]
         if len(self._read) >= dipole.MOST:

@@ -48,7 +48,7 @@ class Observation(NamedTuple):
 
     @property
     def d_m(self) -> float:
-        """d in metres; 0 or less without a signal."""
+        """Distance d in metres; 0 or less without a signal."""
         return self.d_cm / 100
 
     @property

@@ -14,10 +14,12 @@ Area = tuple[float, float, float, float]  # south, west, north, east of the take
 
 
 class Strips:
-    """Remembers which lanes were flown. They are parallel to the longer side of `area`, at most `width` apart and half
-    of that from the edges, and begin at the corner nearest to `position`. `lanes`: their ends, in order.
+    """The lanes of a search, and those that were flown.
 
-    Raises ValueError for an empty area or a width or speed that is not positive.
+    They are parallel to the longer side of `area`, at most `width` apart and half of that from the edges, and begin at
+    the corner nearest to `position`. `lanes`: their ends, in order.
+
+    Raises ValueError for an empty area, or a width or speed that is not positive.
     """
 
     how_flown = "all strips are flown"

@@ -71,9 +71,10 @@ class Near(NamedTuple):
 
 
 def goes_first(other: News, own: News) -> bool:
-    """Return True if the other one has precedence. One whose search has ended may land and goes first, then one that
-    searches, then one that waits. Of two that search, the one that received its transmitter nearer goes first; of
-    two alike, the lower number.
+    """Return True if the other vehicle has precedence.
+
+    A vehicle whose search has ended may land and goes first, then one that searches, then one that waits. Of two that
+    search, the one that received its transmitter nearer goes first; of two equal ones, the one with the lower number.
     """
     return _rank(other) < _rank(own)
 
@@ -98,8 +99,10 @@ def may_take_off(others: Iterable[tuple[News, float]], lla: tuple[float, float, 
 def kept_apart(
     near: Sequence[Near], room_for: Iterable[Near], velocity: Position, speed: float, edges: Iterable[Direction] = ()
 ) -> Position:
-    """Return the velocity without the parts that lead to another vehicle, and away from those for which room is made,
-    with `speed` 3 m nearer than that. NED, m/s. `edges`: directions in which it makes no room.
+    """Return the velocity (NED, m/s) without the parts that lead to another vehicle.
+
+    It also leads away from vehicles that have precedence, at `speed` from 3 m closer on. `edges`: directions in which
+    the vehicle does not give way.
     """
     wanted, down = velocity[:2], velocity[2]
     for one in room_for:

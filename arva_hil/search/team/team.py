@@ -151,8 +151,10 @@ class Teammate:
         return len(self._flown) < self._field.count and bool(self._held())
 
     def handed(self, position: Position) -> tuple[float, float] | None:
-        """Return the place to fly to, north and east of its take-off point, if a transmitter was received there that
-        nobody flies to. Of those whose strips are flown the nearest one goes there, each to one; None: it is not this.
+        """Return the place to fly to, north and east of its take-off point, or None.
+
+        It is the place of a transmitter that was received and to which no vehicle flies. Of the vehicles whose strips
+        are flown the nearest one goes there, each to one place.
         """
         news = [told for told in (self._told, *self._others.values()) if told]
         every = sorted((one for told in news for one in told.heard), key=lambda one: -one.metres)
@@ -179,8 +181,9 @@ class Teammate:
         self._visited.clear()
 
     def beside(self, place: tuple[float, float]) -> tuple[float, float]:
-        """Return the point to land, north and east of its take-off point: at a place, or beside those near it that make
-        no room. They have landed, are silent, or come down themselves and have precedence.
+        """Return the point to land, north and east of its take-off point: at a place, or beside vehicles near it.
+
+        These do not give way: they have landed, are silent, or descend themselves and have precedence.
         """
         every = self._others.values()
         taken = [other for other in every if not other.flying or self._is_old(other) or self._ends_before(other)]
@@ -188,8 +191,9 @@ class Teammate:
 
     @property
     def lost(self) -> dict[int, tuple[float, float, float]]:
-        """Those in the air that are not heard any more: north and east of its take-off point, and how far it keeps
-        off them [m], by their numbers.
+        """Return the vehicles in the air whose reports have stopped, by their numbers.
+
+        Each has north and east of its take-off point, and the distance kept from it [m].
         """
         if self._origin is None:
             return {}
@@ -204,8 +208,10 @@ class Teammate:
         )
 
     def height(self, wanted_m: float, height_m: float, position: Position) -> float:
-        """The height to fly at: `wanted_m`, that of its layer, or lower once all of the layer below have ended and are
-        on the ground. It does not come down above another one; it is `height_m` high now.
+        """Return the height to fly at: `wanted_m`, that of its layer, or lower.
+
+        It is lower once all vehicles of the layer below have ended and are on the ground. The vehicle, now at
+        `height_m`, does not descend above another one.
         """
         below = [other for other in self._others.values() if layer_m(other.number) < self._raised_m]
         if not below or any(other.flying or not other.ended for other in below):
@@ -224,8 +230,10 @@ class Teammate:
         return self._told is not None and not may_take_off(others, self._told.lla, self._speed)
 
     def apart(self, position: Position, velocity: Position, speed: float) -> Position:
-        """The velocity without what would lead to another vehicle, at most `speed` [m/s] horizontally. It makes room
-        for one at its height that has precedence, and for one that comes down. Both NED from its take-off point.
+        """Return the velocity without the part that leads to another vehicle, at most `speed` [m/s] horizontally.
+
+        The vehicle gives way to one at its height that has precedence, and to one that descends. Both vectors are NED
+        from its take-off point.
         """
         near = self._neighbours(position)
         room_for = [one for one in near if self._makes_room(one)]

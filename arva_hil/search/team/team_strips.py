@@ -15,8 +15,11 @@ def strips_of(team: Teammate, plan: SearchPlan, position: Position) -> Strips:
 
 
 class TeamStrips(Strips):
-    """The strips of a team's search. When its own part is flown, it flies to transmitters that others received and that
-    nobody flies to, then over parts that others leave. While others still search, it hovers and waits for either."""
+    """The strips of a team's search.
+
+    After its own part, a drone flies to transmitters that others received and that no drone flies to, then over parts
+    that other drones leave. While others still search, it hovers and waits for either.
+    """
 
     how_flown = "all strips are flown, those of other parts as the team reports"
 
