@@ -14,11 +14,14 @@ if TYPE_CHECKING:
     from arva_hil.autopilot.following.session import Session
     from arva_hil.bench.bench import Bench, BenchTruth
     from arva_hil.bench.ports import BenchError
-    from arva_hil.config import FaultKind, Scenario, ScenarioError
+    from arva_hil.cli.options import CommandParser
+    from arva_hil.config import Fault, FaultKind, Scenario, ScenarioError, Transmitter
     from arva_hil.config.constraints import Number, Whole
     from arva_hil.emulator.engine import Emulator
+    from arva_hil.emulator.formats import MavlinkFormat
     from arva_hil.emulator.ports import Output
     from arva_hil.emulator.setup import ReceiverSetup, VehicleSetup, one_vehicle
+    from arva_hil.emulator.snapshot import Snapshot
     from arva_hil.errors import ArvaError, KindError, UnknownKindError
     from arva_hil.events import Event, FrameMade
     from arva_hil.links import Address, AddressError, Link, LinkEnded, LinkError, Opening
@@ -41,6 +44,7 @@ if TYPE_CHECKING:
     from arva_hil.runtime.audience import Observer
     from arva_hil.search.strategies.strategy import STILL, Found, Observation, Position, Strategy, Velocity, towards
     from arva_hil.simulated.vehicle import SimulatedVehicle
+    from firmware_proto import Format, FrameDecoder
 
 __version__ = "0.1.0"
 
@@ -48,11 +52,14 @@ _MODULES: Final = {
     "api": "load_scenario replay run_live",
     "bench.bench": "Bench BenchTruth",
     "bench.ports": "BenchError",
-    "config": "FaultKind Scenario ScenarioError",
+    "cli.options": "CommandParser",
+    "config": "Fault FaultKind Scenario ScenarioError Transmitter",
     "config.constraints": "Number Whole",
     "emulator.engine": "Emulator",
+    "emulator.formats": "Format FrameDecoder MavlinkFormat",
     "emulator.ports": "Output",
     "emulator.setup": "ReceiverSetup VehicleSetup one_vehicle",
+    "emulator.snapshot": "Snapshot",
     "errors": "ArvaError KindError UnknownKindError",
     "events": "Event FrameMade",
     "model.field": "LocalFrame Transmitters dipole_field",
@@ -77,6 +84,7 @@ __all__ += ["Address", "AddressError", "Link", "LinkEnded", "LinkError", "Observ
 __all__ += ["Answer", "Antennas", "ChannelReading", "Look", "PaperReceiver", "Pose", "Reading", "Zone"]
 __all__ += ["Readings", "ReceiverModel", "ReceiverSettings", "readings"]
 __all__ += ["STILL", "Found", "Observation", "Position", "Strategy", "Velocity", "towards"]
+__all__ += ["CommandParser", "Fault", "Format", "FrameDecoder", "MavlinkFormat", "Snapshot", "Transmitter"]
 __all__ += ["Recording", "Session", "SimulatedVehicle"]
 
 

@@ -20,7 +20,7 @@ from arva_hil.links.reconnecting import open_reconnecting
 from arva_hil.links.tlog import TlogReader
 from arva_hil.links.tlog_timeline import Timeline
 from arva_hil.mavlink.packet_reader import PacketReader
-from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.registry import over_mavlink
 from arva_hil.runtime import drivers
 from arva_hil.runtime.audience import Audience
 from arva_hil.runtime.fleet_links import FleetSides, fleet_sides, live_vehicles, vehicles_in_log
@@ -162,9 +162,9 @@ def _sides(scenario: Scenario, autopilot: str | None, port: str | None, target_s
     if scenario.vehicles:
         _check_own(scenario, port, target_system)
         return fleet_sides(scenario, autopilot)
-    over_mavlink = scenario.output_format in MAVLINK_FORMATS
-    if over_mavlink is (port is not None):
-        what = "no port" if over_mavlink else "a port"
+    inside = over_mavlink(scenario.output_format)
+    if inside is (port is not None):
+        what = "no port" if inside else "a port"
         raise ValueError(f"port: {port!r}, expected {what} for frames of the format {scenario.output_format}")
     if autopilot is None:
         raise ValueError("autopilot: None, expected the connection string of the autopilot's link")

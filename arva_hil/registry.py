@@ -1,4 +1,4 @@
-"""Receiver models, wire formats, links, faults, strategies and observers by name.
+"""Receiver models, wire formats, links, faults, strategies, observers and commands by name.
 
 The built-in ones are listed here, one line each, and imported when they are first used. Other packages add their own
 with entry points, which are looked up only for names that are not built in.
@@ -215,10 +215,20 @@ FORMATS: Final = Registry(
     ("encode", "decoder", "numbered"),
 )
 MAVLINK_FORMATS: Final = ("tunnel", "named", "named_float", "debug_vect")
-FORMATS_WITH_IDS: Final = ("binary", "nmea")  # that a port can have
-"""Formats sent over the autopilot's link; all others are sent to a port."""
-MEASURED_FORMATS: Final = ("vector", "rssi")
-"""Formats that carry what the antennas measured, beside the integers."""
+"""Built-in formats that go over the autopilot's link, named here because importing them is slow."""
+
+
+def over_mavlink(format: str) -> bool:
+    """Return True if a format goes over the autopilot's link; all others are sent to a port."""
+    if format in FORMATS.built_in:
+        return format in MAVLINK_FORMATS
+    return bool(getattr(FORMATS[format], "over_mavlink", False))
+
+
+def formats_with_ids() -> list[str]:
+    """Return the formats of ports whose frames contain the ids of transmitters."""
+    return [name for name in FORMATS.names() if not over_mavlink(name) and getattr(FORMATS[name], "ids", False)]
+
 
 FAULTS: Final = Registry(
     "fault",
@@ -268,7 +278,8 @@ LINKS: Final = Registry(  # by an address's kind; for links of other packages th
     },
     ("open", "read", "write", "close", "reopened"),
 )
-OBSERVERS: Final = Registry("observer", "arva_hil.observers", {}, ("observe",))  # for --observer
+OBSERVERS: Final = Registry("observer", "arva_hil.observers", {}, ("observe",), references=True)  # for --observer
+COMMANDS: Final = Registry("command", "arva_hil.commands", {}, ("options", "main"))  # of other packages
 EXPORTS: Final = Registry(  # a function (recording, binary file) -> None
     "export format",
     "arva_hil.exports",

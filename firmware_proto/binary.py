@@ -105,4 +105,4 @@ def size_at(data: bytes, at: int) -> int:
     return data[at + 3] + 6 if data[at + 6] * 6 + 3 == data[at + 3] else 0
 
 
-BINARY: Final = Format(encode, Decoder, numbered=True, host=BINARY_HOST)
+BINARY: Final = Format(encode, Decoder, numbered=True, host=BINARY_HOST, ids=True)

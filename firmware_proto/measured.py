@@ -257,5 +257,13 @@ class MeasuredDecoder(FrameDecoder):
             self._message = None
 
 
-VECTOR: Final = Format(encode_vector, partial(MeasuredDecoder, VECTOR_KIND, VECTORS), numbered=True, host=BINARY_HOST)
-RSSI: Final = Format(encode_rssi, partial(MeasuredDecoder, LEVEL_KIND, LEVELS), numbered=True, host=BINARY_HOST)
+VECTOR: Final = Format(
+    encode_vector,
+    partial(MeasuredDecoder, VECTOR_KIND, VECTORS),
+    numbered=True,
+    host=BINARY_HOST,
+    measured="vector",
+)
+RSSI: Final = Format(
+    encode_rssi, partial(MeasuredDecoder, LEVEL_KIND, LEVELS), numbered=True, host=BINARY_HOST, measured="level"
+)

@@ -97,4 +97,4 @@ class NmeaDecoder(FrameDecoder):
         self._channels, self._bytes = [], 0
 
 
-NMEA: Final = Format(encode_nmea, NmeaDecoder, numbered=True, host=LINE_HOST)
+NMEA: Final = Format(encode_nmea, NmeaDecoder, numbered=True, host=LINE_HOST, ids=True)

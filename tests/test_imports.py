@@ -111,7 +111,9 @@ def test_a_room_leans_on_few_others(room: str) -> None:
 def test_nothing_but_the_commands_imports_the_commands_and_only_they_a_trial_and_the_api_import_the_loop() -> None:
     for path in files("arva_hil"):
         if "cli" not in path.parts and path.name not in ("__main__.py", "trial.py", "api.py"):
-            assert not {name for name in imports(path) if within(name, {"arva_hil.cli", "arva_hil.runtime.loop"})}, path
+            public = {"arva_hil.cli.options"} if path == ROOT / "arva_hil/__init__.py" else set()  # its public name
+            wrong = {name for name in imports(path) if within(name, {"arva_hil.cli", "arva_hil.runtime.loop"})} - public
+            assert not wrong, path
 
 
 def test_only_the_clock_asks_for_the_time() -> None:

@@ -34,11 +34,14 @@ class PathPoint(NamedTuple):
 
 
 class PathVehicle:
-    """Remembers a path and when its next sample is due. Between two points the vehicle flies straight on and turns the
-    shorter way; before the first and after the last point it hovers.
+    """A vehicle on a path, and the time of its next sample.
 
-    `home`: degrees, degrees, metres above mean sea level. `boot_time`: it is switched on then, and sends its home.
-    `start`, `rate_hz`: samples are due at `start` + n / `rate_hz`, as the frames of a receiver with this rate are.
+    Between two points the vehicle flies straight on and turns the shorter way; before the first and after the last
+    point it hovers.
+
+    - `home`: degrees, degrees, metres above mean sea level.
+    - `boot_time`: the vehicle is switched on then, and sends its home.
+    - `start`, `rate_hz`: samples are due at `start` + n / `rate_hz`, as the frames of a receiver with this rate are.
     """
 
     def __init__(self, home: tuple[float, float, float], *, boot_time: float, start: float, rate_hz: float) -> None:

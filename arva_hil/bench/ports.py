@@ -137,8 +137,9 @@ class BenchPort:
 
 
 class MemorySerial(io.RawIOBase):
-    """A port in memory with the methods of `serial.Serial` that drivers use. A read that waits lets the bench's own
-    time pass. Raises serial.SerialException while the port is unplugged.
+    """A port in memory with the methods of `serial.Serial` that drivers use.
+
+    A read that waits lets the bench's own time pass. Raises serial.SerialException while the port is unplugged.
     """
 
     def __init__(

@@ -20,10 +20,9 @@ from arva_hil.cli.summary import as_dict, known_at_start, summary_lines
 from arva_hil.cli.terminal import tell
 from arva_hil.cli.watchers import close_all, live_observers, page_of_run
 from arva_hil.clock import Clock
-from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, newer_keys
+from arva_hil.config import DEFAULT, Fault, Scenario, load, misfit, newer_keys, own_options
 from arva_hil.emulator.engine import Emulator
 from arva_hil.emulator.setup import receivers_of
-from arva_hil.errors import KindError
 from arva_hil.events import Event, HeartbeatMissing, StatusReport
 from arva_hil.events.words.reasons import no_vehicle
 from arva_hil.events.words.text import Notice
@@ -281,12 +280,16 @@ class Run:
         return code
 
 
-def _observer(name: str) -> Observer:
-    """Make an observer that the command line names. Raises UsageError."""
+def _observer(given: tuple[str, Mapping[str, str]]) -> Observer:
+    """Make an observer that the command line names with its options. Raises UsageError."""
+    name, values = given
+    cls = OBSERVERS[name]
     try:
-        observer: Observer = OBSERVERS[name]()
-    except KindError:
-        raise
+        options = own_options.checked(getattr(cls, "Options", None), values or None, f"the observer {name}")
+    except ValueError as error:
+        raise UsageError(f"--observer {name}: {' '.join(str(error).split())}") from None
+    try:
+        observer: Observer = cls() if options is None else cls(options)
     except (Exception, SystemExit) as error:
         raise UsageError(f"observer {name!r} cannot be created ({shown(error)})") from error
     return observer

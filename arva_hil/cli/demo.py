@@ -33,7 +33,7 @@ from arva_hil.links.pty import PtyLink
 from arva_hil.observers.web.address import HostPort
 from arva_hil.records.writing.layout import FILES
 from arva_hil.records.writing.search_log import SEARCH_FILES, SearchLog, refuse_search
-from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.registry import over_mavlink
 from arva_hil.runtime.loop import run
 from arva_hil.search.mission.outcome import Outcome
 from arva_hil.simulated.closed_loop import ClosedLoop, Drone, Wires, several
@@ -149,7 +149,7 @@ def _fly(options: argparse.Namespace, chosen: Scenario, *, team: bool) -> Flown:
 
 def _alone(options: argparse.Namespace, chosen: Scenario) -> Scenario:
     """Check the scenario of one drone, and choose the folder of its record. Raises UsageError."""
-    if chosen.output_format in MAVLINK_FORMATS:
+    if over_mavlink(chosen.output_format):
         raise UsageError(f"--format {chosen.output_format}: the demo has a port: choose binary, nmea or text")
     _check_pose(chosen, "its vehicle reports its true pose")
     if not options.record:

@@ -27,7 +27,7 @@ from arva_hil.links import Address, Link, LinkError, open_link, parse
 from arva_hil.links.processes import accepted, far_program
 from arva_hil.links.serial_ports import SerialPort, list_ports
 from arva_hil.mavlink.signing import Signing
-from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.registry import over_mavlink
 from arva_hil.runtime.loop import run
 
 BAUDS: Final = (57600, 921600, 115200, 38400, 230400, 460800, 500000, 1500000)
@@ -88,7 +88,7 @@ class Doctor:
         link = self._open(self.autopilot, "link", answered=True)
         if self.options.port:
             self.out = self._open(parse(self.options.port), "port")
-        elif self.options.format not in MAVLINK_FORMATS:
+        elif not over_mavlink(self.options.format):
             self._add(port_diagnosis.no_port(_candidates(self.autopilot)))
         probe = self._listen(link)
         if probe and not self.stopped():
@@ -159,12 +159,12 @@ class Doctor:
 
     def _new_port_probe(self, probe: AutopilotProbe | None, link: Link | None) -> PortProbe | None:
         """A probe that sends frames; None if there is one already, or if there is no link for it."""
-        over_mavlink = self.options.format in MAVLINK_FORMATS
-        out = link if over_mavlink else self.out
-        if out is None or (self.port_probe and not over_mavlink):
+        inside = over_mavlink(self.options.format)
+        out = link if inside else self.out
+        if out is None or (self.port_probe and not inside):
             return None
         session = probe.session if probe else self._session()
-        address = None if over_mavlink else parse(self.options.port)
+        address = None if inside else parse(self.options.port)
         return PortProbe(encoder(self.options.format, session), out, address, self.clock.now())
 
     def _judge_packets(self, probe: AutopilotProbe, *, again: bool = False) -> AutopilotProbe | None:

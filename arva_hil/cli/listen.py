@@ -20,7 +20,7 @@ from arva_hil.clock import Clock, RealClock
 from arva_hil.events.words import text
 from arva_hil.links import AddressError, Link, parse
 from arva_hil.mavlink.codec import Encoder, Parser, dialect
-from arva_hil.registry import FORMATS, MAVLINK_FORMATS, MEASURED_FORMATS
+from arva_hil.registry import FORMATS, over_mavlink
 from firmware_proto import Frame, FrameDecoder
 from firmware_proto.frame import PAUSE_S
 
@@ -41,7 +41,7 @@ def guess_format(sample: bytes, expected: str) -> str:
 def _frames(sample: bytes, name: str) -> int:
     decoder = FORMATS[name].decoder()
     frames = decoder.feed(sample, 0.0) + decoder.feed(b"", math.inf)
-    return sum(name not in MEASURED_FORMATS or frame.measured is not None for frame in frames)
+    return sum(not getattr(FORMATS[name], "measured", "") or frame.measured is not None for frame in frames)
 
 
 _WATCHDOG_S: Final = 2.0  # after this time without a frame, consumers report that the receiver does not work
@@ -50,7 +50,7 @@ _COMPONENT: Final = dialect.MAV_COMP_ID_ONBOARD_COMPUTER2  # the emulator is the
 
 def main(options: argparse.Namespace) -> int:
     decoder = FORMATS[options.format].decoder()
-    hello = Encoder(1, _COMPONENT) if options.format in MAVLINK_FORMATS else None
+    hello = Encoder(1, _COMPONENT) if over_mavlink(options.format) else None
     listener = Listener(decoder, hello, options.format, options.json, options.count)
     path = Path(options.url)
     if os.path.isfile(path) and path.suffix != ".tlog":

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import Final
 
-from arva_hil import __version__
+from arva_hil import __version__, registry
 from arva_hil.cli import outcome
 from arva_hil.cli.arguments import arguments_of
 from arva_hil.cli.options import PREFIX, CommandParser, module_name
@@ -164,9 +164,13 @@ def _command(arguments: list[str]) -> Callable[[], int] | None:
     name = "run"
     if arguments and not arguments[0].startswith("-"):
         name = arguments.pop(0)
-        if name not in COMMANDS:
-            near = nearest(name, COMMANDS)
-            hint = f"did you mean {near}?" if near else f"the commands are {', '.join(COMMANDS)}"
+        if name not in COMMANDS and name not in registry.COMMANDS:
+            near = nearest(name, [*COMMANDS, *registry.COMMANDS.names()])
+            hint = (
+                f"did you mean {near}?"
+                if near
+                else f"the commands are {', '.join([*COMMANDS, *registry.COMMANDS.names()])}"
+            )
             if name.startswith(("\N{EN DASH}", "\N{EM DASH}", "\N{MINUS SIGN}")):
                 hint = f"did you mean --{name.lstrip(name[0])}, with two hyphens?"
             elif name.endswith(".tlog"):
@@ -185,6 +189,8 @@ def _command(arguments: list[str]) -> Callable[[], int] | None:
     for line in unknown_variables(os.environ, parser, COMMANDS):
         tell(f"warning: {line}")
     refuse_closed(options)
+    if name not in COMMANDS:
+        return functools.partial(registry.COMMANDS[name].main, options)
     return functools.partial(_imported(f"arva_hil.cli.{module_name(name)}").main, options)
 
 

@@ -19,7 +19,7 @@ from arva_hil.links import Address, parse
 from arva_hil.links.serial_ports import find_autopilot, list_ports
 from arva_hil.links.url import excludes, place
 from arva_hil.mavlink.signing import Signing, key_of
-from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.registry import over_mavlink
 from arva_hil.runtime.fleet_links import FleetSides, fleet_sides, ports_of
 from arva_hil.runtime.signing_state import PersistentSigning, state_file
 
@@ -35,14 +35,14 @@ def choose_autopilot(*ports: str | None) -> str:
 
 def check_sides(autopilot: str | None, port: str | None, form: str) -> None:
     """Check that frames of this format can go there. Raises UsageError."""
-    over_mavlink = form in MAVLINK_FORMATS
+    inside = over_mavlink(form)
     if autopilot == "-":
         raise UsageError("--autopilot -: this is stdout, which cannot be read: name the autopilot's link")
-    if over_mavlink and autopilot and parse(autopilot).kind == "tlog":
+    if inside and autopilot and parse(autopilot).kind == "tlog":
         raise UsageError(f"--autopilot {autopilot}: this is a log: frames with --format {form} cannot be sent there")
     if port is None:
         return
-    if over_mavlink:
+    if inside:
         raise UsageError(
             f"--format {form} goes over the autopilot's own link: leave out --port, or choose "
             "--format binary, nmea or text"
@@ -103,8 +103,8 @@ def chosen_sides(options: argparse.Namespace, chosen: Scenario) -> FleetSides:
 
 
 def _one_vehicle(options: argparse.Namespace, form: str) -> FleetSides:
-    over_mavlink = form in MAVLINK_FORMATS
-    if not over_mavlink and not options.port:
+    inside = over_mavlink(form)
+    if not inside and not options.port:
         raise UsageError(
             "--port is missing: name the port for the frames, e.g. --port /dev/ttyUSB0, --port pty, "
             "or --format tunnel to send them inside MAVLink"
@@ -113,7 +113,7 @@ def _one_vehicle(options: argparse.Namespace, form: str) -> FleetSides:
         raise UsageError("--json and --port - both want stdout: choose one")
     check_sides(options.autopilot, options.port, form)
     autopilot = options.autopilot or choose_autopilot(options.port)
-    return FleetSides({"autopilot": autopilot}, {}, {} if over_mavlink else {"port": options.port})
+    return FleetSides({"autopilot": autopilot}, {}, {} if inside else {"port": options.port})
 
 
 def session(options: argparse.Namespace, **more: Any) -> Session:
@@ -180,7 +180,7 @@ def next_command(
     values by the option's name; a word in capitals if the value is not known, None to leave the option out.
     """
     words: dict[str, str | None] = {"autopilot": autopilot}
-    if options.format in MAVLINK_FORMATS:
+    if over_mavlink(options.format):
         words["format"] = options.format
     else:
         words["port"] = options.port or (usb_ports[0] if len(usb_ports) == 1 else UNKNOWN_PORT)

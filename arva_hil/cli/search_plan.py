@@ -12,7 +12,7 @@ from arva_hil.cli.outcome import UsageError
 from arva_hil.cli.terminal import tell
 from arva_hil.config import Scenario, ScenarioError, parse
 from arva_hil.model.field.rotation import Mount, from_euler
-from arva_hil.registry import FORMATS_WITH_IDS, STRATEGIES
+from arva_hil.registry import STRATEGIES, formats_with_ids
 from arva_hil.search.strategies.plan import SearchPlan
 from arva_hil.search.strategies.strips import Strips
 from arva_hil.search.team.team_field import divide
@@ -85,10 +85,8 @@ def check_receivers(base: Scenario) -> None:
             raise UsageError(f"{base.source}: {vehicle.name}: {len(vehicle.receivers)} receivers; a drone has one here")
     formats = [receiver.output_format for vehicle in base.vehicles for receiver in vehicle.receivers]
     for of in formats or [base.output_format]:
-        if of not in FORMATS_WITH_IDS:
-            raise UsageError(
-                f"format {of}: several drones need {' or '.join(FORMATS_WITH_IDS)}, whose frames carry ids"
-            )
+        if of not in (usable := formats_with_ids()):
+            raise UsageError(f"format {of}: several drones need {' or '.join(usable)}, whose frames carry ids")
 
 
 def check_width(options: argparse.Namespace, count: int) -> None:

@@ -16,7 +16,7 @@ from arva_hil.config.profiles import located
 from arva_hil.config.reading import keys_in, near_file, read, read_text
 from arva_hil.config.scenario import Scenario, load
 from arva_hil.config.tables import Table, TableOf, fields_of, key, newer_keys, read_keys
-from arva_hil.registry import FORMATS_WITH_IDS, MAVLINK_FORMATS, STRATEGIES
+from arva_hil.registry import STRATEGIES, formats_with_ids, over_mavlink
 
 SPEC: Final = 1
 WHAT: Final = "a mapping with strategies and scenarios"
@@ -126,7 +126,7 @@ class _File(Constraint):
         except ScenarioError as error:
             raise elsewhere(error) from None
         unserved: list[str] = [part for part in _NOT_FLOWN if part in newer_keys(scenario)]
-        if scenario.output_format in MAVLINK_FORMATS:
+        if over_mavlink(scenario.output_format):
             unserved.append(f"format {scenario.output_format}")
         if unserved:
             raise wrong("a scenario that a campaign flies", f"{path} with {', '.join(unserved)}")
@@ -217,7 +217,7 @@ class CampaignPlan(Table):
                 yield Violation(f"at most {count}, the transmitters of {name}", str(wanted), path=("victims",))
             if teams and min(teams) < (every := of.victims or count):
                 yield Violation(f"1, or {every} at least: each finds one", str(min(teams)), path=("drones",))
-            if teams and isinstance(one, Scenario) and one.output_format not in FORMATS_WITH_IDS:
+            if teams and isinstance(one, Scenario) and one.output_format not in formats_with_ids():
                 yield Violation("1: several need frames with ids", f"{one.output_format} of {name}", path=("drones",))
 
 

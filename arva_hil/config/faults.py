@@ -3,15 +3,16 @@
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from typing import Any, Final, Literal, NamedTuple
 
+from arva_hil.config import own_options
 from arva_hil.config.common import NED_POINT, SPAN, TRANSMITTER_ID, Triple
 from arva_hil.config.constraints import Anything, Constraint, Named, Number, On, Whole
 from arva_hil.config.errors import ConstraintError, ScenarioError, Violation, wrong
-from arva_hil.config.tables import Table, fields_of, key, read_keys, unknown_key
+from arva_hil.config.tables import OtherKeys, Table, fields_of, key, read_keys, unknown_key
 from arva_hil.errors import KindError
-from arva_hil.registry import FAULTS, FORMATS, MAVLINK_FORMATS
+from arva_hil.registry import FAULTS, FORMATS, over_mavlink
 
 Stage = Literal["heard", "sent", "wire"]
 
@@ -30,6 +31,7 @@ class FaultKind(NamedTuple):
     `strike` depends on the stage. `heard`: `(look, switch)` returns the changed look. `sent`: `(sending, value,
     random)` changes how a frame is sent, and returns whether it did. `wire`: `(bytes of a frame, value, random)`
     returns the changed bytes and the number of changes. None: `arva_hil.emulator.faults` handles it by its name.
+    `options`: a dataclass whose fields are own keys of the fault; `strike` gets it as the argument `options`.
     """
 
     stage: Stage
@@ -37,6 +39,7 @@ class FaultKind(NamedTuple):
     help: str
     strike: Callable[..., Any] | None
     needs: tuple[str, ...] = ()
+    options: type[Any] | None = None
 
     @property
     def constraint(self) -> Constraint:
@@ -61,8 +64,12 @@ class Fault(Table):
     by_ned: Triple | None = key(NED_POINT, "of transmitter_moved: north, east, down", default=None)
     over_s: float | None = key(SPAN, "of transmitter_fading: until nothing is left", default=None)
 
+    options: Any = key(Anything(), default=None)
+
     def __post_init__(self) -> None:
-        object.__setattr__(self, "value", FAULTS[self.name].constraint.read(self.value))
+        kind: FaultKind = FAULTS[self.name]
+        object.__setattr__(self, "value", kind.constraint.read(self.value))
+        object.__setattr__(self, "options", own_options.checked(kind.options, self.options, f"the fault {self.name}"))
 
     @classmethod
     def conflicts(cls, fault: Any) -> Iterator[Violation]:
@@ -125,10 +132,13 @@ class FaultItem(Constraint):
         except KindError as error:
             violation = Violation(f"one that works: {error.cure}", error.found, None, (name,), at_key=True)
             raise ConstraintError(violation) from None
-        values, violations = read_keys(value, _keys(name), [name, *kind.needs])
-        if violations:
+        own = own_options.read(kind.options, value, f"the fault {name}") if kind.options else OtherKeys()
+        keys = _keys(name)
+        values, violations = read_keys(value, keys | dict.fromkeys(own.names, Anything()), [name, *kind.needs])
+        if violations := [*violations, *own.violations]:
             raise ConstraintError(*violations)
-        return Fault(name, values.pop(name), **values)
+        values = {key: item for key, item in values.items() if key in keys}
+        return Fault(name, values.pop(name), **values, options=own.options)
 
     def plain(self, value: Fault, spec: int) -> Any:
         return plain_fault(value)
@@ -139,6 +149,7 @@ class FaultItem(Constraint):
             kind: FaultKind = FAULTS[name]
             helps = {key: one.help for key, one in fields_of(Fault).items()} | {name: kind.help}
             properties = {key: one.json() | {"description": helps[key]} for key, one in _keys(name).items()}
+            properties |= own_options.schemas(kind.options) if kind.options else {}
             required = [name, *kind.needs]
             every.append(
                 {"type": "object", "properties": properties, "required": required, "additionalProperties": False}
@@ -167,8 +178,8 @@ def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] |
     kind: FaultKind = FAULTS[fault.name]
     if kind.valid is TRANSMITTER and fault.value not in ids:
         return f"{fault.name} of transmitter {fault.value:g}", f"one of {', '.join(map(str, sorted(ids)))}"
-    if kind.stage == "wire" and format in MAVLINK_FORMATS:
-        wire = [name for name in FORMATS if name not in MAVLINK_FORMATS]
+    if kind.stage == "wire" and over_mavlink(format):
+        wire = [name for name in FORMATS if not over_mavlink(name)]
         return (
             f"{fault.name} with the format {format}",
             f"{' or '.join(wire)}, because it would break the autopilot's own link",
@@ -182,9 +193,12 @@ def misfit(fault: Fault, ids: Collection[int], format: str) -> tuple[str, str] |
 def plain_fault(fault: Fault) -> dict[str, Any]:
     """The fault as plain JSON types; a file reads it back equal."""
     plain: dict[str, Any] = {fault.name: True if FAULTS[fault.name].valid is None else fault.value}
+    if fault.options is not None:
+        own = asdict(fault.options)
+        plain |= {one.name: own[one.name] for one in fields(fault.options) if own[one.name] != one.default}
     for one in fields(fault):
         value = getattr(fault, one.name)
-        if one.name not in ("name", "value") and value != one.default:
+        if one.name not in ("name", "value", "options") and value != one.default:
             plain[one.name] = list(value) if isinstance(value, tuple) else value
     return plain
 
@@ -228,4 +242,6 @@ def _example(name: str) -> str:
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, str):
+        return value
     return f"[{','.join(f'{x:g}' for x in value)}]" if isinstance(value, list) else f"{value:g}"

@@ -1,70 +1,34 @@
-"""The receiver of a scenario: what it is like, where it sits, how often it looks, and the keys of a model's own.
-
-pydantic validates a model's own keys by their annotations (`Annotated[int, pydantic.Field(ge=1)]`).
-"""
+"""The receiver of a scenario: its properties, its mount, its rate, and the own keys of its model."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import InitVar, asdict
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from arva_hil.config import own_options
 from arva_hil.config.common import BODY_POINT, NOISE_KINDS, RATE_HZ, Attitude, NoiseKind, Triple
-from arva_hil.config.constraints import FLOAT, WHOLE, Anything, Named, Number, Numbers, Whole, Word
-from arva_hil.config.errors import Violation, any_of, wrong
-from arva_hil.config.nodes import Scalar
+from arva_hil.config.constraints import Anything, Named, Number, Numbers, Whole, Word
+from arva_hil.config.errors import Violation, wrong
 from arva_hil.config.tables import OtherKeys, Table, key, valid_value
 from arva_hil.config.transmitter import PROFILE, VehicleNoiseOptions
 from arva_hil.errors import KindError
 from arva_hil.registry import RECEIVERS
 
-if TYPE_CHECKING:
-    from pydantic import TypeAdapter
-    from pydantic_core import ValidationError
-
-_ADAPTERS: Final[dict[type[Any], "TypeAdapter[Any]"]] = {}
 PAPER: Final = "paper"  # it has no keys of its own; a scenario without another model imports none
-_WORDS: Final = {"true": True, "false": False, "null": None, "~": None}
 
 
 def read_options(model: str | None, mapping: Mapping[str, Any]) -> OtherKeys:
-    """The own keys in a mapping whose model is this one (None: it is not known)."""
+    """Return the own keys in a mapping whose model is this one (None: it is not known)."""
     cls = options_class(model)
-    if cls is None:
-        return OtherKeys()
-    names = [field.name for field in dataclasses.fields(cls)]
-    from pydantic import ValidationError  # slow to import
-
-    try:
-        options = _adapter(cls).validate_python({name: _plain(mapping[name]) for name in names if name in mapping})
-    except ValidationError as error:
-        return OtherKeys(names, None, list(_violations(error, model)))
-    return OtherKeys(names, options)
+    return OtherKeys() if cls is None else own_options.read(cls, mapping, f"the receiver model {model}")
 
 
 def checked_options(model: str, options: Any) -> Any:
-    """The options of a model from Python: its `Options`, a mapping, or None for the defaults. Raises ValueError."""
-    cls = options_class(model)
-    if cls is None:
-        if options is not None:
-            raise ValueError(f"options: {options!r}, expected None: the receiver model {model} has no keys of its own")
-        return None
-    if isinstance(options, cls):
-        return options
-    if not isinstance(options, Mapping | None):
-        raise ValueError(f"options: {options!r}, expected {cls.__qualname__} or a mapping")
-    names = [field.name for field in dataclasses.fields(cls)]
-    if unknown := [name for name in options or () if name not in names]:
-        raise ValueError(f"options: {unknown[0]!r}, expected {any_of(names)}")
-    return _adapter(cls).validate_python(dict(options or {}))
+    """Return the options of a model from Python: its `Options`, a mapping, or None for the defaults.
 
-
-def _adapter(cls: type[Any]) -> "TypeAdapter[Any]":
-    """Made once for a class: it takes a millisecond."""
-    from pydantic import TypeAdapter  # slow to import
-
-    if cls not in _ADAPTERS:
-        _ADAPTERS[cls] = TypeAdapter(cls)
-    return _ADAPTERS[cls]
+    Raises ValueError.
+    """
+    return own_options.checked(options_class(model), options, f"the receiver model {model}")
 
 
 def options_class(model: str | None) -> type[Any] | None:
@@ -84,46 +48,9 @@ def schemas() -> dict[str, Any]:
     """The JSON Schema of each own key of all models that are installed."""
     every: dict[str, Any] = {}
     for cls in filter(None, map(options_class, RECEIVERS.names())):
-        schema = _adapter(cls).json_schema()
-        for name, one in schema["properties"].items():
-            every.setdefault(name, {} if "$defs" in schema else _tidy(one))
+        for name, one in own_options.schemas(cls).items():
+            every.setdefault(name, one)
     return every
-
-
-def _tidy(schema: dict[str, Any]) -> dict[str, Any]:
-    """Without its title and without null, which no file has."""
-    kept = {key: value for key, value in schema.items() if key != "title" and value is not None}
-    if "anyOf" in kept:
-        kept["anyOf"] = [one for one in kept["anyOf"] if one != {"type": "null"}]
-        if len(kept["anyOf"]) == 1:
-            kept |= kept.pop("anyOf")[0]
-    return kept
-
-
-def _plain(value: Any) -> Any:
-    """A value of a file as plain data: true, false, null, numbers, texts, lists and mappings."""
-    if isinstance(value, Scalar):
-        if value.plain in _WORDS:
-            return _WORDS[value.plain]
-        if WHOLE.fullmatch(value.plain):
-            return int(value.plain)
-        return float(value.plain) if FLOAT.fullmatch(value.plain) else str(value)
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return [_plain(item) for item in value] if isinstance(value, list) else value
-
-
-def _violations(error: "ValidationError", model: str | None) -> Iterator[Violation]:
-    for one in error.errors(include_url=False, include_input=False):
-        message, path = one["msg"], one["loc"]
-        if one["type"] == "missing" and len(path) == 1:
-            yield Violation(f"a mapping with {path[0]}", f"no {path[0]}")
-        elif message.startswith("Input should be "):
-            expected = message.removeprefix("Input should be ").partition(", unable to parse")[0]
-            yield Violation(expected, path=path)
-        else:
-            found, _, expected = message.removeprefix("Value error, ").partition(": expected ")
-            yield Violation(expected or f"what the receiver model {model} takes", found, path=path)
 
 
 NO_SIGNAL: Final = ((-1, -1), (-1, 0), (0, 0))

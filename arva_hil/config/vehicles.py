@@ -9,7 +9,7 @@ from arva_hil.config.constraints import ListOf, Number, Numbers, Text
 from arva_hil.config.errors import Violation
 from arva_hil.config.receiver import ReceiverOptions
 from arva_hil.config.tables import Table, TableOf, duplicates, items_of, key, lacks
-from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.registry import over_mavlink
 
 _NAME: Final = Text("a name of letters, digits, _, - and .", r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _LINK: Final = Text("a connection string")
@@ -65,10 +65,10 @@ class ReceiverEntry(ReceiverOptions):
     @classmethod
     def conflicts(cls, of: Any) -> Iterator[Violation]:
         yield from super().conflicts(of)
-        if of.format in MAVLINK_FORMATS and not lacks(of, "port"):
+        if over_mavlink(of.format) and not lacks(of, "port"):
             expected = "none, because they go over the autopilot's own link"
             yield Violation(expected, f"a port for frames of the format {of.format}", None, ("port",), at_key=True)
-        elif of.format is not None and of.format not in MAVLINK_FORMATS and lacks(of, "port"):
+        elif of.format is not None and not over_mavlink(of.format) and lacks(of, "port"):
             yield Violation(f"a mapping with port, because frames of the format {of.format} go there", "no port")
 
 
@@ -87,7 +87,7 @@ class ReceiverConfig(Table):
     seed: int = key(SEED, default=1)
 
     def __post_init__(self) -> None:
-        if (self.port is None) == (self.output_format not in MAVLINK_FORMATS):
+        if (self.port is None) == (not over_mavlink(self.output_format)):
             has = "no port" if self.port is None else "a port"
             raise ValueError(f"receiver {self.name} has {has} and the format {self.output_format}")
 

@@ -12,30 +12,37 @@ from arva_hil.autopilot.following.discovery import Vehicle
 from arva_hil.autopilot.following.session import Session
 from arva_hil.mavlink.codec import Parser, dialect, tunnel
 from arva_hil.model.receiver import ChannelReading, Reading
-from arva_hil.registry import FORMATS, MAVLINK_FORMATS, MEASURED_FORMATS
-from firmware_proto import Channel, Frame, FrameDecoder, HostForm
+from arva_hil.registry import FORMATS, over_mavlink
+from firmware_proto import Channel, Format, Frame, FrameDecoder, HostForm
 from firmware_proto.frame import check
 from firmware_proto.measured import LevelChannel, Measured, VectorChannel, level_channel, vector_channel
 
 TUNNEL_TYPE: Final = 42071  # 0xA457, in MAVLink's private range
+__all__ = ["Format", "FrameDecoder", "MavlinkFormat", "encoder", "frame_of", "host_form", "named_values"]
+
 _SILENCE_S: Final = 1.0  # longer than any link takes from one value of a frame to the next
 
 
 class MavlinkFormat(NamedTuple):
     """A format inside MAVLink. `encode`: (frame, its instant in ms on the vehicle's clock, vehicle) → messages.
 
-    `decoder` and `numbered` as in `firmware_proto.Format`.
+    `decoder` and `numbered` as in `firmware_proto.Format`. These frames go over the autopilot's own link.
     """
 
     encode: Callable[[Frame, int, Vehicle], Sequence[Any]]
     decoder: Callable[[], FrameDecoder]
     numbered: bool = False
 
+    @property
+    def over_mavlink(self) -> bool:
+        """True for each of these formats."""
+        return True
+
 
 def frame_of(reading: Reading, sequence: int, time_s: float = 0.0, measured: str = "") -> Frame:
     """The frame for a reading. It is always marked as synthetic.
 
-    `measured`: the format; some carry what the antennas measured. `time_s`: of the frame, from the start of the run.
+    `measured`: see `firmware_proto.Format`. `time_s`: of the frame, from the start of the run.
     """
     status = firmware_proto.SYNTHETIC
     status |= firmware_proto.INTERFERENCE if reading.interference else 0
@@ -45,12 +52,12 @@ def frame_of(reading: Reading, sequence: int, time_s: float = 0.0, measured: str
     status |= 0 if reading.searching else firmware_proto.NOT_SEARCHING
     channels = [Channel(id_, zone, d, delta, marked) for id_, zone, d, delta, _, marked, _ in reading.channels]
     frame = Frame(sequence, status, tuple(channels))
-    return frame._replace(measured=_measured(reading, time_s, measured)) if measured in MEASURED_FORMATS else frame
+    return frame._replace(measured=_measured(reading, time_s, measured)) if measured else frame
 
 
-def _measured(reading: Reading, time_s: float, format: str) -> Measured:
+def _measured(reading: Reading, time_s: float, kind: str) -> Measured:
     time_ms = round(1e3 * time_s) % 2**32
-    if format == "vector":
+    if kind == "vector":
         return Measured(time_ms, tuple(_vector(c, time_s) for c in reading.channels))
     return Measured(time_ms, tuple(_level(c, time_s) for c in reading.channels))
 
@@ -79,7 +86,7 @@ def encoder(format: str, session: Session) -> Callable[[Frame, int], bytes]:
     Formats inside MAVLink give b"" while there is no vehicle. Raises KindError for an unknown format.
     """
     encode = FORMATS[format].encode
-    if format not in MAVLINK_FORMATS:
+    if not over_mavlink(format):
         return lambda frame, boot_ms: encode(frame)
 
     def packed(frame: Frame, boot_ms: int) -> bytes:

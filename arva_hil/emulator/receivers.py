@@ -17,6 +17,7 @@ from arva_hil.emulator.snapshot import Snapshot
 from arva_hil.events import Event, FrameMade, PoseFound, PoseLost, PoseMissing
 from arva_hil.model.field import Transmitters
 from arva_hil.model.receiver import Answer, Impairment, Look, Pose, ReceiverModel
+from arva_hil.registry import FORMATS
 from firmware_proto.commands import RESTART
 
 _WORST_BACKLOG_S: Final = 1.0  # frames later than this are skipped, not sent in a burst
@@ -134,7 +135,7 @@ class EmulatedReceiver:
         self._model = model
         self._mounting = Mounting(scenario)
         self._pose_watch = PoseWatch(vehicle, name)
-        self._format = scenario.output_format
+        self._measured: str = getattr(FORMATS[scenario.output_format], "measured", "")
         self._start = start
         self._first = 0  # the number of the first frame since the receiver was started
         self._plan()
@@ -198,7 +199,7 @@ class EmulatedReceiver:
         reading = self._model.show(instant_s)
         _, looked, pose, reported_pose, age_s, _ = self.seen
         age_s = None if age_s is None else age_s + (seen.t - looked)
-        frame = frame_of(reading, (number - self._first) % 256, instant_s, self._format)
+        frame = frame_of(reading, (number - self._first) % 256, instant_s, self._measured)
         return FrameMade(
             now,
             *self._about,

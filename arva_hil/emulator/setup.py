@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from arva_hil.autopilot.following.session import Session
 from arva_hil.config import ReceiverConfig, Scenario, VehicleConfig
 from arva_hil.mavlink.packet_reader import PacketReader
-from arva_hil.registry import MAVLINK_FORMATS
+from arva_hil.registry import over_mavlink
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class VehicleSetup:
 
 def one_vehicle(scenario: Scenario, session: Session, *, link: str = "autopilot", sink: str = "port") -> VehicleSetup:
     """Return one vehicle with one receiver, for a scenario without `vehicles`. Formats inside MAVLink use no `sink`."""
-    sink = link if scenario.output_format in MAVLINK_FORMATS else sink
+    sink = link if over_mavlink(scenario.output_format) else sink
     return VehicleSetup("vehicle", link, session, scenario, [ReceiverSetup("receiver", sink, scenario)])
 
 

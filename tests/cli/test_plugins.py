@@ -12,15 +12,16 @@ import pytest
 import yaml
 
 from arva_hil import registry
-from arva_hil.registry import EXPORTS, FAULTS, FORMATS, LINKS, OBSERVERS, RECEIVERS, STRATEGIES, Registry
-from firmware_proto import Decoder
+from arva_hil.config import Fault, load, parse, to_dict
+from arva_hil.registry import COMMANDS, EXPORTS, FAULTS, FORMATS, LINKS, OBSERVERS, RECEIVERS, STRATEGIES, Registry
+from firmware_proto import Channel, Decoder, Frame, encode
 from tests.made_records import write
 
 from .far_ends import Arva, Autopilot
 
 EXAMPLE = Path(__file__).parent.parent / "plugins" / "example"
 LOG = Path(__file__).parent.parent / "data" / "arducopter.tlog"
-REGISTRIES = [RECEIVERS, FORMATS, LINKS, FAULTS, STRATEGIES, OBSERVERS, EXPORTS]
+REGISTRIES = [RECEIVERS, FORMATS, LINKS, FAULTS, STRATEGIES, OBSERVERS, EXPORTS, COMMANDS]
 HOLD = "spec: 2\ntransmitters: [{id: 1, enu: [5, 20, 0]}]\nreceiver: {model: hold, %s}\n"
 
 
@@ -82,17 +83,17 @@ def test_a_record_is_written_in_another_s_format(arva: Arva, tmp_path: Path) -> 
 
 
 @pytest.mark.usefixtures("example")
-def test_a_replay_with_another_s_model_format_fault_and_observer(
-    arva: Arva, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("ARVA_EXAMPLE_COUNTS", str(tmp_path / "counts.json"))
+def test_a_replay_with_another_s_model_format_fault_and_observer(arva: Arva, tmp_path: Path) -> None:
     file, out = scenario(tmp_path, "looks: 5"), tmp_path / "frames.hex"
-    options = ("--scenario", file, "--format", "hex", "--fault", "reversed=1@2-5", "--observer", "count")
+    options = ("--scenario", file, "--format", "hex", "--fault", "reversed=1,first=9@2-5")
+    options += ("--observer", f"count,out={tmp_path / 'counts.json'},least=2")
     ran = arva("replay", LOG, *options, "--out", out)
     assert ran.code == 0, ran.err
     lines = out.read_bytes()
     assert lines.startswith(b"a457")
     assert b"754a" in lines  # backwards
+    counts = json.loads((tmp_path / "counts.json").read_text())
+    assert min(counts.values()) >= 2
     made = json.loads((tmp_path / "counts.json").read_text())["FrameMade"]
     heard = arva("listen", out, "--format", "hex", "--json")
     assert heard.code == 0
@@ -165,6 +166,55 @@ def test_a_file_may_name_another_s_fault_and_format(arva: Arva, tmp_path: Path) 
     file.write_text(text % 5)
     ran = arva("check", file)
     assert (ran.code, ran.err) == (2, f"{file}:3:21: reversed: '5', expected a probability above 0, at most 1\n")
+
+
+@pytest.mark.usefixtures("example")
+def test_a_command_of_another_package_has_help_options_and_an_exit_code(arva: Arva, tmp_path: Path) -> None:
+    (tmp_path / "frames.bin").write_bytes(b"".join(encode(Frame(n, 1, (Channel(1, 1, 500, 3),))) for n in range(4)))
+    assert arva("count-frames", tmp_path / "frames.bin", "--times", 3) == (0, "12\n", "")
+    told = arva("count-frames", "--help").out
+    assert told.startswith("usage: arva-hil count-frames ")
+    assert "Count the frames in a file." in told
+    code, _, err = arva("count-frame")
+    assert (code, err) == (2, "arva-hil: no command 'count-frame'; did you mean count-frames?\n")
+    code, _, err = arva("count-frames")
+    assert (code, "required: FILE" in err) == (2, True)
+
+
+@pytest.mark.usefixtures("example")
+def test_an_observer_is_named_by_its_place_too_and_its_options_are_checked(arva: Arva, tmp_path: Path) -> None:
+    place = f"arva_example.observer:Count,out={tmp_path / 'counts.json'}"
+    assert arva("replay", LOG, "--observer", place, "--out", tmp_path / "frames").code == 0
+    assert json.loads((tmp_path / "counts.json").read_text())["FrameMade"] > 10
+    for given, answer in {
+        "count": "--observer count: ",
+        "count,out": "'count,out': expected NAME,KEY=VALUE, each key once",
+        "count,out=x,lest=3": "--observer count: options: 'lest', expected one of out, least",
+        "count,out=x,least=few": "Input should be a valid integer",
+    }.items():
+        code, _, err = arva("replay", LOG, "--observer", given, "--out", tmp_path / "frames")
+        assert (code, answer in err) == (2, True), err
+
+
+@pytest.mark.usefixtures("example")
+def test_own_keys_of_a_fault_are_checked_at_their_place_and_written_out(arva: Arva, tmp_path: Path) -> None:
+    file = tmp_path / "s.yaml"
+    text = "transmitters: [{id: 1, enu: [5, 20, 0]}]\nfaults: [{reversed: 0.5, first: %s}]\n"
+    file.write_text(text % 8)
+    assert "fault reversed=0.5,first=8" in arva("check", file).out
+    chosen = load(file)
+    assert parse(json.dumps(to_dict(chosen)), "again") == chosen
+    file.write_text(text % 1)
+    answer = f"{file}:2:33: first: '1', expected greater than or equal to 2\n"
+    assert arva("check", file) == (2, "", answer)
+    assert Fault("reversed", 0.5).options.first == 1000
+
+
+@pytest.mark.usefixtures("example")
+def test_a_format_says_itself_that_it_carries_ids(arva: Arva) -> None:
+    assert registry.formats_with_ids() == ["binary", "nmea", "hex"]
+    assert not registry.over_mavlink("hex")
+    assert {name for name in FORMATS if getattr(FORMATS[name], "over_mavlink", False)} == {*registry.MAVLINK_FORMATS}
 
 
 # -- own keys ---------------------------------------------------------------------------------------------------

@@ -23,13 +23,12 @@ DECODERS: Final = {
 }
 ENCODERS: Final = {name: registry.FORMATS[name].encode for name in DECODERS}
 FORMATS: Final = tuple(registry.FORMATS)
+MEASURED: Final = [name for name in DECODERS if registry.FORMATS[name].measured]
 _HELD: Final = {"binary": MAX_FRAME_BYTES, "nmea": 82 * (MAX_CHANNELS + 1), "text": 16} | dict.fromkeys(
-    registry.MEASURED_FORMATS,
+    MEASURED,
     2 * MAX_MESSAGE_BYTES,  # a message waits for its frame
 )  # bytes, at most
-_HELD_IN_SILENCE: Final = {"binary": 0, "nmea": 82, "text": 16} | dict.fromkeys(
-    registry.MEASURED_FORMATS, MAX_MESSAGE_BYTES
-)
+_HELD_IN_SILENCE: Final = {"binary": 0, "nmea": 82, "text": 16} | dict.fromkeys(MEASURED, MAX_MESSAGE_BYTES)
 _COUNTERS: Final = ("good", "bad_crc", "dropped", "lost")
 CARRIERS: Final = (
     dialect.MAVLINK_MSG_ID_TUNNEL,
@@ -66,14 +65,14 @@ def fuzz(data: bytes) -> None:
     assert whole.lost == _lost(frames)
     for frame in frames:
         _plausible(frame)
-    if format == "binary" or format in registry.MEASURED_FORMATS:
+    if format == "binary" or format in MEASURED:
         _in_order(b"".join(chunk for _, chunk in chunks), frames)
 
 
 def _sizes(format: str, frame: Frame) -> tuple[int, int]:
     """The fewest and the most bytes that can have brought a frame."""
     count = len(frame.channels)
-    if format == "binary" or format in registry.MEASURED_FORMATS:
+    if format == "binary" or format in MEASURED:
         measured = 0 if frame.measured is None else 15 + (15 if format == "vector" else 6) * count
         return 9 + 6 * count + measured, 9 + 6 * count + measured
     return (25 * count, 82 * count) if format == "nmea" else (4, 16)

@@ -74,8 +74,8 @@ def add_common(parser: CommandParser, *, web: str = OFF) -> None:
     add_live(parser)
     parser.option("--record DIR", "record packets, frames and readings in the folder DIR")
     parser.option("--json", "print a JSON object for each frame and event on stdout")
-    own = "add an observer of an installed package"
-    parser.option("--observer NAME", own, kind(OBSERVERS), action="append")
+    own = "add an observer of an installed package, or MODULE:CLASS, with its options"
+    parser.option("--observer NAME[,KEY=VALUE]", own, observer, action="append")
     parser.option("-v --verbose", "print a line for every frame", None, 0, action="count")
     add_web(parser, default=web)
 
@@ -113,6 +113,16 @@ def fault(text: str) -> Fault | None:
     from arva_hil.config import parse_fault  # slow to import
 
     return None if text == "none" else parse_fault(text)
+
+
+def observer(text: str) -> tuple[str, dict[str, str]]:
+    """Convert NAME,KEY=VALUE,… to the name of an observer and its options."""
+    name, *pairs = text.split(",")
+    kind(OBSERVERS)(name)
+    options = {key: value for key, equals, value in (pair.partition("=") for pair in pairs) if equals}
+    if len(options) < len(pairs):
+        raise ValueError(f"{text!r}: expected NAME,KEY=VALUE, each key once")
+    return name, options
 
 
 def foxglove(text: str) -> HostPort:

@@ -28,7 +28,9 @@ class Switch:
     def __init__(self, fault: Fault, key: str) -> None:
         kind: FaultKind = FAULTS[fault.name]
         self.fault, self.stage = fault, kind.stage
-        self.strike: Callable[..., Any] = kind.strike or (lambda look, switch: look)
+        strike: Any = kind.strike or (lambda look, switch: look)
+        own = {} if fault.options is None else {"options": fault.options}
+        self.strike: Callable[..., Any] = partial(strike, **own) if own else strike
         self.since_s: float | None = None  # how long it has been on, None when it is off
         self._key = key
 

@@ -1,14 +1,30 @@
-"""A fault on the wire: with some probability the bytes of a frame are sent in reverse."""
+"""A fault on the wire: with some probability the first bytes of a frame are sent in reverse."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from random import Random
+from typing import Annotated
+
+from pydantic import Field
 
 from arva_hil import FaultKind, Number
 
 
-def _reversed(data: bytes, share: float, random: Random) -> tuple[bytes, int]:
-    return (data[::-1], len(data)) if random.random() < share else (data, 0)
+@dataclass(frozen=True)
+class Options:
+    """Own keys of the fault."""
+
+    first: Annotated[int, Field(ge=2, le=1000)] = 1000
 
 
-REVERSED = FaultKind("wire", Number(0, 1, "a probability", above=True), "probability a frame: backwards", _reversed)
+def _reversed(data: bytes, share: float, random: Random, options: Options) -> tuple[bytes, int]:
+    if random.random() >= share:
+        return data, 0
+    head = data[: options.first]
+    return head[::-1] + data[len(head) :], len(head)
+
+
+REVERSED = FaultKind(
+    "wire", Number(0, 1, "a probability", above=True), "probability a frame: backwards", _reversed, options=Options
+)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from firmware_proto import Decoder, Format, Frame, FrameDecoder, encode
+from arva_hil import Format, FrameDecoder
+from firmware_proto import Decoder, Frame, encode
 
 
 def encode_hex(frame: Frame) -> bytes:
@@ -32,4 +33,4 @@ class HexDecoder(FrameDecoder):
         return frames
 
 
-HEX = Format(encode_hex, HexDecoder, numbered=True)
+HEX = Format(encode_hex, HexDecoder, numbered=True, ids=True)

@@ -1,23 +1,32 @@
-"""An observer: counts events by their names, and writes the counts into the file that ARVA_EXAMPLE_COUNTS names."""
+"""An observer: counts events by their names, and writes the counts into a file."""
 
 from __future__ import annotations
 
 import json
-import os
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
 from arva_hil import Event
 
 
 class Count:
-    """Remembers how many there were of each."""
+    """The number of events of each name."""
 
-    def __init__(self) -> None:
+    @dataclass(frozen=True)
+    class Options:
+        """Options on the command line: `--observer count,out=FILE`."""
+
+        out: Path
+        least: int = 1
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
         self._counts: Counter[str] = Counter()
 
     def observe(self, event: Event) -> None:
         self._counts[type(event).__name__] += 1
 
     def close(self) -> None:
-        Path(os.environ["ARVA_EXAMPLE_COUNTS"]).write_text(json.dumps(self._counts))
+        counts = {name: count for name, count in self._counts.items() if count >= self._options.least}
+        self._options.out.write_text(json.dumps(counts))
