@@ -28,6 +28,8 @@ def checked_options(model: str, options: Any) -> Any:
 
     Raises ValueError.
     """
+    if options is None and options_class(model) is None:
+        return None
     return own_options.checked(options_class(model), options, f"the receiver model {model}")
 
 
