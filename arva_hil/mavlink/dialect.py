@@ -125,13 +125,14 @@ class Layout:
     def message(self, payload: bytes) -> Any:
         """Return the message of a payload. MAVLink 2 leaves out zeros at its end."""
         size = self._struct.size
-        values: Sequence[Any] = self._struct.unpack(payload[:size].ljust(size, b"\0"))
+        whole = payload if len(payload) == size else payload[:size].ljust(size, b"\0")
+        values: Sequence[Any] = self._struct.unpack(whole)
         if self._arrays:
             values = list(values)
             for at, n in self._arrays:
                 values[at : at + n] = [values[at : at + n]]
         message: Any = object.__new__(self._kind)
-        message.__dict__.update(zip(self._names, values, strict=True))
+        message.__dict__ = dict(zip(self._names, values, strict=True))
         return message
 
     def make(self, *values: Any) -> Any:
