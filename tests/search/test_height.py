@@ -200,6 +200,14 @@ def test_ground_that_slopes_below_a_descent_is_no_drift() -> None:
     assert check.deviation(20.0) is None
 
 
+@pytest.mark.parametrize(("climb", "stuck"), [(0.4, False), (1.5, True)])
+def test_one_value_above_a_slope_that_is_followed_is_not_stuck(climb: float, stuck: bool) -> None:
+    check = RangeCheck(0.9)
+    motions = [Odometry(0.1 * n, 0.1 * n * climb, 0.1 * n, 1.0, (0.1 * n, 0.0)) for n in range(20)]
+    heights = [check.height(motion, 2.69, 2.69, 2.69) for motion in motions]
+    assert (None in heights) is stuck
+
+
 def test_a_place_that_is_not_reached_is_not_waited_for_for_ever() -> None:
     _, _, down, took = sunk((0.0, 0.0, -4.0), measured=True, drift=(-2.0, 0.0))
     assert took == pytest.approx(50, abs=1)

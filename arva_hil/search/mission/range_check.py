@@ -12,7 +12,8 @@ _SILENT_S: Final = 10.0  # without a sample: lower ground afterwards is not beli
 _AT_REST_M_S: Final = 0.1  # of speed: no step of the ground is possible
 _NOTED_S: Final = 3.0  # after a step that is possible
 _FORGET: Final = 0.2  # of a step up, which may end with a step down: metres a metre of flight
-_STUCK_M: Final = 0.5  # of climb or descent while the rangefinder repeats one value
+_STUCK_M: Final = 0.5  # of climb or descent while the rangefinder repeats one value,
+_FOLLOWED: Final = 0.5  # and more above a slope of at most this, which the vehicle follows
 _SAME_M: Final = 1.0  # of flight with one value, before the ground may have risen
 _SAME_SLOPE: Final = 0.2  # of that ground
 _DRIFT: Final = 0.05  # m/s: more is found as a change of the ground
@@ -74,11 +75,12 @@ class RangeCheck:
         if self._same is None or sample != self._same[0]:
             self._same = sample, motion
         since = self._same[1]
-        if abs(climbed := motion.climbed - since.climbed) >= _STUCK_M:
+        climbed, flown = motion.climbed - since.climbed, motion.flown - since.flown
+        if abs(climbed) >= _STUCK_M + _FOLLOWED * flown:
             self._note(motion, metres, metres + climbed, lasts=False)
             return None
         self._step(motion, metres)
-        unseen = _SAME_SLOPE * max(0.0, motion.flown - since.flown - _SAME_M)
+        unseen = _SAME_SLOPE * max(0.0, flown - _SAME_M)
         return self._undrifted(motion, metres - max(0.0, self._offset), confirmed) - unseen
 
     def _step(self, motion: Odometry, metres: float) -> None:
